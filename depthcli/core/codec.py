@@ -1,0 +1,75 @@
+"""What a network's raw output means: the one mapping that training, export and inference share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+
+class Transform(StrEnum):
+    """How depth follows from ``t = scale * raw + shift``."""
+
+    LINEAR = "linear"
+    """depth = t"""
+    EXP = "exp"
+    """depth = exp(t)"""
+    RECIPROCAL = "reciprocal"
+    """depth = 1 / t"""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthCodec:
+    """Raw network output <-> depth.
+
+    Attributes:
+        transform: the shape of the mapping.
+        scale: factor on the raw output.
+        shift: added after the factor.
+    """
+
+    transform: Transform = Transform.LINEAR
+    scale: float = 1.0
+    shift: float = 0.0
+
+    @classmethod
+    def linear_m(cls, max_m: float) -> DepthCodec:
+        """Raw [-1, 1] <-> [0, max_m] metres, the paper's normalisation."""
+        return cls(Transform.LINEAR, max_m / 2, max_m / 2)
+
+    @classmethod
+    def log_m(cls, min_m: float, max_m: float) -> DepthCodec:
+        """Raw [-1, 1] <-> [min_m, max_m] metres, evenly in log depth."""
+        low, high = float(np.log(min_m)), float(np.log(max_m))
+        return cls(Transform.EXP, (high - low) / 2, (high + low) / 2)
+
+    def decode(self, raw: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Depth of a raw output; any shape, float32 in and out.
+
+        A reciprocal of zero or less is infinitely far, hence ``inf``.
+        """
+        t = raw * np.float32(self.scale) + np.float32(self.shift)
+        match self.transform:
+            case Transform.LINEAR:
+                return t
+            case Transform.EXP:
+                return np.exp(t)
+            case Transform.RECIPROCAL:
+                with np.errstate(divide="ignore"):
+                    return np.where(t > 0, np.float32(1) / t, np.float32(np.inf))
+
+    def encode(self, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Inverse of :meth:`decode` for depth > 0; any shape, float32 in and out."""
+        match self.transform:
+            case Transform.LINEAR:
+                t = depth
+            case Transform.EXP:
+                t = np.log(depth)
+            case Transform.RECIPROCAL:
+                t = np.float32(1) / depth
+        return (t - np.float32(self.shift)) / np.float32(self.scale)

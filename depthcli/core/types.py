@@ -1,0 +1,109 @@
+"""The two values that flow through everything: a picture going in, a depth map coming out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+
+class DepthKind(StrEnum):
+    """What the numbers of a depth map mean."""
+
+    METRIC = "metric"
+    """Metres along the camera axis."""
+    RELATIVE = "relative"
+    """Depth up to an unknown scale and shift; larger is farther."""
+    INVERSE = "inverse"
+    """Inverse depth up to an unknown scale and shift; larger is nearer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One decoded picture, upright.
+
+    Attributes:
+        pixels: (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1]. EXIF rotation is
+            already applied and alpha is dropped.
+        path: where it came from; None for stdin or an array.
+        index: its number in the source, 0 for a still picture.
+        timestamp_s: its time in a video, in seconds; None for a still picture.
+        orientation: the EXIF orientation (1-8) that was undone on reading.
+        focal_35mm: EXIF 35-mm-equivalent focal length in millimetres, if the file states one.
+    """
+
+    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
+    path: Path | None = None
+    index: int = 0
+    timestamp_s: float | None = None
+    orientation: int = 1
+    focal_35mm: float | None = None
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return int(self.pixels.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return int(self.pixels.shape[1])
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a depth map came from; written into its files, never needed to decode them.
+
+    Attributes:
+        model: name of the model, as in its card.
+        model_sha256: checksum of the ONNX file, 64 hex digits.
+        input_size_px: (width, height) of the tensor the network saw.
+        focal_px: focal length used to scale metres, in pixels of the picture; None if not scaled.
+    """
+
+    model: str
+    model_sha256: str
+    input_size_px: tuple[int, int]
+    focal_px: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DepthMap:
+    """Depth of every pixel of one picture.
+
+    Attributes:
+        values: (H, W) float32. Metres for ``DepthKind.METRIC``. NaN where there is no depth.
+        kind: what the numbers mean.
+        provenance: the model behind them, if any.
+    """
+
+    values: npt.NDArray[np.float32]
+    kind: DepthKind = DepthKind.METRIC
+    provenance: Provenance | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 2 or self.values.dtype != np.float32:  # noqa: PLR2004
+            msg = f"depth is (H, W) float32, not {self.values.shape} {self.values.dtype}"
+            raise ValueError(msg)
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return int(self.values.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return int(self.values.shape[1])
+
+    @property
+    def is_metric(self) -> bool:
+        """Whether the values are metres."""
+        return self.kind is DepthKind.METRIC

@@ -1,0 +1,81 @@
+"""Every error that depthcli raises on purpose, and the exit code each one ends in.
+
+The tree::
+
+    DepthcliError                 exit 3
+    ├── UsageError                exit 2   the command or its options do not fit together
+    ├── InputError                exit 1   one input cannot be used; the others go on
+    ├── OutputError               exit 1   one output cannot be written; the others go on
+    ├── ModelError                exit 3   a model file, its card or its checksum is wrong
+    │   ├── ProviderError         exit 3   the execution provider asked for is not there
+    │   └── ParityError           exit 3   onnxruntime and torch disagree about a model
+    ├── DatasetError              exit 3   a data set is missing, incomplete or in the wrong unit
+    ├── CheckpointError           exit 3   a checkpoint is truncated, foreign or of another run
+    └── TrainingError             exit 3   training cannot go on (a loss that is not finite, say)
+
+Messages are one line and say what to do. Libraries raise them; only ``depthcli.cli`` turns them
+into text and exit codes.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import ClassVar
+
+
+class ExitCode(IntEnum):
+    """What the process returns to the shell."""
+
+    OK = 0
+    SOME_FAILED = 1
+    USAGE = 2
+    FAILURE = 3
+    INTERRUPTED = 130
+
+
+class DepthcliError(Exception):
+    """Base of every error raised on purpose."""
+
+    exit_code: ClassVar[ExitCode] = ExitCode.FAILURE
+
+
+class UsageError(DepthcliError):
+    """The command or its options do not fit together."""
+
+    exit_code = ExitCode.USAGE
+
+
+class InputError(DepthcliError):
+    """One input cannot be used: missing, empty, truncated, not a picture, too large."""
+
+    exit_code = ExitCode.SOME_FAILED
+
+
+class OutputError(DepthcliError):
+    """One output cannot be written: read-only folder, full disk, an input in its place."""
+
+    exit_code = ExitCode.SOME_FAILED
+
+
+class ModelError(DepthcliError):
+    """A model cannot be used: missing, damaged, without a card, or checksum differs."""
+
+
+class ProviderError(ModelError):
+    """An execution provider asked for by name is not available."""
+
+
+class ParityError(ModelError):
+    """An exported model does not reproduce the network that it was exported from."""
+
+
+class DatasetError(DepthcliError):
+    """A data set cannot be read: missing, empty, unpaired, or depth in another unit."""
+
+
+class CheckpointError(DepthcliError):
+    """A checkpoint cannot be loaded: truncated, foreign, or made with other settings."""
+
+
+class TrainingError(DepthcliError):
+    """Training cannot go on; the last good checkpoint is kept."""
