@@ -1,0 +1,61 @@
+"""What a data set of pictures with measured depth looks like to everything else."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    import numpy.typing as npt
+
+
+class DepthDataset(Protocol):
+    """Pairs of a picture and its depth, read one at a time."""
+
+    @property
+    def ids(self) -> Sequence[str]:
+        """Name of each pair, unique."""
+        ...
+
+    @property
+    def scenes(self) -> Sequence[str]:
+        """Scene of each pair; "" where it is not known."""
+        ...
+
+    @property
+    def official_split(self) -> Sequence[str]:
+        """The data set's own division: "train", "test", or "" where it is not known."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def image(self, i: int) -> npt.NDArray[np.uint8]:
+        """Picture of pair ``i``: (H, W, 3) RGB uint8.
+
+        Raises:
+            DatasetError: it cannot be read.
+        """
+        ...
+
+    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none.
+
+        Raises:
+            DatasetError: it cannot be read.
+        """
+        ...
+
+
+@runtime_checkable
+class HasRawDepth(Protocol):
+    """A data set that also knows which pixels the sensor measured and which were filled in."""
+
+    def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """Depth of pair ``i`` before filling: (H, W) float32 metres, 0 where nothing was measured.
+
+        Raises:
+            DatasetError: it is not there or cannot be read.
+        """
+        ...

@@ -1,0 +1,126 @@
+"""Reading one picture or one depth image of a data set, with errors that name the mistake."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from depthcli.errors import DatasetError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+DEPTH_SUFFIXES = (".png",)
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_GRAY = 0
+_PNG_DEPTH_BITS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class DepthHeader:
+    """Size of a depth image, read without decoding it."""
+
+    width: int
+    height: int
+
+
+def read_depth_header(path: Path) -> DepthHeader:
+    """Check that a file is a 16-bit gray PNG and tell its size.
+
+    Raises:
+        DatasetError: it is missing, not a PNG, has 8 bits, or has colour.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(26)
+    except OSError as error:
+        raise DatasetError(f"cannot read {path}: {error.strerror}") from error
+    if len(head) < 26 or not head.startswith(_PNG_SIGNATURE):  # noqa: PLR2004
+        raise DatasetError(f"{path} is not a PNG: depth is stored as 16-bit gray PNG")
+    width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
+    if bits != _PNG_DEPTH_BITS or colour != _PNG_GRAY:
+        kind = "gray" if colour == _PNG_GRAY else "colour"
+        raise DatasetError(
+            f"{path} is {bits}-bit {kind}: depth is stored as 16-bit gray PNG in millimetres"
+        )
+    return DepthHeader(width, height)
+
+
+def read_depth_m(path: Path, units_per_metre: float) -> npt.NDArray[np.float32]:
+    """Depth of a 16-bit gray PNG: (H, W) float32 metres, 0 where there is none.
+
+    Raises:
+        DatasetError: the file is missing, truncated, or of another format.
+    """
+    read_depth_header(path)
+    stored = _decode(path, cv2.IMREAD_UNCHANGED)
+    # Dividing in float64 keeps 2.718 m the float32 nearest to 2.718.
+    depth_m: npt.NDArray[np.float32] = (stored / units_per_metre).astype(np.float32)
+    return depth_m
+
+
+def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
+    """Pixels of a picture: (H, W, 3) RGB uint8.
+
+    Raises:
+        DatasetError: the file is missing, truncated, or not a picture.
+    """
+    pixels = cv2.cvtColor(_decode(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    return pixels.astype(np.uint8, copy=False)
+
+
+def _decode(path: Path, flags: int) -> npt.NDArray[np.integer]:
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError as error:
+        raise DatasetError(f"cannot read {path}: {error.strerror}") from error
+    try:
+        pixels = cv2.imdecode(data, flags) if data.size else None
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        raise DatasetError(f"{path} cannot be decoded: it is empty, truncated or not a picture")
+    return np.asarray(pixels)
+
+
+def check_plausible(
+    medians_m: Iterable[float], plausible_m: tuple[float, float], where: Path | str
+) -> None:
+    """Refuse a data set whose depth is clearly in another unit.
+
+    Args:
+        medians_m: median depth of some of its images, metres.
+        plausible_m: the range that the typical one must be in.
+        where: what to call the data set.
+
+    Raises:
+        DatasetError: the median of the medians is outside the range.
+    """
+    typical_m = float(np.median(list(medians_m)))
+    low_m, high_m = plausible_m
+    if not low_m <= typical_m <= high_m:
+        raise DatasetError(
+            f"{where} has a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m: "
+            "check the unit, depth is expected in millimetres"
+        )
+
+
+def median_m(depth_m: npt.NDArray[np.float32]) -> float:
+    """Median of the positive depths, 0 if there are none."""
+    positive = depth_m[depth_m > 0]
+    return float(np.median(positive)) if positive.size else 0.0
+
+
+def spread(count: int, at_most: int = 9) -> list[int]:
+    """At most so many positions, evenly over ``range(count)``: where samples are taken."""
+    positions = np.linspace(0, count - 1, min(count, at_most)).astype(int)
+    return [int(i) for i in np.unique(positions)]

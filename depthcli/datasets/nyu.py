@@ -1,0 +1,115 @@
+"""NYU Depth v2, labelled set: the official .mat file, or the same pairs as image files.
+
+Folder layout: ``rgb/ID.jpg``, ``depth/ID.png`` (uint16 millimetres) and ``index.csv`` with the
+columns id, scene, official_split. ``raw_depth/ID.png`` is optional.
+
+Source: Silberman, Hoiem, Kohli and Fergus, "Indoor Segmentation and Support Inference from RGBD
+Images", ECCV 2012.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, replace
+
+from depthcli.datasets.nyu_mat import NyuMat, open_mat
+from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
+from depthcli.errors import DatasetError
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from depthcli.datasets.base import DepthDataset
+    from pathlib import Path
+
+MAT_NAME = "nyu_depth_v2_labeled.mat"
+PLAUSIBLE_M = (0.8, 9.0)
+"""Depth stored in metres × 256 would read as 0.7 m, in metres × 4000 as 11 m."""
+
+_COLUMNS = ("id", "scene", "official_split")
+
+
+@dataclass(frozen=True, slots=True)
+class IndexRow:
+    """What index.csv says about one pair."""
+
+    scene: str
+    official_split: str
+
+
+def open_nyu(path: Path) -> DepthDataset:
+    """Open the labelled set.
+
+    Args:
+        path: the .mat file, a folder that holds it, or a folder with rgb/, depth/ and index.csv.
+            An index.csv beside the .mat file supplies the official split, which the file lacks.
+
+    Raises:
+        DatasetError: the set is missing, incomplete, damaged, or in another unit.
+    """
+    if path.is_file():
+        return _open_mat(path)
+    if not path.is_dir():
+        raise DatasetError(
+            f"{path} does not exist: give {MAT_NAME} or a folder with rgb/, depth/ and index.csv"
+        )
+    if (path / MAT_NAME).is_file():
+        return _open_mat(path / MAT_NAME)
+    return _open_folder(path)
+
+
+def _open_mat(path: Path) -> NyuMat:
+    dataset = open_mat(path, PLAUSIBLE_M)
+    index_path = path.with_name("index.csv")
+    if not index_path.is_file():
+        return dataset
+    index = read_index(index_path)
+    named = tuple(index[i].official_split if i in index else "" for i in dataset.ids)
+    return replace(dataset, official_split=named)
+
+
+def _open_folder(path: Path) -> PairedFolder:
+    pairs = open_paired_folder(path, plausible_m=PLAUSIBLE_M)
+    index = read_index(path / "index.csv")
+    unlike = sorted(set(index) ^ set(pairs.ids))
+    if unlike:
+        raise DatasetError(
+            f"{path / 'index.csv'} lists {len(index)} pairs but the folder holds {len(pairs)} "
+            f"(first difference: {unlike[0]}): bring them together"
+        )
+    return replace(
+        pairs,
+        scenes=tuple(index[i].scene for i in pairs.ids),
+        official_split=tuple(index[i].official_split for i in pairs.ids),
+    )
+
+
+def read_index(path: Path) -> dict[str, IndexRow]:
+    """Rows of an index.csv by id.
+
+    Raises:
+        DatasetError: the file is missing, lacks a column or repeats an id.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
+            rows = list(reader)
+    except OSError as error:
+        raise DatasetError(
+            f"cannot read {path}: {error.strerror}; it needs the columns {', '.join(_COLUMNS)}"
+        ) from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise DatasetError(f"{path} is not CSV in UTF-8: {error}") from error
+    if missing:
+        raise DatasetError(f"{path} lacks the column {missing[0]}: needs {', '.join(_COLUMNS)}")
+    index = {row["id"]: _index_row(path, row) for row in rows}
+    if len(index) != len(rows):
+        raise DatasetError(f"{path} names {len(rows) - len(index)} ids more than once")
+    return index
+
+
+def _index_row(path: Path, row: dict[str, str | None]) -> IndexRow:
+    scene, part = row["scene"] or "", row["official_split"] or ""
+    if part not in {"train", "test", ""}:
+        raise DatasetError(f"{path} has the official split {part!r}: it is train, test or empty")
+    return IndexRow(scene, part)

@@ -1,0 +1,137 @@
+"""The official ``nyu_depth_v2_labeled.mat``: MATLAB v7.3, which is HDF5 with all axes reversed.
+
+Layout: ``images`` (N, 3, W, H) uint8, ``depths`` and ``rawDepths`` (N, W, H) float32 metres,
+``scenes`` object references to arrays of uint16 character codes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from depthcli.datasets.files import check_plausible, median_m, spread
+from depthcli.errors import DatasetError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+_OFFICIAL = "nyu_depth_v2_labeled.mat"
+_IMAGE_AXES = 4
+_DEPTH_AXES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class NyuMat:
+    """Pairs read from the .mat file; a :class:`~depthcli.datasets.base.DepthDataset`.
+
+    Attributes:
+        path: the file.
+        ids: label number of each pair, zero-based, four digits.
+        scenes: scene of each pair, "kitchen_0004" say.
+        official_split: "" for each pair, as the file does not say, or what index.csv added.
+        file: the open h5py file; reads are one pair at a time.
+    """
+
+    path: Path
+    ids: tuple[str, ...]
+    scenes: tuple[str, ...]
+    official_split: tuple[str, ...]
+    file: Any
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def image(self, i: int) -> npt.NDArray[np.uint8]:
+        """Picture of pair ``i``: (H, W, 3) RGB uint8.
+
+        Raises:
+            DatasetError: the file is damaged there.
+        """
+        return np.ascontiguousarray(self._read("images", i).transpose(2, 1, 0), dtype=np.uint8)
+
+    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """In-filled depth of pair ``i``: (H, W) float32 metres, 0 where there is none.
+
+        Raises:
+            DatasetError: the file is damaged there.
+        """
+        return np.ascontiguousarray(self._read("depths", i).T, dtype=np.float32)
+
+    def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """Measured depth of pair ``i``: (H, W) float32 metres, 0 where nothing was measured.
+
+        Raises:
+            DatasetError: the file has no ``rawDepths`` or is damaged there.
+        """
+        if "rawDepths" not in self.file:
+            raise DatasetError(f"{self.path} has no rawDepths: use the complete official file")
+        return np.ascontiguousarray(self._read("rawDepths", i).T, dtype=np.float32)
+
+    def _read(self, name: str, i: int) -> npt.NDArray[Any]:
+        try:
+            return np.asarray(self.file[name][i])
+        except (OSError, RuntimeError) as error:
+            raise DatasetError(f"{self.path} is damaged at pair {i}: fetch it again") from error
+
+
+def open_mat(path: Path, plausible_m: tuple[float, float]) -> NyuMat:
+    """Open the file and check its layout.
+
+    Args:
+        path: the .mat file.
+        plausible_m: range in which the median depth must be.
+
+    Raises:
+        DatasetError: h5py is not installed, or the file is damaged or has another layout.
+    """
+    try:
+        import h5py  # noqa: PLC0415 - optional, and only this format needs it
+    except ImportError as error:
+        raise DatasetError(
+            "reading a .mat file needs h5py: pip install 'depthcli[train]'"
+        ) from error
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise DatasetError(
+            f"{path} is not a complete MATLAB v7.3 file: fetch it again if it was cut short"
+        ) from error
+    count = _check_layout(path, file)
+    dataset = NyuMat(
+        path=path,
+        ids=tuple(f"{i:04d}" for i in range(count)),
+        scenes=_scenes(path, file, count),
+        official_split=("",) * count,
+        file=file,
+    )
+    check_plausible((median_m(dataset.depth_m(i)) for i in spread(count)), plausible_m, path)
+    return dataset
+
+
+def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no types
+    """Number of pairs, after checking that pictures and depth agree."""
+    for name in ("images", "depths", "scenes"):
+        if name not in file:
+            raise DatasetError(f"{path} has no {name}: this is not {_OFFICIAL}")
+    images, depths = file["images"].shape, file["depths"].shape
+    agree = len(images) == _IMAGE_AXES and len(depths) == _DEPTH_AXES
+    if not agree or images != (depths[0], 3, *depths[1:]) or not depths[0]:
+        raise DatasetError(
+            f"{path} holds images {images} and depths {depths}: "
+            f"expected (N, 3, W, H) and (N, W, H) as in {_OFFICIAL}"
+        )
+    return int(depths[0])
+
+
+def _scenes(path: Path, file: Any, count: int) -> tuple[str, ...]:  # noqa: ANN401
+    references = np.asarray(file["scenes"]).ravel()
+    if len(references) != count:
+        raise DatasetError(f"{path} names {len(references)} scenes for {count} pairs")
+    try:
+        return tuple("".join(map(chr, np.ravel(file[r][()]))) for r in references)
+    except (KeyError, TypeError, ValueError, OSError) as error:
+        raise DatasetError(f"{path} has unreadable scene names: fetch it again") from error

@@ -1,0 +1,173 @@
+"""A folder with ``rgb/`` and ``depth/``: pictures and 16-bit depth images of the same names.
+
+Subfolders are kept and become the scene: ``rgb/kitchen/01.jpg`` belongs to
+``depth/kitchen/01.png`` and to the scene "kitchen". ``raw_depth/`` is optional.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from depthcli.datasets.files import (
+    DEPTH_SUFFIXES,
+    IMAGE_SUFFIXES,
+    check_plausible,
+    median_m,
+    read_depth_header,
+    read_depth_m,
+    read_image_rgb,
+    spread,
+)
+from depthcli.errors import DatasetError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    import numpy.typing as npt
+
+MILLIMETRES = 1000.0
+PLAUSIBLE_M = (0.1, 100.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PairedFolder:
+    """Pairs read from image files; a :class:`~depthcli.datasets.base.DepthDataset`.
+
+    Attributes:
+        root: the folder that holds ``rgb/`` and ``depth/``.
+        ids: path of each pair below them, without suffix.
+        scenes: scene of each pair, "" where it is not known.
+        official_split: "train", "test" or "" for each pair.
+        images: file of each picture.
+        depths: file of each depth image.
+        units_per_metre: what one metre is in the depth images.
+    """
+
+    root: Path
+    ids: tuple[str, ...]
+    scenes: tuple[str, ...]
+    official_split: tuple[str, ...]
+    images: tuple[Path, ...]
+    depths: tuple[Path, ...]
+    units_per_metre: float = MILLIMETRES
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def image(self, i: int) -> npt.NDArray[np.uint8]:
+        """Picture of pair ``i``: (H, W, 3) RGB uint8.
+
+        Raises:
+            DatasetError: it cannot be read or has another size than its depth.
+        """
+        pixels = read_image_rgb(self.images[i])
+        depth = read_depth_header(self.depths[i])
+        if pixels.shape[:2] != (depth.height, depth.width):
+            raise DatasetError(
+                f"{self.images[i]} is {pixels.shape[1]}×{pixels.shape[0]} but its depth is "
+                f"{depth.width}×{depth.height}: bring both to the same size"
+            )
+        return pixels
+
+    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none.
+
+        Raises:
+            DatasetError: it cannot be read.
+        """
+        return read_depth_m(self.depths[i], self.units_per_metre)
+
+    def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """Measured depth of pair ``i`` from ``raw_depth/``: (H, W) float32 metres, 0 = none.
+
+        Raises:
+            DatasetError: there is none or it cannot be read.
+        """
+        raw = self.root / "raw_depth"
+        if not raw.is_dir():
+            raise DatasetError(
+                f"{self.root} has no raw depth: add raw_depth/ID.png, or use "
+                "nyu_depth_v2_labeled.mat, which has it"
+            )
+        return read_depth_m(raw / f"{self.ids[i]}.png", self.units_per_metre)
+
+
+def open_paired_folder(
+    path: Path,
+    *,
+    units_per_metre: float = MILLIMETRES,
+    plausible_m: tuple[float, float] = PLAUSIBLE_M,
+) -> PairedFolder:
+    """Pair the files of ``rgb/`` and ``depth/`` by name.
+
+    Args:
+        path: the folder that holds both.
+        units_per_metre: what one metre is in the depth images: 1000 for millimetres.
+        plausible_m: range in which the median depth must be.
+
+    Raises:
+        DatasetError: the folder is missing or empty, a file has no partner, depth is not 16-bit
+            gray PNG, sizes differ, or the depth is in another unit.
+    """
+    images = list_files(path, "rgb", IMAGE_SUFFIXES)
+    depths = list_files(path, "depth", DEPTH_SUFFIXES)
+    _check_partners(path, images, depths)
+    ids = tuple(sorted(images))
+    dataset = PairedFolder(
+        root=path,
+        ids=ids,
+        scenes=tuple(pair_id.rpartition("/")[0] for pair_id in ids),
+        official_split=("",) * len(ids),
+        images=tuple(images[pair_id] for pair_id in ids),
+        depths=tuple(depths[pair_id] for pair_id in ids),
+        units_per_metre=units_per_metre,
+    )
+    check_samples(dataset, plausible_m)
+    return dataset
+
+
+def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Path]:
+    """Files of ``root/kind`` by their path below it without suffix.
+
+    Raises:
+        DatasetError: the folder is missing, holds nothing usable, or two files share a name.
+    """
+    folder = root / kind
+    if not folder.is_dir():
+        raise DatasetError(f"{folder} is missing: the data set needs rgb/ and depth/ side by side")
+    found: dict[str, Path] = {}
+    for file in sorted(folder.rglob("*")):
+        if file.name.startswith(".") or file.suffix.lower() not in suffixes or not file.is_file():
+            continue
+        name = file.relative_to(folder).with_suffix("").as_posix()
+        if name in found:
+            raise DatasetError(f"{found[name]} and {file} share one name: remove one of them")
+        found[name] = file
+    if not found:
+        raise DatasetError(f"{folder} holds no {', '.join(suffixes)} file: the data set is empty")
+    return found
+
+
+def _check_partners(root: Path, images: dict[str, Path], depths: dict[str, Path]) -> None:
+    alone = sorted(set(images) ^ set(depths))
+    if alone:
+        raise DatasetError(
+            f"{root} has {len(images)} pictures and {len(depths)} depth images, "
+            f"{len(alone)} without a partner (first: {alone[0]}): every pair needs both"
+        )
+
+
+def check_samples(dataset: PairedFolder, plausible_m: tuple[float, float]) -> None:
+    """Check the format of every depth image, and the size and unit of a few pairs.
+
+    Raises:
+        DatasetError: as :func:`open_paired_folder`.
+    """
+    for file in dataset.depths:
+        read_depth_header(file)
+    samples = spread(len(dataset))
+    dataset.image(samples[0])
+    medians_m = [median_m(dataset.depth_m(i)) for i in samples]
+    check_plausible(medians_m, plausible_m, dataset.root)

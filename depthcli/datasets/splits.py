@@ -1,0 +1,135 @@
+"""Which pairs of NYU Depth v2 train and which test; the one place that decides.
+
+Ids are zero-based label numbers ("0000" to "1448"), as in the labelled set's own order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from depthcli.errors import DatasetError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from depthcli.datasets.base import DepthDataset
+
+LABELLED_COUNT = 1449
+PAPER_TRAIN_COUNT = 1000
+OFFICIAL_TRAIN_COUNT = 795
+
+
+class SplitName(StrEnum):
+    """The ways to divide the labelled set."""
+
+    PAPER = "paper"
+    """Pairs 1–1000 train, 1001–1449 test; no scene is in both."""
+    OFFICIAL = "official"
+    """The data set's own 795 / 654 pairs, as in most of the literature."""
+    VAL = "val"
+    """Pairs 1–1000 only: every seventh scene tests, the others train."""
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """Positions in a data set.
+
+    Attributes:
+        name: which division.
+        train: positions of the training pairs that are there.
+        test: positions of the test pairs that are there.
+        train_count: training pairs of the complete split.
+        test_count: test pairs of the complete split.
+    """
+
+    name: SplitName
+    train: tuple[int, ...]
+    test: tuple[int, ...]
+    train_count: int
+    test_count: int
+
+
+def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> frozenset[str]:
+    """Scenes kept from training: every ``every``-th by name, from ``offset`` on.
+
+    Names begin with the type of the scene, so the choice is spread over all types.
+
+    Args:
+        scenes: the scene of each pair, repeated as often as it occurs.
+        every: distance between two held-out scenes.
+        offset: position of the first one.
+
+    >>> sorted(held_out_scenes(["a", "b", "b", "c", "d", "e"], every=2, offset=1))
+    ['b', 'd']
+    """
+    return frozenset(sorted(set(scenes))[offset::every])
+
+
+def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
+    """Divide a data set whose ids are label numbers.
+
+    Raises:
+        DatasetError: an id is not a label number, or the split has no test pair here.
+    """
+    labels = [_label(dataset_id) for dataset_id in dataset.ids]
+    split = _DIVIDE[name](dataset, labels)
+    if not split.test:
+        raise DatasetError(_NOTHING_TO_TEST[name])
+    return split
+
+
+def _label(dataset_id: str) -> int:
+    if not dataset_id.isdecimal() or int(dataset_id) >= LABELLED_COUNT:
+        raise DatasetError(
+            f"id {dataset_id!r} is not a label number of NYU Depth v2: "
+            f"number the pairs 0000 to {LABELLED_COUNT - 1}"
+        )
+    return int(dataset_id)
+
+
+def _paper(dataset: DepthDataset, labels: Sequence[int]) -> Split:
+    del dataset
+    train = tuple(i for i, label in enumerate(labels) if label < PAPER_TRAIN_COUNT)
+    test = tuple(i for i, label in enumerate(labels) if label >= PAPER_TRAIN_COUNT)
+    test_count = LABELLED_COUNT - PAPER_TRAIN_COUNT
+    return Split(SplitName.PAPER, train, test, PAPER_TRAIN_COUNT, test_count)
+
+
+def _official(dataset: DepthDataset, labels: Sequence[int]) -> Split:
+    named = dataset.official_split
+    unknown = [dataset.ids[i] for i in range(len(labels)) if named[i] not in {"train", "test"}]
+    if unknown:
+        raise DatasetError(
+            f"the official split of {len(unknown)} pairs (first: {unknown[0]}) is not known: "
+            "give index.csv (id,scene,official_split) with train or test for every pair"
+        )
+    train = tuple(i for i, part in enumerate(named) if part == "train")
+    test = tuple(i for i, part in enumerate(named) if part == "test")
+    test_count = LABELLED_COUNT - OFFICIAL_TRAIN_COUNT
+    return Split(SplitName.OFFICIAL, train, test, OFFICIAL_TRAIN_COUNT, test_count)
+
+
+def _val(dataset: DepthDataset, labels: Sequence[int]) -> Split:
+    candidates = [i for i, label in enumerate(labels) if label < PAPER_TRAIN_COUNT]
+    held_out = held_out_scenes([dataset.scenes[i] for i in candidates])
+    train = tuple(i for i in candidates if dataset.scenes[i] not in held_out)
+    test = tuple(i for i in candidates if dataset.scenes[i] in held_out)
+    return Split(SplitName.VAL, train, test, len(train), len(test))
+
+
+_DIVIDE: dict[SplitName, Callable[[DepthDataset, Sequence[int]], Split]] = {
+    SplitName.PAPER: _paper,
+    SplitName.OFFICIAL: _official,
+    SplitName.VAL: _val,
+}
+
+_NOTHING_TO_TEST = {
+    SplitName.PAPER: "the paper split tests on pairs 1001-1449 and none of them is here: "
+    "use --split val, or give the complete labelled set",
+    SplitName.OFFICIAL: "no pair here belongs to the test part of the official split: "
+    "use --split val, or give the complete labelled set",
+    SplitName.VAL: "too few scenes among pairs 1-1000 to hold any out: give the data set's first "
+    "1000 pairs",
+}

@@ -1,0 +1,114 @@
+"""Averaging made explicit: ``update`` adds up, ``compute`` divides once."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.metrics.depth import METRICS, DepthPixels, Metric
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+class Averaging(StrEnum):
+    """What one vote is."""
+
+    IMAGE = "image"
+    """Each metric is computed per image, then averaged: every image counts the same."""
+    POOLED = "pooled"
+    """Pixels of all images are thrown together: images with more valid pixels count more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """One value for every metric of :data:`~depthcli.metrics.depth.METRICS`, in its order."""
+
+    values: tuple[float, ...]
+
+    def __getitem__(self, name: str) -> float:
+        return self.values[list(METRICS).index(name)]
+
+    def items(self) -> Iterator[tuple[str, float]]:
+        """(name, value) of every metric."""
+        return zip(METRICS, self.values, strict=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _PixelSums:
+    """Sums of every metric's terms over ``pixel_count`` pixels."""
+
+    pixel_count: int
+    sums: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def over(cls, pixels: DepthPixels) -> _PixelSums:
+        return cls(len(pixels), tuple(_sums(m, pixels) for m in METRICS.values()))
+
+    def __add__(self, other: _PixelSums) -> _PixelSums:
+        pairs = zip(self.sums, other.sums, strict=True)
+        added = tuple(tuple(a + b for a, b in zip(x, y, strict=True)) for x, y in pairs)
+        return _PixelSums(self.pixel_count + other.pixel_count, added)
+
+    def scores(self) -> Scores:
+        if not self.pixel_count:
+            return Scores((math.nan,) * len(self.sums))
+        metrics = zip(METRICS.values(), self.sums, strict=True)
+        return Scores(tuple(m.finish(*(s / self.pixel_count for s in sums)) for m, sums in metrics))
+
+
+def _sums(metric: Metric, pixels: DepthPixels) -> tuple[float, ...]:
+    return tuple(float(np.sum(term)) for term in metric.terms(pixels))
+
+
+class Accumulator:
+    """Scores of a stream of images in constant memory.
+
+    >>> truth = np.array([1.0, 2.0, 4.0])
+    >>> total = Accumulator()
+    >>> total.update(DepthPixels.of(truth, truth * 1.1))["d1"]
+    1.0
+    >>> round(total.compute()["abs_rel"], 6)
+    0.1
+    """
+
+    def __init__(self, averaging: Averaging = Averaging.IMAGE) -> None:
+        self.averaging = averaging
+        self.image_count = 0
+        self.empty_count = 0
+        self._pixels: _PixelSums | None = None
+        self._image_sums = (0.0,) * len(METRICS)
+
+    @property
+    def pixel_count(self) -> int:
+        """Pixels compared so far."""
+        return self._pixels.pixel_count if self._pixels else 0
+
+    def update(self, pixels: DepthPixels) -> Scores:
+        """Add one image and return its own scores.
+
+        An image without a valid pixel has no scores: it is counted in ``empty_count`` and left out
+        of every average.
+        """
+        sums = _PixelSums.over(pixels)
+        scores = sums.scores()
+        if not sums.pixel_count:
+            self.empty_count += 1
+            return scores
+        self.image_count += 1
+        self._pixels = self._pixels + sums if self._pixels else sums
+        added = zip(self._image_sums, scores.values, strict=True)
+        self._image_sums = tuple(a + b for a, b in added)
+        return scores
+
+    def compute(self) -> Scores:
+        """Average over all images so far; NaN for every metric if there were none."""
+        if self._pixels is None:
+            return Scores((math.nan,) * len(METRICS))
+        if self.averaging is Averaging.POOLED:
+            return self._pixels.scores()
+        return Scores(tuple(total / self.image_count for total in self._image_sums))

@@ -1,0 +1,122 @@
+"""Fitting a prediction to the truth of the same image before it is compared.
+
+Alignment looks at the answer, so an aligned number is never comparable with an unaligned one.
+Predictions of relative depth have no other way to be compared.
+
+Source: Ranftl et al., "Towards Robust Monocular Depth Estimation", TPAMI 2022 (least squares in
+disparity); Zhou et al., "Unsupervised Learning of Depth and Ego-Motion from Video", CVPR 2017
+(median scaling).
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.core.types import DepthKind
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+
+class Alignment(StrEnum):
+    """What is fitted, per image, over the valid pixels."""
+
+    NONE = "none"
+    """Nothing: metres are compared as predicted."""
+    MEDIAN = "median"
+    """One factor: the ratio of the medians."""
+    DEPTH = "depth"
+    """Scale and shift of depth, least squares in depth."""
+    DISPARITY = "disparity"
+    """Scale and shift of 1/depth, least squares in 1/depth."""
+
+
+SUITABLE: dict[DepthKind, tuple[Alignment, ...]] = {
+    DepthKind.METRIC: tuple(Alignment),
+    DepthKind.RELATIVE: (Alignment.DEPTH,),
+    DepthKind.INVERSE: (Alignment.DISPARITY,),
+}
+"""The alignments that mean something for each kind of prediction.
+
+A depth known up to scale and shift has no reciprocal, so each relative kind has exactly one.
+"""
+
+
+def align(
+    predicted: npt.NDArray[np.float64],
+    truth_m: npt.NDArray[np.float64],
+    alignment: Alignment,
+    kind: DepthKind = DepthKind.METRIC,
+) -> npt.NDArray[np.float64]:
+    """Depth in metres after the fit.
+
+    Args:
+        predicted: (N,) float64, what ``kind`` says; pixels that are not finite stay out of the fit.
+        truth_m: (N,) float64, metres, > 0.
+        alignment: what to fit.
+        kind: what the prediction means.
+
+    Returns:
+        (N,) float64, metres, not clamped: NaN where there was no prediction, infinity where the
+        fitted disparity is not positive. A prediction without a single usable pixel comes back
+        as it was.
+
+    Raises:
+        ValueError: the alignment means nothing for this kind of prediction.
+    """
+    if alignment not in SUITABLE[kind]:
+        raise ValueError(f"{kind} depth cannot be aligned by {alignment}")
+    match alignment:
+        case Alignment.NONE:
+            return predicted
+        case Alignment.MEDIAN:
+            return _scale_median(predicted, truth_m)
+        case Alignment.DEPTH:
+            return _fit_line(predicted, truth_m)
+        case Alignment.DISPARITY:
+            disparity = predicted if kind is DepthKind.INVERSE else _reciprocal(predicted)
+            return _farther_is_infinite(_fit_line(disparity, 1 / truth_m))
+
+
+def _scale_median(
+    predicted: npt.NDArray[np.float64], truth_m: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    usable = np.isfinite(predicted) & (predicted > 0)
+    if not usable.any():
+        return predicted
+    factor = float(np.median(truth_m[usable]) / np.median(predicted[usable]))
+    scaled: npt.NDArray[np.float64] = predicted * factor
+    return scaled
+
+
+def _fit_line(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """``s·x + t`` with the s and t that minimise Σ(s·x + t − y)² over finite x."""
+    usable = np.isfinite(x)
+    if not usable.any():
+        return x
+    known_x, known_y = x[usable], y[usable]
+    mean_x, mean_y = known_x.mean(), known_y.mean()
+    centred = known_x - mean_x
+    spread = float(centred @ centred)
+    # A constant prediction has no slope to fit; what is left is the mean.
+    negligible = 1e-24 * known_x.size * max(mean_x**2, np.finfo(np.float64).tiny)
+    slope = float(centred @ (known_y - mean_y)) / spread if spread > negligible else 0.0
+    if slope == 0:
+        return np.where(np.isnan(x), np.nan, mean_y)
+    fitted: npt.NDArray[np.float64] = slope * (x - mean_x) + mean_y
+    return fitted
+
+
+def _reciprocal(depth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """1/depth; zero for infinity, NaN where depth is not positive."""
+    return np.divide(1.0, depth_m, out=np.full_like(depth_m, np.nan), where=depth_m > 0)
+
+
+def _farther_is_infinite(disparity: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """1/disparity; infinity where disparity is not positive, NaN where it is NaN."""
+    depth_m = np.full_like(disparity, np.inf)
+    np.divide(1.0, disparity, out=depth_m, where=~(disparity <= 0))
+    return depth_m
