@@ -11,15 +11,16 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from depthcli.datasets.nyu_mat import NyuMat, open_mat
 from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
 from depthcli.errors import DatasetError
-from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from depthcli.datasets.base import DepthDataset
     from pathlib import Path
+
+    from depthcli.datasets.base import DepthDataset
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
 PLAUSIBLE_M = (0.8, 9.0)

@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from depthcli.metrics.choices import Averaging
 from depthcli.metrics.depth import METRICS, DepthPixels, Metric
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-
-class Averaging(StrEnum):
-    """What one vote is."""
-
-    IMAGE = "image"
-    """Each metric is computed per image, then averaged: every image counts the same."""
-    POOLED = "pooled"
-    """Pixels of all images are thrown together: images with more valid pixels count more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +20,11 @@ class Scores:
     """One value for every metric of :data:`~depthcli.metrics.depth.METRICS`, in its order."""
 
     values: tuple[float, ...]
+
+    @classmethod
+    def of(cls, **named: float) -> Scores:
+        """Scores by name; NaN for every metric that is not named."""
+        return cls(tuple(named.get(name, math.nan) for name in METRICS))
 
     def __getitem__(self, name: str) -> float:
         return self.values[list(METRICS).index(name)]
@@ -56,7 +52,7 @@ class _PixelSums:
 
     def scores(self) -> Scores:
         if not self.pixel_count:
-            return Scores((math.nan,) * len(self.sums))
+            return Scores.of()
         metrics = zip(METRICS.values(), self.sums, strict=True)
         return Scores(tuple(m.finish(*(s / self.pixel_count for s in sums)) for m, sums in metrics))
 
@@ -108,7 +104,7 @@ class Accumulator:
     def compute(self) -> Scores:
         """Average over all images so far; NaN for every metric if there were none."""
         if self._pixels is None:
-            return Scores((math.nan,) * len(METRICS))
+            return Scores.of()
         if self.averaging is Averaging.POOLED:
             return self._pixels.scores()
         return Scores(tuple(total / self.image_count for total in self._image_sums))

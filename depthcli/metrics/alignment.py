@@ -10,28 +10,15 @@ disparity); Zhou et al., "Unsupervised Learning of Depth and Ego-Motion from Vid
 
 from __future__ import annotations
 
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from depthcli.core.types import DepthKind
+from depthcli.metrics.choices import Alignment
 
 if TYPE_CHECKING:
     import numpy.typing as npt
-
-
-class Alignment(StrEnum):
-    """What is fitted, per image, over the valid pixels."""
-
-    NONE = "none"
-    """Nothing: metres are compared as predicted."""
-    MEDIAN = "median"
-    """One factor: the ratio of the medians."""
-    DEPTH = "depth"
-    """Scale and shift of depth, least squares in depth."""
-    DISPARITY = "disparity"
-    """Scale and shift of 1/depth, least squares in 1/depth."""
 
 
 SUITABLE: dict[DepthKind, tuple[Alignment, ...]] = {

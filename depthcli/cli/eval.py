@@ -1,0 +1,166 @@
+"""``depthcli eval``: the table of metrics for models, files of other tools and trivial rows."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003 - typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from depthcli.datasets.splits import SplitName
+from depthcli.errors import UsageError
+from depthcli.evaluation.choices import Crop, Mask
+from depthcli.metrics.choices import Alignment, Averaging
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.evaluation.nyu import NyuTask
+    from depthcli.evaluation.predictors import Predictor
+
+app = typer.Typer(no_args_is_help=True, help="Compare models on a data set.")
+
+
+@app.callback()
+def _group() -> None:
+    """Compare models on a data set."""
+
+
+@app.command()
+def nyu(
+    *,
+    data: Annotated[
+        Path,
+        typer.Option(
+            envvar="DEPTHCLI_NYU",
+            help="nyu_depth_v2_labeled.mat, or a folder with it or with rgb/, depth/, index.csv.",
+        ),
+    ],
+    model: Annotated[
+        list[str] | None,
+        typer.Option(help="Name or path of a model; repeatable. Default: the bundled model."),
+    ] = None,
+    no_model: Annotated[
+        bool, typer.Option("--no-model", help="Leave the bundled model out.")
+    ] = False,
+    predictions: Annotated[
+        list[Path] | None,
+        typer.Option(help="Folder with ID.npy, ID.exr or ID.png of another tool; repeatable."),
+    ] = None,
+    predictions_kind: Annotated[
+        str | None,
+        typer.Option(
+            metavar="metric|relative|inverse",
+            help="What the numbers of --predictions mean, where the files do not say.",
+        ),
+    ] = None,
+    split: Annotated[
+        SplitName,
+        typer.Option(
+            help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: scenes held out of "
+            "the first 1000."
+        ),
+    ] = SplitName.PAPER,
+    align: Annotated[
+        list[Alignment] | None,
+        typer.Option(
+            help="Fit to the truth per image: none, median (scale), depth or disparity "
+            "(least-squares scale and shift); repeatable, one row each. Default: none."
+        ),
+    ] = None,
+    average: Annotated[
+        Averaging, typer.Option(help="Average per image, or over pooled pixels.")
+    ] = Averaging.IMAGE,
+    compare_at: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Resize both to N×N first, 256 say."),
+    ] = None,
+    crop: Annotated[
+        Crop, typer.Option(help="eigen: rows 45:471, columns 41:601 only.")
+    ] = Crop.NONE,
+    mask: Annotated[
+        Mask, typer.Option(help="raw: only where the sensor measured depth.")
+    ] = Mask.FILLED,
+    trivial: Annotated[
+        bool, typer.Option(help="Include the rows that never look at the picture.")
+    ] = True,
+    limit: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Only N images, evenly over the split."),
+    ] = None,
+    provider: Annotated[str, typer.Option(help="Execution provider of the models.")] = "auto",
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads of the models.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    per_image: Annotated[
+        bool, typer.Option("--per-image", help="With --json: the scores of each image too.")
+    ] = False,
+    csv: Annotated[Path | None, typer.Option(help="Write the table as CSV as well.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+) -> None:
+    """Depth metrics on NYU Depth v2 under one named protocol."""
+    from depthcli.cli.eval_output import show, stages, write_csv
+    from depthcli.datasets.nyu import open_nyu
+    from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
+    from depthcli.evaluation.protocol import Protocol
+
+    _check_options(models=model, no_model=no_model, per_image=per_image, as_json=as_json)
+    task = plan_nyu(open_nyu(data), split, limit)
+    predictors = [
+        *_open_models(
+            model, bundled=not (no_model or predictions), provider=provider, threads=threads
+        ),
+        *_open_predictions(predictions or [], task, predictions_kind),
+    ]
+    protocol = Protocol(
+        averaging=average,
+        crop=crop,
+        mask=mask,
+        compare_px=None if compare_at is None else (compare_at, compare_at),
+    )
+    with stages(quiet=quiet or as_json) as stage:
+        report = evaluate_nyu(
+            task,
+            predictors,
+            protocol=protocol,
+            alignments=align or [Alignment.NONE],
+            trivial=trivial,
+            per_image=per_image,
+            stage=stage,
+        )
+    if csv is not None:
+        write_csv(report, csv)
+    show(report, as_json=as_json)
+
+
+def _check_options(
+    *, models: Sequence[str] | None, no_model: bool, per_image: bool, as_json: bool
+) -> None:
+    if models and no_model:
+        raise UsageError("--model and --no-model exclude each other: drop one")
+    if per_image and not as_json:
+        raise UsageError("--per-image is part of the JSON output: add --json")
+
+
+def _open_models(
+    names: Sequence[str] | None, *, bundled: bool, provider: str, threads: int | None
+) -> list[Predictor]:
+    wanted: Sequence[str | None] = names or ([None] if bundled else [])
+    if not wanted:
+        return []
+    from depthcli.evaluation.models import open_model
+
+    return [open_model(name, provider=provider, threads=threads) for name in wanted]
+
+
+def _open_predictions(
+    folders: Sequence[Path], task: NyuTask, kind_name: str | None
+) -> list[Predictor]:
+    if not folders:
+        return []
+    from depthcli.core.types import DepthKind
+    from depthcli.evaluation.prediction_files import open_predictions
+
+    if kind_name not in {None, *DepthKind}:
+        raise UsageError(f"--predictions-kind is {', '.join(DepthKind)}, not {kind_name}")
+    kind = None if kind_name is None else DepthKind(kind_name)
+    return [open_predictions(folder, task.ids, kind) for folder in folders]

@@ -1,0 +1,153 @@
+"""Table I on NYU Depth v2: published rows, trivial rows, and whatever is to be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from depthcli.datasets.splits import Split, SplitName, split_nyu
+from depthcli.evaluation.protocol import Protocol
+from depthcli.evaluation.published import PUBLISHED
+from depthcli.evaluation.report import Report
+from depthcli.evaluation.run import Entry, enter, evaluate
+from depthcli.evaluation.trivial import fit_trivial
+from depthcli.metrics.choices import Alignment
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.evaluation.predictors import Predictor
+
+Stage: TypeAlias = Callable[[str, int], Callable[[], None]]
+"""Called with what begins and its number of steps; returns what to call after each step."""
+
+
+def _silent(what: str, steps: int) -> Callable[[], None]:
+    del what, steps
+    return lambda: None
+
+
+@dataclass(frozen=True, slots=True)
+class NyuTask:
+    """What to compare on.
+
+    Attributes:
+        dataset: the labelled set or a part of it.
+        split: the division, with all pairs that are there.
+        test: positions of the images that are compared: all of the split's, or fewer.
+    """
+
+    dataset: DepthDataset
+    split: Split
+    test: tuple[int, ...]
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Ids of the images that are compared."""
+        return tuple(self.dataset.ids[i] for i in self.test)
+
+
+def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) -> NyuTask:
+    """Choose the images.
+
+    Args:
+        dataset: the labelled set or a part of it.
+        split: which division.
+        limit: at most so many images, evenly over the split.
+
+    Raises:
+        DatasetError: the split has no test image here.
+    """
+    divided = split_nyu(dataset, split)
+    test = divided.test
+    if limit is not None and limit < len(test):
+        chosen = np.linspace(0, len(test) - 1, limit).round().astype(int)
+        test = tuple(test[i] for i in chosen)
+    return NyuTask(dataset, divided, test)
+
+
+def evaluate_nyu(
+    task: NyuTask,
+    predictors: Sequence[Predictor],
+    *,
+    protocol: Protocol | None = None,
+    alignments: Sequence[Alignment] = (Alignment.NONE,),
+    trivial: bool = True,
+    per_image: bool = False,
+    stage: Stage = _silent,
+) -> Report:
+    """Make the table.
+
+    Args:
+        task: the images.
+        predictors: what to score on them.
+        protocol: how to compare; the headline protocol if None.
+        alignments: one row for each that suits a predictor. Trivial rows get them too, besides
+            unaligned and median-scaled.
+        trivial: whether to include the rows that never look at the picture.
+        per_image: keep the scores of each image.
+        stage: told of progress.
+
+    Raises:
+        DatasetError: a pair cannot be read or does not fit the protocol.
+        UsageError: no alignment suits a predictor.
+    """
+    protocol = protocol or Protocol()
+    entries = [enter(predictor, alignments) for predictor in predictors]
+    train = task.split.train if trivial else ()
+    if train:
+        entries = [*_trivial_entries(task, protocol, alignments, stage), *entries]
+    compared = evaluate(
+        task.dataset,
+        task.test,
+        entries,
+        protocol,
+        per_image=per_image,
+        progress=stage("comparing", len(task.test)),
+    )
+    comparable = task.split.name is SplitName.PAPER and protocol.is_headline
+    return Report(
+        dataset="NYU Depth v2",
+        split=task.split.name,
+        image_count=len(task.test),
+        split_count=task.split.test_count,
+        train_count=len(train),
+        protocol=protocol,
+        rows=(*(PUBLISHED if comparable else ()), *compared),
+        notes=tuple(_notes(task.split, comparable=comparable, trivial=trivial)),
+    )
+
+
+def _trivial_entries(
+    task: NyuTask, protocol: Protocol, alignments: Sequence[Alignment], stage: Stage
+) -> list[Entry]:
+    train = task.split.train
+    means = fit_trivial(
+        task.dataset,
+        train,
+        min_m=protocol.min_m,
+        max_m=protocol.max_m,
+        progress=stage("training mean", len(train)),
+    )
+    wanted = (Alignment.NONE, Alignment.MEDIAN, *alignments)
+    return [enter(mean, wanted) for mean in means]
+
+
+def _notes(split: Split, *, comparable: bool, trivial: bool) -> list[str]:
+    notes = []
+    if not comparable:
+        notes.append(
+            "the paper's rows belong to the paper split and the headline protocol: left out here"
+        )
+    if trivial and not split.train:
+        notes.append("no training pair of this split is here: trivial rows left out")
+    elif trivial and len(split.train) != split.train_count:
+        notes.append(
+            f"trivial rows know {len(split.train)} of the split's {split.train_count} "
+            "training pairs"
+        )
+    return notes

@@ -1,0 +1,63 @@
+"""Whatever gives one depth map per image: a model, the files of another tool, a trivial guess."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
+
+from depthcli.core.types import Frame
+
+if TYPE_CHECKING:
+    from depthcli.core.types import DepthKind, DepthMap
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.evaluation.choices import Source
+
+
+class Sample:
+    """One image of a data set, decoded only if somebody looks, and only once.
+
+    Attributes:
+        id: its name in the data set.
+    """
+
+    def __init__(self, dataset: DepthDataset, position: int) -> None:
+        self.id = dataset.ids[position]
+        self._dataset = dataset
+        self._position = position
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The picture."""
+        return Frame(self._dataset.image(self._position))
+
+
+class Predictor(Protocol):
+    """One row of the table, or several with different alignments."""
+
+    @property
+    def name(self) -> str:
+        """What the row is called."""
+        ...
+
+    @property
+    def source(self) -> Source:
+        """Where its numbers come from."""
+        ...
+
+    @property
+    def kind(self) -> DepthKind:
+        """What its predictions mean."""
+        ...
+
+    @property
+    def model_sha256(self) -> str | None:
+        """Checksum of the model file, if there is one."""
+        ...
+
+    def predict(self, sample: Sample) -> DepthMap:
+        """Depth of one image, any size.
+
+        Raises:
+            DepthcliError: there is none.
+        """
+        ...

@@ -1,0 +1,166 @@
+"""How a prediction is compared with the truth, and the name that is printed with every number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.core.resize import resize_bilinear
+from depthcli.core.types import DepthKind
+from depthcli.errors import DatasetError
+from depthcli.evaluation.choices import Crop, Mask
+from depthcli.metrics.alignment import align
+from depthcli.metrics.choices import Alignment, Averaging
+from depthcli.metrics.depth import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from depthcli.core.types import DepthMap
+
+EIGEN_ROWS = slice(45, 471)
+EIGEN_COLUMNS = slice(41, 601)
+FULL_SIZE_PX = (640, 480)
+
+# A blend of valid pixels alone has weight one; anything below took part of an invalid one.
+_ALL_VALID = 0.9999
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The pixels of one image that count.
+
+    Attributes:
+        valid: (H, W) bool at the size of the comparison.
+        depth_m: (N,) float64, metres, the depth where ``valid``.
+    """
+
+    valid: npt.NDArray[np.bool_]
+    depth_m: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """One way to compare; the defaults are the headline protocol.
+
+    Attributes:
+        averaging: per image or over pooled pixels.
+        crop: part of the frame that counts.
+        mask: pixels that have a truth.
+        compare_px: (width, height) to which truth and prediction are resized before they are
+            compared; None for the truth's own size.
+        full_size_px: (width, height) that the truth must have; None for any.
+        min_m: nearest depth that counts, metres; predictions are clamped to it.
+        max_m: farthest depth that counts, metres; predictions are clamped to it.
+    """
+
+    averaging: Averaging = Averaging.IMAGE
+    crop: Crop = Crop.NONE
+    mask: Mask = Mask.FILLED
+    compare_px: tuple[int, int] | None = None
+    full_size_px: tuple[int, int] | None = FULL_SIZE_PX
+    min_m: float = MIN_DEPTH_M
+    max_m: float = MAX_DEPTH_M
+
+    @property
+    def is_headline(self) -> bool:
+        """Whether every choice is the headline's."""
+        return self == Protocol()
+
+    @property
+    def name(self) -> str:
+        """Short name: "headline", or what differs from it."""
+        headline = Protocol()
+        changes = [
+            (self.averaging != headline.averaging, f"{self.averaging} average"),
+            (self.crop != headline.crop, f"{self.crop} crop"),
+            (self.mask != headline.mask, f"{self.mask}-valid mask"),
+            (self.compare_px is not None, f"compared at {_size(self.compare_px)}"),
+            (self.full_size_px != headline.full_size_px, f"truth {_size(self.full_size_px)}"),
+            (self.min_m != headline.min_m, f"min {self.min_m:g} m"),
+            (self.max_m != headline.max_m, f"max {self.max_m:g} m"),
+        ]
+        return ", ".join(text for differs, text in changes if differs) or "headline"
+
+    @property
+    def description(self) -> str:
+        """All choices in one line."""
+        frame = "full frame" if self.crop is Crop.NONE else f"{self.crop} crop"
+        truth = "in-filled depth" if self.mask is Mask.FILLED else "raw-valid depth"
+        average = "mean of images" if self.averaging is Averaging.IMAGE else "pooled pixels"
+        size = _size(self.compare_px or self.full_size_px)
+        return f"{truth}, {frame} at {size}, {self.min_m:g} < g < {self.max_m:g} m, {average}"
+
+    def truth(
+        self,
+        depth_m: npt.NDArray[np.float32],
+        raw_depth_m: npt.NDArray[np.float32] | None = None,
+    ) -> Truth:
+        """Choose the pixels of one image that count.
+
+        Args:
+            depth_m: (H, W) float32 metres, 0 = none.
+            raw_depth_m: (H, W) float32 metres, 0 = none; needed for the raw-valid mask.
+
+        Raises:
+            DatasetError: the depth has not the size that the protocol is about.
+        """
+        height, width = depth_m.shape
+        if self.full_size_px is not None and (width, height) != self.full_size_px:
+            raise DatasetError(
+                f"the depth is {width}×{height} but the protocol is about "
+                f"{_size(self.full_size_px)}: give the data set at its full size"
+            )
+        valid = (depth_m > self.min_m) & (depth_m < self.max_m)
+        if self.mask is Mask.RAW:
+            valid &= _measured(raw_depth_m, depth_m.shape)
+        if self.crop is Crop.EIGEN:
+            valid &= _eigen_crop(depth_m.shape)
+        if self.compare_px is not None:
+            valid = resize_bilinear(valid.astype(np.float32), *self.compare_px) > _ALL_VALID
+            depth_m = resize_bilinear(depth_m, *self.compare_px)
+        return Truth(valid, depth_m[valid].astype(np.float64))
+
+    def compare(self, depth: DepthMap, truth: Truth, alignment: Alignment) -> DepthPixels:
+        """Resize, take the pixels that count, align, clamp.
+
+        Args:
+            depth: the prediction, any size.
+            truth: of the same image.
+            alignment: what is fitted before the comparison.
+        """
+        height, width = truth.valid.shape
+        values = depth.values
+        if values.shape != truth.valid.shape:
+            if depth.kind is DepthKind.METRIC:
+                # Interpolation turns infinity times zero into NaN, near instead of far.
+                values = np.where(np.isposinf(values), np.float32(self.max_m), values)
+            values = resize_bilinear(values, width, height)
+        predicted = values[truth.valid].astype(np.float64)
+        predicted_m = align(predicted, truth.depth_m, alignment, depth.kind)
+        return DepthPixels.of(truth.depth_m, predicted_m, min_m=self.min_m, max_m=self.max_m)
+
+
+def _size(size_px: tuple[int, int] | None) -> str:
+    return "any size" if size_px is None else f"{size_px[0]}×{size_px[1]}"
+
+
+def _measured(
+    raw_depth_m: npt.NDArray[np.float32] | None, shape: tuple[int, ...]
+) -> npt.NDArray[np.bool_]:
+    if raw_depth_m is None:
+        raise DatasetError("the raw-valid mask needs raw depth, which this data set has not")
+    if raw_depth_m.shape != shape:
+        raise DatasetError(f"raw depth is {raw_depth_m.shape} but depth is {shape}")
+    return np.asarray(raw_depth_m > 0)
+
+
+def _eigen_crop(shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+    width, height = FULL_SIZE_PX
+    if shape != (height, width):
+        raise DatasetError(f"the Eigen crop is defined at {width}×{height} only")
+    inside = np.zeros(shape, np.bool_)
+    inside[EIGEN_ROWS, EIGEN_COLUMNS] = True
+    return inside
