@@ -1,0 +1,81 @@
+"""Where the command line begins, and the table of its commands.
+
+Only ``sys`` is loaded here: the help and the version are text, and cost no more than Python itself.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from depthcli import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+PROGRAM = "depthcli"
+COMMANDS = {
+    "predict": ("depthcli.cli.predict", "Depth of pictures: 16-bit PNG, EXR, NPY, preview, PLY."),
+    "models": ("depthcli.cli.models", "The models that are here: list, show a card, verify."),
+    "convert": ("depthcli.cli.convert", "A depth file to another format, with the error it costs."),
+    "info": ("depthcli.cli.info", "Unit, scale and range of a depth file."),
+    "probe": ("depthcli.cli.probe", "Depth at one pixel of a depth file."),
+    "eval": ("depthcli.cli.eval", "Accuracy on NYU Depth v2, in the paper's table."),
+    "train": ("depthcli.cli.train", "Train one of the methods."),
+    "export-onnx": ("depthcli.cli.export", "A checkpoint to one ONNX file and its card."),
+    "doctor": ("depthcli.cli.doctor", "What runs here: provider, model, codecs, conflicts."),
+}
+"""Name -> (module whose ``app`` is the command, one line of help)."""
+
+_HELP = """\
+Usage: depthcli COMMAND [OPTIONS] [ARGUMENTS]...
+
+Depth from a single picture, at a shell prompt.
+
+Commands:
+{commands}
+
+Options:
+  --version             Show the version and exit.
+  --help                Show this text; after a command, the command's options.
+  --install-completion  Install completion for the current shell.
+  --show-completion     Show the completion script, to copy or adapt it.
+
+Exit codes: 0 all done, 1 some inputs failed, 2 wrong usage, 3 model or runtime
+failure, 130 interrupted.
+"""
+
+
+def help_text() -> str:
+    """The text of ``depthcli --help``."""
+    rows = (f"  {name:<12} {summary}" for name, (_, summary) in COMMANDS.items())
+    return _HELP.format(commands="\n".join(rows))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: without the program's name; None for the process's own.
+
+    Returns:
+        The exit code, see :class:`depthcli.errors.ExitCode`.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    text = None if f"_{PROGRAM.upper()}_COMPLETE" in os.environ else _plain_text(words)
+    if text is not None:
+        sys.stdout.write(text)
+        return 0
+    from depthcli.cli.shell import run
+
+    return run(words)
+
+
+def _plain_text(words: list[str]) -> str | None:
+    """The answer to a question that needs no command."""
+    if words in (["--help"], ["-h"]):
+        return help_text()
+    if words == ["--version"]:
+        return f"{PROGRAM} {__version__}\n"
+    return None

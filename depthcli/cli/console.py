@@ -1,0 +1,78 @@
+"""The only place that prints."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+
+class State:
+    """What a run of the command line remembers for its end.
+
+    Attributes:
+        debug: whether an error shows its traceback.
+    """
+
+    __slots__ = ("debug",)
+
+    def __init__(self) -> None:
+        self.debug = False
+
+
+def out(text: str) -> None:
+    """A line of results, to standard output."""
+    sys.stdout.write(f"{text}\n")
+
+
+def out_json(values: Mapping[str, object]) -> None:
+    """One JSON object on one line, at once, so that a reader can follow."""
+    sys.stdout.write(json.dumps(values, ensure_ascii=True, allow_nan=False) + "\n")
+    sys.stdout.flush()
+
+
+def note(text: str) -> None:
+    """A line about the run, to standard error."""
+    sys.stderr.write(f"{text}\n")
+
+
+def warn(text: str) -> None:
+    """A warning, one line on standard error."""
+    sys.stderr.write(f"depthcli: warning: {one_line(text)}\n")
+
+
+def error(text: str) -> None:
+    """An error, one line on standard error."""
+    sys.stderr.write(f"depthcli: error: {one_line(text)}\n")
+
+
+def trace(problem: BaseException) -> None:
+    """The traceback behind an error, to standard error."""
+    import traceback
+
+    traceback.print_exception(problem, file=sys.stderr)
+
+
+def one_line(text: str) -> str:
+    """Text with everything that is not printable escaped: file names may hold any byte."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table on standard output: drawn on a terminal, tab-separated elsewhere."""
+    if not sys.stdout.isatty():
+        for row in (header, *rows):
+            out("\t".join(one_line(cell) for cell in row))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    drawn = Table(*header, box=None, header_style="bold", pad_edge=False)
+    for row in rows:
+        drawn.add_row(*(one_line(cell) for cell in row))
+    Console(markup=False, highlight=False).print(drawn)

@@ -1,0 +1,154 @@
+"""The command group, loaded one command at a time, and the one place that knows exit codes."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+import typer
+from typer.core import TyperGroup, TyperOption
+from typer.main import get_command
+
+from depthcli import __version__
+from depthcli.cli import console
+from depthcli.cli.app import COMMANDS, PROGRAM, help_text
+from depthcli.errors import DepthcliError, ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
+
+
+class LazyGroup(TyperGroup):
+    """A group that imports a command's module when that command is asked for."""
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002 - typer's own types
+        """Names, in the order of the help."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401 - typer's own types
+        """One command, or None while a shell completes an unknown one."""
+        if cmd_name in COMMANDS:
+            return _load(cmd_name)
+        if ctx.resilient_parsing:
+            return None
+        raise UsageError(f"no command is called {cmd_name!r}{_suggestion(cmd_name)}")
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
+        """The same text as without any module loaded."""
+        formatter.write(help_text())
+
+
+app = typer.Typer(cls=LazyGroup, rich_markup_mode=None, pretty_exceptions_enable=False)
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        console.out(f"{PROGRAM} {__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=False)
+def _root(
+    version: bool = typer.Option(  # noqa: ARG001 - its callback acts
+        False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
+    ),
+) -> None:
+    """Depth from a single picture, at a shell prompt."""
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run a command and turn whatever happens into text and an exit code."""
+    state = console.State()
+    try:
+        result = get_command(app)(
+            args=list(arguments), prog_name=PROGRAM, standalone_mode=False, obj=state
+        )
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return ExitCode.INTERRUPTED
+    except BrokenPipeError:
+        return _reader_left()
+    except SystemExit as stop:  # typer ends shell completion, and a closed pipe, like this
+        return stop.code if isinstance(stop.code, int) else ExitCode.OK
+    except Exception as error:  # noqa: BLE001 - the last line of defence: one line, never a traceback
+        if state.debug:
+            console.trace(error)
+        message, code = _explain(error)
+        console.error(message)
+        return code
+    return result if isinstance(result, int) else ExitCode.OK
+
+
+def _explain(error: Exception) -> tuple[str, int]:
+    """One line and an exit code for an error."""
+    if isinstance(error, DepthcliError):
+        return str(error), error.exit_code
+    if isinstance(error, typer.Abort):
+        return "interrupted", ExitCode.INTERRUPTED
+    if hasattr(error, "format_message"):  # typer's own errors, all about usage
+        return _usage(error), ExitCode.USAGE
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in _TRAIN_EXTRA:
+        needed = f"this command needs {error.name}"
+        return f"{needed}; install it with: pip install 'depthcli[train]'", ExitCode.FAILURE
+    if isinstance(error, MemoryError):
+        return "out of memory; give fewer or smaller inputs", ExitCode.FAILURE
+    name = type(error).__name__
+    return f"unexpected {name}: {error}; run again with --debug for details", ExitCode.FAILURE
+
+
+def _usage(error: Any) -> str:  # noqa: ANN401 - typer's own types
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context else PROGRAM
+    message = error.format_message().strip().rstrip(".") or "a command is missing"
+    if message.startswith("Usage:"):  # no command given: the whole help is the message
+        message = "a command is missing"
+    return f"{message[0].lower()}{message[1:]}; see '{path} --help'"
+
+
+def _suggestion(name: str) -> str:
+    from difflib import get_close_matches
+
+    close = get_close_matches(name, COMMANDS, n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; see '{PROGRAM} --help'"
+
+
+def _reader_left() -> int:
+    """Whoever read our output is gone: stop silently, as other filters do."""
+    sink = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(sink, sys.stdout.fileno())
+    return ExitCode.SOME_FAILED
+
+
+def _load(name: str) -> Any:  # noqa: ANN401 - typer's own types
+    command = get_command(importlib.import_module(COMMANDS[name][0]).app)
+    command.name = name
+    _add_debug(command)
+    return command
+
+
+def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
+    """Give a command, and each of its own commands, the option ``--debug``."""
+    for child in getattr(command, "commands", {}).values():
+        _add_debug(child)
+    if hasattr(command, "commands") or any("--debug" in p.opts for p in command.params):
+        return
+    command.params.append(
+        TyperOption(
+            param_decls=["--debug"],
+            is_flag=True,
+            default=False,
+            expose_value=False,
+            callback=_set_debug,
+            is_eager=True,
+            help="Show a traceback with an error.",
+        )
+    )
+
+
+def _set_debug(ctx: Any, _parameter: Any, value: bool) -> None:  # noqa: ANN401 - typer's own types
+    if value and isinstance(ctx.obj, console.State):
+        ctx.obj.debug = True

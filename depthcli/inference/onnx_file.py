@@ -1,0 +1,94 @@
+"""What an ONNX file says of itself, read from its bytes without a protobuf library.
+
+An ONNX file is one protobuf message ``ModelProto``
+(https://github.com/onnx/onnx/blob/main/onnx/onnx.proto). Its few top-level fields are enough to
+find the embedded card and to notice a truncated file; tensors are skipped by their length.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from depthcli.errors import ModelError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_GRAPH, _METADATA = 7, 14
+_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
+_FIXED_SIZES = {_FIXED64: 8, _FIXED32: 4}
+_MAX_VARINT_BITS = 64
+# TensorProto.external_data is a list of key/value messages, one of which must have the key
+# "location": field 1, length 8.
+_EXTERNAL_MARK = b"\x0a\x08location"
+
+
+def metadata(data: bytes, where: str) -> dict[str, str]:
+    """The key/value metadata of an ONNX file.
+
+    Args:
+        data: the whole file.
+        where: what messages call it.
+
+    Raises:
+        ModelError: the bytes are not a complete ONNX file.
+    """
+    entries: dict[str, str] = {}
+    has_graph = False
+    try:
+        for number, start, end in _fields(data, 0, len(data)):
+            has_graph = has_graph or number == _GRAPH
+            if number == _METADATA:
+                parts = {field: data[a:b] for field, a, b in _fields(data, start, end)}
+                entries[parts.get(1, b"").decode()] = parts.get(2, b"").decode()
+    except (IndexError, ValueError) as error:
+        raise ModelError(
+            f"{where} is damaged or not an ONNX file; download or export it again"
+        ) from error
+    if not has_graph:
+        raise ModelError(f"{where} is not an ONNX model; give a .onnx file or a model's folder")
+    return entries
+
+
+def refuse_external_data(data: bytes, where: str) -> None:
+    """Refuse a model whose weights lie in other files, which no checksum covers.
+
+    Raises:
+        ModelError: some tensor is stored elsewhere.
+    """
+    if _EXTERNAL_MARK in data:
+        raise ModelError(
+            f"{where} keeps weights in a second file; export it again as one file "
+            "(external_data=False)"
+        )
+
+
+def _fields(data: bytes, position: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """Each field of a message as (number, start, end) of its payload."""
+    while position < end:
+        key, position = _varint(data, position)
+        number, wire = key >> 3, key & 7
+        if wire == _BYTES:
+            length, position = _varint(data, position)
+        elif wire == _VARINT:
+            length = _varint(data, position)[1] - position
+        elif wire in _FIXED_SIZES:
+            length = _FIXED_SIZES[wire]
+        else:
+            raise ValueError(wire)
+        if number == 0 or position + length > end:
+            raise ValueError(number)
+        yield number, position, position + length
+        position += length
+
+
+def _varint(data: bytes, position: int) -> tuple[int, int]:
+    """The number at a position, and the position after it."""
+    value = 0
+    for shift in range(0, _MAX_VARINT_BITS, 7):
+        byte = data[position]
+        position += 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:  # noqa: PLR2004 - the continuation bit
+            return value, position
+    raise ValueError(position)

@@ -1,0 +1,104 @@
+"""From a picture to the tensor that the network takes, as its card says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.core import colour
+from depthcli.core.resize import resize_area
+from depthcli.inference.card import Colour, Fit
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from depthcli.core.types import Frame
+    from depthcli.inference.card import InputSpec
+
+_PLANES = {
+    Colour.VALUE: colour.value_channel,
+    Colour.LUMA: colour.luma,
+    Colour.RGB: colour.rgb,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where the picture lies in the network's input; all in pixels of that input.
+
+    Attributes:
+        width: columns of the whole input.
+        height: rows of the whole input.
+        left: first column of the picture.
+        top: first row of the picture.
+        inner_width: columns of the picture.
+        inner_height: rows of the picture.
+    """
+
+    width: int
+    height: int
+    left: int
+    top: int
+    inner_width: int
+    inner_height: int
+
+    @property
+    def is_padded(self) -> bool:
+        """Whether the picture fills less than the whole input."""
+        return (self.inner_width, self.inner_height) != (self.width, self.height)
+
+
+def layout(spec: InputSpec, width: int, height: int) -> Layout:
+    """Where a picture of ``width`` x ``height`` pixels goes."""
+    if spec.fit is Fit.STRETCH:
+        return _filled(spec.width, spec.height)
+    if spec.dynamic:
+        # The same pixel count as the nominal size, so the cost does not depend on the aspect.
+        scale = math.sqrt(spec.width * spec.height / (width * height))
+        return _filled(
+            _multiple(width * scale, spec.multiple_of), _multiple(height * scale, spec.multiple_of)
+        )
+    scale = min(spec.width / width, spec.height / height)
+    inner_width = min(spec.width, max(1, round(width * scale)))
+    inner_height = min(spec.height, max(1, round(height * scale)))
+    left, top = (spec.width - inner_width) // 2, (spec.height - inner_height) // 2
+    return Layout(spec.width, spec.height, left, top, inner_width, inner_height)
+
+
+def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Layout]:
+    """The network's input for one picture.
+
+    Args:
+        spec: the card's input.
+        frame: the picture.
+
+    Returns:
+        (1, C, H, W) float32, normalised, and where the picture lies in it.
+    """
+    place = layout(spec, frame.width, frame.height)
+    planes = _PLANES[spec.colour](frame.pixels)
+    small = resize_area(planes, place.inner_width, place.inner_height)
+    small = small.reshape(place.inner_height, place.inner_width, spec.colour.channels)
+    if place.is_padded:
+        small = _pad(small, place)
+    normalised = (small - np.float32(spec.mean)) / np.float32(spec.std)
+    batch = normalised.astype(np.float32, copy=False).transpose(2, 0, 1)[np.newaxis]
+    return np.ascontiguousarray(batch), place
+
+
+def _filled(width: int, height: int) -> Layout:
+    return Layout(width, height, 0, 0, width, height)
+
+
+def _multiple(size: float, step: int) -> int:
+    return max(step, round(size / step) * step)
+
+
+def _pad(picture: npt.NDArray[np.float32], place: Layout) -> npt.NDArray[np.float32]:
+    """Repeat the edges: an invented dark border would look like a surface."""
+    bottom = place.height - place.top - place.inner_height
+    right = place.width - place.left - place.inner_width
+    return np.pad(picture, ((place.top, bottom), (place.left, right), (0, 0)), mode="edge")
