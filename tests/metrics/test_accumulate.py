@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import doctest
+import math
+
+import numpy as np
+import pytest
+
+from depthcli.metrics import accumulate
+from depthcli.metrics.accumulate import Accumulator, Scores
+from depthcli.metrics.choices import Averaging
+from depthcli.metrics.depth import METRICS, DepthPixels
+
+
+def _images() -> list[DepthPixels]:
+    rng = np.random.default_rng(1)
+    images = []
+    for count in (5, 40, 200):
+        truth = rng.uniform(0.5, 9.5, count)
+        images.append(DepthPixels.of(truth, truth * rng.lognormal(0.1, count / 300, count)))
+    return images
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_per_image_average_counts_every_image_the_same(name: str) -> None:
+    total = Accumulator(Averaging.IMAGE)
+    own = [total.update(image)[name] for image in _images()]
+    assert own == pytest.approx([METRICS[name](image) for image in _images()], rel=1e-9)
+    assert total.compute()[name] == pytest.approx(sum(own) / 3, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_pooled_average_counts_every_pixel_the_same(name: str) -> None:
+    total = Accumulator(Averaging.POOLED)
+    for image in _images():
+        total.update(image)
+    together = DepthPixels.of(
+        np.concatenate([image.truth_m for image in _images()]),
+        np.concatenate([image.predicted_m for image in _images()]),
+    )
+    assert total.compute()[name] == pytest.approx(METRICS[name](together), rel=1e-9)
+    assert total.pixel_count == 245
+
+
+def test_the_two_averages_differ() -> None:
+    scores = []
+    for averaging in Averaging:
+        total = Accumulator(averaging)
+        for image in _images():
+            total.update(image)
+        scores.append(total.compute()["rmse"])
+    assert abs(scores[0] - scores[1]) > 0.01
+
+
+def test_image_without_valid_pixel_is_counted_and_left_out() -> None:
+    total = Accumulator()
+    total.update(DepthPixels.of(np.array([2.0]), np.array([3.0])))
+    nothing = total.update(DepthPixels.of(np.array([0.0]), np.array([3.0])))
+    assert math.isnan(nothing["abs_rel"])
+    assert (total.image_count, total.empty_count) == (1, 1)
+    assert total.compute()["abs_rel"] == 0.5
+
+
+@pytest.mark.parametrize("averaging", Averaging)
+def test_nothing_seen_is_not_a_number(averaging: Averaging) -> None:
+    total = Accumulator(averaging)
+    assert all(math.isnan(value) for value in total.compute().values)
+    assert total.pixel_count == 0
+
+
+def test_scores_by_name() -> None:
+    scores = Scores.of(rmse=0.5, d1=0.25)
+    assert scores["rmse"] == 0.5
+    assert dict(scores.items())["d1"] == 0.25
+    assert math.isnan(scores["abs_rel"])
+
+
+def test_examples_in_the_docstrings() -> None:
+    result = doctest.testmod(accumulate)
+    assert result.attempted > 0
+    assert result.failed == 0

@@ -1,0 +1,143 @@
+"""Every metric against a plain loop that shares no code with it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from depthcli.metrics.depth import METRICS, DepthPixels, clamp
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+Pairs = list[tuple[float, float]]
+
+
+def _mean(values: list[float]) -> float:
+    total = 0.0
+    for value in values:
+        total += value
+    return total / len(values)
+
+
+def _within(pairs: Pairs, k: int) -> float:
+    return _mean([1.0 if max(g / p, p / g) < 1.25**k else 0.0 for g, p in pairs])
+
+
+def _silog(pairs: Pairs) -> float:
+    logs = [math.log(p) - math.log(g) for g, p in pairs]
+    middle = _mean(logs)
+    return 100 * math.sqrt(_mean([(x - middle) ** 2 for x in logs]))
+
+
+PLAIN: dict[str, Callable[[Pairs], float]] = {
+    "abs_rel": lambda pairs: _mean([abs(g - p) / g for g, p in pairs]),
+    "sq_rel": lambda pairs: _mean([(g - p) ** 2 / g for g, p in pairs]),
+    "rmse": lambda pairs: math.sqrt(_mean([(g - p) ** 2 for g, p in pairs])),
+    "rms_log": lambda pairs: math.sqrt(_mean([math.log(g / p) ** 2 for g, p in pairs])),
+    "log10": lambda pairs: _mean([abs(math.log10(g) - math.log10(p)) for g, p in pairs]),
+    "d1": lambda pairs: _within(pairs, 1),
+    "d2": lambda pairs: _within(pairs, 2),
+    "d3": lambda pairs: _within(pairs, 3),
+    "silog": _silog,
+}
+
+
+def _plain_pairs(truth: npt.NDArray[np.float64], predicted: npt.NDArray[np.float64]) -> Pairs:
+    pairs = []
+    for g, p in zip(truth.ravel().tolist(), predicted.ravel().tolist(), strict=True):
+        if not 1e-3 < g < 10:
+            continue
+        if math.isnan(p) or p < 1e-3:
+            p = 1e-3  # noqa: PLW2901
+        elif p > 10:
+            p = 10.0  # noqa: PLW2901
+        pairs.append((g, p))
+    return pairs
+
+
+@st.composite
+def _images(draw: st.DrawFn) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    shape = draw(hnp.array_shapes(min_dims=2, max_dims=2, max_side=6))
+    truth = draw(hnp.arrays(np.float64, shape, elements=st.floats(0, 12)))
+    anything = st.floats(0, 12) | st.sampled_from([math.nan, math.inf, -math.inf, -1.0, 1e-9])
+    return truth, draw(hnp.arrays(np.float64, shape, elements=anything))
+
+
+def test_every_metric_has_a_plain_reference() -> None:
+    assert list(METRICS) == list(PLAIN)
+
+
+@pytest.mark.parametrize("name", METRICS)
+@given(images=_images())
+def test_metric_equals_the_plain_loop(
+    name: str, images: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+) -> None:
+    truth, predicted = images
+    pairs = _plain_pairs(truth, predicted)
+    value = METRICS[name](DepthPixels.of(truth, predicted))
+    if pairs:
+        # A difference of squares loses half the digits when all logs are alike.
+        absolute = 1e-4 if name == "silog" else 1e-9
+        assert value == pytest.approx(PLAIN[name](pairs), rel=1e-6, abs=absolute)
+    else:
+        assert math.isnan(value)
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_perfect_prediction_has_the_best_score(name: str) -> None:
+    truth = np.linspace(0.5, 9.5, 50)
+    best = 1.0 if METRICS[name].higher_is_better else 0.0
+    assert METRICS[name](DepthPixels.of(truth, truth)) == pytest.approx(best, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_direction_of_improvement(name: str) -> None:
+    truth = np.linspace(0.5, 4.5, 200)
+    noise = np.random.default_rng(0).normal(size=200)
+    near = METRICS[name](DepthPixels.of(truth, truth * np.exp(0.2 * noise)))
+    far = METRICS[name](DepthPixels.of(truth, truth * np.exp(0.6 * noise)))
+    assert (near > far) == METRICS[name].higher_is_better
+
+
+def test_thresholds_are_strict() -> None:
+    pixels = DepthPixels.of(np.array([4.0]), np.array([5.0]))
+    assert METRICS["d1"](pixels) == 0.0
+    assert METRICS["d2"](pixels) == 1.0
+
+
+def test_bounds_of_the_truth_are_strict() -> None:
+    truth = np.array([0.0, 1e-3, 1.1e-3, 9.99, 10.0, 11.0, np.nan, np.inf])
+    assert DepthPixels.of(truth, np.ones(8)).truth_m.tolist() == [1.1e-3, 9.99]
+
+
+def test_clamp_takes_nan_to_near_and_infinity_to_far() -> None:
+    predicted = np.array([np.nan, np.inf, -np.inf, -1.0, 0.0, 0.5, 10.5])
+    assert clamp(predicted).tolist() == [1e-3, 10.0, 1e-3, 1e-3, 1e-3, 0.5, 10.0]
+
+
+def test_inputs_are_left_as_they_are() -> None:
+    truth, predicted = np.array([1.0, 20.0]), np.array([np.nan, np.inf])
+    DepthPixels.of(truth, predicted)
+    assert truth.tolist() == [1.0, 20.0]
+    assert np.isnan(predicted[0])
+    assert np.isposinf(predicted[1])
+
+
+def test_float32_images_are_compared_in_float64() -> None:
+    truth = np.full((2, 2), 3.0, np.float32)
+    pixels = DepthPixels.of(truth, np.full((2, 2), 0.1, np.float32))
+    assert pixels.truth_m.dtype == pixels.predicted_m.dtype == pixels.log_error.dtype == np.float64
+
+
+def test_shapes_have_to_agree() -> None:
+    with pytest.raises(ValueError, match=r"truth is \(3,\) but prediction is \(4,\)"):
+        DepthPixels.of(np.ones(3), np.ones(4))
