@@ -53,7 +53,7 @@ def _show_version(asked: bool) -> None:
 
 @app.callback(invoke_without_command=False)
 def _root(
-    version: bool = typer.Option(  # noqa: ARG001 - its callback acts
+    version: bool = typer.Option(
         False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
     ),
 ) -> None:

@@ -84,7 +84,7 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Lay
     small = small.reshape(place.inner_height, place.inner_width, spec.colour.channels)
     if place.is_padded:
         small = _pad(small, place)
-    normalised = (small - np.float32(spec.mean)) / np.float32(spec.std)
+    normalised = (small - np.asarray(spec.mean, np.float32)) / np.asarray(spec.std, np.float32)
     batch = normalised.astype(np.float32, copy=False).transpose(2, 0, 1)[np.newaxis]
     return np.ascontiguousarray(batch), place
 

@@ -1,0 +1,89 @@
+"""What several test files share: a tiny model, a picture, the command line of the built wheel."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from tiny import write_model, write_picture
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def model_folder(tmp_path: Path) -> Path:
+    """A folder with the tiny model."""
+    return write_model(tmp_path / "tiny")
+
+
+@pytest.fixture
+def picture(tmp_path: Path) -> Path:
+    """The synthetic picture as a PNG in a folder of its own."""
+    return write_picture(tmp_path / "pictures" / "room.png")
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the built wheel installed in it, and nothing else."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder)]
+    _checked([*build, str(ROOT)])
+    (wheel,) = folder.glob("*.whl")
+    target = folder / "site"
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
+    _checked([*pip, "--target", str(target), str(wheel)])
+    return target
+
+
+def _checked(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"{command}: {done.stdout}{done.stderr}")
+
+
+@dataclass(frozen=True)
+class Cli:
+    """The installed wheel's command line, run in a folder away from the source.
+
+    Its default model is the tiny one.
+    """
+
+    site: Path
+    folder: Path
+    models: Path
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The wheel first; the tests' own folder is never on the path."""
+        return {**os.environ, "PYTHONPATH": str(self.site), "DEPTHCLI_MODELS": str(self.models)}
+
+    def __call__(
+        self, *arguments: str | os.PathLike[str], stdin: bytes = b"", **environment: str
+    ) -> subprocess.CompletedProcess[bytes]:
+        """Run a command to its end."""
+        return subprocess.run(
+            self.command(*arguments),
+            input=stdin,
+            capture_output=True,
+            cwd=self.folder,
+            env={**self.environment, **environment},
+            check=False,
+            timeout=60,
+        )
+
+    def command(self, *arguments: str | os.PathLike[str]) -> list[str]:
+        """The words of a command, for tests that start the process themselves."""
+        return [sys.executable, "-m", "depthcli", *(os.fspath(word) for word in arguments)]
+
+
+@pytest.fixture
+def cli(installed: Path, tmp_path: Path) -> Cli:
+    """The installed command line in an empty folder."""
+    folder, models = tmp_path / "work", tmp_path / "models"
+    folder.mkdir()
+    write_model(models / "default")
+    return Cli(installed, folder, models)

@@ -1,0 +1,140 @@
+"""Cards are read strictly: what is wrong is named."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tiny import CARD, card_with
+
+from depthcli.core.types import DepthKind
+from depthcli.errors import ModelError
+from depthcli.inference.card import Colour, Fit, ModelCard
+
+
+def read(changes: dict[str, Any]) -> ModelCard:
+    return ModelCard.from_json(json.dumps(card_with(changes)), where="a.json")
+
+
+def test_every_field_arrives() -> None:
+    card = read(
+        {
+            "file": "model.onnx",
+            "sha256": "A" * 64,
+            "bytes": 7,
+            "camera": {"hfov_deg": 63.3},
+            "training": {"pairs": 1000},
+            "scores": {"abs_rel": 0.2},
+            "latency": {"cpu_ms": 20},
+        }
+    )
+    assert (card.name, card.version, card.license) == ("tiny", "1.0.0", "MIT")
+    assert (card.input.colour, card.input.fit) == (Colour.VALUE, Fit.STRETCH)
+    assert (card.input.width, card.input.height, card.input.mean) == (16, 12, (0.5,))
+    assert (card.output.kind, card.output.min_m, card.output.max_m) == (DepthKind.METRIC, 0.5, 10)
+    assert card.camera is not None
+    assert math.isclose(card.camera.hfov_deg, 63.3)
+    assert (card.onnx.opset, card.onnx.ir) == (17, 8)
+    assert (card.file, card.sha256, card.size_bytes) == ("model.onnx", "a" * 64, 7)
+    assert card.training == {"pairs": 1000}
+    assert card.scores == {"abs_rel": 0.2}
+    assert card.latency == {"cpu_ms": 20}
+
+
+def test_an_embedded_card_names_no_file() -> None:
+    card = read({})
+    assert (card.file, card.sha256, card.size_bytes) == (None, None, None)
+
+
+@pytest.mark.parametrize("changes", [{}, {"file": "m.onnx", "sha256": "0" * 64, "bytes": 3}])
+def test_text_survives_a_round_trip(changes: dict[str, Any]) -> None:
+    card = read(changes)
+    assert ModelCard.from_json(card.to_json()) == card
+
+
+def test_a_card_holds_the_codec() -> None:
+    codec = read({}).output.codec
+    assert codec.decode(np.float32([-1, 0, 1])).tolist() == [1, 5, 9]
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"schema": 2}, "schema 2"),
+        ({"name": ""}, "name"),
+        ({"summary": 3}, "summary"),
+        ({"surprise": 1}, "surprise"),
+        ({"input.surprise": 1}, "input.surprise"),
+        ({"input.colour": "hsv"}, "input.colour has to be one of value, luma, rgb"),
+        ({"input.width": 0}, "input.width"),
+        ({"input.width": 16.0}, "input.width"),
+        ({"input.width": True}, "input.width"),
+        ({"input.dynamic": 1}, "input.dynamic"),
+        ({"input.mean": [0.1, 0.2, 0.3]}, "input.mean"),
+        ({"input.mean": 0.5}, "input.mean"),
+        ({"input.mean": ["0.5"]}, "input.mean"),
+        ({"input.std": [0]}, "input.std"),
+        ({"output.kind": "metres"}, "output.kind"),
+        ({"output.scale": None}, "output.scale"),
+        ({"output.min_m": None}, "output.min_m"),
+        ({"output.min_m": 11}, "output.min_m"),
+        ({"output": []}, "output has to be a JSON object"),
+        ({"camera": {"hfov_deg": 180}}, "camera.hfov_deg"),
+        ({"camera": {}}, "camera.hfov_deg is missing"),
+        ({"onnx.opset": 0}, "onnx.opset"),
+        ({"sha256": "abc"}, "sha256"),
+        ({"file": "../model.onnx"}, "file"),
+        ({"file": ".."}, "file"),
+        ({"bytes": 0}, "bytes"),
+        ({"scores": [1]}, "scores"),
+    ],
+)
+def test_what_is_wrong_is_named(changes: dict[str, Any], named: str) -> None:
+    with pytest.raises(ModelError, match=r"a\.json.*") as caught:
+        read(changes)
+    assert named in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", [n for n in CARD if n != "schema"])
+def test_what_is_missing_is_named(name: str) -> None:
+    card = {key: value for key, value in CARD.items() if key != name}
+    with pytest.raises(ModelError, match=f"{name} is missing"):
+        ModelCard.from_json(json.dumps(card))
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"schema": NaN}', b"\xff\xfe\xfa"])
+def test_what_is_no_card_is_refused(text: str | bytes) -> None:
+    with pytest.raises(ModelError):
+        ModelCard.from_json(text)
+
+
+def test_three_channels_may_share_one_mean() -> None:
+    assert read({"input.colour": "rgb", "input.std": [0.1, 0.2, 0.3]}).input.mean == (0.5,)
+
+
+def test_a_relative_model_needs_no_metres() -> None:
+    spec = read({"output.kind": "relative", "output.min_m": None, "output.max_m": None}).output
+    assert (spec.min_m, spec.max_m) == (None, None)
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(["schema", "name", "input", "output", "camera", "onnx", "extra"]),
+        st.none()
+        | st.booleans()
+        | st.integers()
+        | st.text()
+        | st.dictionaries(st.text(), st.none()),
+    )
+)
+def test_any_json_object_is_read_or_refused(fields: dict[str, Any]) -> None:
+    try:
+        ModelCard.from_json(json.dumps({**CARD, **fields}))
+    except ModelError as error:
+        assert str(error).isprintable() or fields  # noqa: PT017 - the message is the point

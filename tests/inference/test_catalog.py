@@ -1,0 +1,156 @@
+"""A model is found by name or path, and never used unchecked."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import onnx
+import pytest
+from tiny import card_with, tiny_onnx, write_model
+
+from depthcli.errors import ModelError
+from depthcli.inference import catalog
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture
+def shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of models that the environment variable names."""
+    folder = tmp_path / "shelf"
+    folder.mkdir()
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(folder))
+    return folder
+
+
+def test_a_folder_is_found_by_path(model_folder: Path) -> None:
+    model = catalog.find_model(str(model_folder))
+    data = (model_folder / "model.onnx").read_bytes()
+    assert model.path == model_folder / "model.onnx"
+    assert model.data == data
+    assert model.sha256 == hashlib.sha256(data).hexdigest()
+    assert model.card.name == "tiny"
+
+
+def test_a_name_is_found_in_the_variable_s_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_model(tmp_path / "a" / "mine", version="1")
+    write_model(tmp_path / "b" / "mine", version="2")
+    write_model(tmp_path / "b" / "other")
+    monkeypatch.setenv("DEPTHCLI_MODELS", f"{tmp_path / 'a'}:{tmp_path / 'b'}")
+    assert catalog.find_model("mine").card.version == "1"
+    assert catalog.find_model("other").path == tmp_path / "b" / "other" / "model.onnx"
+
+
+def test_without_a_name_it_is_the_default(shelf: Path) -> None:
+    write_model(shelf / "default", version="mine")
+    assert catalog.find_model().card.version == "mine"
+
+
+def test_a_name_wins_over_a_folder_of_that_name_here(
+    shelf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_model(shelf / "tiny", version="shelf")
+    write_model(tmp_path / "here" / "tiny", version="here")
+    monkeypatch.chdir(tmp_path / "here")
+    assert catalog.find_model("tiny").card.version == "shelf"
+    assert catalog.find_model("./tiny").card.version == "here"
+
+
+def test_one_onnx_file_with_its_card_inside_is_enough(tmp_path: Path) -> None:
+    path = tmp_path / "alone.onnx"
+    path.write_bytes(tiny_onnx(card=json.dumps(card_with({"name": "alone"}))))
+    assert catalog.find_model(path).card.name == "alone"
+
+
+def test_a_card_beside_the_onnx_file_is_used(tmp_path: Path) -> None:
+    (tmp_path / "m.onnx").write_bytes(tiny_onnx())
+    (tmp_path / "m.card.json").write_text(json.dumps(card_with({"name": "beside"})))
+    assert catalog.find_model(tmp_path / "m.onnx").card.name == "beside"
+
+
+def test_an_onnx_file_on_the_shelf_has_a_name(shelf: Path) -> None:
+    (shelf / "single.onnx").write_bytes(tiny_onnx(card=json.dumps(card_with({}))))
+    assert catalog.find_model("single").path == shelf / "single.onnx"
+
+
+def test_the_list_names_each_model_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a/x", "b/x", "b/y"):
+        write_model(tmp_path / name)
+    (tmp_path / "b" / "no-model").mkdir()
+    monkeypatch.setenv("DEPTHCLI_MODELS", f"{tmp_path / 'a'}:{tmp_path / 'b'}:{tmp_path / 'none'}")
+    found = dict(catalog.list_places())
+    assert found["x"].path == tmp_path / "a" / "x" / "card.json"
+    assert found["y"].path == tmp_path / "b" / "y" / "card.json"
+    assert "no-model" not in found
+
+
+@pytest.mark.parametrize("name", ["nothing", "./nothing", "nothing.onnx", "/", ""])
+def test_what_is_not_there_is_said(shelf: Path, name: str) -> None:
+    assert shelf.is_dir()
+    with pytest.raises(ModelError, match="model"):
+        catalog.find_model(name)
+
+
+def test_another_checksum_is_refused(model_folder: Path) -> None:
+    path = model_folder / "model.onnx"
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(ModelError, match="checksum"):
+        catalog.find_model(model_folder)
+
+
+def test_another_size_is_refused(model_folder: Path) -> None:
+    path = model_folder / "model.onnx"
+    path.write_bytes(path.read_bytes()[:-5])
+    with pytest.raises(ModelError, match="bytes"):
+        catalog.find_model(model_folder)
+
+
+def test_external_data_is_refused(tmp_path: Path) -> None:
+    model = onnx.load_from_string(tiny_onnx(card=json.dumps(card_with({}))))
+    path = tmp_path / "m.onnx"
+    onnx.save(model, path, save_as_external_data=True, location="m.onnx.data", size_threshold=0)
+    assert (tmp_path / "m.onnx.data").is_file()
+    with pytest.raises(ModelError, match="second file"):
+        catalog.find_model(path)
+
+
+@pytest.mark.parametrize("data", [b"", b"hello, world", b"\x89PNG\r\n", b"\x00" * 64, b"\x08\x08"])
+def test_what_is_no_onnx_file_is_refused(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "m.onnx"
+    path.write_bytes(data)
+    with pytest.raises(ModelError):
+        catalog.find_model(path)
+
+
+def test_every_truncation_is_refused(tmp_path: Path) -> None:
+    data = tiny_onnx(card=json.dumps(card_with({})))
+    path = tmp_path / "m.onnx"
+    for length in range(0, len(data) - 1, 7):
+        path.write_bytes(data[:length])
+        with pytest.raises(ModelError):
+            catalog.find_model(path)
+
+
+def test_an_onnx_file_without_a_card_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "m.onnx").write_bytes(tiny_onnx())
+    with pytest.raises(ModelError, match=r"has no card; put m\.card\.json beside it"):
+        catalog.find_model(tmp_path / "m.onnx")
+
+
+def test_a_card_without_its_file_is_refused(model_folder: Path) -> None:
+    (model_folder / "model.onnx").unlink()
+    with pytest.raises(ModelError, match=r"cannot read .*model\.onnx"):
+        catalog.find_model(model_folder)
+
+
+def test_a_card_that_names_no_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "card.json").write_text(json.dumps(card_with({})))
+    with pytest.raises(ModelError, match="file is missing"):
+        catalog.find_model(tmp_path)

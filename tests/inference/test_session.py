@@ -1,0 +1,105 @@
+"""Sessions: the provider asked for or an error, and clear words for a model that does not fit."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import onnx
+import pytest
+from tiny import card_with, tiny_onnx, write_model
+
+from depthcli.errors import ModelError, ProviderError
+from depthcli.inference.catalog import find_model
+from depthcli.inference.session import Session, available_providers
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_the_provider_that_runs_is_reported(model_folder: Path) -> None:
+    session = Session(find_model(model_folder), provider="cpu")
+    assert session.provider == "cpu"
+    assert session.warnings == ()
+    assert "cpu" in available_providers()
+
+
+def test_auto_takes_one_that_is_there(model_folder: Path) -> None:
+    assert Session(find_model(model_folder)).provider in available_providers()
+
+
+@pytest.mark.parametrize("name", ["cuda", "coreml", "directml", "rocm"])
+def test_a_named_provider_runs_or_is_an_error(model_folder: Path, name: str) -> None:
+    model = find_model(model_folder)
+    try:
+        session = Session(model, provider=name)
+    except ProviderError as error:
+        assert name in str(error)  # noqa: PT017 - either outcome is right, a silent CPU is not
+    else:
+        assert session.provider == name
+
+
+def test_an_unknown_provider_is_an_error(model_folder: Path) -> None:
+    with pytest.raises(ProviderError, match="no provider is called 'gpu'"):
+        Session(find_model(model_folder), provider="gpu")
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_threads_are_passed_on(model_folder: Path, threads: int) -> None:
+    session = Session(find_model(model_folder), threads=threads)
+    options = session._session.get_session_options()
+    assert options.intra_op_num_threads == threads
+
+
+def test_run_gives_one_map_for_each_picture(model_folder: Path) -> None:
+    batch = np.arange(2 * 6 * 8, dtype=np.float32).reshape(2, 1, 6, 8)
+    raw = Session(find_model(model_folder)).run(batch)
+    assert raw.dtype == np.float32
+    np.testing.assert_array_equal(raw, batch[:, 0])
+
+
+def test_a_size_that_does_not_fit_is_an_error(tmp_path: Path) -> None:
+    session = Session(find_model(write_model(tmp_path, input__dynamic=False)))
+    with pytest.raises(ModelError, match=r"failed on an input of \(1, 1, 5, 5\)"):
+        session.run(np.zeros((1, 1, 5, 5), np.float32))
+
+
+def test_channels_other_than_the_card_s_are_an_error(tmp_path: Path) -> None:
+    model = find_model(write_model(tmp_path, tiny_onnx(channels=3)))
+    with pytest.raises(ModelError, match="takes 3 channels, its card says 1"):
+        Session(model)
+
+
+def test_an_ir_newer_than_onnxruntime_is_an_error(tmp_path: Path) -> None:
+    proto = onnx.load_from_string(tiny_onnx(card=json.dumps(card_with({}))))
+    proto.ir_version = 999
+    (tmp_path / "m.onnx").write_bytes(proto.SerializeToString())
+    with pytest.raises(ModelError, match="cannot load") as caught:
+        Session(find_model(tmp_path / "m.onnx"))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_output_that_is_no_map_is_an_error(tmp_path: Path) -> None:
+    proto = onnx.load_from_string(tiny_onnx())
+    proto.graph.node[0].output[0] = "map"
+    proto.graph.node.append(onnx.helper.make_node("GlobalAveragePool", ["map"], ["pool"]))
+    proto.graph.node.append(onnx.helper.make_node("Flatten", ["pool"], ["depth"]))
+    session = Session(find_model(write_model(tmp_path, proto.SerializeToString())))
+    with pytest.raises(ModelError, match="not one depth map a picture"):
+        session.run(np.zeros((1, 1, 4, 4), np.float32))
+
+
+def test_loading_prints_nothing_and_sets_no_environment(model_folder: Path) -> None:
+    code = (
+        "import os; before = dict(os.environ); import sys\n"
+        "from depthcli.inference.catalog import find_model\n"
+        "from depthcli.inference.session import Session\n"
+        "Session(find_model(sys.argv[1])); assert dict(os.environ) == before"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(model_folder)], capture_output=True, check=True
+    )
+    assert (done.stdout, done.stderr) == (b"", b"")
