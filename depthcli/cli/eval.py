@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from depthcli.cli import console
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.choices import Crop, Mask
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from depthcli.evaluation.nyu import NyuTask
     from depthcli.evaluation.predictors import Predictor
 
-app = typer.Typer(no_args_is_help=True, help="Compare models on a data set.")
+app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare models on a data set.")
 
 
 @app.callback()
@@ -149,7 +150,10 @@ def _open_models(
         return []
     from depthcli.evaluation.models import open_model
 
-    return [open_model(name, provider=provider, threads=threads) for name in wanted]
+    models = [open_model(name, provider=provider, threads=threads) for name in wanted]
+    for warning in dict.fromkeys(text for model in models for text in model.warnings):
+        console.warn(warning)
+    return [*models]
 
 
 def _open_predictions(

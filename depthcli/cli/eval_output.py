@@ -1,4 +1,4 @@
-"""How an evaluation looks in a terminal: its progress, its table, its JSON and its CSV file."""
+"""How an evaluation looks: its progress, its table, its JSON and its CSV file."""
 
 from __future__ import annotations
 
@@ -7,34 +7,45 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
-from rich.text import Text
-
+from depthcli.cli import console
 from depthcli.io.atomic import atomic_path
 from depthcli.metrics.depth import METRICS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from depthcli.evaluation.nyu import Stage
     from depthcli.evaluation.report import Report, Row
 
-_UNLIMITED = 10_000
 _DECIMALS = {"silog": 2}
+_TEXT_COLUMNS = 2
 
 
 @contextmanager
 def stages(*, quiet: bool) -> Iterator[Stage]:
-    """Progress on stderr: a bar on a terminal, a line per stage elsewhere, nothing if quiet."""
-    console = Console(stderr=True, quiet=quiet)
-    if not console.is_terminal:
-        yield _plain_stage(console)
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
+    """Progress on standard error: a bar on a terminal, a line per stage elsewhere."""
+    if quiet:
+        yield lambda _what, _steps: lambda: None
+    elif sys.stderr.isatty():
+        with _bars() as stage:
+            yield stage
+    else:
+        yield _line
+
+
+def _line(what: str, steps: int) -> Callable[[], None]:
+    console.note(f"{what}: {steps} images")
+    return lambda: None
+
+
+@contextmanager
+def _bars() -> Iterator[Stage]:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
 
         def begin(what: str, steps: int) -> Callable[[], None]:
             task = progress.add_task(what, total=steps)
@@ -43,28 +54,19 @@ def stages(*, quiet: bool) -> Iterator[Stage]:
         yield begin
 
 
-def _plain_stage(console: Console) -> Stage:
-    def begin(what: str, steps: int) -> Callable[[], None]:
-        console.print(f"{what}: {steps} images", highlight=False)
-        return lambda: None
-
-    return begin
-
-
 def show(report: Report, *, as_json: bool) -> None:
-    """Print a report to stdout, as a table or as JSON."""
+    """Print a report to standard output, as a table or as JSON."""
     if as_json:
-        sys.stdout.write(report.to_json() + "\n")
+        console.out(report.to_json())
         return
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        # A file or a pipe has no edge to wrap numbers at.
-        console = Console(highlight=False, width=_UNLIMITED)
-    console.print(Text(report.title, style="bold"))
-    console.print(Text(report.protocol.description))
-    console.print(_table(report))
+    console.out(report.title)
+    console.out(report.protocol.description)
+    console.out("")
+    for line in _aligned([_header(), *(_cells(row) for row in report.rows)]):
+        console.out(line)
+    console.out("")
     for note in _footnotes(report):
-        console.print(Text(note))
+        console.out(note)
 
 
 def write_csv(report: Report, path: Path) -> None:
@@ -77,29 +79,38 @@ def write_csv(report: Report, path: Path) -> None:
         temporary.write_text(report.to_csv(), encoding="utf-8")
 
 
-def _table(report: Report) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("row", no_wrap=True)
-    table.add_column("align", no_wrap=True)
-    table.add_column("images", justify="right", no_wrap=True)
-    for name, metric in METRICS.items():
-        table.add_column(f"{name} {'↑' if metric.higher_is_better else '↓'}", justify="right")
-    for row in report.rows:
-        mark = "*" if row.note else ""
-        align = row.alignment or "–"
-        table.add_row(row.name + mark, align, str(row.image_count), *_cells(row))
-    return table
+def _header() -> list[str]:
+    return ["row", "align", "images", *METRICS]
 
 
 def _cells(row: Row) -> list[str]:
-    return [
-        "–" if math.isnan(value) else f"{value:.{_DECIMALS.get(name, 4)}f}"
-        for name, value in row.scores.items()
+    name = console.one_line(row.name) + ("*" if row.note else "")
+    scores = [
+        "-" if math.isnan(value) else f"{value:.{_DECIMALS.get(metric, 4)}f}"
+        for metric, value in row.scores.items()
     ]
+    return [name, row.alignment or "-", str(row.image_count), *scores]
+
+
+def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Lines with text to the left and numbers to the right."""
+    widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
+    for cells in table:
+        padded = [
+            cell.ljust(width) if i < _TEXT_COLUMNS else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        ]
+        yield "  ".join(padded).rstrip()
 
 
 def _footnotes(report: Report) -> list[str]:
     marked = [f"* {row.note}" for row in report.rows if row.note]
-    empty = {row.empty_count for row in report.rows} - {0}
+    empty = sorted({row.empty_count for row in report.rows} - {0})
     left_out = [f"{count} images have no valid pixel and are left out" for count in empty]
-    return [*marked, *report.notes, *left_out]
+    direction = ", ".join(name for name, metric in METRICS.items() if metric.higher_is_better)
+    return [
+        f"higher is better for {direction}, lower for the others",
+        *marked,
+        *report.notes,
+        *left_out,
+    ]

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from depthcli.core.types import DepthKind
 from depthcli.evaluation.choices import Source
 from depthcli.inference.catalog import find_model
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 
 if TYPE_CHECKING:
-    from depthcli.core.types import DepthMap
+    from depthcli.core.types import DepthKind, DepthMap
     from depthcli.evaluation.predictors import Sample
 
 
@@ -21,10 +20,11 @@ class ModelPredictor:
     """A model, run exactly as ``depthcli predict`` runs it.
 
     Attributes:
-        name: name in its card.
+        name: as it was asked for: a name or a path.
         kind: what it predicts.
         model_sha256: checksum of its file.
         pipeline: what runs it.
+        warnings: one-line texts, if it does not run where it should.
         source: always model.
     """
 
@@ -32,6 +32,7 @@ class ModelPredictor:
     kind: DepthKind
     model_sha256: str
     pipeline: Pipeline
+    warnings: tuple[str, ...] = ()
     source: Source = Source.MODEL
 
     def predict(self, sample: Sample) -> DepthMap:
@@ -53,5 +54,10 @@ def open_model(
     """
     model = find_model(name_or_path)
     session = Session(model, provider=provider, threads=threads)
-    kind = DepthKind(model.card.output.kind)
-    return ModelPredictor(model.card.name, kind, model.sha256, Pipeline(session))
+    return ModelPredictor(
+        name=name_or_path or model.card.name,
+        kind=model.card.output.kind,
+        model_sha256=model.sha256,
+        pipeline=Pipeline(session),
+        warnings=session.warnings,
+    )

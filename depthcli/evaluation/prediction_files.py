@@ -40,8 +40,8 @@ class FilePredictor:
 
     @property
     def name(self) -> str:
-        """Name of the folder."""
-        return self.folder.resolve().name
+        """The folder, as it was given."""
+        return str(self.folder)
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth of one image as it was written, any size.

@@ -112,7 +112,7 @@ class Report:
             "rows": [_row_json(row) for row in self.rows],
             "notes": self.notes,
         }
-        return json.dumps(document, indent=2, ensure_ascii=False)
+        return json.dumps(document, indent=2)
 
     def to_csv(self) -> str:
         """One line per row; split, protocol and number of images in each."""

@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+
+from depthcli.datasets.paired_folder import open_paired_folder
+from depthcli.datasets.unpaired_folder import open_unpaired_folder
+from depthcli.errors import DatasetError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def _write(path: Path, value: int, *, depth: bool, size: tuple[int, int] = (6, 8)) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = np.full(size, value, np.uint16) if depth else np.full((*size, 3), value, np.uint8)
+    assert cv2.imwrite(str(path), pixels)
+
+
+def test_subfolders_are_scenes(tmp_path: Path) -> None:
+    for i, name in enumerate(["hall/1", "hall/2", "lab/1"]):
+        _write(tmp_path / "rgb" / f"{name}.png", 10 * i, depth=False)
+        _write(tmp_path / "depth" / f"{name}.png", 1000 * (i + 1), depth=True)
+    dataset = open_paired_folder(tmp_path)
+    assert dataset.ids == ("hall/1", "hall/2", "lab/1")
+    assert dataset.scenes == ("hall", "hall", "lab")
+    assert dataset.official_split == ("", "", "")
+    assert [float(dataset.depth_m(i)[0, 0]) for i in range(3)] == [1.0, 2.0, 3.0]
+    assert [int(dataset.image(i)[0, 0, 0]) for i in range(3)] == [0, 10, 20]
+
+
+def test_other_unit(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
+    _write(tmp_path / "depth" / "a.png", 512, depth=True)
+    assert open_paired_folder(tmp_path, units_per_metre=256).depth_m(0)[0, 0] == 2.0
+
+
+def test_depth_that_cannot_be_millimetres(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
+    _write(tmp_path / "depth" / "a.png", 20, depth=True)
+    with pytest.raises(DatasetError, match=r"median depth of 0\.02 m"):
+        open_paired_folder(tmp_path)
+
+
+def test_depth_without_a_single_value(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
+    _write(tmp_path / "depth" / "a.png", 0, depth=True)
+    with pytest.raises(DatasetError, match="median depth of 0 m"):
+        open_paired_folder(tmp_path)
+
+
+def test_hidden_files_and_folders_are_passed_over(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
+    _write(tmp_path / "depth" / "a.png", 2000, depth=True)
+    (tmp_path / "rgb" / "._a.jpg").write_bytes(b"resource fork")
+    (tmp_path / "rgb" / "b.png").mkdir()
+    (tmp_path / "depth" / "notes.txt").write_text("hello")
+    assert open_paired_folder(tmp_path).ids == ("a",)
+
+
+def test_any_picture_of_another_size_is_an_error_when_it_is_read(tmp_path: Path) -> None:
+    for name in "abc":
+        _write(tmp_path / "rgb" / f"{name}.jpg", 10, depth=False)
+        _write(tmp_path / "depth" / f"{name}.png", 2000, depth=True)
+    _write(tmp_path / "rgb" / "b.jpg", 10, depth=False, size=(3, 4))
+    dataset = open_paired_folder(tmp_path)
+    dataset.image(0)
+    with pytest.raises(DatasetError, match=r"b\.jpg is 4×3 but its depth is 8×6"):
+        dataset.image(1)
+
+
+def test_unpaired_lists_are_independent(tmp_path: Path) -> None:
+    for name in ("x", "y", "z"):
+        _write(tmp_path / "rgb" / f"{name}.jpg", 10, depth=False)
+    _write(tmp_path / "depth" / "other.png", 3000, depth=True, size=(4, 4))
+    dataset = open_unpaired_folder(tmp_path)
+    assert (len(dataset.images), len(dataset.depths)) == (3, 1)
+    assert dataset.image(2).shape == (6, 8, 3)
+    assert dataset.depth_m(0)[0, 0] == 3.0
+
+
+def test_unpaired_depth_in_another_unit(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
+    _write(tmp_path / "depth" / "b.png", 3, depth=True)
+    with pytest.raises(DatasetError, match="check the unit"):
+        open_unpaired_folder(tmp_path)
+
+
+def test_unpaired_depth_with_eight_bits(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
+    (tmp_path / "depth").mkdir()
+    assert cv2.imwrite(str(tmp_path / "depth" / "b.png"), np.full((4, 4), 9, np.uint8))
+    with pytest.raises(DatasetError, match="8-bit gray"):
+        open_unpaired_folder(tmp_path)
+
+
+def test_unpaired_without_depth(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
+    with pytest.raises(DatasetError, match="depth is missing"):
+        open_unpaired_folder(tmp_path)

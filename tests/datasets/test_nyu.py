@@ -1,0 +1,252 @@
+from __future__ import annotations
+
+import shutil
+import sys
+from typing import TYPE_CHECKING
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+
+from depthcli.datasets.base import HasRawDepth
+from depthcli.datasets.nyu import open_nyu
+from depthcli.errors import DatasetError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from typing import Any
+
+SCENES = ("kitchen_0004", "kitchen_0004", "office_0003", "bedroom_0010", "study_0002")
+PARTS = ("test", "test", "train", "train", "test")
+IDS = ("0000", "0001", "0002", "0003", "0004")
+
+
+@pytest.mark.parametrize("kind", ["nyu_folder", "nyu_mat"])
+def test_both_layouts_give_the_same_pairs(kind: str, request: pytest.FixtureRequest) -> None:
+    made = request.getfixturevalue(kind)
+    dataset = open_nyu(made.path)
+    assert len(dataset) == 5
+    assert tuple(dataset.ids) == IDS
+    assert tuple(dataset.scenes) == SCENES
+    for i in range(5):
+        image, depth_m = dataset.image(i), dataset.depth_m(i)
+        assert image.dtype == np.uint8
+        assert depth_m.dtype == np.float32
+        assert image.flags.c_contiguous
+        assert depth_m.flags.c_contiguous
+        np.testing.assert_array_equal(image, made.images[i])
+        np.testing.assert_array_equal(depth_m, made.depths_m[i])
+
+
+def test_folder_knows_the_official_split(nyu_folder: Any) -> None:
+    assert tuple(open_nyu(nyu_folder.path).official_split) == PARTS
+
+
+def test_mat_knows_no_official_split_without_index(nyu_mat: Any) -> None:
+    assert tuple(open_nyu(nyu_mat.path).official_split) == ("",) * 5
+
+
+def test_index_beside_the_mat_supplies_the_official_split(nyu_mat: Any) -> None:
+    lines = ["id,scene,official_split", "0000,kitchen_0004,test", "0002,office_0003,train"]
+    nyu_mat.path.with_name("index.csv").write_text("\n".join(lines))
+    assert tuple(open_nyu(nyu_mat.path).official_split) == ("test", "", "train", "", "")
+
+
+def test_folder_that_holds_the_mat(nyu_mat: Any) -> None:
+    assert len(open_nyu(nyu_mat.path.parent)) == 5
+
+
+def test_raw_depth_of_the_mat(nyu_mat: Any) -> None:
+    dataset = open_nyu(nyu_mat.path)
+    assert isinstance(dataset, HasRawDepth)
+    np.testing.assert_array_equal(dataset.raw_depth_m(2), nyu_mat.raw_depths_m[2])
+
+
+def test_raw_depth_of_a_folder(nyu_folder: Any) -> None:
+    dataset = open_nyu(nyu_folder.path)
+    assert isinstance(dataset, HasRawDepth)
+    with pytest.raises(DatasetError, match=r"no raw depth: add raw_depth/ID\.png"):
+        dataset.raw_depth_m(0)
+    shutil.copytree(nyu_folder.path / "depth", nyu_folder.path / "raw_depth")
+    np.testing.assert_array_equal(dataset.raw_depth_m(0), nyu_folder.depths_m[0])
+
+
+def _text(name: str, content: str) -> Callable[[Path], object]:
+    return lambda root: (root / name).write_text(content)
+
+
+def _drop_row(root: Path) -> None:
+    lines = (root / "index.csv").read_text().splitlines()
+    (root / "index.csv").write_text("\n".join(lines[:-1]))
+
+
+def _repeat_row(root: Path) -> None:
+    lines = (root / "index.csv").read_text().splitlines()
+    (root / "index.csv").write_text("\n".join([*lines, lines[-1]]))
+
+
+def _eight_bits(root: Path) -> None:
+    cv2.imwrite(str(root / "depth" / "0003.png"), np.full((12, 16), 200, np.uint8))
+
+
+def _colour(root: Path) -> None:
+    cv2.imwrite(str(root / "depth" / "0003.png"), np.full((12, 16, 3), 2000, np.uint16))
+
+
+def _rescale(units_per_metre: float) -> Callable[[Path], None]:
+    def apply(root: Path) -> None:
+        for path in (root / "depth").iterdir():
+            stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) * (units_per_metre / 1000)
+            cv2.imwrite(str(path), stored.astype(np.uint16))
+
+    return apply
+
+
+def _other_size(root: Path) -> None:
+    cv2.imwrite(str(root / "rgb" / "0000.png"), np.zeros((6, 8, 3), np.uint8))
+
+
+def _empty(kind: str) -> Callable[[Path], None]:
+    def apply(root: Path) -> None:
+        for path in (root / kind).iterdir():
+            path.unlink()
+
+    return apply
+
+
+BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
+    "no rgb": (lambda root: shutil.rmtree(root / "rgb"), r"rgb is missing"),
+    "no depth": (lambda root: shutil.rmtree(root / "depth"), r"depth is missing"),
+    "empty rgb": (_empty("rgb"), r"rgb holds no .* the data set is empty"),
+    "empty depth": (_empty("depth"), r"depth holds no \.png file"),
+    "lost depth": (
+        lambda root: (root / "depth" / "0003.png").unlink(),
+        r"5 pictures and 4 depth images, 1 without a partner \(first: 0003\)",
+    ),
+    "no index": (lambda root: (root / "index.csv").unlink(), r"index\.csv: No such file"),
+    "short index": (_drop_row, r"lists 4 pairs but the folder holds 5 \(first difference: 0004\)"),
+    "doubled index": (_repeat_row, r"names 1 ids more than once"),
+    "index without column": (_text("index.csv", "id,scene\n0000,a\n"), r"lacks the column off"),
+    "index with other part": (
+        _text("index.csv", "id,scene,official_split\n0000,a,val\n"),
+        r"official split 'val'",
+    ),
+    "index is binary": (
+        lambda root: (root / "index.csv").write_bytes(b"\xff\xfe\x00\x81"),
+        r"is not CSV in UTF-8",
+    ),
+    "8-bit depth": (_eight_bits, r"0003\.png is 8-bit gray: depth is stored as 16-bit"),
+    "colour depth": (_colour, r"0003\.png is 16-bit colour"),
+    "depth is no PNG": (_text("depth/0001.png", "not a picture at all, really"), r"not a PNG"),
+    "empty depth file": (_text("depth/0001.png", ""), r"not a PNG"),
+    "metres × 256": (_rescale(256), r"median depth of 0\.\d+ m, outside .* check the unit"),
+    "metres × 5000": (_rescale(5000), r"median depth of 1\d\.?\d* m, outside"),
+    "other size": (_other_size, r"is 8×6 but its depth is 16×12"),
+    "picture is no picture": (_text("rgb/0000.png", "no"), r"cannot be decoded"),
+    "two pictures of one name": (
+        lambda root: shutil.copy(root / "rgb" / "0002.png", root / "rgb" / "0002.jpg"),
+        r"share one name",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_folder_has_a_clear_error(name: str, nyu_folder: Any) -> None:
+    damage, message = BROKEN[name]
+    damage(nyu_folder.path)
+    with pytest.raises(DatasetError, match=message) as error:
+        open_nyu(nyu_folder.path)
+    assert "\n" not in str(error.value)
+
+
+def test_picture_that_disappears(nyu_folder: Any) -> None:
+    dataset = open_nyu(nyu_folder.path)
+    (nyu_folder.path / "rgb" / "0004.png").unlink()
+    with pytest.raises(DatasetError, match=r"cannot read .*0004\.png: No such file"):
+        dataset.image(4)
+
+
+def test_truncated_depth(nyu_folder: Any) -> None:
+    dataset = open_nyu(nyu_folder.path)
+    path = nyu_folder.path / "depth" / "0004.png"
+    path.write_bytes(path.read_bytes()[:40])
+    with pytest.raises(DatasetError, match=r"0004\.png cannot be decoded"):
+        dataset.depth_m(4)
+
+
+def test_missing_path(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="does not exist: give nyu_depth_v2_labeled"):
+        open_nyu(tmp_path / "nowhere")
+
+
+def test_file_that_is_not_hdf5(tmp_path: Path) -> None:
+    path = tmp_path / "labelled.mat"
+    path.write_bytes(b"MATLAB 5.0 MAT-file" * 100)
+    with pytest.raises(DatasetError, match=r"not a complete MATLAB v7\.3 file"):
+        open_nyu(path)
+
+
+def test_truncated_mat(nyu_mat: Any) -> None:
+    nyu_mat.path.write_bytes(nyu_mat.path.read_bytes()[:3000])
+    with pytest.raises(DatasetError, match="fetch it again"):
+        open_nyu(nyu_mat.path)
+
+
+@pytest.mark.parametrize("name", ["images", "depths", "scenes"])
+def test_mat_without_a_part(name: str, nyu_mat: Any) -> None:
+    with h5py.File(nyu_mat.path, "r+") as file:
+        del file[name]
+    with pytest.raises(DatasetError, match=f"has no {name}"):
+        open_nyu(nyu_mat.path)
+
+
+def test_mat_without_raw_depth(nyu_mat: Any) -> None:
+    with h5py.File(nyu_mat.path, "r+") as file:
+        del file["rawDepths"]
+    dataset = open_nyu(nyu_mat.path)
+    assert isinstance(dataset, HasRawDepth)
+    with pytest.raises(DatasetError, match="has no rawDepths"):
+        dataset.raw_depth_m(0)
+
+
+def test_mat_with_other_axes(nyu_mat: Any) -> None:
+    with h5py.File(nyu_mat.path, "r+") as file:
+        images = file["images"][()]
+        del file["images"]
+        file["images"] = images.transpose(0, 3, 2, 1)
+    with pytest.raises(DatasetError, match=r"expected \(N, 3, W, H\) and \(N, W, H\)"):
+        open_nyu(nyu_mat.path)
+
+
+def test_mat_with_too_few_scenes(nyu_mat: Any) -> None:
+    with h5py.File(nyu_mat.path, "r+") as file:
+        scenes = file["scenes"][:, :3]
+        del file["scenes"]
+        file.create_dataset("scenes", data=scenes, dtype=h5py.ref_dtype)
+    with pytest.raises(DatasetError, match="names 3 scenes for 5 pairs"):
+        open_nyu(nyu_mat.path)
+
+
+def test_mat_whose_scenes_are_not_references(nyu_mat: Any) -> None:
+    with h5py.File(nyu_mat.path, "r+") as file:
+        del file["scenes"]
+        file["scenes"] = np.zeros((1, 5))
+    with pytest.raises(DatasetError, match="unreadable scene names"):
+        open_nyu(nyu_mat.path)
+
+
+def test_mat_in_another_unit(nyu_mat: Any) -> None:
+    with h5py.File(nyu_mat.path, "r+") as file:
+        file["depths"][...] *= 1000
+    with pytest.raises(DatasetError, match=r"median depth of .* check the unit"):
+        open_nyu(nyu_mat.path)
+
+
+def test_without_h5py_the_error_says_what_to_install(
+    nyu_mat: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(DatasetError, match=r"pip install 'depthcli\[train\]'"):
+        open_nyu(nyu_mat.path)
