@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from typing import TYPE_CHECKING
 
 import onnx
 import pytest
@@ -11,7 +12,6 @@ from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError
 from depthcli.inference import catalog
-from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 import numpy as np
 import onnx
@@ -14,7 +15,6 @@ from tiny import card_with, tiny_onnx, write_model
 from depthcli.errors import ModelError, ProviderError
 from depthcli.inference.catalog import find_model
 from depthcli.inference.session import Session, available_providers
-from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -1,0 +1,97 @@
+"""What happened to one input, as text and as JSON."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from depthcli.cli import console
+
+if TYPE_CHECKING:
+    from depthcli.core.types import DepthMap
+    from depthcli.errors import DepthcliError
+
+
+class Range(NamedTuple):
+    """Least, median and largest depth of a picture; None where it has no depth at all."""
+
+    min: float | None
+    median: float | None
+    max: float | None
+
+    @classmethod
+    def of(cls, depth: DepthMap) -> Range:
+        """The range of a depth map, NaN and infinity left out."""
+        finite = depth.values[np.isfinite(depth.values)]
+        if not finite.size:
+            return cls(None, None, None)
+        return cls(float(finite.min()), float(np.median(finite)), float(finite.max()))
+
+
+class Done(NamedTuple):
+    """An input whose outputs are all written.
+
+    Attributes:
+        name: the input, as the user wrote it.
+        outputs: the files written, ``-`` for standard output.
+        depth: the depth map.
+        provider: what ran the model.
+        seconds: from opening the input to the last output.
+        warnings: one-line texts.
+    """
+
+    name: str
+    outputs: tuple[str, ...]
+    depth: DepthMap
+    provider: str
+    seconds: float
+    warnings: tuple[str, ...]
+
+    def as_json(self) -> dict[str, object]:
+        """The fields of one line of ``--json``."""
+        provenance = self.depth.provenance
+        return {
+            "input": self.name,
+            "status": "ok",
+            "outputs": list(self.outputs),
+            "kind": self.depth.kind.value,
+            "unit": "m" if self.depth.is_metric else None,
+            **Range.of(self.depth)._asdict(),
+            "width": self.depth.width,
+            "height": self.depth.height,
+            "model": provenance.model if provenance else None,
+            "sha256": provenance.model_sha256 if provenance else None,
+            "focal_px": provenance.focal_px if provenance else None,
+            "provider": self.provider,
+            "seconds": round(self.seconds, 6),
+            "warnings": list(self.warnings),
+        }
+
+    def as_text(self) -> str:
+        """One line: where the outputs are, and the range of depth."""
+        low, median, high = Range.of(self.depth)
+        names = ", ".join(console.one_line(name) for name in self.outputs)
+        if low is None:
+            return f"{console.one_line(self.name)} -> {names}  no depth"
+        unit = " m" if self.depth.is_metric else f" ({self.depth.kind}, no unit)"
+        numbers = f"min {low:.3f}, median {median:.3f}, max {high:.3f}{unit}"
+        return f"{console.one_line(self.name)} -> {names}  {numbers}"
+
+
+class Failed(NamedTuple):
+    """An input that could not be used, or whose outputs could not be written.
+
+    Attributes:
+        name: the input, as the user wrote it.
+        error: why.
+    """
+
+    name: str
+    error: DepthcliError
+
+    def as_json(self) -> dict[str, object]:
+        """The fields of one line of ``--json``."""
+        return {"input": self.name, "status": "failed", "error": str(self.error)}
+
+

@@ -1,0 +1,23 @@
+"""Which picture formats this build of OpenCV knows."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+PICTURE_SUFFIXES = (".jpg", ".png", ".tiff", ".webp", ".avif", ".bmp")
+"""One suffix for each format that is read as a picture."""
+
+
+def can_code(suffix: str) -> bool:
+    """Whether a picture survives being written and read in a format.
+
+    Args:
+        suffix: with the dot, ``.png`` say.
+    """
+    picture = np.full((16, 16, 3), 128, np.uint8)
+    try:
+        ok, data = cv2.imencode(suffix, picture)
+        return bool(ok) and cv2.imdecode(data, cv2.IMREAD_UNCHANGED) is not None
+    except cv2.error:
+        return False

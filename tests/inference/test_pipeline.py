@@ -1,0 +1,121 @@
+"""From a picture to metres, on a model whose answer is known."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from tiny import synthetic_picture, tiny_onnx, write_model
+
+from depthcli.core.types import DepthKind, Frame
+from depthcli.errors import UsageError
+from depthcli.inference.catalog import find_model
+from depthcli.inference.pipeline import Pipeline, load
+from depthcli.inference.session import Session
+from depthcli.inference.trial import try_model
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def gray(value: int, height: int = 30, width: int = 40, **facts: float) -> Frame:
+    return Frame(np.full((height, width), value, np.uint8), **facts)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def kinect(tmp_path: Path) -> Pipeline:
+    """A model that learned a camera of 60 degrees."""
+    return load(write_model(tmp_path / "kinect", camera={"hfov_deg": 60.0}))
+
+
+@pytest.mark.parametrize(("value", "metres"), [(0, 1.0), (255, 9.0), (51, 2.6)])
+def test_metres_follow_from_the_card(model_folder: Path, value: int, metres: float) -> None:
+    depth = load(model_folder).predict(gray(value))
+    assert depth.kind is DepthKind.METRIC
+    np.testing.assert_allclose(depth.values, metres, rtol=1e-5)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 300), (7, 5), (480, 640)])
+def test_depth_has_the_picture_s_size(model_folder: Path, size: tuple[int, int]) -> None:
+    depth = load(model_folder).predict(gray(100, *size))
+    assert (depth.height, depth.width) == size
+
+
+def test_left_stays_left_and_top_stays_top(model_folder: Path) -> None:
+    pixels = np.zeros((48, 64), np.uint8)
+    pixels[:24, :32] = 255
+    depth = load(model_folder).predict(Frame(pixels)).values
+    assert depth[0, 0] == pytest.approx(9)
+    assert (depth[0, -1], depth[-1, 0], depth[-1, -1]) == pytest.approx((1, 1, 1))
+
+
+@pytest.mark.parametrize("fit", ["stretch", "keep-aspect"])
+@pytest.mark.parametrize("dynamic", [True, False])
+def test_every_fit_puts_depth_where_the_picture_is(tmp_path: Path, fit: str, dynamic: bool) -> None:
+    folder = write_model(tmp_path, input__fit=fit, input__dynamic=dynamic)
+    pixels = synthetic_picture(60, 180)
+    depth = load(folder).predict(Frame(pixels)).values
+    expected = 1 + 8 / 255 * pixels.max(axis=-1)
+    assert np.abs(depth - expected)[:, 12:-12].max() < 0.3
+
+
+def test_an_output_of_lower_stride_is_brought_to_size(tmp_path: Path) -> None:
+    folder = write_model(tmp_path, tiny_onnx(stride=2))
+    depth = load(folder).predict(gray(255))
+    assert depth.values.shape == (30, 40)
+    np.testing.assert_allclose(depth.values, 9, rtol=1e-5)
+
+
+def test_a_model_of_inverse_depth_says_so(tmp_path: Path) -> None:
+    folder = write_model(tmp_path, output__kind="inverse", output__min_m=None, output__max_m=None)
+    assert load(folder).predict(gray(0)).kind is DepthKind.INVERSE
+
+
+def test_provenance_names_the_model(model_folder: Path) -> None:
+    model = find_model(model_folder)
+    provenance = Pipeline(Session(model)).predict(gray(0)).provenance
+    assert provenance is not None
+    assert (provenance.model, provenance.model_sha256) == ("tiny", model.sha256)
+    assert (provenance.input_size_px, provenance.focal_px) == ((16, 12), None)
+
+
+def test_a_longer_lens_sees_farther(kinect: Pipeline) -> None:
+    learned_px = 20 / math.tan(math.radians(30))
+    depth = kinect.predict(gray(0), focal_px=2 * learned_px)
+    np.testing.assert_allclose(depth.values, 2, rtol=1e-5)
+    assert depth.provenance is not None
+    assert depth.provenance.focal_px == pytest.approx(2 * learned_px)
+
+
+def test_the_learned_field_of_view_changes_nothing(kinect: Pipeline) -> None:
+    depth = kinect.predict(gray(0), hfov_deg=60)
+    np.testing.assert_allclose(depth.values, 1, rtol=1e-6)
+
+
+def test_metres_do_not_depend_on_the_picture_s_resolution(kinect: Pipeline) -> None:
+    small = kinect.predict(gray(0, 30, 40), hfov_deg=90).values
+    large = kinect.predict(gray(0, 60, 80), hfov_deg=90).values
+    assert small[0, 0] == pytest.approx(math.tan(math.radians(30)), rel=1e-5)
+    assert large[0, 0] == pytest.approx(small[0, 0], rel=1e-6)
+
+
+def test_exif_focal_length_is_used_unless_another_is_given(kinect: Pipeline) -> None:
+    plain = kinect.predict(gray(0)).values[0, 0]
+    exif = kinect.predict(gray(0, focal_35mm=50.0)).values[0, 0]
+    told = kinect.predict(gray(0, focal_35mm=50.0), hfov_deg=60).values[0, 0]
+    assert plain == pytest.approx(1)
+    assert exif == pytest.approx(50 / 36 * 2 * math.tan(math.radians(30)), rel=1e-2)
+    assert told == pytest.approx(1)
+
+
+def test_a_model_without_a_camera_takes_no_focal_length(model_folder: Path) -> None:
+    pipeline = load(model_folder)
+    with pytest.raises(UsageError, match="focal"):
+        pipeline.predict(gray(0), focal_px=500)
+    np.testing.assert_allclose(pipeline.predict(gray(0, focal_35mm=50.0)).values, 1)
+
+
+def test_a_trial_runs_the_model(model_folder: Path) -> None:
+    assert try_model(find_model(model_folder), provider="cpu").provider == "cpu"

@@ -1,0 +1,163 @@
+"""What the network sees: colour at full precision, size, normalisation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from depthcli.core.codec import Transform
+from depthcli.core.types import DepthKind, Frame
+from depthcli.inference.card import Colour, Fit, InputSpec, OutputSpec
+from depthcli.inference.postprocess import finish
+from depthcli.inference.preprocess import Layout, layout, prepare
+
+
+def spec(
+    *,
+    colour: Colour = Colour.VALUE,
+    width: int = 16,
+    height: int = 12,
+    dynamic: bool = True,
+    multiple_of: int = 1,
+    fit: Fit = Fit.STRETCH,
+    mean: tuple[float, ...] = (0.0,),
+    std: tuple[float, ...] = (1.0,),
+) -> InputSpec:
+    return InputSpec(colour, width, height, dynamic, multiple_of, fit, mean, std)
+
+
+def output(
+    kind: DepthKind = DepthKind.METRIC, transform: Transform = Transform.LINEAR
+) -> OutputSpec:
+    return OutputSpec(kind, transform, 1.0, 0.0, 0.5, 10.0)
+
+
+def test_value_keeps_sixteen_bits() -> None:
+    pixels = np.full((12, 16, 3), 0, np.uint16)
+    pixels[..., 1] = 257 * 100 + 1
+    batch, _ = prepare(spec(), Frame(pixels))
+    np.testing.assert_allclose(batch, (257 * 100 + 1) / 65535, rtol=1e-6)
+
+
+def test_gray_is_its_own_value() -> None:
+    pixels = np.arange(12 * 16, dtype=np.uint8).reshape(12, 16)
+    batch, _ = prepare(spec(), Frame(pixels))
+    np.testing.assert_allclose(batch[0, 0], pixels / 255, rtol=1e-6)
+
+
+def test_channels_are_red_green_blue_each_with_its_mean_and_std() -> None:
+    pixels = np.broadcast_to(np.uint8([255, 51, 0]), (12, 16, 3))
+    rgb = spec(colour=Colour.RGB, mean=(0.5, 0.1, 0.0), std=(0.5, 0.1, 0.2))
+    batch, _ = prepare(rgb, Frame(np.ascontiguousarray(pixels)))
+    assert batch.shape == (1, 3, 12, 16)
+    assert batch.dtype == np.float32
+    np.testing.assert_allclose(batch[0, :, 0, 0], [1, 1, 0], atol=1e-6)
+
+
+def test_luma_is_one_channel_between_the_colours() -> None:
+    pixels = np.ascontiguousarray(np.broadcast_to(np.uint8([0, 255, 0]), (12, 16, 3)))
+    batch, _ = prepare(spec(colour=Colour.LUMA), Frame(pixels))
+    assert batch.shape == (1, 1, 12, 16)
+    assert 0.5 < batch[0, 0, 0, 0] < 0.8
+
+
+def test_shrinking_averages() -> None:
+    pixels = np.zeros((24, 32), np.uint8)
+    pixels[::2, ::2] = 255
+    batch, _ = prepare(spec(), Frame(pixels))
+    np.testing.assert_allclose(batch, 0.25, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 500), (500, 1), (480, 640)])
+def test_any_picture_gives_the_network_s_size(size: tuple[int, int]) -> None:
+    batch, _ = prepare(spec(), Frame(np.zeros((*size, 3), np.uint8)))
+    assert batch.shape == (1, 1, 12, 16)
+
+
+@given(
+    st.integers(1, 5000), st.integers(1, 5000), st.sampled_from([1, 8, 32]), st.sampled_from(Fit)
+)
+def test_a_dynamic_size_is_a_multiple(width: int, height: int, step: int, fit: Fit) -> None:
+    dynamic = spec(width=160, height=128, multiple_of=step, fit=fit)
+    place = layout(dynamic, width, height)
+    assert place.width % step == place.height % step == 0
+    assert min(place.width, place.height) > 0
+    assert not place.is_padded
+
+
+def test_a_dynamic_size_keeps_aspect_and_pixel_count() -> None:
+    place = layout(spec(width=160, height=120, fit=Fit.KEEP_ASPECT), 1000, 250)
+    assert place.width / place.height == pytest.approx(4, rel=0.02)
+    assert place.width * place.height == pytest.approx(160 * 120, rel=0.02)
+
+
+@given(st.integers(1, 5000), st.integers(1, 5000))
+def test_a_letterbox_lies_inside(width: int, height: int) -> None:
+    place = layout(spec(dynamic=False, fit=Fit.KEEP_ASPECT), width, height)
+    assert (place.width, place.height) == (16, 12)
+    assert 0 <= place.left <= place.width - place.inner_width
+    assert 0 <= place.top <= place.height - place.inner_height
+    assert place.inner_width == 16 or place.inner_height == 12
+
+
+def test_a_letterbox_repeats_the_edges() -> None:
+    pixels = np.zeros((10, 40), np.uint8)
+    pixels[:5] = 255
+    batch, place = prepare(spec(dynamic=False, fit=Fit.KEEP_ASPECT), Frame(pixels))
+    assert place == Layout(16, 12, 0, 4, 16, 4)
+    assert (batch[0, 0, :4] == 1).all()
+    assert (batch[0, 0, 8:] == 0).all()
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_a_letterbox_is_cut_off_again(stride: int) -> None:
+    pixels = np.tile(np.linspace(0, 255, 40).astype(np.uint8), (10, 1))
+    batch, place = prepare(spec(dynamic=False, fit=Fit.KEEP_ASPECT), Frame(pixels))
+    raw = batch[0, 0].reshape(12 // stride, stride, 16 // stride, stride).mean(axis=(1, 3))
+    depth = finish(output(DepthKind.RELATIVE), raw, place, 40, 10)
+    assert depth.shape == (10, 40)
+    np.testing.assert_allclose(depth[:, 3:-3], pixels[:, 3:-3] / 255, atol=0.03)
+
+
+def test_metres_stay_in_the_card_s_range() -> None:
+    raw = np.float32([[-5, 0.5], [3, 50]])
+    depth = finish(output(), raw, Layout(2, 2, 0, 0, 2, 2), 2, 2)
+    np.testing.assert_array_equal(depth, np.float32([[0.5, 0.5], [3, 10]]))
+
+
+def test_relative_values_are_not_clipped() -> None:
+    raw = np.float32([[-5, 0.5], [3, 50]])
+    depth = finish(output(DepthKind.RELATIVE), raw, Layout(2, 2, 0, 0, 2, 2), 2, 2)
+    np.testing.assert_array_equal(depth, raw)
+
+
+def test_decoding_comes_before_resizing() -> None:
+    raw = np.float32([[0, 2]])
+    depth = finish(output(transform=Transform.EXP), raw, Layout(2, 1, 0, 0, 2, 1), 4, 1)
+    low, high = 1, np.exp(2)
+    expected = [low, 0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high, high]
+    np.testing.assert_allclose(depth[0], expected, rtol=1e-5)
+
+
+def test_infinitely_far_is_the_largest_depth() -> None:
+    raw = np.float32([[0, 1], [0, 1]])
+    reciprocal = output(transform=Transform.RECIPROCAL)
+    depth = finish(reciprocal, raw, Layout(2, 2, 0, 0, 2, 2), 8, 8)
+    assert depth[0, 0] == 10
+    assert depth[0, -1] == 1
+    assert np.isfinite(depth).all()
+
+
+def test_infinitely_far_without_a_unit_is_no_depth() -> None:
+    raw = np.float32([[0, 1]])
+    relative = output(DepthKind.RELATIVE, Transform.RECIPROCAL)
+    depth = finish(relative, raw, Layout(2, 1, 0, 0, 2, 1), 2, 1)
+    np.testing.assert_array_equal(depth, np.float32([[np.nan, 1]]))
+
+
+def test_no_depth_stays_no_depth() -> None:
+    raw = np.float32([[np.nan, 1]])
+    depth = finish(output(), raw, Layout(2, 1, 0, 0, 2, 1), 2, 1)
+    np.testing.assert_array_equal(depth, np.float32([[np.nan, 1]]))
