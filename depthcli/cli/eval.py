@@ -128,9 +128,9 @@ def nyu(
             per_image=per_image,
             stage=stage,
         )
+    show(report, as_json=as_json)
     if csv is not None:
         write_csv(report, csv)
-    show(report, as_json=as_json)
 
 
 def _check_options(

@@ -1,0 +1,261 @@
+"""``depthcli eval nyu`` as a user types it, with a real model."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from tiny import write_model
+
+from depthcli.cli.app import main
+from depthcli.datasets.nyu import open_nyu
+from depthcli.datasets.splits import SplitName, split_nyu
+from depthcli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+COUNT = 11
+
+
+def _depth_m(i: int) -> npt.NDArray[np.float32]:
+    rows, columns = np.mgrid[0:480, 0:640].astype(np.float32)
+    return 1.5 + i * 0.1 + 2.5 * rows / 480 + 1.5 * columns / 640
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eleven scenes of one pair: V of each picture is what the tiny model takes for its depth."""
+    root = tmp_path_factory.mktemp("nyu")
+    (root / "rgb").mkdir()
+    (root / "depth").mkdir()
+    lines = ["id,scene,official_split"]
+    for i in range(COUNT):
+        depth_m = _depth_m(i)
+        value = np.round((depth_m - 1) / 8 * 255).astype(np.uint8)
+        name = f"{i:04d}.png"
+        cv2.imwrite(str(root / "rgb" / name), np.dstack([value] * 3))
+        cv2.imwrite(str(root / "depth" / name), np.round(depth_m * 1000).astype(np.uint16))
+        lines.append(f"{i:04d},room_{i:04d},{'test' if i % 2 else 'train'}")
+    (root / "index.csv").write_text("\n".join(lines))
+    return root
+
+
+@pytest.fixture
+def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A catalog whose default model is the tiny one."""
+    write_model(tmp_path / "models" / "default")
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path / "models"))
+    return tmp_path / "models"
+
+
+def _run(data: Path, *arguments: str) -> int:
+    return main(["eval", "nyu", "--data", str(data), *arguments])
+
+
+def _rows(capsys: pytest.CaptureFixture[str]) -> list[dict]:
+    return json.loads(capsys.readouterr().out)["rows"]
+
+
+@pytest.mark.usefixtures("models")
+def test_default_model_is_scored(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run(data, "--split", "val", "--json") == ExitCode.OK
+    rows = _rows(capsys)
+    assert [row["source"] for row in rows] == ["trivial"] * 4 + ["model"]
+    model = rows[-1]
+    assert model["name"] == "tiny"
+    assert model["images"] == 2
+    assert len(model["model_sha256"]) == 64
+    # Eight bits in the picture are 31 mm; resizing to the network's 16×12 costs the rest.
+    assert model["scores"]["abs_rel"] < 0.03
+    assert model["scores"]["abs_rel"] < rows[2]["scores"]["abs_rel"] / 3
+
+
+@pytest.mark.usefixtures("models")
+def test_table_names_protocol_split_and_images(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(data, "--split", "val") == ExitCode.OK
+    output = capsys.readouterr()
+    lines = output.out.splitlines()
+    assert lines[0] == "NYU Depth v2 · val split, 2 images · headline protocol"
+    assert lines[3].split()[:4] == ["row", "align", "images", "abs_rel"]
+    assert {len(line) for line in lines[3:9]} == {len(lines[3])}
+    assert "comparing: 2 images" in output.err
+
+
+def test_several_models_and_files(
+    data: Path, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    far = write_model(models / "far", output__shift=6.0)
+    files = tmp_path / "files"
+    files.mkdir()
+    for i in range(COUNT):
+        np.save(files / f"{i:04d}.npy", _depth_m(i))
+    arguments = ["--model", "default", "--model", str(far), "--predictions", str(files)]
+    assert _run(data, "--split", "val", "--no-trivial", "--json", *arguments) == ExitCode.OK
+    near, farther, exact = _rows(capsys)
+    assert [row["name"] for row in (near, farther, exact)] == ["default", str(far), str(files)]
+    assert near["scores"]["rmse"] < farther["scores"]["rmse"]
+    assert exact["scores"]["rmse"] < 0.001
+    assert exact["source"] == "files"
+
+
+@pytest.mark.usefixtures("models")
+def test_predictions_alone_leave_the_bundled_model_out(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for i in range(COUNT):
+        cv2.imwrite(str(tmp_path / f"{i:04d}.png"), np.round(_depth_m(i) * 1000).astype(np.uint16))
+    arguments = ["--split", "val", "--json", "--no-trivial", "--predictions", str(tmp_path)]
+    assert _run(data, *arguments) == ExitCode.OK
+    (row,) = _rows(capsys)
+    assert row["scores"]["abs_rel"] < 1e-3
+
+
+def test_inverse_depth_needs_alignment(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for i in range(COUNT):
+        np.save(tmp_path / f"{i:04d}.npy", 7 / _depth_m(i) + 2)
+    arguments = ["--split", "val", "--no-trivial", "--json", "--predictions", str(tmp_path)]
+    arguments += ["--predictions-kind", "inverse"]
+    assert _run(data, *arguments) == ExitCode.USAGE
+    assert "add --align disparity" in capsys.readouterr().err
+    assert _run(data, *arguments, "--align", "disparity") == ExitCode.OK
+    (row,) = _rows(capsys)
+    assert row["align"] == "disparity"
+    assert row["scores"]["abs_rel"] < 1e-3
+
+
+def test_relative_model_needs_alignment(
+    data: Path, models: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    relative = {"output__kind": "relative", "output__min_m": None, "output__max_m": None}
+    write_model(models / "relative", **relative)
+    arguments = ["--split", "val", "--model", "relative", "--no-trivial", "--json"]
+    assert _run(data, *arguments) == ExitCode.USAGE
+    error = capsys.readouterr().err
+    assert "relative gives relative depth" in error
+    assert "--align depth" in error
+    assert _run(data, *arguments, "--align", "depth") == ExitCode.OK
+    assert _rows(capsys)[0]["scores"]["abs_rel"] < 0.03
+
+
+VARIANTS = {
+    "pooled average": ["--average", "pooled"],
+    "eigen crop": ["--crop", "eigen"],
+    "compared at 256×256": ["--compare-at", "256"],
+    "raw-valid mask": ["--mask", "raw"],
+}
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_each_variant_changes_the_numbers_and_the_name(
+    name: str, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "nyu"
+    shutil.copytree(data, copy)
+    (copy / "raw_depth").mkdir()
+    for i in range(COUNT):
+        # Holes in one image only, so that images have different numbers of valid pixels.
+        depth = cv2.imread(str(copy / "depth" / f"{i:04d}.png"), cv2.IMREAD_UNCHANGED)
+        depth[: 400 if i == 3 else 5] = 0
+        cv2.imwrite(str(copy / "raw_depth" / f"{i:04d}.png"), depth)
+        if name == "pooled average":
+            cv2.imwrite(str(copy / "depth" / f"{i:04d}.png"), depth)
+    documents = []
+    for extra in ([], VARIANTS[name]):
+        assert _run(copy, "--split", "val", "--no-model", "--json", *extra) == ExitCode.OK
+        documents.append(json.loads(capsys.readouterr().out))
+    headline, variant = documents
+    assert headline["protocol"]["name"] == "headline"
+    assert variant["protocol"]["name"] == name
+    assert headline["rows"][2]["scores"] != variant["rows"][2]["scores"]
+
+
+def test_csv_file(data: Path, tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    assert _run(data, "--split", "val", "--no-model", "--csv", str(path)) == ExitCode.OK
+    with path.open() as file:
+        lines = list(csv.DictReader(file))
+    assert [line["align"] for line in lines] == ["none", "median"] * 2
+    assert [item.name for item in tmp_path.iterdir()] == ["table.csv"]
+
+
+def test_csv_that_cannot_be_written(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "missing" / "table.csv"
+    code = _run(data, "--split", "val", "--no-model", "--csv", str(path))
+    assert code == ExitCode.SOME_FAILED
+    assert "table.csv" in capsys.readouterr().err
+
+
+def test_paper_split_of_the_first_thousand(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run(data, "--no-model") == ExitCode.FAILURE
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert len(output.err.splitlines()) == 1
+    assert "use --split val" in output.err
+
+
+def test_scores_of_each_image(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--split", "val", "--no-model", "--json"]
+    assert _run(data, *arguments, "--per-image") == ExitCode.OK
+    split = split_nyu(open_nyu(data), SplitName.VAL)
+    expected = [f"{i:04d}" for i in split.test]
+    assert [image["id"] for image in _rows(capsys)[0]["per_image"]] == expected
+    assert _run(data, *arguments) == ExitCode.OK
+    assert "per_image" not in _rows(capsys)[0]
+
+
+def test_quiet_and_json_say_nothing_on_the_side(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for option in ("--quiet", "--json"):
+        assert _run(data, "--split", "val", "--no-model", option) == ExitCode.OK
+        assert capsys.readouterr().err == ""
+
+
+def test_data_may_come_from_the_environment(
+    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("DEPTHCLI_NYU", str(data))
+    arguments = ["eval", "nyu", "--split", "val", "--no-model", "--limit", "1"]
+    assert main(arguments) == ExitCode.OK
+    assert "1 of 2 images" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--model", "default", "--no-model"], "exclude each other"),
+        (["--no-model", "--per-image"], "add --json"),
+        (["--predictions", ".", "--predictions-kind", "feet", "--split", "val"], "not feet"),
+        (["--split", "test"], "'test' is not one of"),
+        (["--limit", "0"], "limit"),
+    ],
+)
+def test_usage_errors(
+    arguments: list[str], message: str, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(data, *arguments) == ExitCode.USAGE
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.splitlines()) == 1
+
+
+def test_data_is_required(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("DEPTHCLI_NYU", raising=False)
+    assert main(["eval", "nyu"]) == ExitCode.USAGE
+    assert "--data" in capsys.readouterr().err

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from small_set import small_set
+
+from depthcli.core.types import DepthKind
+from depthcli.errors import DatasetError
+from depthcli.evaluation.prediction_files import open_predictions
+from depthcli.evaluation.predictors import Sample
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+IDS = ("0000", "0001")
+
+
+def _write_npy(folder: Path, value: float = 2.0) -> None:
+    for name in IDS:
+        np.save(folder / f"{name}.npy", np.full((4, 6), value, np.float32))
+
+
+def _write_png(folder: Path, value: int = 3000) -> None:
+    for name in IDS:
+        assert cv2.imwrite(str(folder / f"{name}.png"), np.full((4, 6), value, np.uint16))
+
+
+def test_npy_in_metres(tmp_path: Path) -> None:
+    _write_npy(tmp_path)
+    predictor = open_predictions(tmp_path, IDS)
+    depth = predictor.predict(Sample(small_set(), 1))
+    assert predictor.kind is DepthKind.METRIC
+    assert predictor.name == str(tmp_path)
+    assert depth.values.shape == (4, 6)
+    assert depth.values[0, 0] == 2.0
+
+
+def test_png_in_millimetres(tmp_path: Path) -> None:
+    _write_png(tmp_path)
+    depth = open_predictions(tmp_path, IDS).predict(Sample(small_set(), 0))
+    assert depth.values[0, 0] == 3.0
+
+
+def test_most_precise_format_is_taken(tmp_path: Path) -> None:
+    _write_png(tmp_path)
+    _write_npy(tmp_path)
+    depth = open_predictions(tmp_path, IDS).predict(Sample(small_set(), 0))
+    assert depth.values[0, 0] == 2.0
+
+
+def test_kind_can_be_told(tmp_path: Path) -> None:
+    _write_npy(tmp_path)
+    predictor = open_predictions(tmp_path, IDS, DepthKind.INVERSE)
+    assert predictor.kind is DepthKind.INVERSE
+    assert predictor.predict(Sample(small_set(), 0)).kind is DepthKind.INVERSE
+
+
+def test_missing_prediction_is_an_error(tmp_path: Path) -> None:
+    _write_npy(tmp_path)
+    (tmp_path / "0001.npy").unlink()
+    with pytest.raises(DatasetError, match=r"lacks 1 of 2 predictions \(first: 0001\.npy\)"):
+        open_predictions(tmp_path, IDS)
+
+
+def test_missing_folder(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="is not a folder"):
+        open_predictions(tmp_path / "none", IDS)
+
+
+def test_folder_without_predictions(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=r"has no prediction of 0000: name the files by id"):
+        open_predictions(tmp_path, IDS)
+
+
+@pytest.mark.parametrize("position", [0, 1])
+def test_damaged_prediction(tmp_path: Path, position: int) -> None:
+    _write_npy(tmp_path)
+    (tmp_path / f"{IDS[position]}.npy").write_bytes(b"not numpy")
+    with pytest.raises(DatasetError, match=IDS[position]):
+        open_predictions(tmp_path, IDS).predict(Sample(small_set(), position))
