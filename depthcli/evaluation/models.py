@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from depthcli.evaluation.choices import Source
-from depthcli.inference.catalog import find_model
-from depthcli.inference.pipeline import Pipeline
-from depthcli.inference.session import Session
+from depthcli.inference.pipeline import load
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthKind, DepthMap
     from depthcli.evaluation.predictors import Sample
+    from depthcli.inference.pipeline import Pipeline
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +51,11 @@ def open_model(
     Raises:
         ModelError: it is not there or cannot be used.
     """
-    model = find_model(name_or_path)
-    session = Session(model, provider=provider, threads=threads)
+    pipeline = load(name_or_path, provider=provider, threads=threads)
     return ModelPredictor(
-        name=name_or_path or model.card.name,
-        kind=model.card.output.kind,
-        model_sha256=model.sha256,
-        pipeline=Pipeline(session),
-        warnings=session.warnings,
+        name=name_or_path or pipeline.card.name,
+        kind=pipeline.card.output.kind,
+        model_sha256=pipeline.session.model.sha256,
+        pipeline=pipeline,
+        warnings=pipeline.session.warnings,
     )
