@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 
 import numpy as np
 import plain_evaluator as plain
@@ -15,6 +16,13 @@ from depthcli.evaluation.run import Entry, enter, evaluate
 from depthcli.metrics.choices import Alignment, Averaging
 
 SMALL = (WIDTH, HEIGHT)
+
+
+class _Tracked(np.ndarray):
+    """An array that can be found while it lives."""
+
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
 
 
 @pytest.mark.parametrize("shape", [(HEIGHT, WIDTH), (5, 7)])
@@ -140,3 +148,35 @@ def test_inverse_depth_is_aligned_in_disparity() -> None:
     entry = enter(Playback(inverse, kind=DepthKind.INVERSE), [Alignment.DISPARITY])
     (row,) = evaluate(dataset, range(6), [entry], Protocol(full_size_px=SMALL))
     assert row.scores["abs_rel"] < 1e-5
+
+
+def test_no_image_is_kept_in_memory() -> None:
+    dataset = small_set(30)
+    alive: weakref.WeakSet[np.ndarray] = weakref.WeakSet()
+    most: list[int] = []
+
+    def fresh(array: np.ndarray) -> np.ndarray:
+        # A view of its own memory: WeakSet needs a new object each time.
+        copy = array.copy().view(_Tracked)
+        alive.add(copy)
+        return copy
+
+    class Streamed:
+        ids = dataset.ids
+
+        def depth_m(self, i: int) -> np.ndarray:
+            return fresh(dataset.depths_m[i])
+
+        def image(self, i: int) -> np.ndarray:
+            return fresh(dataset.image(i))
+
+    entries = [Entry(Playback(noisy(dataset), look=True), tuple(Alignment))]
+    evaluate(
+        Streamed(),
+        range(30),
+        entries,
+        Protocol(full_size_px=SMALL),
+        progress=lambda: most.append(len(alive)),
+    )
+    assert len(most) == 30
+    assert 1 <= max(most) <= 4
