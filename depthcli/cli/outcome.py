@@ -93,5 +93,3 @@ class Failed(NamedTuple):
     def as_json(self) -> dict[str, object]:
         """The fields of one line of ``--json``."""
         return {"input": self.name, "status": "failed", "error": str(self.error)}
-
-

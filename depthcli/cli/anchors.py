@@ -1,0 +1,66 @@
+"""Points whose depth the user knows, as written on the command line."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_PARTS = 3
+
+
+class Anchor(NamedTuple):
+    """A pixel and its depth.
+
+    Attributes:
+        x: column, from 0 at the left.
+        y: row, from 0 at the top.
+        depth_m: in metres along the camera axis.
+    """
+
+    x: int
+    y: int
+    depth_m: float
+
+
+def parse_anchors(words: Sequence[str]) -> tuple[Anchor, ...]:
+    """Read ``X,Y,METRES`` words.
+
+    Raises:
+        UsageError: a word is not two whole numbers from 0 up and a length above 0.
+    """
+    return tuple(_anchor(word) for word in words)
+
+
+def parse_pixel(word: str) -> tuple[int, int]:
+    """Read ``X,Y``.
+
+    Raises:
+        UsageError: the word is not two whole numbers from 0 up.
+    """
+    try:
+        x, y = (int(part) for part in word.split(","))
+    except ValueError:
+        x = y = -1
+    if min(x, y) < 0:
+        raise UsageError(f"{word!r} is not X,Y; give a column and a row from 0 up, 320,240 say")
+    return x, y
+
+
+def _anchor(word: str) -> Anchor:
+    parts = word.split(",")
+    try:
+        x, y, depth_m = int(parts[0]), int(parts[1]), float(parts[2])
+    except (ValueError, IndexError):
+        x = y = -1
+        depth_m = math.nan
+    if len(parts) != _PARTS or min(x, y) < 0 or not 0 < depth_m < math.inf:
+        raise UsageError(
+            f"--anchor {word!r} is not X,Y,METRES; give a column and a row from 0 up and a depth "
+            "above 0, 320,240,2.5 say"
+        )
+    return Anchor(x, y, depth_m)

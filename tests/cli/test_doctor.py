@@ -1,0 +1,49 @@
+"""``depthcli doctor``."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from conftest import Cli
+
+
+def checks(stdout: bytes) -> dict[str, dict[str, str]]:
+    return {check["name"]: check for check in map(json.loads, stdout.splitlines())}
+
+
+def test_all_is_well(cli: Cli) -> None:
+    done = cli("doctor", "--json", "--provider", "cpu")
+    found = checks(done.stdout)
+    assert done.returncode == 0
+    assert found["model"]["status"] == "ok"
+    assert "runs on cpu" in found["model"]["detail"]
+    assert found["codec .png"]["status"] == found["codec .exr"]["status"] == "ok"
+    assert found["numpy"]["detail"]
+
+
+def test_a_broken_model_is_found_and_the_rest_goes_on(cli: Cli) -> None:
+    (cli.models / "default" / "model.onnx").write_bytes(b"broken")
+    done = cli("doctor", "--json")
+    found = checks(done.stdout)
+    assert done.returncode == 3
+    assert found["model"]["status"] == "failed"
+    assert "codec .png" in found
+
+
+def test_two_onnxruntime_packages_are_a_conflict(cli: Cli) -> None:
+    for name in ("onnxruntime", "onnxruntime_gpu"):
+        folder = cli.folder / f"{name}-1.0.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    done = cli("doctor", "--json", PYTHONPATH=f"{cli.site}:{cli.folder}")
+    conflict = checks(done.stdout)["onnxruntime packages"]
+    assert done.returncode == 3
+    assert conflict["status"] == "failed"
+    assert "onnxruntime, onnxruntime-gpu" in conflict["detail"]
+
+
+def test_text_is_one_line_a_check(cli: Cli) -> None:
+    lines = cli("doctor").stdout.decode().splitlines()
+    assert all(line.split()[0] in {"ok", "warning", "failed"} for line in lines)

@@ -1,0 +1,165 @@
+"""What every command shares: help, version, exit codes, one-line errors."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+import depthcli
+from depthcli.cli.app import COMMANDS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Cli
+
+HEAVY = {"numpy", "cv2", "onnxruntime", "torch", "rich", "OpenEXR", "importlib.metadata"}
+
+
+def loaded(cli: Cli, *arguments: str) -> set[str]:
+    """Every module that a command imports."""
+    words = [sys.executable, "-X", "importtime", *cli.command(*arguments)[1:]]
+    done = subprocess.run(
+        words, capture_output=True, check=True, cwd=cli.folder, env=cli.environment
+    )
+    return {line.rsplit("|", 1)[1].strip() for line in done.stderr.decode().splitlines()}
+
+
+@pytest.mark.parametrize("option", ["--help", "--version", "-h"])
+def test_help_and_version_load_nothing_heavy(cli: Cli, option: str) -> None:
+    modules = loaded(cli, option)
+    assert "depthcli.cli.app" in modules
+    assert not modules & (HEAVY | {"typer"})
+
+
+@pytest.mark.parametrize("name", ["predict", "models", "doctor", "info", "probe", "convert"])
+def test_a_command_s_help_loads_nothing_heavy(cli: Cli, name: str) -> None:
+    modules = loaded(cli, name, "--help")
+    assert "typer" in modules
+    assert not modules & HEAVY
+
+
+def fastest_s(words: list[str], cli: Cli) -> float:
+    times = []
+    for _ in range(7):
+        start = time.perf_counter()
+        subprocess.run(words, capture_output=True, check=True, cwd=cli.folder, env=cli.environment)
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def test_help_costs_at_most_five_empty_pythons(cli: Cli) -> None:
+    empty = fastest_s([sys.executable, "-c", "pass"], cli)
+    assert fastest_s(cli.command("--help"), cli) <= 5 * empty
+
+
+def test_help_names_every_command(cli: Cli) -> None:
+    done = cli("--help")
+    assert done.returncode == 0
+    text = done.stdout.decode()
+    for name, (_, summary) in COMMANDS.items():
+        assert f"  {name} " in text
+        assert summary in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_version_is_the_package_s(cli: Cli) -> None:
+    done = cli("--version")
+    assert (done.returncode, done.stdout) == (0, f"depthcli {depthcli.__version__}\n".encode())
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_is_there_and_every_option_has_help(name: str) -> None:
+    from depthcli.cli import shell  # noqa: PLC0415 - typer is not needed by the other tests
+
+    pending = [shell._load(name)]
+    while pending:
+        command = pending.pop()
+        pending.extend(getattr(command, "commands", {}).values())
+        assert command.help
+        for parameter in command.params:
+            assert parameter.help, parameter.name
+        if not hasattr(command, "commands"):
+            assert any("--debug" in parameter.opts for parameter in command.params)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "missing command"),
+        (("nonsense",), "no command is called 'nonsense'"),
+        (("predikt",), "did you mean 'predict'?"),
+        (("--nonsense",), "no such option"),
+        (("predict",), "IMG..."),
+        (("predict", "--nonsense", "a.jpg"), "no such option"),
+        (("predict", "a.jpg", "--threads", "0"), "--threads"),
+        (("predict", "a.jpg", "--format", "gif"), "--format"),
+        (("models", "nonsense"), "nonsense"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_exit_code_2(
+    cli: Cli, arguments: tuple[str, ...], said: str
+) -> None:
+    done = cli(*arguments)
+    lines = done.stderr.decode().splitlines()
+    assert done.returncode == 2
+    assert done.stdout == b""
+    assert len(lines) == 1
+    assert said in lines[0]
+    assert "--help'" in lines[0] or "did you mean" in lines[0]
+
+
+def test_a_traceback_only_with_debug(cli: Cli) -> None:
+    plain = cli("models", "show", "nothing")
+    debug = cli("models", "show", "nothing", "--debug")
+    assert plain.returncode == debug.returncode == 3
+    assert len(plain.stderr.splitlines()) == 1
+    assert b"Traceback" in debug.stderr
+    assert debug.stderr.splitlines()[-1] == plain.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("command", ["train", "export-onnx"])
+def test_a_missing_extra_is_one_clear_line(cli: Cli, command: str, tmp_path: Path) -> None:
+    blocked = tmp_path / "blocked"
+    blocked.mkdir()
+    for name in ("torch", "onnx", "lightning_fabric"):
+        text = f"raise ModuleNotFoundError('No module named {name!r}', name={name!r})"
+        (blocked / f"{name}.py").write_text(text)
+    (tmp_path / "x").touch()
+    arguments = {"train": ("proposed", "--data", "x"), "export-onnx": ("x",)}[command]
+    done = cli(command, *arguments, PYTHONPATH=f"{blocked}:{cli.site}")
+    assert done.returncode == 3
+    (line,) = done.stderr.decode().splitlines()
+    assert "pip install 'depthcli[train]'" in line
+
+
+def test_a_reader_that_leaves_ends_it_quietly(cli: Cli) -> None:
+    process = subprocess.Popen(
+        cli.command("models", "show"),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=cli.folder,
+        env=cli.environment,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    assert process.wait(timeout=60) == 1
+    assert process.stderr.read() == b""
+    process.stderr.close()
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shells_can_complete(cli: Cli, shell: str) -> None:
+    words = {
+        "bash": {"COMP_WORDS": "depthcli mod", "COMP_CWORD": "1"},
+        "zsh": {"_TYPER_COMPLETE_ARGS": "depthcli mod"},
+        "fish": {"_TYPER_COMPLETE_ARGS": "depthcli mod", "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
+    }[shell]
+    done = cli(_DEPTHCLI_COMPLETE=f"complete_{shell}", **words)
+    assert b"models" in done.stdout
+    assert b"predict" not in done.stdout
