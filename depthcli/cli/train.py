@@ -1,0 +1,110 @@
+"""``depthcli train``: a method on a folder of pairs."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from depthcli.cli import console
+from depthcli.errors import DepthcliError, ExitCode
+
+if TYPE_CHECKING:
+    from depthcli.training.config import TrainConfig
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+_Method = Annotated[str, typer.Argument(help="The method: proposed.")]
+_Data = Annotated[
+    Path | None,
+    typer.Option(help="NYU Depth v2: the .mat file, or a folder of rgb/, depth/, index.csv."),
+]
+_Out = Annotated[
+    Path, typer.Option(help="Folder for checkpoint, log and samples; continued if it has one.")
+]
+_Preset = Annotated[str | None, typer.Option(help="Named settings that ship with depthcli.")]
+_Config = Annotated[list[Path] | None, typer.Option(help="TOML file of differences; repeatable.")]
+_Set = Annotated[list[str] | None, typer.Option("--set", help="One setting, a.b=value; repeatable.")]
+_Show = Annotated[bool, typer.Option("--show-config", help="Print the whole configuration, stop.")]
+_Minutes = Annotated[
+    float | None, typer.Option(min=0.0, help="Stop cleanly after so many minutes, to continue later.")
+]
+_Accelerator = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
+_Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; default: all cores.")]
+_Json = Annotated[bool, typer.Option("--json", help="One JSON object per epoch.")]
+_Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+
+
+@app.command()
+def train(
+    method: _Method,
+    data: _Data = None,
+    out: _Out = Path("runs/train"),
+    preset: _Preset = None,
+    config: _Config = None,
+    settings: _Set = None,
+    show_config: _Show = False,
+    max_minutes: _Minutes = None,
+    accelerator: _Accelerator = "auto",
+    threads: _Threads = None,
+    as_json: _Json = False,
+    quiet: _Quiet = False,
+) -> int:
+    """Train a method; run the same command again to continue where it stopped."""
+    resolved = _resolve(method, preset, config or [], settings or [])
+    if show_config:
+        _print_config(resolved)
+        return ExitCode.OK
+    if data is None:
+        raise typer.BadParameter("give the data set with --data")
+    from lightning_fabric import Fabric
+
+    from depthcli.cli.train_progress import progress_for
+    from depthcli.datasets.nyu import open_nyu
+    from depthcli.training.loop import Limits
+    from depthcli.training.loop import train as run
+
+    if threads:
+        import torch
+
+        torch.set_num_threads(threads)
+    fabric = Fabric(accelerator=accelerator, devices=1, precision=resolved.precision)
+    with progress_for(as_json=as_json, quiet=quiet) as watcher:
+        limits = Limits(minutes=math.inf if max_minutes is None else max_minutes)
+        done = run(resolved, open_nyu(data), out, fabric, watcher, limits)
+    if not quiet and not as_json:
+        console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")
+    return ExitCode.OK
+
+
+def _resolve(
+    method: str, preset: str | None, files: list[Path], settings: list[str]
+) -> TrainConfig:
+    try:
+        from depthcli.training.config import TrainConfig, resolve
+        from depthcli.training.methods.registry import METHODS
+        from depthcli.training.preset_files import preset_file
+    except ImportError as error:
+        raise DepthcliError(
+            f"training needs {error.name}: pip install 'depthcli[train]'"
+        ) from error
+    if method not in METHODS:
+        raise typer.BadParameter(f"no method '{method}'; choose from {', '.join(METHODS)}")
+    named = [preset_file(preset)] if preset else []
+    return resolve(TrainConfig(method=method), [*named, *files], settings)
+
+
+def _print_config(config: TrainConfig) -> None:
+    import dataclasses
+    import json
+
+    for name, value in dataclasses.asdict(config).items():
+        if not isinstance(value, dict):
+            console.out(f"{name} = {json.dumps(value)}")
+    for name, group in dataclasses.asdict(config).items():
+        if isinstance(group, dict):
+            console.out(f"\n[{name}]")
+            for key, value in group.items():
+                console.out(f"{key} = {json.dumps(value)}")

@@ -1,0 +1,90 @@
+"""How a training run is shown: a bar on a terminal, a line per epoch elsewhere, or JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from depthcli.cli import console
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rich.progress import Progress as Bar
+
+    from depthcli.training.checkpoint import Progress
+    from depthcli.training.loop import Watcher
+
+_SHOWN = ("abs_rel", "rmse", "d1")
+
+
+@contextmanager
+def progress_for(*, as_json: bool, quiet: bool) -> Iterator[Watcher]:
+    """The watcher that fits options and terminal."""
+    if quiet:
+        yield Silent()
+    elif as_json:
+        yield JsonLines()
+    elif sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import Progress as Bar
+
+        with Bar(console=Console(stderr=True), refresh_per_second=2) as bar:
+            yield Lines(bar)
+    else:
+        yield Lines(None)
+
+
+class Silent:
+    """Shows nothing."""
+
+    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+        """Nothing."""
+
+    def epoch(self, progress: Progress) -> None:
+        """Nothing."""
+
+
+class JsonLines(Silent):
+    """One JSON object an epoch on standard output."""
+
+    def epoch(self, progress: Progress) -> None:
+        """Step, seconds and scores of the epoch."""
+        values = dataclasses.asdict(progress)
+        del values["train_ids"], values["held_out_ids"]
+        console.out_json(values)
+
+
+class Lines(Silent):
+    """One line an epoch on standard error, under a bar where there is one."""
+
+    def __init__(self, bar: Bar | None) -> None:
+        self._bar = bar
+        self._task = bar.add_task("training", total=None) if bar else None
+        self._losses: dict[str, float] = {}
+        self._started_s = time.monotonic()
+        self._first_step: int | None = None
+        self._steps = 0
+
+    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+        """Move the bar."""
+        if self._first_step is None:
+            self._first_step = progress.step - 1
+        self._steps, self._losses = steps, losses
+        if self._bar and self._task is not None:
+            self._bar.update(self._task, total=steps, completed=progress.step)
+
+    def epoch(self, progress: Progress) -> None:
+        """Losses, scores, rate and time to go."""
+        elapsed_s = time.monotonic() - self._started_s
+        rate = (progress.step - (self._first_step or 0)) / elapsed_s
+        to_go_min = (self._steps - progress.step) / rate / 60
+        losses = " ".join(f"{name} {value:.4f}" for name, value in self._losses.items())
+        scores = " ".join(f"{name} {progress.scores[name]:.4f}" for name in _SHOWN if progress.scores)
+        console.note(
+            f"epoch {progress.epoch}  step {progress.step}/{self._steps}  {losses}  "
+            f"held out: {scores or 'none'}  {rate:.2f} steps/s  {to_go_min:.0f} min to go"
+        )

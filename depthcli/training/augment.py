@@ -1,0 +1,99 @@
+"""Augmentation that keeps metres true: zooming in by s divides depth by s."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from depthcli.training.config import DataConfig
+
+_UNZOOMED_SHARE = 0.25  # whole pictures, as the model will see them
+_FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation
+_CROP_286 = 286 / 256
+
+
+def augment(
+    rgb: Tensor, depth_m: Tensor, data: DataConfig, random: torch.Generator
+) -> tuple[Tensor, Tensor]:
+    """Random views of pairs.
+
+    Args:
+        rgb: (B, 3, h, w) float32 in [0, 1].
+        depth_m: (B, 1, h, w) float32 metres, aligned with ``rgb``.
+        data: sizes and strengths.
+        random: the only source of chance.
+
+    Returns:
+        gray (B, 1, H, W) in [-1, 1] and depth_m (B, 1, H, W), with the same geometry.
+    """
+    zoom = _zooms(len(rgb), data, random)
+    view = _view(zoom, data, random).to(rgb.device)
+    size = [len(rgb), 1, data.height, data.width]
+    grid = F.affine_grid(view, size, align_corners=False)
+    rgb = F.grid_sample(rgb, grid, padding_mode="border", align_corners=False)
+    depth_m = F.grid_sample(depth_m, grid, padding_mode="border", align_corners=False)
+    metric_zoom = zoom if not data.crop_286 else zoom / _CROP_286
+    depth_m = depth_m / metric_zoom.view(-1, 1, 1, 1).to(depth_m.device)
+    return _relit(rgb, data, random), depth_m
+
+
+def network_input(rgb: Tensor, data: DataConfig) -> Tensor:
+    """(B, 3, H, W) in [0, 1] to the gray input (B, 1, H, W) in [-1, 1]."""
+    return _gray(rgb, data) * 2 - 1
+
+
+def _gray(rgb: Tensor, data: DataConfig) -> Tensor:
+    if data.colour == "value":
+        return rgb.amax(1, keepdim=True)
+    weights = torch.tensor([0.299, 0.587, 0.114], device=rgb.device).view(1, 3, 1, 1)
+    return (rgb * weights).sum(1, keepdim=True)
+
+
+def _zooms(count: int, data: DataConfig, random: torch.Generator) -> Tensor:
+    if data.crop_286:
+        return torch.full((count,), _CROP_286)
+    zoom = torch.exp(torch.rand(count, generator=random) * math.log(data.zoom))
+    whole = torch.rand(count, generator=random) < _UNZOOMED_SHARE
+    return torch.where(whole, torch.ones(()), zoom)
+
+
+def _view(zoom: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
+    """Affine maps (B, 2, 3) from output to input coordinates, with the view inside the picture."""
+    uniform = torch.rand(4, len(zoom), generator=random) * 2 - 1
+    mirror = torch.where(uniform[0] < 0, -1.0, 1.0)
+    room = (zoom - 1).clamp(max=_FULL_ROTATION_ZOOM) / _FULL_ROTATION_ZOOM
+    angle = uniform[1] * math.radians(data.rotate_deg) * room
+    cos, sin = torch.cos(angle) / zoom, torch.sin(angle) / zoom
+    aspect = data.width / data.height
+    shift_x = uniform[2] * (1 - cos - sin.abs() / aspect).clamp(min=0)
+    shift_y = uniform[3] * (1 - cos - sin.abs() * aspect).clamp(min=0)
+    row_x = torch.stack([cos * mirror, -sin / aspect, shift_x], 1)
+    row_y = torch.stack([sin * aspect * mirror, cos, shift_y], 1)
+    return torch.stack([row_x, row_y], 1)
+
+
+def _relit(rgb: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
+    """The gray input under another light, exposure and sensor."""
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(shape, generator=random).to(rgb.device)
+
+    count = len(rgb)
+    if data.colour_jitter:
+        rgb = rgb * torch.exp(normal(count, 3, 1, 1) * data.colour_jitter)
+    gray = _gray(rgb, data)
+    if data.gamma:
+        gray = gray.clamp(min=1e-4) ** torch.exp(normal(count, 1, 1, 1) * data.gamma)
+    if data.brightness:
+        gain = torch.exp(normal(count, 1, 1, 1) * data.brightness)
+        gray = gray * gain + normal(count, 1, 1, 1) * (data.brightness / 4)
+    if data.noise:
+        strength = torch.rand(count, 1, 1, 1, generator=random).to(rgb.device) * data.noise
+        gray = gray + normal(*gray.shape) * strength
+    return gray.clamp(0, 1) * 2 - 1

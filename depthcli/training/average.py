@@ -1,0 +1,39 @@
+"""Exponential moving average of a network's weights."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING
+
+import torch
+
+if TYPE_CHECKING:
+    from torch import nn
+
+
+class WeightAverage:
+    """A smoothed copy of a network, often better than any single step of it.
+
+    Args:
+        network: what is averaged; copied here.
+        decay: share of the old average kept at each step; less at first, so that the first
+            weights are forgotten soon.
+
+    Attributes:
+        network: the average, in evaluation mode.
+    """
+
+    def __init__(self, network: nn.Module, decay: float) -> None:
+        self.network = copy.deepcopy(network).eval().requires_grad_(False)
+        self.decay = decay
+
+    @torch.no_grad()
+    def update(self, network: nn.Module, step: int) -> None:
+        """Move the average towards the weights after a step, counted from 1."""
+        decay = min(self.decay, step / (step + 9))
+        now = network.state_dict()
+        for name, average in self.network.state_dict().items():
+            if average.dtype.is_floating_point:
+                average.lerp_(now[name].to(average.dtype), 1 - decay)
+            else:
+                average.copy_(now[name])

@@ -1,0 +1,122 @@
+"""Batches of network inputs and metric depth, from pictures held in memory.
+
+Every batch is a function of (seed, step) alone, so a resumed run sees what an unbroken one sees.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+import torch
+
+from depthcli.errors import DatasetError
+from depthcli.training.augment import augment, network_input
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from torch import Tensor
+
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.training.config import DataConfig
+
+_STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
+
+
+class Batch(NamedTuple):
+    """What one training step is shown.
+
+    Attributes:
+        gray: (B, 1, H, W) float32 in [-1, 1].
+        depth_m: (B, 1, H, W) float32 metres; of the same scenes, or of others if unpaired.
+    """
+
+    gray: Tensor
+    depth_m: Tensor
+
+
+class PairStore:
+    """Some pairs of a data set, shrunk once and kept in memory.
+
+    Args:
+        dataset: where they are read.
+        positions: which pairs.
+        data: gives the network's size.
+
+    Attributes:
+        rgb: (N, 3, h, w) uint8.
+        depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m.
+
+    Raises:
+        DatasetError: there is no pair.
+    """
+
+    def __init__(self, dataset: DepthDataset, positions: Sequence[int], data: DataConfig) -> None:
+        if not positions:
+            raise DatasetError("no pair to train on: check the data folder and holdout_every")
+        size = (data.width * _STORED_PER_NETWORK_PX, data.height * _STORED_PER_NETWORK_PX)
+        shape = (len(positions), 3, size[1], size[0])
+        self.rgb = torch.empty(shape, dtype=torch.uint8)
+        self.depth_m = torch.empty((len(positions), 1, *shape[2:]), dtype=torch.float16)
+        for row, position in enumerate(positions):
+            rgb = cv2.resize(dataset.image(position), size, interpolation=cv2.INTER_AREA)
+            depth_m = cv2.resize(dataset.depth_m(position), size, interpolation=cv2.INTER_AREA)
+            self.rgb[row] = torch.from_numpy(rgb).permute(2, 0, 1)
+            self.depth_m[row, 0] = torch.from_numpy(depth_m)
+
+    def __len__(self) -> int:
+        return len(self.rgb)
+
+
+class Batches:
+    """The batches of a run, by step.
+
+    Args:
+        store: the training pairs.
+        data: size, pairing and augmentation.
+        batch_size: pairs a batch; the last incomplete batch of an epoch is dropped.
+        seed: of order and augmentation.
+        device: where the batch is moved before it is augmented.
+    """
+
+    def __init__(
+        self, store: PairStore, data: DataConfig, batch_size: int, seed: int, device: torch.device
+    ) -> None:
+        self.store, self.data, self.seed, self.device = store, data, seed, device
+        self.batch_size = min(batch_size, len(store))
+        self.steps_per_epoch = len(store) // self.batch_size
+
+    def __getitem__(self, step: int) -> Batch:
+        """Batch of a step, counted from 0 over the whole run."""
+        epoch, index = divmod(step, self.steps_per_epoch)
+        random = torch.Generator().manual_seed(_mixed(self.seed, step, 1))
+        rows = self._rows(epoch, index, stream=2)
+        if self.data.paired:
+            gray, depth_m = self._augmented(rows, random)
+            return Batch(gray, depth_m)
+        gray, _ = self._augmented(rows, random)
+        _, depth_m = self._augmented(self._rows(epoch, index, stream=3), random)
+        return Batch(gray, depth_m)
+
+    def _rows(self, epoch: int, index: int, stream: int) -> Tensor:
+        random = torch.Generator().manual_seed(_mixed(self.seed, epoch, stream))
+        order = torch.randperm(len(self.store), generator=random)
+        return order[index * self.batch_size : (index + 1) * self.batch_size]
+
+    def _augmented(self, rows: Tensor, random: torch.Generator) -> tuple[Tensor, Tensor]:
+        rgb = self.store.rgb[rows].to(self.device).float() / 255
+        depth_m = self.store.depth_m[rows].to(self.device).float()
+        return augment(rgb, depth_m, self.data, random)
+
+
+def whole_pictures(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
+    """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs, without augmentation."""
+    rgb = store.rgb[rows].float() / 255
+    size = (data.height, data.width)
+    return network_input(torch.nn.functional.interpolate(rgb, size=size, mode="area"), data)
+
+
+def _mixed(seed: int, count: int, stream: int) -> int:
+    return int(np.random.SeedSequence((seed, count, stream)).generate_state(1, np.uint64)[0] >> 1)

@@ -1,0 +1,132 @@
+"""Checkpoints: everything a run needs to go on exactly, and the configuration to rebuild it."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import pickle
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from depthcli.errors import CheckpointError, UsageError
+from depthcli.training.config import TrainConfig, updated
+from depthcli.training.networks.build import build_generator
+
+if TYPE_CHECKING:
+    from torch import nn
+
+_FORMAT = "depthcli-checkpoint"
+_VERSION = 1
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a run has come.
+
+    Attributes:
+        step: optimisation steps done.
+        epoch: whole epochs done.
+        seconds: training time so far, all sittings together.
+        scores: validation metrics of the last epoch by name; empty without held-out pairs.
+        train_ids: pairs the networks were trained on.
+        held_out_ids: pairs they were validated on.
+    """
+
+    step: int = 0
+    epoch: int = 0
+    seconds: float = 0.0
+    scores: dict[str, float] = dataclasses.field(default_factory=dict)
+    train_ids: tuple[str, ...] = ()
+    held_out_ids: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """One saved state of a run.
+
+    Attributes:
+        config: of the run.
+        progress: how far it had come.
+        method: state dict of all networks.
+        average: state dict of the averaged generator; None if the run keeps none.
+        optimizers: state dicts by phase.
+        extra: further state of the method, such as image pools.
+        rng: state of torch's generator, (n,) uint8.
+    """
+
+    config: TrainConfig
+    progress: Progress
+    method: dict[str, Any]
+    average: dict[str, Any] | None
+    optimizers: dict[str, Any]
+    extra: dict[str, Any]
+    rng: torch.Tensor
+
+    def save(self, path: Path) -> None:
+        """Write to a temporary name beside ``path``, then rename: never a half file."""
+        content = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        content["config"] = dataclasses.asdict(self.config)
+        content["progress"] = dataclasses.asdict(self.progress)
+        content |= {"format": _FORMAT, "version": _VERSION}
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        os.close(handle)
+        try:
+            torch.save(content, name)
+            Path(name).replace(path)
+        except (OSError, RuntimeError) as error:
+            raise CheckpointError(
+                f"cannot write {path} ({error}): free some space; older checkpoints are kept"
+            ) from error
+        finally:
+            Path(name).unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path: Path) -> Checkpoint:
+        """Read a checkpoint; nothing in it is executed.
+
+        Raises:
+            CheckpointError: missing, truncated, foreign, or of another version.
+        """
+        try:
+            content = torch.load(path, map_location="cpu", weights_only=True)
+        except FileNotFoundError:
+            raise CheckpointError(f"no checkpoint at {path}") from None
+        except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError) as error:
+            raise CheckpointError(
+                f"{path} is not a whole checkpoint; use an earlier one"
+            ) from error
+        if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
+            raise CheckpointError(f"{path} was not made by `depthcli train`")
+        if content.pop("version") != _VERSION:
+            raise CheckpointError(f"{path} is of another version; use the depthcli that made it")
+        try:
+            config = updated(TrainConfig(), content.pop("config"))
+        except UsageError as error:
+            raise CheckpointError(f"{path} has a configuration of another version: {error}") from error
+        progress = content.pop("progress")
+        for name in ("train_ids", "held_out_ids"):
+            progress[name] = tuple(progress[name])
+        return cls(config=config, progress=Progress(**progress), **content)
+
+
+def load_generator(path: Path) -> tuple[nn.Module, Checkpoint]:
+    """The generator that a checkpoint stands for (the average, where there is one), to evaluate.
+
+    Raises:
+        CheckpointError: the checkpoint cannot be read or does not fit its configuration.
+    """
+    checkpoint = Checkpoint.load(path)
+    generator = build_generator(checkpoint.config.generator)
+    weights = checkpoint.average
+    if weights is None:
+        prefix = "generator."
+        named = checkpoint.method.items()
+        weights = {k.removeprefix(prefix): v for k, v in named if k.startswith(prefix)}
+    try:
+        generator.load_state_dict(weights)
+    except RuntimeError as error:
+        raise CheckpointError(f"{path} does not fit its own configuration") from error
+    return generator.eval(), checkpoint

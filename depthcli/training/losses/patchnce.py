@@ -1,0 +1,54 @@
+"""Patch-wise contrast (eq. 4): InfoNCE over the patches of one image."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor
+
+TEMPERATURE = 0.07
+
+
+def patch_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> Tensor:
+    """Cross-entropy of finding each query's own key among its image's keys (Park et al. 2020).
+
+    Chance level is ln P.
+
+    Args:
+        query: (B, P, C), unit vectors from the prediction, in fp32 for the logits.
+        key: (B, P, C), unit vectors from the input, detached here.
+        temperature: τ of eq. 4.
+
+    Returns:
+        Mean over all patches, a scalar.
+    """
+    logits = torch.bmm(query.float(), key.detach().float().transpose(1, 2)) / temperature
+    return _own(logits)
+
+
+def cfl_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> Tensor:
+    """The paired form (Andonian et al. 2021): other patches of prediction and truth repel.
+
+    Chance level is ln(2P − 1).
+
+    Args:
+        query: (B, P, C), unit vectors from the prediction.
+        key: (B, P, C), unit vectors from the paired truth, detached here.
+        temperature: τ of eq. 4.
+
+    Returns:
+        Mean over all patches, a scalar.
+    """
+    query, key = query.float(), key.detach().float()
+    to_truth = torch.bmm(query, key.transpose(1, 2)) / temperature
+    to_prediction = torch.bmm(query, query.detach().transpose(1, 2)) / temperature
+    itself = torch.eye(query.shape[1], dtype=torch.bool, device=query.device)
+    to_prediction = to_prediction.masked_fill(itself, -torch.inf)
+    return _own(torch.cat([to_truth, to_prediction], 2))
+
+
+def _own(logits: Tensor) -> Tensor:
+    """Cross-entropy with patch i as the target of row i; logits (B, P, at least P)."""
+    batch, patches, _ = logits.shape
+    target = torch.arange(patches, device=logits.device).repeat(batch)
+    return F.cross_entropy(logits.flatten(0, 1), target)

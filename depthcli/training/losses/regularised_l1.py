@@ -1,0 +1,33 @@
+"""Regularised L1 (eq. 1)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import nn
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+def regularised_l1(prediction: Tensor, truth: Tensor, generator: nn.Module, penalty: float) -> Tensor:
+    """Mean |prediction − truth| + penalty · Σ‖convolution weights‖²; a scalar.
+
+    Args:
+        prediction: (B, 1, H, W), coded depth.
+        truth: (B, 1, H, W), coded depth.
+        generator: whose convolution weights are penalised.
+        penalty: λ of eq. 1; zero leaves the sum out.
+    """
+    distance = F.l1_loss(prediction, truth)
+    if not penalty:
+        return distance
+    return distance + penalty * torch.stack([(w**2).sum() for w in conv_weights(generator)]).sum()
+
+
+def conv_weights(network: nn.Module) -> list[Tensor]:
+    """Kernels of every convolution, plain or transposed."""
+    kinds = (nn.Conv2d, nn.ConvTranspose2d)
+    return [layer.weight for layer in network.modules() if isinstance(layer, kinds)]

@@ -1,0 +1,51 @@
+"""Antialiased changes of resolution (Zhang 2019), as the CUT family uses them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import nn
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+class BlurDown(nn.Module):
+    """Depthwise [1, 2, 1]² with stride 2 after a reflected border: (H, W) to (H/2, W/2)."""
+
+    kernel: Tensor
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.register_buffer("kernel", _kernel([1.0, 2.0, 1.0], channels), persistent=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) to (B, C, ceil(H/2), ceil(W/2))."""
+        x = F.pad(x, (1, 1, 1, 1), mode="reflect")
+        return F.conv2d(x, self.kernel.to(x.dtype), stride=2, groups=x.shape[1])
+
+
+class BlurUp(nn.Module):
+    """Depthwise [1, 3, 3, 1]² upsampling to exactly twice the size, with a replicated border."""
+
+    kernel: Tensor
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        kernel = _kernel([1.0, 3.0, 3.0, 1.0], channels) * 4
+        self.register_buffer("kernel", kernel, persistent=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) to (B, C, 2H, 2W)."""
+        x = F.pad(x, (1, 1, 1, 1), mode="replicate")
+        kernel = self.kernel.to(x.dtype)
+        y = F.conv_transpose2d(x, kernel, stride=2, padding=2, groups=x.shape[1])
+        return y[:, :, 1:-1, 1:-1]
+
+
+def _kernel(taps: list[float], channels: int) -> Tensor:
+    line = torch.tensor(taps)
+    square = torch.outer(line, line) / line.sum() ** 2
+    return square.expand(channels, 1, -1, -1).clone()

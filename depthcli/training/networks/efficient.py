@@ -1,0 +1,110 @@
+"""An encoder-decoder that costs little on a CPU: residual blocks, batch norm, skip connections."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+class EfficientGenerator(nn.Module):
+    """Gray picture to raw depth at half the picture's size.
+
+    Args:
+        encoder: channels at strides 2, 4, 8, 16, 32.
+        decoder: channels at strides 16, 8, 4, 2.
+        depths: residual blocks at strides 4, 8, 16, 32.
+        dropout: share of bottleneck channels dropped while training.
+    """
+
+    TAPS = ("stride2", "stride4", "stride8", "stride16")
+
+    def __init__(
+        self,
+        encoder: Sequence[int] = (32, 64, 128, 192, 256),
+        decoder: Sequence[int] = (128, 96, 64, 48),
+        depths: Sequence[int] = (2, 2, 2, 2),
+        dropout: float = 0.0,
+    ) -> None:
+        super().__init__()
+        self.encoder_channels = tuple(encoder)
+        self.stem = ConvNorm(1, encoder[0], stride=2)
+        self.stages = nn.ModuleList(
+            nn.Sequential(
+                ResidualBlock(below, width, stride=2),
+                *(ResidualBlock(width, width) for _ in range(depth - 1)),
+            )
+            for below, width, depth in zip(encoder, encoder[1:], depths, strict=False)
+        )
+        deepest = encoder[-1]
+        self.whole_picture = nn.Linear(deepest, deepest)
+        self.dropout = nn.Dropout2d(dropout)
+        inner = (deepest, *decoder)
+        self.fusions = nn.ModuleList(
+            ConvNorm(below + skip, width)
+            for below, skip, width in zip(inner, reversed(encoder[:-1]), decoder, strict=False)
+        )
+        self.head = nn.Conv2d(decoder[-1], 1, 3, padding=1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+
+    def tap_channels(self, tap: str) -> int:
+        """Channels of a named feature map."""
+        return self.encoder_channels[self.TAPS.index(tap)]
+
+    def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
+        """Encoder maps of x (B, 1, H, W), in the order of the encoder, for the taps named."""
+        maps = dict(zip(self.TAPS, self._encode(x), strict=False))
+        return [maps[tap] for tap in taps]
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, 1, H, W) in [-1, 1]."""
+        *skips, y = self._encode(x)
+        y = y + self.whole_picture(y.mean((2, 3)))[:, :, None, None]
+        y = self.dropout(y)
+        for fusion, skip in zip(self.fusions, reversed(skips), strict=True):
+            y = F.interpolate(y, size=skip.shape[2:], mode="bilinear", align_corners=False)
+            y = fusion(torch.cat([y, skip], 1))
+        return self.head(y)  # type: ignore[no-any-return]
+
+    def _encode(self, x: Tensor) -> list[Tensor]:
+        maps = [self.stem(x)]
+        for stage in self.stages:
+            maps.append(stage(maps[-1]))
+        return maps
+
+
+class ConvNorm(nn.Sequential):
+    """Convolution, batch norm and, unless told otherwise, ReLU."""
+
+    def __init__(
+        self, inputs: int, outputs: int, size: int = 3, stride: int = 1, *, relu: bool = True
+    ) -> None:
+        layers: list[nn.Module] = [
+            nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False),
+            nn.BatchNorm2d(outputs),
+        ]
+        if relu:
+            layers.append(nn.ReLU(inplace=True))
+        super().__init__(*layers)
+
+
+class ResidualBlock(nn.Module):
+    """Two 3×3 convolutions added to their input."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        super().__init__()
+        self.body = nn.Sequential(
+            ConvNorm(inputs, outputs, stride=stride), ConvNorm(outputs, outputs, relu=False)
+        )
+        straight = inputs == outputs and stride == 1
+        self.skip = nn.Identity() if straight else ConvNorm(inputs, outputs, 1, stride, relu=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, inputs, H, W) to (B, outputs, H/stride, W/stride)."""
+        return F.relu(self.body(x) + self.skip(x))

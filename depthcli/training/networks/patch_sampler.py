@@ -1,0 +1,60 @@
+"""The heads H that turn feature maps into patch vectors for contrast (Park et al. 2020)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor, nn
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_EPSILON = 1e-7
+_XAVIER_GAIN = 0.02
+
+
+class PatchSampler(nn.Module):
+    """Per tap: Linear, ReLU, Linear, L2-normalise, at random positions.
+
+    Args:
+        channels: of each tap, known at construction.
+        dim: length of a patch vector.
+        patches: positions a map; all of them where the map has fewer.
+    """
+
+    def __init__(self, channels: Sequence[int], dim: int = 256, patches: int = 256) -> None:
+        super().__init__()
+        self.patches = patches
+        self.heads = nn.ModuleList(
+            nn.Sequential(nn.Linear(width, dim), nn.ReLU(), nn.Linear(dim, dim))
+            for width in channels
+        )
+        for layer in self.modules():
+            if isinstance(layer, nn.Linear):
+                nn.init.xavier_normal_(layer.weight, _XAVIER_GAIN)
+                nn.init.zeros_(layer.bias)
+
+    def forward(
+        self, maps: Sequence[Tensor], positions: Sequence[Tensor] | None = None
+    ) -> tuple[list[Tensor], list[Tensor]]:
+        """Unit patch vectors of each tap.
+
+        Args:
+            maps: (B, C, H, W) of each tap.
+            positions: flat positions (P,) of each tap, from the call that made the keys; None
+                draws new ones without replacement.
+
+        Returns:
+            (B, P, dim) of each tap, and the positions used.
+        """
+        if positions is None:
+            positions = [self._draw(m) for m in maps]
+        vectors = []
+        for head, features, chosen in zip(self.heads, maps, positions, strict=True):
+            patches = head(features.flatten(2)[:, :, chosen].transpose(1, 2)).float()
+            vectors.append(patches / (patches.norm(dim=2, keepdim=True) + _EPSILON))
+        return vectors, list(positions)
+
+    def _draw(self, features: Tensor) -> Tensor:
+        return torch.randperm(features[0, 0].numel(), device=features.device)[: self.patches]

@@ -1,0 +1,46 @@
+"""The 70×70 PatchGAN discriminator (Isola et al. 2017)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from torch import nn
+
+from depthcli.training.networks.blur import BlurDown
+from depthcli.training.networks.weights import init_normal, init_xavier
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+_SLOPE = 0.2
+
+
+class PatchGan(nn.Module):
+    """One judgement, without sigmoid, for every 70×70 patch of an image.
+
+    Args:
+        channels: of the image.
+        width: channels of the first layer; doubled three times.
+        antialias: blur after stride-1 convolutions instead of strides (the CUT family).
+    """
+
+    def __init__(self, channels: int = 1, width: int = 64, *, antialias: bool = False) -> None:
+        super().__init__()
+        widths = (channels, width, 2 * width, 4 * width, 8 * width)
+        layers: list[nn.Module] = []
+        for i, (inputs, outputs) in enumerate(zip(widths, widths[1:], strict=False)):
+            shrinks = i < 3  # noqa: PLR2004 - the last two layers keep the size
+            stride = 2 if shrinks and not antialias else 1
+            layers.append(nn.Conv2d(inputs, outputs, 4, stride, 1))
+            if i:
+                layers.append(nn.InstanceNorm2d(outputs))
+            layers.append(nn.LeakyReLU(_SLOPE))
+            if shrinks and antialias:
+                layers.append(BlurDown(outputs))
+        layers.append(nn.Conv2d(widths[-1], 1, 4, 1, 1))
+        self.layers = nn.Sequential(*layers)
+        (init_xavier if antialias else init_normal)(self)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """(B, channels, 256, 256) to (B, 1, 30, 30); other sizes alike."""
+        return self.layers(image)  # type: ignore[no-any-return]

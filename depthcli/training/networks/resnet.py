@@ -1,0 +1,133 @@
+"""The paper's generator: ``resnet_9blocks`` (Johnson et al. 2016), with the paper's last skip."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import torch
+from torch import nn
+
+from depthcli.training.networks.blur import BlurDown, BlurUp
+from depthcli.training.networks.weights import init_normal, init_xavier
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from torch import Tensor
+
+
+class ResnetGenerator(nn.Module):
+    """One-channel image to one-channel image of the same size, in [-1, 1].
+
+    Instance norm without affine after every convolution makes it blind to the input's mean and
+    contrast.
+
+    Args:
+        width: channels after the first layer; doubled twice.
+        blocks: residual blocks.
+        antialias: blurred changes of resolution (the CUT family) instead of strides.
+        residual: last connection: ``stem`` adds the features after the first layer to the last
+            map, ``input`` adds α·x before the tanh with α learned, ``none`` adds nothing.
+    """
+
+    TAPS = ("input", "down1", "down2", "block1", "block5")
+
+    def __init__(
+        self,
+        width: int = 64,
+        blocks: int = 9,
+        *,
+        antialias: bool = False,
+        residual: Literal["none", "stem", "input"] = "none",
+    ) -> None:
+        super().__init__()
+        self.width, self.residual = width, residual
+        self.pad = nn.ReflectionPad2d(3)
+        self.stem = nn.Sequential(nn.Conv2d(1, width, 7), _norm_relu(width))
+        self.down1 = _Down(width, 2 * width, antialias=antialias)
+        self.down2 = _Down(2 * width, 4 * width, antialias=antialias)
+        self.blocks = nn.ModuleList(_Block(4 * width) for _ in range(blocks))
+        self.up1 = _up(4 * width, 2 * width, antialias=antialias)
+        self.up2 = _up(2 * width, width, antialias=antialias)
+        self.head = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(width, 1, 7))
+        (init_xavier if antialias else init_normal)(self)
+        self.input_gain = nn.Parameter(torch.zeros(())) if residual == "input" else None
+
+    def tap_channels(self, tap: str) -> int:
+        """Channels of a named feature map."""
+        widths = (1, 2 * self.width, 4 * self.width, 4 * self.width, 4 * self.width)
+        return dict(zip(self.TAPS, widths, strict=True))[tap]
+
+    def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
+        """Encoder maps of x (B, 1, H, W) for the taps named.
+
+        Padded input; both down convolutions before their norm; first and fifth residual block
+        (the last, where there are fewer).
+        """
+        maps = {"input": self.pad(x)}
+        maps["down1"] = self.down1.conv(self.stem(maps["input"]))
+        maps["down2"] = self.down2.conv(self.down1.finish(maps["down1"]))
+        y = self.down2.finish(maps["down2"])
+        for number, block in enumerate(self.blocks[:5], start=1):
+            y = block(y)
+            if number == 1:
+                maps["block1"] = y
+        maps["block5"] = y
+        return [maps[tap] for tap in taps]
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, 1, H, W) to (B, 1, H, W); H and W multiples of 4."""
+        stem = self.stem(self.pad(x))
+        y = self.down2(self.down1(stem))
+        for block in self.blocks:
+            y = block(y)
+        y = self.up2(self.up1(y))
+        if self.residual == "stem":
+            y = y + stem
+        z = self.head(y)
+        if self.input_gain is not None:
+            z = z + self.input_gain * x
+        return torch.tanh(z)
+
+
+class _Down(nn.Module):
+    """Half the size, twice the channels; the convolution can be tapped before its norm."""
+
+    def __init__(self, inputs: int, outputs: int, *, antialias: bool) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(inputs, outputs, 3, 1 if antialias else 2, 1)
+        blur: nn.Module = BlurDown(outputs) if antialias else nn.Identity()
+        self.finish = nn.Sequential(_norm_relu(outputs), blur)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.finish(self.conv(x))  # type: ignore[no-any-return]
+
+
+class _Block(nn.Module):
+    """Two reflected 3×3 convolutions added to their input."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.body = nn.Sequential(
+            nn.ReflectionPad2d(1),
+            nn.Conv2d(width, width, 3),
+            _norm_relu(width),
+            nn.ReflectionPad2d(1),
+            nn.Conv2d(width, width, 3),
+            nn.InstanceNorm2d(width),
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.body(x)  # type: ignore[no-any-return]
+
+
+def _up(inputs: int, outputs: int, *, antialias: bool) -> nn.Sequential:
+    if antialias:
+        conv: list[nn.Module] = [BlurUp(inputs), nn.Conv2d(inputs, outputs, 3, 1, 1)]
+    else:
+        conv = [nn.ConvTranspose2d(inputs, outputs, 3, 2, 1, output_padding=1)]
+    return nn.Sequential(*conv, _norm_relu(outputs))
+
+
+def _norm_relu(width: int) -> nn.Sequential:
+    return nn.Sequential(nn.InstanceNorm2d(width), nn.ReLU(inplace=True))

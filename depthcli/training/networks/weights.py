@@ -1,0 +1,29 @@
+"""First weights, as each family of methods draws them."""
+
+from __future__ import annotations
+
+from torch import nn
+
+_SPREAD = 0.02
+_CONVOLUTIONS = (nn.Conv2d, nn.ConvTranspose2d)
+
+
+def init_normal(network: nn.Module) -> None:
+    """N(0, 0.02) kernels and zero biases (CycleGAN)."""
+    for layer in network.modules():
+        if isinstance(layer, _CONVOLUTIONS):
+            nn.init.normal_(layer.weight, 0.0, _SPREAD)
+            _zero_bias(layer)
+
+
+def init_xavier(network: nn.Module) -> None:
+    """Xavier-normal kernels of gain 0.02 and zero biases (CUT)."""
+    for layer in network.modules():
+        if isinstance(layer, _CONVOLUTIONS):
+            nn.init.xavier_normal_(layer.weight, _SPREAD)
+            _zero_bias(layer)
+
+
+def _zero_bias(layer: nn.Module) -> None:
+    if layer.bias is not None:
+        nn.init.zeros_(layer.bias)  # type: ignore[arg-type]

@@ -1,0 +1,53 @@
+"""Sample pictures of a training run: input, output and truth in three columns."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+    from lightning_fabric import Fabric
+    from torch import nn
+
+    from depthcli.training.validation import Validation
+
+_ROWS = 6
+_NEAREST_M = 0.3
+
+
+def write_samples(
+    folder: Path, epoch: int, validation: Validation, generator: nn.Module, fabric: Fabric
+) -> None:
+    """Write ``samples/epoch-NNNN.jpg`` for some held-out pairs, near bright."""
+    rows = np.linspace(0, len(validation) - 1, min(_ROWS, len(validation))).astype(int).tolist()
+    gray = ((validation.inputs(rows).numpy()[:, 0] + 1) * 127.5).astype(np.uint8)
+    raw = validation.raw(generator, rows, fabric.device).numpy()[:, 0]
+    codec = validation.config.output.codec
+    lines = []
+    for i, row in enumerate(rows):
+        size = (gray.shape[2], gray.shape[1])
+        truth_m = np.float32(cv2.resize(validation.store.depth_m[row, 0].float().numpy(), size))
+        output_m = np.float32(cv2.resize(codec.decode(raw[i]), size))
+        shown = [cv2.cvtColor(gray[i], cv2.COLOR_GRAY2BGR)]
+        nearest_m, farthest_m = np.percentile(truth_m, (2, 98))
+        shown += [_coloured(d, nearest_m, farthest_m) for d in (output_m, truth_m)]
+        lines.append(np.hstack(shown))
+    target = folder / "samples"
+    target.mkdir(exist_ok=True)
+    encoded = cv2.imencode(".jpg", np.vstack(lines))[1]
+    (target / f"epoch-{epoch:04d}.jpg").write_bytes(encoded.tobytes())
+
+
+def _coloured(
+    depth_m: npt.NDArray[np.float32], nearest_m: float, farthest_m: float
+) -> npt.NDArray[np.uint8]:
+    inverse = 1 / np.maximum(depth_m, _NEAREST_M)
+    low, high = 1 / max(farthest_m, _NEAREST_M), 1 / max(nearest_m, _NEAREST_M)
+    share = np.clip((inverse - low) / max(high - low, 1e-6), 0, 1)
+    shades = cv2.applyColorMap((share * 255).astype(np.uint8), cv2.COLORMAP_INFERNO)
+    return shades.astype(np.uint8)

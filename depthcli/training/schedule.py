@@ -1,0 +1,27 @@
+"""Learning-rate factors."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from depthcli.training.config import OptimConfig
+
+
+def linear_factor(epoch: int, constant: int, decay: int) -> float:
+    """1 for ``constant`` epochs, then linearly towards zero: 1 − max(0, e+1−c)/(d+1)."""
+    return 1.0 - max(0, epoch + 1 - constant) / (decay + 1)
+
+
+def cosine_factor(step: int, steps: int, warmup: int) -> float:
+    """Half a cosine from 1 to 0 over ``steps``, after a linear ``warmup``."""
+    ramp = min(1.0, (step + 1) / warmup) if warmup else 1.0
+    return ramp * 0.5 * (1.0 + math.cos(math.pi * min(step, steps) / steps))
+
+
+def factor(optim: OptimConfig, step: int, steps_per_epoch: int) -> float:
+    """Factor on the learning rate at a step, counted from 0 over the whole run."""
+    if optim.schedule == "linear":
+        return linear_factor(step // steps_per_epoch, optim.epochs_constant, optim.epochs_decay)
+    return cosine_factor(step, optim.epochs * steps_per_epoch, optim.warmup_steps)

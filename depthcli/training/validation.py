@@ -1,0 +1,66 @@
+"""Scores of a generator on held-out pairs, by the headline protocol of the evaluation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+
+from depthcli.metrics.accumulate import Accumulator, Scores
+from depthcli.metrics.depth import DepthPixels
+from depthcli.training.batches import PairStore, whole_pictures
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from torch import Tensor, nn
+
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.training.config import TrainConfig
+
+_PICTURES_AT_ONCE = 16
+
+
+class Validation:
+    """Held-out pairs, ready to be predicted again and again.
+
+    Args:
+        dataset: where truth is read, at full size.
+        positions: the held-out pairs.
+        config: gives size, colour and output coding.
+    """
+
+    def __init__(
+        self, dataset: DepthDataset, positions: Sequence[int], config: TrainConfig
+    ) -> None:
+        self.dataset, self.positions, self.config = dataset, tuple(positions), config
+        self.store = PairStore(dataset, positions, config.data)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def inputs(self, rows: Sequence[int]) -> Tensor:
+        """Network inputs (B, 1, H, W) in [-1, 1] of some of the pairs."""
+        return whole_pictures(self.store, self.config.data, torch.tensor(list(rows)))
+
+    @torch.no_grad()
+    def raw(self, generator: nn.Module, rows: Sequence[int], device: torch.device) -> Tensor:
+        """Raw outputs (B, 1, h, w) float32 on the CPU of some of the pairs."""
+        was_training = generator.training
+        generator.eval()
+        raw: Tensor = generator(self.inputs(rows).to(device)).float().cpu()
+        generator.train(was_training)
+        return raw
+
+    def score(self, generator: nn.Module, device: torch.device) -> Scores:
+        """Mean over the pairs of every metric, at the truth's size."""
+        total, codec = Accumulator(), self.config.output.codec
+        for start in range(0, len(self), _PICTURES_AT_ONCE):
+            rows = range(start, min(start + _PICTURES_AT_ONCE, len(self)))
+            for row, raw in zip(rows, self.raw(generator, rows, device), strict=True):
+                truth_m = self.dataset.depth_m(self.positions[row])
+                depth_m = torch.from_numpy(codec.decode(raw.numpy()))
+                grown_m = F.interpolate(depth_m[None], truth_m.shape, mode="bilinear")
+                total.update(DepthPixels.of(truth_m, grown_m[0, 0].numpy()))
+        return total.compute()
