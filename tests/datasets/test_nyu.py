@@ -250,3 +250,18 @@ def test_without_h5py_the_error_says_what_to_install(
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(DatasetError, match=r"pip install 'depthcli\[train\]'"):
         open_nyu(nyu_mat.path)
+
+
+def test_mat_that_is_damaged_inside(nyu_mat: Any) -> None:
+    with h5py.File(nyu_mat.path, "r+") as file:
+        depths = file["depths"][()]
+        del file["depths"]
+        file.create_dataset("depths", data=depths, chunks=(1, 16, 12), compression="gzip")
+    dataset = open_nyu(nyu_mat.path)
+    with h5py.File(nyu_mat.path, "r") as file:
+        chunk = file["depths"].id.get_chunk_info(3)
+    with nyu_mat.path.open("r+b") as raw:
+        raw.seek(chunk.byte_offset)
+        raw.write(b"\0" * chunk.size)
+    with pytest.raises(DatasetError, match="damaged at pair 3: fetch it again"):
+        dataset.depth_m(3)

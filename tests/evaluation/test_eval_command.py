@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
+import os
+import pty
 import shutil
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import cv2
@@ -193,10 +198,13 @@ def test_csv_file(data: Path, tmp_path: Path) -> None:
 def test_csv_that_cannot_be_written(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "missing" / "table.csv"
+    (tmp_path / "file").write_text("in the way")
+    path = tmp_path / "file" / "table.csv"
     code = _run(data, "--split", "val", "--no-model", "--csv", str(path))
     assert code == ExitCode.SOME_FAILED
-    assert "table.csv" in capsys.readouterr().err
+    output = capsys.readouterr()
+    assert "per-pixel mean" in output.out
+    assert output.err.splitlines()[-1].startswith("depthcli: error: ")
 
 
 def test_paper_split_of_the_first_thousand(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -259,3 +267,27 @@ def test_data_is_required(
     monkeypatch.delenv("DEPTHCLI_NYU", raising=False)
     assert main(["eval", "nyu"]) == ExitCode.USAGE
     assert "--data" in capsys.readouterr().err
+
+
+def test_a_terminal_gets_a_bar(data: Path) -> None:
+    arguments = ["eval", "nyu", "--data", str(data), "--split", "val", "--no-model"]
+    call = f"import sys; from depthcli.cli.app import main; sys.exit(main({arguments!r}))"
+    ours, theirs = pty.openpty()
+    with os.fdopen(ours, "rb", buffering=0) as terminal:
+        done = subprocess.run(
+            [sys.executable, "-c", call],
+            stdout=subprocess.PIPE,
+            stderr=theirs,
+            env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+            check=False,
+            timeout=60,
+        )
+        os.close(theirs)
+        shown = b""
+        with contextlib.suppress(OSError):  # how a closed terminal reads on Linux
+            while piece := terminal.read(4096):
+                shown += piece
+    assert done.returncode == ExitCode.OK
+    assert b"comparing" in shown
+    assert b"2/2" in shown
+    assert b"comparing" not in done.stdout
