@@ -26,10 +26,13 @@ _Out = Annotated[
 ]
 _Preset = Annotated[str | None, typer.Option(help="Named settings that ship with depthcli.")]
 _Config = Annotated[list[Path] | None, typer.Option(help="TOML file of differences; repeatable.")]
-_Set = Annotated[list[str] | None, typer.Option("--set", help="One setting, a.b=value; repeatable.")]
+_Set = Annotated[
+    list[str] | None, typer.Option("--set", help="One setting, a.b=value; repeatable.")
+]
 _Show = Annotated[bool, typer.Option("--show-config", help="Print the whole configuration, stop.")]
 _Minutes = Annotated[
-    float | None, typer.Option(min=0.0, help="Stop cleanly after so many minutes, to continue later.")
+    float | None,
+    typer.Option(min=0.0, help="Stop cleanly after so many minutes, to continue later."),
 ]
 _Accelerator = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
 _Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; default: all cores.")]

@@ -83,7 +83,9 @@ class Lines(Silent):
         rate = (progress.step - (self._first_step or 0)) / elapsed_s
         to_go_min = (self._steps - progress.step) / rate / 60
         losses = " ".join(f"{name} {value:.4f}" for name, value in self._losses.items())
-        scores = " ".join(f"{name} {progress.scores[name]:.4f}" for name in _SHOWN if progress.scores)
+        scores = " ".join(
+            f"{name} {progress.scores[name]:.4f}" for name in _SHOWN if progress.scores
+        )
         console.note(
             f"epoch {progress.epoch}  step {progress.step}/{self._steps}  {losses}  "
             f"held out: {scores or 'none'}  {rate:.2f} steps/s  {to_go_min:.0f} min to go"

@@ -56,6 +56,17 @@ class Frame:
         """Columns."""
         return int(self.pixels.shape[1])
 
+    def pixels_8bit(self) -> npt.NDArray[np.uint8]:
+        """The picture for people: (H, W, 3) RGB uint8."""
+        pixels = self.pixels
+        if pixels.dtype == np.uint16:
+            pixels = (pixels >> 8).astype(np.uint8)
+        elif pixels.dtype == np.float32:
+            pixels = np.rint(pixels * 255).astype(np.uint8)
+        if pixels.ndim == 2:  # noqa: PLR2004
+            pixels = np.repeat(pixels[..., None], 3, axis=2)
+        return pixels  # type: ignore[return-value]
+
 
 @dataclass(frozen=True, slots=True)
 class Provenance:

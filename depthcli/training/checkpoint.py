@@ -105,7 +105,9 @@ class Checkpoint:
         try:
             config = updated(TrainConfig(), content.pop("config"))
         except UsageError as error:
-            raise CheckpointError(f"{path} has a configuration of another version: {error}") from error
+            raise CheckpointError(
+                f"{path} has a configuration of another version: {error}"
+            ) from error
         progress = content.pop("progress")
         for name in ("train_ids", "held_out_ids"):
             progress[name] = tuple(progress[name])

@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 
-def regularised_l1(prediction: Tensor, truth: Tensor, generator: nn.Module, penalty: float) -> Tensor:
+def regularised_l1(
+    prediction: Tensor, truth: Tensor, generator: nn.Module, penalty: float
+) -> Tensor:
     """Mean |prediction − truth| + penalty · Σ‖convolution weights‖²; a scalar.
 
     Args:

@@ -1,0 +1,49 @@
+"""What a network is shown of a picture's colours, at the picture's full precision."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+_LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
+
+
+def value_channel(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+    """V of HSV, the largest of R, G and B; gray is its own V.
+
+    Args:
+        pixels: (H, W) or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
+
+    Returns:
+        (H, W) float32 in [0, 1].
+    """
+    if pixels.ndim == 2:  # noqa: PLR2004
+        return unit(pixels)
+    red, green, blue = cv2.split(pixels)  # type: ignore[call-overload]
+    return unit(cv2.max(cv2.max(red, green), blue))
+
+
+def luma(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+    """Rec. 601 luma of the coded values; arguments and result as in :func:`value_channel`."""
+    if pixels.ndim == 2:  # noqa: PLR2004
+        return unit(pixels)
+    return np.asarray(cv2.transform(unit(pixels), _LUMA)).reshape(pixels.shape[:2])
+
+
+def rgb(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+    """Three channels (H, W, 3) float32 in [0, 1]; gray is repeated."""
+    values = unit(pixels)
+    return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)  # noqa: PLR2004
+
+
+def unit(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+    """Coded values of any shape as float32 in [0, 1]."""
+    if pixels.dtype == np.float32:
+        return np.clip(pixels, 0, 1)  # type: ignore[return-value]
+    top = 255 if pixels.dtype == np.uint8 else 65535
+    return pixels.astype(np.float32) * np.float32(1 / top)

@@ -1,0 +1,52 @@
+"""Resizing with half-pixel centres, the same in training, inference and evaluation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+
+def resize_bilinear(
+    values: npt.NDArray[np.float32], width: int, height: int
+) -> npt.NDArray[np.float32]:
+    """Bilinear, half-pixel centres, edges repeated, no antialiasing: how depth is resized.
+
+    Args:
+        values: (H, W) or (H, W, C) float32.
+        width: columns of the result, px.
+        height: rows of the result, px.
+
+    Returns:
+        (height, width) or (height, width, C) float32; a copy only if the size changes.
+    """
+    if values.shape[:2] == (height, width):
+        return values
+    return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_LINEAR))
+
+
+def resize_area(
+    values: npt.NDArray[np.float32], width: int, height: int
+) -> npt.NDArray[np.float32]:
+    """Mean over each output pixel's area where it shrinks, bilinear where it grows: pictures.
+
+    Args:
+        values: (H, W) or (H, W, C) float32.
+        width: columns of the result, px.
+        height: rows of the result, px.
+
+    Returns:
+        (height, width) or (height, width, C) float32; a copy only if the size changes.
+    """
+    if values.shape[:2] == (height, width):
+        return values
+    rows, columns = values.shape[:2]
+    if width <= columns and height <= rows:
+        return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_AREA))
+    # OpenCV's area method repeats pixels where it grows, so such an axis is stretched on its own.
+    shrunk = (min(width, columns), min(height, rows))
+    return resize_bilinear(resize_area(values, *shrunk), width, height)

@@ -1,0 +1,115 @@
+"""Metres for other cameras, and from known points.
+
+An image of an object at twice the focal length looks like one at half the distance, so a network
+that learned one camera is right up to the ratio of focal lengths: depth ∝ focal.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+_FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+_STRAIGHT_ANGLE_DEG = 180.0
+
+
+class KnownPoint(Protocol):
+    """A pixel whose depth is known."""
+
+    @property
+    def x(self) -> int:
+        """Column."""
+        ...
+
+    @property
+    def y(self) -> int:
+        """Row."""
+        ...
+
+    @property
+    def depth_m(self) -> float:
+        """Depth along the camera axis, metres."""
+        ...
+
+
+def focal_px(hfov_deg: float, width: int) -> float:
+    """Focal length in pixels of a picture ``width`` pixels wide.
+
+    Args:
+        hfov_deg: horizontal field of view, degrees, inside (0, 180).
+        width: columns of the picture.
+
+    Raises:
+        UsageError: the field of view is out of range.
+    """
+    if not 0 < hfov_deg < _STRAIGHT_ANGLE_DEG:
+        raise UsageError(f"a field of view of {hfov_deg:g}° is not between 0 and 180")
+    return width / 2 / math.tan(math.radians(hfov_deg) / 2)
+
+
+def focal_px_of_35mm(focal_35mm: float, width: int, height: int) -> float:
+    """Focal length in pixels of an EXIF 35-mm-equivalent one; equal diagonals are equivalent."""
+    return focal_35mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
+
+
+def fit_anchors(depth: DepthMap, points: Sequence[KnownPoint]) -> DepthMap:
+    """Metric depth that fits known points best, in the least-squares sense.
+
+    One point fits the scale, two or more fit scale and shift. Metric and relative maps are fitted
+    in depth, inverse maps in inverse depth.
+
+    Args:
+        depth: map of any kind.
+        points: pixels of the map and their depth.
+
+    Returns:
+        A metric map of the same size; NaN where the fit puts a pixel at or behind the camera.
+
+    Raises:
+        UsageError: a point is outside, has no depth, or the points do not determine the fit.
+    """
+    values = np.array([_value(depth, p) for p in points], np.float64)
+    truth_m = np.array([p.depth_m for p in points], np.float64)
+    inverse = depth.kind is DepthKind.INVERSE
+    scale, shift = _line(values, 1 / truth_m if inverse else truth_m)
+    fitted = depth.values * np.float32(scale) + np.float32(shift)
+    if inverse:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            fitted = np.float32(1) / fitted
+    fitted = np.where(fitted > 0, fitted, np.float32(np.nan)).astype(np.float32)
+    return DepthMap(fitted, DepthKind.METRIC, depth.provenance)
+
+
+def _value(depth: DepthMap, point: KnownPoint) -> float:
+    if not (0 <= point.x < depth.width and 0 <= point.y < depth.height):
+        raise UsageError(
+            f"anchor {point.x},{point.y} is outside the picture of {depth.width}×{depth.height}"
+        )
+    value = float(depth.values[point.y, point.x])
+    if not math.isfinite(value):
+        raise UsageError(f"anchor {point.x},{point.y} has no depth; choose another pixel")
+    return value
+
+
+def _line(values: npt.NDArray[np.float64], wanted: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Scale and shift of the best line; the scale alone for a single point."""
+    if len(values) == 1:
+        if values[0] == 0:
+            raise UsageError("the anchor's own depth is 0, so it fits no scale; choose another")
+        return float(wanted[0] / values[0]), 0.0
+    if np.ptp(values) == 0:
+        raise UsageError("all anchors have the same depth in the map; spread them over the scene")
+    scale, shift = np.polyfit(values, wanted, 1)
+    if scale <= 0:
+        raise UsageError("the anchors contradict the map's order of near and far; check them")
+    return float(scale), float(shift)

@@ -1,0 +1,57 @@
+"""Outputs that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from depthcli.errors import OutputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from pathlib import Path
+
+
+@contextmanager
+def atomic_path(path: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+    """A temporary path in the same folder that takes ``path``'s place when the block succeeds.
+
+    Args:
+        path: the output; missing folders are made.
+        inputs: files that must not be replaced.
+
+    Yields:
+        Where to write; it has ``path``'s suffix.
+
+    Raises:
+        OutputError: the folder cannot be made, the file cannot be written, or an input is in its
+            place. Nothing is left behind.
+    """
+    if any(_same_file(path, source) for source in inputs):
+        raise OutputError(f"{path} is an input and is not overwritten; choose another -o")
+    temporary = path.with_name(f".depthcli-{secrets.token_hex(8)}{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        os.replace(temporary, path)  # noqa: PTH105 - names with bytes that are not UTF-8 pass here
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"cannot write {path}: {reason}; choose another -o") from error
+    finally:
+        _remove(temporary)
+
+
+def _same_file(path: Path, source: Path) -> bool:
+    try:
+        return path.samefile(source)
+    except OSError:
+        return False
+
+
+def _remove(path: Path) -> None:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        return  # the folder is gone or read-only: there is nothing to remove

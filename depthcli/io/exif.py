@@ -1,0 +1,102 @@
+"""The two EXIF facts that depth needs: how the camera was held and its focal length."""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+_ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
+_SHORT, _LONG = 3, 4
+_ENTRY_BYTES = 12
+_ORIENTATIONS = range(1, 9)
+
+
+class Exif(NamedTuple):
+    """What was found.
+
+    Attributes:
+        orientation: 1-8; 1 is upright.
+        focal_35mm: 35-mm-equivalent focal length in millimetres, or None.
+    """
+
+    orientation: int = 1
+    focal_35mm: float | None = None
+
+
+def read_exif(data: bytes) -> Exif:
+    """EXIF of a JPEG, PNG, WebP or TIFF file; whatever is damaged counts as absent.
+
+    Args:
+        data: the whole file.
+    """
+    tiff = _tiff_part(data)
+    if tiff is None:
+        return Exif()
+    try:
+        return _parse(tiff)
+    except (struct.error, IndexError):
+        return Exif()
+
+
+def _tiff_part(data: bytes) -> bytes | None:
+    """The TIFF structure that EXIF is, wherever the container keeps it."""
+    if data[:4] in (b"II*\0", b"MM\0*"):
+        return data
+    if data[:2] == b"\xff\xd8":
+        return _in_jpeg(data)
+    if data[:8] == b"\x89PNG\r\n\x1a\n":
+        return _in_chunks(data, 8, b"eXIf", ">I4s", length_first=True)
+    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+        part = _in_chunks(data, 12, b"EXIF", "<4sI", length_first=False)
+        return part.removeprefix(b"Exif\0\0") if part else None
+    return None
+
+
+def _in_jpeg(data: bytes) -> bytes | None:
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF:
+        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if marker == 0xDA or length < 2:  # noqa: PLR2004 - pixels begin
+            return None
+        if marker == 0xE1 and data[at + 4 : at + 10] == b"Exif\0\0":
+            return data[at + 10 : at + 2 + length]
+        at += 2 + length
+    return None
+
+
+def _in_chunks(
+    data: bytes, at: int, wanted: bytes, header: str, *, length_first: bool
+) -> bytes | None:
+    size = struct.calcsize(header)
+    while at + size <= len(data):
+        first, second = struct.unpack_from(header, data, at)
+        length, name = (first, second) if length_first else (second, first)
+        if name == wanted:
+            return data[at + size : at + size + length]
+        # PNG adds a checksum, RIFF pads to even lengths.
+        at += size + length + (4 if length_first else length % 2)
+    return None
+
+
+def _parse(tiff: bytes) -> Exif:
+    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
+    if order is None:
+        return Exif()
+    first = _directory(tiff, order, struct.unpack_from(order + "I", tiff, 4)[0])
+    inner = _directory(tiff, order, first[_EXIF_IFD]) if _EXIF_IFD in first else {}
+    orientation = first.get(_ORIENTATION, 1)
+    focal = inner.get(_FOCAL_35MM, 0)
+    return Exif(orientation if orientation in _ORIENTATIONS else 1, float(focal) if focal else None)
+
+
+def _directory(tiff: bytes, order: str, at: int) -> dict[int, int]:
+    """Whole-number tags of one directory."""
+    (count,) = struct.unpack_from(order + "H", tiff, at)
+    tags = {}
+    for i in range(count):
+        entry = at + 2 + i * _ENTRY_BYTES
+        tag, kind = struct.unpack_from(order + "HH", tiff, entry)
+        if kind in (_SHORT, _LONG):
+            form = "H" if kind == _SHORT else "I"
+            (tags[tag],) = struct.unpack_from(order + form, tiff, entry + 8)
+    return tags

@@ -1,0 +1,45 @@
+"""Colour tables from far to near."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+_OPENCV = {
+    "inferno": cv2.COLORMAP_INFERNO,
+    "turbo": cv2.COLORMAP_TURBO,
+    "magma": cv2.COLORMAP_MAGMA,
+    "viridis": cv2.COLORMAP_VIRIDIS,
+}
+# ColorBrewer's Spectral, 11 classes (Brewer 2003, Apache-2.0 colour specifications), blue to red.
+_SPECTRAL = (
+    (94, 79, 162), (50, 136, 189), (102, 194, 165), (171, 221, 164), (230, 245, 152),
+    (255, 255, 191), (254, 224, 139), (253, 174, 97), (244, 109, 67), (213, 62, 79), (158, 1, 66),
+)  # fmt: skip
+NAMES = (*_OPENCV, "spectral", "gray")
+_LEVELS = 256
+
+
+def table(name: str, near: str = "warm") -> npt.NDArray[np.uint8]:
+    """(256, 3) RGB uint8, the far colour first.
+
+    Args:
+        name: one of ``NAMES``.
+        near: ``warm`` and ``white`` put the bright or red end near, ``black`` the other.
+    """
+    levels = np.arange(_LEVELS, dtype=np.uint8)
+    if name == "gray":
+        colours = np.repeat(levels[:, None], 3, axis=1)
+    elif name == "spectral":
+        stops = np.linspace(0, _LEVELS - 1, len(_SPECTRAL))
+        channels = np.array(_SPECTRAL).T
+        colours = np.rint(np.stack([np.interp(levels, stops, c) for c in channels], 1))
+    else:
+        colours = cv2.applyColorMap(levels, _OPENCV[name])[:, 0, ::-1]
+    colours = colours.astype(np.uint8)
+    return colours[::-1] if near == "black" else colours

@@ -1,0 +1,44 @@
+"""OpenEXR: floating-point depth, for compositing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import OpenEXR
+
+from depthcli.io.writers.facts import facts
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.core.types import DepthMap, Frame
+
+
+@dataclass(frozen=True, slots=True)
+class ExrWriter:
+    """One channel, ZIP-compressed.
+
+    Attributes:
+        channel: ``Z`` (the EXR convention), ``Y``, ``R`` or ``depth.Z`` (Nuke).
+        half: 16-bit instead of 32-bit floats.
+    """
+
+    NAME: ClassVar[str] = "exr"
+    SUFFIX: ClassVar[str] = ".depth.exr"
+    ENDINGS: ClassVar[tuple[str, ...]] = (".exr",)
+
+    channel: str = "Z"
+    half: bool = False
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""
+        del frame
+        values = np.ascontiguousarray(depth.values)
+        if self.half:
+            values = values.astype(np.float16)
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        header |= {f"depthcli:{name}": text for name, text in facts(depth).items()}
+        OpenEXR.File(header, {self.channel: values}).write(str(path))
+        return ()

@@ -1,0 +1,67 @@
+"""A colour bar with numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from depthcli.core.types import DepthKind
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+_TICKS = 5
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_REFERENCE_HEIGHT = 480  # at this height the text has OpenCV's size 0.5
+
+
+def with_legend(
+    image: npt.NDArray[np.uint8],
+    colours: npt.NDArray[np.uint8],
+    near: float,
+    far: float,
+    kind: DepthKind,
+) -> npt.NDArray[np.uint8]:
+    """The image with a colour bar at its right, near at the top.
+
+    Args:
+        image: (H, W, 3) RGB uint8.
+        colours: (256, 3) RGB uint8, far first.
+        near: value at the near end.
+        far: value at the far end.
+        kind: metric maps are labelled in metres, evenly in inverse depth.
+    """
+    height = image.shape[0]
+    size = float(np.clip(height / _REFERENCE_HEIGHT, 0.6, 4))
+    margin, bar_width, width = (round(n * size) for n in (16, 20, 104))
+    bar_height = max(1, height - 2 * margin)
+    panel = np.full((height, width, 3), 24, np.uint8)
+    shades = colours[np.linspace(255, 0, bar_height).round().astype(int)]
+    panel[margin : margin + bar_height, margin : margin + bar_width] = shades[
+        : height - margin, None
+    ]
+    for share in np.linspace(0, 1, _TICKS):
+        y = margin + round(share * (bar_height - 1))
+        text = label(value_at(1 - share, near, far, kind), kind)
+        _draw(panel, text, (margin + bar_width + round(7 * size), y + round(5 * size)), size)
+    return np.hstack([image, panel])
+
+
+def value_at(nearness: float, near: float, far: float, kind: DepthKind) -> float:
+    """The value whose colour stands at a height of the bar; inverse of the preview's mapping."""
+    if kind is DepthKind.METRIC and near > 0 and far > 0:
+        return 1 / (nearness / near + (1 - nearness) / far)
+    return nearness * near + (1 - nearness) * far
+
+
+def label(value: float, kind: DepthKind) -> str:
+    """Three significant digits, with the unit where there is one."""
+    digits = f"{value:.2f}" if abs(value) < 10 else f"{value:.3g}"  # noqa: PLR2004
+    return f"{digits} m" if kind is DepthKind.METRIC else digits
+
+
+def _draw(panel: npt.NDArray[np.uint8], text: str, origin: tuple[int, int], size: float) -> None:
+    thickness = max(1, round(size))
+    cv2.putText(panel, text, origin, _FONT, 0.45 * size, (235, 235, 235), thickness, cv2.LINE_AA)

@@ -1,0 +1,77 @@
+"""A coloured point cloud, as binary PLY."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from depthcli.core import scaling
+from depthcli.errors import OutputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from depthcli.core.types import DepthMap, Frame
+
+_NYU_HFOV_DEG = 63.3
+_POINT = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
+_TYPES = {"<f4": "float", "u1": "uchar"}
+
+
+@dataclass(frozen=True, slots=True)
+class PlyWriter:
+    """Metres: x right, y down, z along the camera axis; the principal point is the centre.
+
+    Attributes:
+        hfov_deg: horizontal field of view where the map itself states no focal length.
+    """
+
+    NAME: ClassVar[str] = "ply"
+    SUFFIX: ClassVar[str] = ".ply"
+    ENDINGS: ClassVar[tuple[str, ...]] = (".ply",)
+
+    hfov_deg: float = _NYU_HFOV_DEG
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write one vertex for each pixel with depth."""
+        if not depth.is_metric:
+            raise OutputError(
+                f"a point cloud needs metres, and {depth.kind} depth has none; fit it with --anchor"
+            )
+        stated = depth.provenance.focal_px if depth.provenance else None
+        focal_px = stated or scaling.focal_px(self.hfov_deg, depth.width)
+        points = _points(depth.values, focal_px, _colours(depth, frame))
+        lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+        lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
+        with path.open("wb") as file:
+            file.write(("\n".join(lines) + "\nend_header\n").encode("ascii"))
+            file.write(points.tobytes())
+        if stated:
+            return ()
+        return (f"no focal length known; the point cloud assumes {self.hfov_deg:g}° across",)
+
+
+def _points(
+    depth_m: npt.NDArray[np.float32], focal_px: float, colours: npt.NDArray[np.uint8]
+) -> npt.NDArray[np.void]:
+    valid = np.isfinite(depth_m) & (depth_m > 0)
+    rows, columns = np.nonzero(valid)
+    height, width = depth_m.shape
+    points = np.empty(len(rows), _POINT)
+    points["z"] = depth_m[valid]
+    points["x"] = (columns + 0.5 - width / 2) / focal_px * points["z"]
+    points["y"] = (rows + 0.5 - height / 2) / focal_px * points["z"]
+    for i, name in enumerate(("red", "green", "blue")):
+        points[name] = colours[..., i][valid]
+    return points
+
+
+def _colours(depth: DepthMap, frame: Frame | None) -> npt.NDArray[np.uint8]:
+    """(H, W, 3) uint8; white where there is no picture."""
+    if frame is None:
+        return np.full((*depth.values.shape, 3), 255, np.uint8)
+    return frame.pixels_8bit()

@@ -1,0 +1,26 @@
+"""The output formats by name."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from depthcli.io.writers.base import Writer
+
+# Modules are loaded when a format is used: OpenEXR costs start-up time that PNG need not pay.
+WRITERS = {
+    "png16": "depthcli.io.writers.png16:Png16Writer",
+    "exr": "depthcli.io.writers.exr:ExrWriter",
+    "npy": "depthcli.io.writers.npy:NpyWriter",
+    "preview": "depthcli.io.writers.preview:PreviewWriter",
+    "ply": "depthcli.io.writers.ply:PlyWriter",
+    "json": "depthcli.io.writers.sidecar:SidecarWriter",
+}
+
+
+def writer_class(name: str) -> type[Writer]:
+    """The class of a format in ``WRITERS``."""
+    module, _, attribute = WRITERS[name].partition(":")
+    found: type[Writer] = getattr(import_module(module), attribute)
+    return found

@@ -1,0 +1,55 @@
+"""A JSON file that says what the numbers of the other outputs mean."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from depthcli import __version__
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.core.types import DepthMap, Frame
+
+
+@dataclass(frozen=True, slots=True)
+class SidecarWriter:
+    """Unit, scale, kind, orientation, model, resize, focal length, range and version.
+
+    Attributes:
+        png_scale: steps per metre of the 16-bit PNG beside it; None if that is normalized.
+    """
+
+    NAME: ClassVar[str] = "json"
+    SUFFIX: ClassVar[str] = ".depth.json"
+    ENDINGS: ClassVar[tuple[str, ...]] = (".json",)
+
+    png_scale: float | None = 1000.0
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write one JSON object."""
+        finite = depth.values[np.isfinite(depth.values)]
+        known = bool(finite.size)
+        source = depth.provenance
+        facts = {
+            "software": f"depthcli {__version__}",
+            "kind": depth.kind.value,
+            "unit": "m" if depth.is_metric else None,
+            "png16_scale": self.png_scale if depth.is_metric else None,
+            "width": depth.width,
+            "height": depth.height,
+            "orientation": frame.orientation if frame else None,
+            "min": float(finite.min()) if known else None,
+            "median": float(np.median(finite)) if known else None,
+            "max": float(finite.max()) if known else None,
+            "model": source.model if source else None,
+            "model_sha256": source.model_sha256 if source else None,
+            "network_size_px": list(source.input_size_px) if source else None,
+            "focal_px": source.focal_px if source else None,
+        }
+        path.write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", "utf-8")
+        return ()
