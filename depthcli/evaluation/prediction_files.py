@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from depthcli.core.types import DepthKind, DepthMap
     from depthcli.evaluation.predictors import Sample
 
-SUFFIXES = (".npy", ".exr", ".png")
-"""Best precision first: the first that is there is taken."""
+SUFFIXES = (".npy", ".depth.npy", ".exr", ".depth.exr", ".png", ".depth.png")
+"""Best precision first: the first that is there is taken. ``.depth`` is how predict names files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def open_predictions(
     """Check that there is a prediction for every image.
 
     Args:
-        folder: holds ``ID.npy``, ``ID.exr`` or ``ID.png``.
+        folder: holds ``ID.npy``, ``ID.exr`` or ``ID.png``, or the same with ``.depth`` in between.
         ids: the images that will be compared.
         kind: what the numbers mean; None to believe the first file.
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from small_set import small_set
 
-from depthcli.core.types import DepthKind
+from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.prediction_files import open_predictions
 from depthcli.evaluation.predictors import Sample
+from depthcli.io.writers.registry import writer_class
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,6 +50,18 @@ def test_most_precise_format_is_taken(tmp_path: Path) -> None:
     _write_npy(tmp_path)
     depth = open_predictions(tmp_path, IDS).predict(Sample(small_set(), 0))
     assert depth.values[0, 0] == 2.0
+
+
+def test_every_depth_format_of_predict_is_found_under_its_own_name(tmp_path: Path) -> None:
+    depth = DepthMap(np.full((4, 6), 2.5, np.float32))
+    for name in ("png16", "exr", "npy"):
+        writer = writer_class(name)()
+        folder = tmp_path / name
+        folder.mkdir()
+        for dataset_id in IDS:
+            writer.write(depth, folder / f"{dataset_id}{writer.SUFFIX}")
+        read = open_predictions(folder, IDS).predict(Sample(small_set(), 1))
+        np.testing.assert_array_equal(read.values, depth.values)
 
 
 def test_kind_can_be_told(tmp_path: Path) -> None:
