@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from typing import TextIO
 
 
 class State:
@@ -25,7 +26,7 @@ class State:
 
 def out(text: str) -> None:
     """A line of results, to standard output."""
-    sys.stdout.write(f"{text}\n")
+    _write(sys.stdout, text)
 
 
 def out_json(values: Mapping[str, object]) -> None:
@@ -36,17 +37,17 @@ def out_json(values: Mapping[str, object]) -> None:
 
 def note(text: str) -> None:
     """A line about the run, to standard error."""
-    sys.stderr.write(f"{text}\n")
+    _write(sys.stderr, text)
 
 
 def warn(text: str) -> None:
     """A warning, one line on standard error."""
-    sys.stderr.write(f"depthcli: warning: {one_line(text)}\n")
+    _write(sys.stderr, f"depthcli: warning: {one_line(text)}")
 
 
 def error(text: str) -> None:
     """An error, one line on standard error."""
-    sys.stderr.write(f"depthcli: error: {one_line(text)}\n")
+    _write(sys.stderr, f"depthcli: error: {one_line(text)}")
 
 
 def trace(problem: BaseException) -> None:
@@ -61,6 +62,12 @@ def one_line(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _write(stream: TextIO, text: str) -> None:
+    """A line, with escapes for what the stream's encoding does not have."""
+    encoding = stream.encoding or "ascii"
+    stream.write(text.encode(encoding, "backslashreplace").decode(encoding) + "\n")
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -93,3 +93,8 @@ class Failed(NamedTuple):
     def as_json(self) -> dict[str, object]:
         """The fields of one line of ``--json``."""
         return {"input": self.name, "status": "failed", "error": str(self.error)}
+
+    def as_text(self) -> str:
+        """One line: the input, and why it failed."""
+        reason = str(self.error)
+        return reason if reason.startswith(self.name) else f"{self.name}: {reason}"

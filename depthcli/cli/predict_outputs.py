@@ -1,0 +1,197 @@
+"""Which files ``depthcli predict`` writes, and how each format looks."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from depthcli.cli.predict_choices import Format
+from depthcli.errors import UsageError
+from depthcli.io.atomic import atomic_path
+from depthcli.io.naming import is_folder, plan_outputs
+from depthcli.io.writers.registry import writer_class
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.core.types import DepthMap, Frame
+    from depthcli.inference.card import ModelCard
+    from depthcli.io.writers.base import Writer
+
+STANDARD = "-"
+DEFAULT_FORMATS = (Format.PNG16, Format.PREVIEW)
+# The writers state the same, but asking them would load every format's library.
+FORMAT_OF_SUFFIX = {
+    ".png": Format.PNG16,
+    ".exr": Format.EXR,
+    ".npy": Format.NPY,
+    ".ply": Format.PLY,
+    ".json": Format.JSON,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Looks:
+    """Options of the formats; see the writers.
+
+    Attributes:
+        png_scale: steps a metre in 16-bit PNG.
+        png_normalize: stretch each 16-bit PNG to its whole range.
+        exr_channel: name of the channel in EXR.
+        half: 16-bit floats in EXR.
+        colormap: colours of the preview.
+        near: the colormap's end that is near.
+        vmin: depth at the near end; None for a percentile.
+        vmax: depth at the far end; None for a percentile.
+        legend: a scale beside the preview.
+        side_by_side: the picture beside its preview.
+    """
+
+    png_scale: float
+    png_normalize: bool
+    exr_channel: str
+    half: bool
+    colormap: str
+    near: Literal["warm", "white", "black"]
+    vmin: float | None
+    vmax: float | None
+    legend: bool
+    side_by_side: bool
+
+    def writer(self, name: Format, card: ModelCard) -> Writer:
+        """The writer of a format, for depth of a model."""
+        # Imported one by one: OpenEXR alone takes longer than writing a PNG.
+        match name:
+            case Format.PNG16:
+                from depthcli.io.writers.png16 import Png16Writer
+
+                return Png16Writer(self.png_scale, self.png_normalize)
+            case Format.EXR:
+                from depthcli.io.writers.exr import ExrWriter
+
+                return ExrWriter(self.exr_channel, self.half)
+            case Format.NPY:
+                from depthcli.io.writers.npy import NpyWriter
+
+                return NpyWriter()
+            case Format.PREVIEW:
+                return self._preview()
+            case Format.PLY:
+                from depthcli.io.writers.ply import PlyWriter
+
+                return PlyWriter(card.camera.hfov_deg) if card.camera else PlyWriter()
+            case Format.JSON:
+                from depthcli.io.writers.sidecar import SidecarWriter
+
+                return SidecarWriter(None if self.png_normalize else self.png_scale)
+
+    def _preview(self) -> Writer:
+        from depthcli.io.writers.preview import PreviewWriter
+
+        return PreviewWriter(
+            colormap=self.colormap,
+            near=self.near,
+            vmin=self.vmin,
+            vmax=self.vmax,
+            legend=self.legend,
+            side_by_side=self.side_by_side,
+        )
+
+
+class Job(NamedTuple):
+    """One input and its outputs.
+
+    Attributes:
+        name: the input as the user wrote it.
+        source: the file; None for standard input.
+        outputs: the file of each format; None for standard output.
+    """
+
+    name: str
+    source: Path | None
+    outputs: dict[Format, Path | None]
+
+
+def choose_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format, ...]:
+    """What to write: what was asked for, else what the output's suffix says, else the default.
+
+    Raises:
+        UsageError: the output is a file whose suffix says nothing.
+    """
+    if asked:
+        return tuple(dict.fromkeys(asked))
+    if output is None or is_folder(output):
+        return DEFAULT_FORMATS
+    if output == STANDARD:
+        return (Format.PNG16,)
+    suffix = Path(output).suffix.lower()
+    if suffix not in FORMAT_OF_SUFFIX:
+        known = ", ".join(FORMAT_OF_SUFFIX)
+        raise UsageError(
+            f"-o {output} says no format; end it in {known}, give --format, or end it in '/' for "
+            "a folder"
+        )
+    return (FORMAT_OF_SUFFIX[suffix],)
+
+
+def plan_jobs(
+    names: Sequence[str], output: str | None, formats: Sequence[Format], *, sidecar: bool
+) -> tuple[Job, ...]:
+    """Name every output before anything is read.
+
+    Raises:
+        UsageError: the outputs do not fit the inputs, or each other.
+    """
+    if list(names).count(STANDARD) > 1:
+        raise UsageError("'-' is standard input and can be read once; give it once")
+    sources = [None if name == STANDARD else Path(name) for name in names]
+    wanted = dict.fromkeys([*formats, Format.JSON] if sidecar else formats)
+    if output == STANDARD:
+        if len(names) != 1 or len(wanted) != 1:
+            raise UsageError("-o - takes one input and one format; name a folder for more")
+        return (Job(names[0], sources[0], dict.fromkeys(wanted)),)
+    # A sidecar beside the one file that the user named must not change that file's name.
+    beside = sidecar and len(formats) == 1 and output is not None and not is_folder(output)
+    main = formats if beside else wanted
+    plans = plan_outputs(sources, output, {name: writer_class(name).SUFFIX for name in main})
+    jobs = [
+        Job(name, plan.source, {Format(key): path for key, path in plan.outputs.items()})
+        for name, plan in zip(names, plans, strict=True)
+    ]
+    if beside and output is not None:
+        json_path = str(Path(output).with_suffix(".json"))
+        (plan,) = plan_outputs(sources, json_path, {Format.JSON: ""})
+        jobs[0].outputs[Format.JSON] = plan.outputs[Format.JSON]
+    return tuple(jobs)
+
+
+def write_output(
+    writer: Writer, path: Path | None, depth: DepthMap, frame: Frame, job: Job
+) -> tuple[str, ...]:
+    """Write one output whole or not at all.
+
+    Returns:
+        Warnings, one line each.
+
+    Raises:
+        OutputError: it cannot be written, or an input is in its place.
+    """
+    if path is None:
+        return _write_stdout(writer, depth, frame)
+    inputs = () if job.source is None else (job.source,)
+    with atomic_path(path, inputs=inputs) as temporary:
+        return writer.write(depth, temporary, frame)
+
+
+def _write_stdout(writer: Writer, depth: DepthMap, frame: Frame) -> tuple[str, ...]:
+    """The formats' libraries want a file, so there is one for a moment."""
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"depth{Path(writer.SUFFIX).suffix}"
+        warnings = writer.write(depth, path, frame)
+        sys.stdout.buffer.write(path.read_bytes())
+    sys.stdout.buffer.flush()
+    return warnings

@@ -1,0 +1,168 @@
+"""What ``depthcli predict`` does: each picture through the model and into its files."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from depthcli.cli import console
+from depthcli.cli.background import Background
+from depthcli.cli.outcome import Done, Failed
+from depthcli.cli.predict_outputs import STANDARD, write_output
+from depthcli.errors import ExitCode, InputError, OutputError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.cli.anchors import Anchor
+    from depthcli.cli.predict_outputs import Job, Looks
+    from depthcli.core.types import DepthMap, Frame
+    from depthcli.inference.pipeline import Pipeline
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """Which model runs, and how.
+
+    Attributes:
+        model: name or path; None for the default.
+        provider: ``auto`` or a name.
+        threads: None for onnxruntime's choice.
+    """
+
+    model: str | None
+    provider: str
+    threads: int | None
+
+    def load(self) -> Pipeline:
+        """Find and load the model."""
+        from depthcli.inference.pipeline import load
+
+        return load(self.model, provider=self.provider, threads=self.threads)
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """What the user knows of the camera and the scene.
+
+    Attributes:
+        focal_px: focal length in pixels of the picture.
+        hfov_deg: horizontal field of view in degrees.
+        anchors: points of known depth.
+    """
+
+    focal_px: float | None
+    hfov_deg: float | None
+    anchors: tuple[Anchor, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Voice:
+    """What is said of each input.
+
+    Attributes:
+        as_json: one JSON object a line in place of text.
+        quiet: errors only.
+        to_stderr: standard output carries a depth map, so text goes elsewhere.
+    """
+
+    as_json: bool
+    quiet: bool
+    to_stderr: bool
+
+    def tell(self, outcome: Done | Failed) -> None:
+        """Say what became of an input."""
+        if self.as_json:
+            console.out_json(outcome.as_json())
+        if isinstance(outcome, Failed):
+            console.error(outcome.as_text())
+        elif not self.quiet and not self.as_json:
+            (console.note if self.to_stderr else console.out)(outcome.as_text())
+            for warning in outcome.warnings:
+                console.warn(f"{outcome.name}: {warning}")
+
+
+@dataclass(frozen=True, slots=True)
+class Predictor:
+    """One run of the command.
+
+    Attributes:
+        engine: the model.
+        camera: what is known of the camera.
+        looks: options of the formats.
+        max_pixels: pictures with more are refused.
+        voice: what is said.
+    """
+
+    engine: Engine
+    camera: Camera
+    looks: Looks
+    max_pixels: int
+    voice: Voice
+
+    def run(self, jobs: Sequence[Job]) -> int:
+        """Work off all inputs; a bad one never stops the others.
+
+        Returns:
+            The exit code.
+
+        Raises:
+            ModelError: the model cannot be used.
+            UsageError: the model takes no focal length.
+        """
+        # The model loads while the first picture is read.
+        loading = Background(self.engine.load)
+        failed = []
+        for job in jobs:
+            try:
+                outcome: Done | Failed = self._one(job, loading)
+            except (InputError, OutputError) as error:
+                outcome = Failed(job.name, error)
+                failed.append(console.one_line(job.name))
+            self.voice.tell(outcome)
+        loading.result()
+        if failed and len(jobs) > 1:
+            console.note(f"{len(failed)} of {len(jobs)} inputs failed: {', '.join(failed)}")
+        return ExitCode.SOME_FAILED if failed else ExitCode.OK
+
+    def _one(self, job: Job, loading: Background[Pipeline]) -> Done:
+        start = time.perf_counter()
+        frame = _read(job, self.max_pixels)
+        pipeline = loading.result()
+        depth = self._depth(pipeline, frame)
+        warnings = list(pipeline.session.warnings)
+        for name, path in job.outputs.items():
+            writer = self.looks.writer(name, pipeline.card)
+            warnings += write_output(writer, path, depth, frame, job)
+        return Done(
+            name=job.name,
+            outputs=tuple(str(path or STANDARD) for path in job.outputs.values()),
+            depth=depth,
+            provider=pipeline.session.provider,
+            seconds=time.perf_counter() - start,
+            warnings=tuple(warnings),
+        )
+
+    def _depth(self, pipeline: Pipeline, frame: Frame) -> DepthMap:
+        camera = self.camera
+        depth = pipeline.predict(frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg)
+        if not camera.anchors:
+            return depth
+        from depthcli.core.scaling import fit_anchors
+
+        try:
+            return fit_anchors(depth, camera.anchors)
+        except UsageError as error:  # an anchor that does not fit this picture may fit the next
+            raise InputError(str(error)) from error
+
+
+def _read(job: Job, max_pixels: int) -> Frame:
+    from depthcli.io.sources.image import read_image
+
+    data = sys.stdin.buffer.read() if job.source is None else None
+    try:
+        return read_image(job.source, data, max_pixels=max_pixels)
+    except MemoryError as error:
+        raise InputError("needs more memory than there is; make it smaller") from error
