@@ -1,0 +1,64 @@
+"""``depthcli info``: what the numbers of a depth file mean."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from depthcli.cli import console
+from depthcli.cli.numbers import positive
+from depthcli.errors import ExitCode
+
+app = typer.Typer(rich_markup_mode=None)
+
+
+@app.command()
+def info(
+    file: Annotated[str, typer.Argument(help="A depth file: 16-bit PNG, EXR or NPY.")],
+    png_scale: Annotated[
+        float | None,
+        typer.Option(
+            callback=positive,
+            help="Steps a metre in a PNG. Default: what the file states, else 1000.",
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> int:
+    """Show unit, scale, size, range and model of a depth file."""
+    import numpy as np
+
+    from depthcli.cli.outcome import Range
+    from depthcli.io.depth_facts import stated_facts
+    from depthcli.io.depth_files import read_depth
+
+    path = Path(file)
+    depth = read_depth(path, png_scale=png_scale)
+    facts: dict[str, object] = {
+        "file": file,
+        "kind": depth.kind.value,
+        "unit": "m" if depth.is_metric else None,
+        "width": depth.width,
+        "height": depth.height,
+        "valid": int(np.isfinite(depth.values).sum()),
+        **Range.of(depth)._asdict(),
+        "stated": stated_facts(path),
+    }
+    if as_json:
+        console.out_json(facts)
+    else:
+        _show(facts)
+    return ExitCode.OK
+
+
+def _show(facts: dict[str, object]) -> None:
+    stated = facts.pop("stated")
+    for name, value in facts.items():
+        text = (
+            f"{value:.6g}" if isinstance(value, float) else str("none" if value is None else value)
+        )
+        console.out(f"{name:<14} {console.one_line(text)}")
+    if isinstance(stated, dict):
+        for name, value in stated.items():
+            console.out(f"{'stated ' + name:<14} {console.one_line(value)}")
