@@ -1,0 +1,162 @@
+"""A checkpoint to a model folder: one ONNX file and its card, gated by parity."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from depthcli.core.types import DepthKind
+from depthcli.export.graph import CARD_KEY, IR_VERSION, OPSET, MirrorAverage, build_graph, folded
+from depthcli.export.graph import halve_weights, set_metadata
+from depthcli.export.parity import HALF_TOLERANCE, TOLERANCE, Parity, check_parity
+from depthcli.inference.card import (
+    CameraSpec,
+    Colour,
+    Fit,
+    InputSpec,
+    ModelCard,
+    OnnxSpec,
+    OutputSpec,
+)
+from depthcli.io.atomic import atomic_path
+from depthcli.training.checkpoint import Checkpoint, load_generator
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+NYU_HFOV_DEG = 63.3
+_FULL_STRIDE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class ExportOptions:
+    """What is exported.
+
+    Attributes:
+        name: of the model.
+        version: of the model.
+        half: store weights as float16; sums stay float32.
+        mirror: average with the mirrored picture, at twice the cost.
+        opset: ONNX operator set.
+        tolerance: largest difference between torch and onnxruntime; None for the usual one.
+    """
+
+    name: str = "custom"
+    version: str = "1.0.0"
+    half: bool = False
+    mirror: bool = False
+    opset: int = OPSET
+    tolerance: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What was written.
+
+    Attributes:
+        path: the ONNX file.
+        card: its card, written beside it.
+        parity: how close it is to torch.
+    """
+
+    path: Path
+    card: ModelCard
+    parity: Parity
+
+
+def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Exported:
+    """Export the generator of a checkpoint.
+
+    Args:
+        checkpoint: written by training.
+        out: the ONNX file; its card is written as ``card.json`` beside it.
+        options: what to export.
+
+    Raises:
+        CheckpointError: the checkpoint cannot be used.
+        ParityError: the result is not the network; nothing is written.
+        OutputError: a file cannot be written.
+    """
+    generator, saved = load_generator(checkpoint)
+    model = build_graph(generator, opset=options.opset, mirror=options.mirror)
+    if options.half:
+        halve_weights(model)
+    card = card_of(saved, options)
+    set_metadata(model, {CARD_KEY: card.to_json()})
+    data = model.SerializeToString()
+    network = MirrorAverage(folded(generator)) if options.mirror else generator
+    default = HALF_TOLERANCE if options.half else TOLERANCE
+    tolerance = default if options.tolerance is None else options.tolerance
+    parity = check_parity(network, data, _cases(card.input), tolerance)
+    card = dataclasses.replace(
+        card,
+        file=out.name,
+        sha256=hashlib.sha256(data).hexdigest(),
+        size_bytes=len(data),
+    )
+    with atomic_path(out, inputs=[checkpoint]) as path:
+        path.write_bytes(data)
+    with atomic_path(out.with_name("card.json"), inputs=[checkpoint]) as path:
+        path.write_text(card.to_json(), "utf-8")
+    return Exported(out, card, parity)
+
+
+def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
+    """The card of a checkpoint's generator, without what depends on the file."""
+    config = saved.config
+    codec = config.output.codec
+    return ModelCard(
+        name=options.name,
+        version=options.version,
+        summary=f"{config.method}, {config.generator.name} generator, NYU Depth v2",
+        license="MIT",
+        input=InputSpec(
+            colour=Colour(config.data.colour),
+            width=config.data.width,
+            height=config.data.height,
+            dynamic=True,
+            multiple_of=_FULL_STRIDE,
+            fit=Fit.STRETCH,
+            mean=(0.5,),
+            std=(0.5,),
+        ),
+        output=OutputSpec(
+            kind=DepthKind.METRIC,
+            transform=codec.transform,
+            scale=codec.scale,
+            shift=codec.shift,
+            min_m=config.output.min_m,
+            max_m=config.output.max_m,
+        ),
+        camera=CameraSpec(NYU_HFOV_DEG),
+        onnx=OnnxSpec(options.opset, IR_VERSION),
+        training=_training(saved),
+    )
+
+
+def _training(saved: Checkpoint) -> dict[str, Any]:
+    progress = saved.progress
+    return {
+        "data": "NYU Depth v2, labelled pairs 1-1000",
+        "pairs": len(progress.train_ids),
+        "held_out_pairs": len(progress.held_out_ids),
+        "steps": progress.step,
+        "minutes": round(progress.seconds / 60, 1),
+        "validation": {name: round(value, 4) for name, value in progress.scores.items()},
+        "config": dataclasses.asdict(saved.config),
+    }
+
+
+def _cases(spec: InputSpec) -> tuple[tuple[int, int, int], ...]:
+    """The nominal size, a batch, other aspects, and a larger picture."""
+    height, width = spec.height, spec.width
+    half = max(spec.multiple_of, height // 2 // spec.multiple_of * spec.multiple_of)
+    return (
+        (1, height, width),
+        (3, height, width),
+        (1, width, height),
+        (2, half, width),
+        (1, 2 * height, 2 * width),
+    )

@@ -1,0 +1,87 @@
+"""Whether onnxruntime says what torch says about the same network."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import onnxruntime
+import torch
+
+from depthcli.errors import ParityError
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    from torch import nn
+
+TOLERANCE = 1e-3
+HALF_TOLERANCE = 2e-2
+
+
+@dataclass(frozen=True, slots=True)
+class Parity:
+    """How far two runtimes are apart, in units of the raw output (its range is about [-1, 1]).
+
+    Attributes:
+        max_abs: largest difference over all cases.
+        mean_abs: mean difference of the worst case.
+        cases: (batch, height, width) of each comparison.
+        tolerance: what was allowed.
+    """
+
+    max_abs: float
+    mean_abs: float
+    cases: tuple[tuple[int, int, int], ...]
+    tolerance: float
+
+
+def check_parity(
+    network: nn.Module,
+    model: bytes,
+    cases: tuple[tuple[int, int, int], ...],
+    tolerance: float = TOLERANCE,
+) -> Parity:
+    """Compare torch with onnxruntime on noise and on smooth pictures.
+
+    Args:
+        network: (B, 1, H, W) to raw (B, 1, h, w), in evaluation mode.
+        model: the exported file.
+        cases: (batch, height, width) to try.
+        tolerance: largest difference allowed.
+
+    Raises:
+        ParityError: a difference is larger, or the model does not run at a size.
+    """
+    session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
+    name = session.get_inputs()[0].name
+    largest, worst_mean = 0.0, 0.0
+    for case in cases:
+        for batch in _inputs(*case):
+            with torch.no_grad():
+                wanted = network(torch.from_numpy(batch)).numpy()
+            try:
+                (found,) = session.run(None, {name: batch})
+            except Exception as error:
+                raise ParityError(f"the exported model does not run at {case}: {error}") from error
+            if found.shape != wanted.shape:
+                raise ParityError(f"at {case} torch gives {wanted.shape}, the model {found.shape}")
+            difference = np.abs(found - wanted)
+            # A NaN must not pass a comparison.
+            largest = max(largest, float(np.nan_to_num(difference.max(), nan=np.inf)))
+            worst_mean = max(worst_mean, float(difference.mean()))
+    if largest > tolerance:
+        raise ParityError(
+            f"torch and onnxruntime differ by up to {largest:.2g}, more than {tolerance:g}; "
+            "nothing was written"
+        )
+    return Parity(largest, worst_mean, cases, tolerance)
+
+
+def _inputs(batch: int, height: int, width: int) -> tuple[npt.NDArray[np.float32], ...]:
+    """Noise, a ramp with a step, and a flat picture; each (batch, 1, height, width) in [-1, 1]."""
+    shape = (batch, 1, height, width)
+    noise = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+    ramp = np.broadcast_to(np.linspace(-1, 1, width, dtype=np.float32), shape).copy()
+    ramp[..., height // 2 :, :] *= -1
+    return noise, ramp, np.zeros(shape, np.float32)
