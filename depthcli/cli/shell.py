@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from depthcli.errors import DepthcliError, ExitCode, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+_SIGNAL_BASE = 128  # shells report a signal as 128 + its number
 _TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
 
 
@@ -63,6 +65,8 @@ def _root(
 def run(arguments: Sequence[str]) -> int:
     """Run a command and turn whatever happens into text and an exit code."""
     state = console.State()
+    # A killed run cleans up as an interrupted one does; the default would leave temporary files.
+    signal.signal(signal.SIGTERM, _terminate)
     try:
         result = get_command(app)(
             args=list(arguments), prog_name=PROGRAM, standalone_mode=False, obj=state
@@ -72,7 +76,7 @@ def run(arguments: Sequence[str]) -> int:
         return ExitCode.INTERRUPTED
     except BrokenPipeError:
         return _reader_left()
-    except SystemExit as stop:  # typer ends shell completion, and a closed pipe, like this
+    except SystemExit as stop:  # shell completion, a closed pipe, SIGTERM
         return stop.code if isinstance(stop.code, int) else ExitCode.OK
     except Exception as error:  # noqa: BLE001 - the last line of defence: one line, never a traceback
         if state.debug:
@@ -81,6 +85,10 @@ def run(arguments: Sequence[str]) -> int:
         console.error(message)
         return code
     return result if isinstance(result, int) else ExitCode.OK
+
+
+def _terminate(number: int, _frame: object) -> None:
+    raise SystemExit(_SIGNAL_BASE + number)
 
 
 def _explain(error: Exception) -> tuple[str, int]:

@@ -127,7 +127,7 @@ def test_a_missing_extra_is_one_clear_line(cli: Cli, command: str, tmp_path: Pat
     blocked = tmp_path / "blocked"
     blocked.mkdir()
     for name in ("torch", "onnx", "lightning_fabric"):
-        text = f"raise ModuleNotFoundError('No module named {name!r}', name={name!r})"
+        text = f'raise ModuleNotFoundError("No module named {name}", name="{name}")'
         (blocked / f"{name}.py").write_text(text)
     (tmp_path / "x").touch()
     arguments = {"train": ("proposed", "--data", "x"), "export-onnx": ("x",)}[command]

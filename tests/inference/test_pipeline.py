@@ -106,7 +106,9 @@ def test_exif_focal_length_is_used_unless_another_is_given(kinect: Pipeline) -> 
     exif = kinect.predict(gray(0, focal_35mm=50.0)).values[0, 0]
     told = kinect.predict(gray(0, focal_35mm=50.0), hfov_deg=60).values[0, 0]
     assert plain == pytest.approx(1)
-    assert exif == pytest.approx(50 / 36 * 2 * math.tan(math.radians(30)), rel=1e-2)
+    # Equal diagonals: 43.27 mm of film and 50 px of picture.
+    focal_px = 50 * 50 / math.hypot(36, 24)
+    assert exif == pytest.approx(focal_px * math.tan(math.radians(30)) / 20, rel=1e-5)
     assert told == pytest.approx(1)
 
 

@@ -1,0 +1,123 @@
+"""``depthcli info``, ``probe`` and ``convert``."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from tiny import write_picture
+
+from depthcli.io.depth_files import read_depth
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Cli
+
+
+@pytest.fixture
+def depth_npy(cli: Cli) -> Path:
+    """A map of 1 to 9 m with one pixel without depth."""
+    values = np.linspace(1, 9, 12 * 16, dtype=np.float32).reshape(12, 16)
+    values[0, 0] = np.nan
+    path = cli.folder / "d.npy"
+    np.save(path, values)
+    return path
+
+
+def test_info_says_what_a_pixel_is(cli: Cli) -> None:
+    write_picture(cli.folder / "room.png")
+    cli("predict", "room.png", "-o", "d.png", "--png-scale", "5000")
+    told = json.loads(cli("info", "d.png", "--json").stdout)
+    depth = read_depth(cli.folder / "d.png").values
+    assert (told["kind"], told["unit"]) == ("metric", "m")
+    assert (told["width"], told["height"], told["valid"]) == (64, 48, 64 * 48)
+    assert told["max"] == pytest.approx(depth.max())
+    assert told["stated"]["scale"] == "5000"
+    assert told["stated"]["model"] == "tiny"
+    lines = dict(
+        line.split(maxsplit=1) for line in cli("info", "d.png").stdout.decode().split("\n")[:-1]
+    )
+    assert lines["unit"] == "m"
+
+
+def test_info_on_exr_states_the_model(cli: Cli) -> None:
+    write_picture(cli.folder / "room.png")
+    cli("predict", "room.png", "-o", "d.exr")
+    assert json.loads(cli("info", "d.exr", "--json").stdout)["stated"]["model"] == "tiny"
+
+
+@pytest.mark.usefixtures("depth_npy")
+def test_probe_gives_the_depth_of_pixels(cli: Cli) -> None:
+    done = cli("probe", "d.npy", "15,11", "0,0")
+    assert (done.returncode, done.stdout) == (0, b"15,11  9 m\n0,0  no depth\n")
+    first, second = map(
+        json.loads, cli("probe", "d.npy", "15,11", "0,0", "--json").stdout.splitlines()
+    )
+    assert first == {"x": 15, "y": 11, "depth": 9, "unit": "m"}
+    assert second["depth"] is None
+
+
+@pytest.mark.usefixtures("depth_npy")
+@pytest.mark.parametrize("pixel", ["16,0", "0,12", "-1,0", "1", "1,2,3", "a,b"])
+def test_probe_refuses_what_is_no_pixel(cli: Cli, pixel: str) -> None:
+    done = cli("probe", "d.npy", "--", pixel)
+    assert (done.returncode, done.stdout) == (2, b"")
+
+
+@pytest.mark.parametrize("command", [("info",), ("probe",), ("convert",)])
+@pytest.mark.parametrize("name", ["missing.npy", "text.npy", "photo.jpg", "gray8.png"])
+def test_what_is_no_depth_file_is_exit_code_1(
+    cli: Cli, command: tuple[str, ...], name: str
+) -> None:
+    (cli.folder / "text.npy").write_text("no numbers")
+    write_picture(cli.folder / "photo.jpg")
+    write_picture(cli.folder / "gray8.png", np.zeros((4, 4), np.uint8))
+    rest = {"info": (), "probe": ("1,1",), "convert": ("out.exr",)}[command[0]]
+    done = cli(*command, name, *rest)
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert not (cli.folder / "out.exr").exists()
+
+
+def test_convert_reports_the_round_trip(cli: Cli, depth_npy: Path) -> None:
+    told = json.loads(cli("convert", "d.npy", "d.png", "--json").stdout)
+    again = read_depth(cli.folder / "d.png").values
+    gap = np.abs(again - np.load(depth_npy))
+    assert told["max_error"] == pytest.approx(np.nanmax(gap), rel=1e-3)
+    assert 0 < told["max_error"] < 0.00051
+    assert told["lost"] == 0
+
+
+@pytest.mark.usefixtures("depth_npy")
+def test_convert_to_exr_costs_nothing(cli: Cli) -> None:
+    told = json.loads(cli("convert", "d.npy", "d.exr", "--json").stdout)
+    assert (told["max_error"], told["mean_error"], told["lost"]) == (0, 0, 0)
+    assert np.isnan(read_depth(cli.folder / "d.exr").values[0, 0])
+
+
+@pytest.mark.usefixtures("depth_npy")
+def test_convert_between_scales(cli: Cli) -> None:
+    assert cli("convert", "d.npy", "kitti.png", "--png-scale", "256").returncode == 0
+    pixels = cv2.imread(str(cli.folder / "kitti.png"), cv2.IMREAD_UNCHANGED)
+    assert pixels is not None
+    assert (pixels[11, 15], pixels[0, 0]) == (9 * 256, 0)
+    done = cli("convert", "kitti.png", "again.npy", "--from-scale", "512")
+    assert done.returncode == 0
+    assert np.load(cli.folder / "again.npy")[11, 15] == pytest.approx(4.5)
+
+
+def test_convert_never_replaces_its_input(cli: Cli, depth_npy: Path) -> None:
+    before = depth_npy.read_bytes()
+    done = cli("convert", "d.npy", "./d.npy")
+    assert done.returncode == 1
+    assert depth_npy.read_bytes() == before
+
+
+@pytest.mark.usefixtures("depth_npy")
+@pytest.mark.parametrize("target", ["d.gif", "-", "folder/"])
+def test_convert_wants_a_file_with_a_known_suffix(cli: Cli, target: str) -> None:
+    assert cli("convert", "d.npy", target).returncode == 2

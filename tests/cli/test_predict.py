@@ -1,0 +1,429 @@
+"""``depthcli predict``, run from the built wheel as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+from tiny import synthetic_picture, write_model, write_picture
+
+from depthcli.cli.predict_choices import Colormap, Format
+from depthcli.cli.predict_outputs import FORMAT_OF_SUFFIX
+from depthcli.io.depth_files import read_depth
+from depthcli.io.writers.colormaps import NAMES
+from depthcli.io.writers.registry import WRITERS, writer_class
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Cli
+
+EXPECTED_M = 1 + 8 / 255 * synthetic_picture().max(axis=-1).astype(np.float32)
+
+
+def room(cli: Cli, name: str = "room.png") -> Path:
+    """The synthetic picture in the command's folder."""
+    return write_picture(cli.folder / name)
+
+
+def here(cli: Cli) -> set[str]:
+    """Every file in the command's folder."""
+    return {str(p.relative_to(cli.folder)) for p in cli.folder.rglob("*") if p.is_file()}
+
+
+def decode(path: Path) -> np.ndarray[Any, Any]:
+    pixels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert pixels is not None
+    return pixels
+
+
+def error_lines(done: subprocess.CompletedProcess[bytes]) -> list[str]:
+    return done.stderr.decode().splitlines()
+
+
+def test_without_options_a_png_and_a_preview_beside_the_picture(cli: Cli) -> None:
+    room(cli)
+    done = cli("predict", "room.png")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert here(cli) == {"room.png", "room.depth.png", "room.preview.png"}
+    millimetres = decode(cli.folder / "room.depth.png")
+    assert millimetres.dtype == np.uint16
+    assert millimetres.shape == (48, 64)
+    np.testing.assert_allclose(millimetres[:, 6:-6] / 1000, EXPECTED_M[:, 6:-6], atol=0.2)
+    assert decode(cli.folder / "room.preview.png").shape == (48, 64, 3)
+    line = done.stdout.decode()
+    assert "room.depth.png, room.preview.png" in line
+    low, median, high = (f(millimetres) / 1000 for f in (np.min, np.median, np.max))
+    assert f"min {low:.3f}, median {median:.3f}, max {high:.3f} m" in line
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
+def test_the_output_s_suffix_chooses_the_format(cli: Cli, suffix: str) -> None:
+    room(cli)
+    assert cli("predict", "room.png", "-o", f"depth{suffix}").returncode == 0
+    assert here(cli) == {"room.png", f"depth{suffix}"}
+    depth = read_depth(cli.folder / f"depth{suffix}")
+    np.testing.assert_allclose(depth.values[:, 6:-6], EXPECTED_M[:, 6:-6], atol=0.2)
+
+
+def test_formats_are_repeatable_and_a_folder_takes_them(cli: Cli) -> None:
+    room(cli)
+    formats = [word for name in WRITERS for word in ("--format", name)]
+    assert cli("predict", "room.png", "-o", "new/deep/", *formats).returncode == 0
+    names = {f"new/deep/room{writer_class(name).SUFFIX}" for name in WRITERS}
+    assert here(cli) == {"room.png", *names}
+
+
+def test_every_format_of_the_registry_can_be_asked_for() -> None:
+    assert set(Format) == set(WRITERS)
+    assert set(Colormap) == set(NAMES)
+    ends = {end: name for name in WRITERS for end in writer_class(name).ENDINGS}
+    assert ends == FORMAT_OF_SUFFIX
+
+
+def test_a_suffix_that_says_nothing_is_wrong_usage(cli: Cli) -> None:
+    room(cli)
+    done = cli("predict", "room.png", "-o", "depth.gif")
+    assert done.returncode == 2
+    assert ".exr" in error_lines(done)[0]
+    assert here(cli) == {"room.png"}
+
+
+def test_a_sidecar_leaves_the_output_s_name_alone(cli: Cli) -> None:
+    room(cli)
+    assert cli("predict", "room.png", "-o", "depth.exr", "--sidecar").returncode == 0
+    assert here(cli) == {"room.png", "depth.exr", "depth.json"}
+    sidecar = json.loads((cli.folder / "depth.json").read_text())
+    assert (sidecar["kind"], sidecar["unit"], sidecar["model"]) == ("metric", "m", "tiny")
+
+
+def test_a_sidecar_says_the_png_s_scale(cli: Cli) -> None:
+    room(cli)
+    cli("predict", "room.png", "--sidecar", "--png-scale", "256")
+    assert json.loads((cli.folder / "room.depth.json").read_text())["png16_scale"] == 256
+    assert decode(cli.folder / "room.depth.png").max() == pytest.approx(256 * 9, abs=256)
+
+
+def test_options_of_formats_arrive(cli: Cli) -> None:
+    room(cli)
+    plain = cli("predict", "room.png", "-o", "plain/", "--format", "preview")
+    options = ("--colormap", "turbo", "--vmin", "2", "--vmax", "4", "--legend", "--side-by-side")
+    drawn = cli("predict", "room.png", "-o", "drawn/", "--format", "preview", *options)
+    assert plain.returncode == drawn.returncode == 0
+    assert decode(cli.folder / "drawn/room.preview.png").shape[1] > 2 * 64
+    assert cli("predict", "room.png", "-o", "n.png", "--png-normalize").returncode == 0
+    assert decode(cli.folder / "n.png").max() == 65535
+    half = cli("predict", "room.png", "-o", "y.exr", "--exr-channel", "Y", "--half")
+    assert half.returncode == 0
+    import OpenEXR  # noqa: PLC0415
+
+    channels = OpenEXR.File(str(cli.folder / "y.exr")).channels()
+    assert {name: c.pixels.dtype for name, c in channels.items()} == {"Y": np.float16}
+
+
+def test_from_stdin_to_stdout(cli: Cli) -> None:
+    data = room(cli).read_bytes()
+    done = cli("predict", "-", "-o", "-", "--format", "npy", stdin=data)
+    assert done.returncode == 0
+    depth = np.load(BytesIO(done.stdout))
+    np.testing.assert_allclose(depth[:, 6:-6], EXPECTED_M[:, 6:-6], atol=0.2)
+    assert b"min" in done.stderr
+    assert here(cli) == {"room.png"}
+
+
+def test_from_stdin_to_a_file(cli: Cli) -> None:
+    data = room(cli).read_bytes()
+    assert cli("predict", "-", "-o", "out.npy", stdin=data).returncode == 0
+    assert here(cli) == {"room.png", "out.npy"}
+
+
+def test_stdout_takes_one_input_and_one_format(cli: Cli) -> None:
+    room(cli), room(cli, "b.png")
+    for words in (("b.png",), ("--format", "npy", "--format", "exr"), ("--sidecar",), ("--json",)):
+        done = cli("predict", "room.png", "-o", "-", *words)
+        assert (done.returncode, done.stdout) == (2, b"")
+
+
+def test_json_is_one_object_a_line(cli: Cli) -> None:
+    room(cli)
+    (cli.folder / "bad.jpg").write_bytes(b"no picture")
+    done = cli("predict", "room.png", "bad.jpg", "--json", "--provider", "cpu")
+    fine, failed = map(json.loads, done.stdout.splitlines())
+    assert done.returncode == 1
+    assert fine["status"] == "ok"
+    assert fine["outputs"] == ["room.depth.png", "room.preview.png"]
+    assert (fine["model"], fine["provider"], fine["unit"]) == ("tiny", "cpu", "m")
+    assert fine["sha256"] == json.loads((cli.models / "default/card.json").read_text())["sha256"]
+    depth = decode(cli.folder / "room.depth.png") / 1000
+    assert fine["min"] == pytest.approx(depth.min(), abs=1e-3)
+    assert fine["median"] == pytest.approx(np.median(depth), abs=1e-3)
+    assert fine["max"] == pytest.approx(depth.max(), abs=1e-3)
+    assert 0 < fine["seconds"] < 60
+    assert fine["warnings"] == []
+    assert (failed["input"], failed["status"]) == ("bad.jpg", "failed")
+    assert "bad.jpg" in failed["error"]
+
+
+def test_warnings_are_told(cli: Cli) -> None:
+    room(cli)
+    plain = cli("predict", "room.png", "-o", "a.png", "--png-scale", "20000")
+    told = cli("predict", "room.png", "-o", "a.png", "--png-scale", "20000", "--json")
+    assert plain.returncode == told.returncode == 0
+    assert "saturated" in error_lines(plain)[0]
+    assert "saturated" in json.loads(told.stdout)["warnings"][0]
+    assert decode(cli.folder / "a.png").max() == 65535
+
+
+def test_quiet_says_nothing_but_errors(cli: Cli) -> None:
+    room(cli)
+    done = cli("predict", "room.png", "missing.png", "--quiet")
+    assert done.stdout == b""
+    assert "missing.png" in error_lines(done)[0]
+
+
+def test_a_bad_input_never_stops_the_others(cli: Cli) -> None:
+    room(cli, "a.png"), room(cli, "z.png")
+    picture = (cli.folder / "a.png").read_bytes()
+    (cli.folder / "empty.png").touch()
+    (cli.folder / "cut.png").write_bytes(picture[: len(picture) // 2])
+    (cli.folder / "text.jpg").write_text("no picture")
+    (cli.folder / "folder.png").mkdir()
+    (cli.folder / "link.png").symlink_to("nowhere")
+    bad = ["empty.png", "cut.png", "text.jpg", "folder.png", "link.png", "missing.png"]
+    done = cli("predict", "a.png", *bad, "z.png", "-o", "out/", "--format", "npy")
+    assert done.returncode == 1
+    *lines, summary = error_lines(done)
+    assert len(lines) == len(bad)
+    for name, line in zip(bad, lines, strict=True):
+        assert line.startswith(f"depthcli: error: {name}")
+    assert summary == f"6 of 8 inputs failed: {', '.join(bad)}"
+    outputs = {name for name in here(cli) if name.startswith("out/")}
+    assert outputs == {"out/a.depth.npy", "out/z.depth.npy"}
+
+
+def test_two_inputs_never_share_an_output(cli: Cli) -> None:
+    room(cli, "a.png")
+    write_picture(cli.folder / "a.jpg", np.zeros((48, 64, 3), np.uint8))
+    assert cli("predict", "a.png", "a.jpg", "--format", "npy").returncode == 0
+    outputs = here(cli) - {"a.png", "a.jpg"}
+    assert len(outputs) == 2
+    means = {float(np.load(cli.folder / name).mean()) for name in outputs}
+    assert len(means) == 2
+
+
+def test_an_output_is_never_an_input(cli: Cli) -> None:
+    path = room(cli)
+    before = path.read_bytes()
+    (cli.folder / "link.png").symlink_to("room.png")
+    assert cli("predict", "room.png", "-o", "room.png").returncode == 2
+    assert cli("predict", "room.png", "-o", "link.png").returncode == 1
+    assert path.read_bytes() == before
+
+
+def test_a_second_run_replaces_its_outputs(cli: Cli) -> None:
+    room(cli)
+    cli("predict", "room.png")
+    first = (cli.folder / "room.depth.png").read_bytes()
+    (cli.folder / "room.depth.png").write_bytes(b"old")
+    assert cli("predict", "room.png").returncode == 0
+    assert (cli.folder / "room.depth.png").read_bytes() == first
+
+
+def test_an_output_that_cannot_be_written_is_one_line(cli: Cli) -> None:
+    room(cli)
+    (cli.folder / "file").touch()
+    done = cli("predict", "room.png", "-o", "file/deeper/depth.png")
+    assert done.returncode == 1
+    (line,) = error_lines(done)
+    assert "cannot write" in line
+
+
+def test_a_full_disk_leaves_nothing(cli: Cli) -> None:
+    path = write_picture(cli.folder / "big.png", np.zeros((500, 500), np.uint8))
+    code = (
+        "import resource, runpy, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)); sys.argv[0] = 'depthcli';"
+        "runpy.run_module('depthcli', run_name='__main__')"
+    )
+    words = [sys.executable, "-c", code, "predict", str(path), "-o", "depth.npy"]
+    done = subprocess.run(
+        words, capture_output=True, cwd=cli.folder, env=cli.environment, check=False
+    )
+    assert done.returncode == 1
+    assert "cannot write depth.npy" in error_lines(done)[0]
+    assert here(cli) == {"big.png"}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--focal-px", "500", "--hfov", "60"),
+        ("--focal-px", "0"),
+        ("--focal-px", "nan"),
+        ("--hfov", "180"),
+        ("--png-scale", "-1"),
+        ("--png-scale", "5000", "--png-normalize"),
+        ("--vmin", "inf"),
+        ("--vmin", "2", "--vmax", "2"),
+        ("--anchor", "1,2"),
+        ("--anchor", "1,2,0"),
+        ("--anchor", "-1,2,3"),
+        ("--anchor", "a,b,c"),
+        ("-", "-"),
+        ("b.png", "-o", "one.png"),
+        ("--hfov", "60"),  # the tiny model knows no camera
+    ],
+)
+def test_options_that_do_not_fit_write_nothing(cli: Cli, words: tuple[str, ...]) -> None:
+    room(cli), room(cli, "b.png")
+    done = cli("predict", "room.png", *words)
+    assert done.returncode == 2
+    assert len(error_lines(done)) == 1
+    assert here(cli) == {"room.png", "b.png"}
+
+
+def test_a_focal_length_rescales_metres(cli: Cli) -> None:
+    room(cli)
+    write_model(cli.models / "camera", camera={"hfov_deg": 90.0})
+    for name, words in {"a": (), "b": ("--focal-px", "64"), "c": ("--hfov", "90")}.items():
+        done = cli("predict", "room.png", "--model", "camera", "-o", f"{name}.npy", *words)
+        assert done.returncode == 0
+    a, b, c = (np.load(cli.folder / f"{name}.npy") for name in "abc")
+    np.testing.assert_allclose(b, 2 * a, rtol=1e-5)  # 90 degrees at 64 px wide are 32 px
+    np.testing.assert_allclose(c, a, rtol=1e-5)
+
+
+def test_anchors_set_the_scale(cli: Cli) -> None:
+    room(cli)
+    words = ("--anchor", "5,40,2", "--anchor", "60,40,12")
+    assert cli("predict", "room.png", "-o", "d.npy", *words).returncode == 0
+    depth = np.load(cli.folder / "d.npy")
+    assert (depth[40, 5], depth[40, 60]) == pytest.approx((2, 12), rel=1e-4)
+
+
+def test_anchors_give_a_relative_model_metres(cli: Cli) -> None:
+    room(cli)
+    write_model(cli.models / "rel", output__kind="relative")
+    words = ("--anchor", "5,40,2", "--anchor", "60,40,12", "--json")
+    done = cli("predict", "room.png", "--model", "rel", "-o", "d.npy", *words)
+    assert json.loads(done.stdout)["unit"] == "m"
+
+
+def test_an_anchor_outside_fails_that_picture(cli: Cli) -> None:
+    room(cli, "small.png")
+    write_picture(cli.folder / "large.png", synthetic_picture(96, 128))
+    done = cli("predict", "small.png", "large.png", "--anchor", "100,50,2", "--format", "npy")
+    assert done.returncode == 1
+    assert "small.png" in error_lines(done)[0]
+    assert "large.depth.npy" in here(cli)
+
+
+def test_too_many_pixels_are_refused(cli: Cli) -> None:
+    room(cli)
+    done = cli("predict", "room.png", "--max-pixels", "3000")
+    assert done.returncode == 1
+    assert "--max-pixels" in error_lines(done)[0]
+
+
+@pytest.mark.parametrize("fault", ["missing", "checksum", "no card"])
+def test_a_model_that_cannot_be_used_is_exit_code_3(cli: Cli, fault: str) -> None:
+    room(cli)
+    folder = cli.models / "default"
+    if fault == "missing":
+        words = ("--model", "nothing")
+    else:
+        words = ()
+        data = (folder / "model.onnx").read_bytes()
+        (folder / "model.onnx").write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+    if fault == "no card":
+        words = ("--model", str(folder / "model.onnx"))
+    done = cli("predict", "room.png", *words)
+    assert (done.returncode, done.stdout) == (3, b"")
+    assert len(error_lines(done)) == 1
+    assert here(cli) == {"room.png"}
+
+
+def test_a_named_provider_that_is_not_there_is_exit_code_3(cli: Cli) -> None:
+    room(cli)
+    done = cli(
+        "predict", "room.png", "--provider", "coreml" if sys.platform != "darwin" else "rocm"
+    )
+    assert done.returncode == 3
+    assert "provider" in error_lines(done)[0]
+    assert here(cli) == {"room.png"}
+
+
+def test_names_may_hold_any_byte(cli: Cli) -> None:
+    picture = room(cli).read_bytes()
+    names = [b"line\nbreak.png", b"caf\xe9.png", "\u0434\u043e\u043c \U0001f3e0.png".encode()]
+    for name in names:
+        (cli.folder / os.fsdecode(name)).write_bytes(picture)
+    words = [os.fsdecode(name) for name in names]
+    done = cli("predict", *words, "--format", "npy")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert len(done.stdout.splitlines()) == 3
+    told = cli("predict", *words, "--format", "npy", "--json")
+    assert [os.fsencode(json.loads(line)["input"]) for line in told.stdout.splitlines()] == names
+    plain = cli("predict", *words, "--format", "npy", PYTHONIOENCODING="ascii")
+    assert plain.returncode == 0
+    outputs = {os.fsencode(name) for name in here(cli) if name.endswith(".npy")}
+    assert outputs == {name.replace(b".png", b".depth.npy") for name in names}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_leaves_whole_files_only(cli: Cli, number: signal.Signals) -> None:
+    pictures = [room(cli, f"{i:03}.png") for i in range(200)]
+    process = subprocess.Popen(
+        cli.command("predict", *pictures, "-o", "out/", "--format", "npy", "--format", "exr"),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=cli.folder,
+        env=cli.environment,
+    )
+    while not (cli.folder / "out/003.depth.npy").exists() and process.poll() is None:
+        time.sleep(0.001)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == (130 if number == signal.SIGINT else 143)
+    assert b"Traceback" not in errors
+    outputs = list((cli.folder / "out").iterdir())
+    assert 3 < len(outputs) < 400
+    for path in outputs:
+        assert not path.name.startswith(".")
+        assert read_depth(path).values.shape == (48, 64)
+
+
+def test_waiting_for_stdin_can_be_interrupted(cli: Cli) -> None:
+    process = subprocess.Popen(
+        cli.command("predict", "-", "-o", "out.npy"),
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=cli.folder,
+        env=cli.environment,
+    )
+    time.sleep(1)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert b"Traceback" not in errors
+    assert here(cli) == set()
+
+
+def test_only_what_is_needed_is_imported(cli: Cli) -> None:
+    room(cli)
+    words = [sys.executable, "-X", "importtime", *cli.command("predict", "room.png")[1:]]
+    done = subprocess.run(
+        words, capture_output=True, check=True, cwd=cli.folder, env=cli.environment
+    )
+    modules = {line.rsplit("|", 1)[-1].strip() for line in error_lines(done)}
+    assert {"cv2", "onnxruntime"} <= modules
+    assert not modules & {"OpenEXR", "rich", "torch", "importlib.metadata", "concurrent.futures"}
