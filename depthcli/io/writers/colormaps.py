@@ -40,6 +40,6 @@ def table(name: str, near: str = "warm") -> npt.NDArray[np.uint8]:
         channels = np.array(_SPECTRAL).T
         colours = np.rint(np.stack([np.interp(levels, stops, c) for c in channels], 1))
     else:
-        colours = cv2.applyColorMap(levels, _OPENCV[name])[:, 0, ::-1]
+        colours = cv2.applyColorMap(levels, _OPENCV[name]).reshape(-1, 3)[:, ::-1]
     colours = colours.astype(np.uint8)
     return colours[::-1] if near == "black" else colours
