@@ -6,6 +6,8 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
+from depthcli.training.losses.precision import full_precision
+
 TEMPERATURE = 0.07
 
 
@@ -15,15 +17,16 @@ def patch_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> T
     Chance level is ln P.
 
     Args:
-        query: (B, P, C), unit vectors from the prediction, in fp32 for the logits.
+        query: (B, P, C), unit vectors from the prediction.
         key: (B, P, C), unit vectors from the input, detached here.
         temperature: τ of eq. 4.
 
     Returns:
-        Mean over all patches, a scalar.
+        Mean over all patches, a scalar, fp32.
     """
-    logits = torch.bmm(query.float(), key.detach().float().transpose(1, 2)) / temperature
-    return _own(logits)
+    with full_precision(query):
+        logits = torch.bmm(query.float(), key.detach().float().transpose(1, 2)) / temperature
+        return _own(logits)
 
 
 def cfl_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> Tensor:
@@ -37,14 +40,15 @@ def cfl_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> Ten
         temperature: τ of eq. 4.
 
     Returns:
-        Mean over all patches, a scalar.
+        Mean over all patches, a scalar, fp32.
     """
-    query, key = query.float(), key.detach().float()
-    to_truth = torch.bmm(query, key.transpose(1, 2)) / temperature
-    to_prediction = torch.bmm(query, query.detach().transpose(1, 2)) / temperature
-    itself = torch.eye(query.shape[1], dtype=torch.bool, device=query.device)
-    to_prediction = to_prediction.masked_fill(itself, -torch.inf)
-    return _own(torch.cat([to_truth, to_prediction], 2))
+    with full_precision(query):
+        query, key = query.float(), key.detach().float()
+        to_truth = torch.bmm(query, key.transpose(1, 2)) / temperature
+        to_prediction = torch.bmm(query, query.detach().transpose(1, 2)) / temperature
+        itself = torch.eye(query.shape[1], dtype=torch.bool, device=query.device)
+        to_prediction = to_prediction.masked_fill(itself, -torch.inf)
+        return _own(torch.cat([to_truth, to_prediction], 2))
 
 
 def _own(logits: Tensor) -> Tensor:

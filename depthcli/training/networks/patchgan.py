@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 from torch import nn
@@ -28,7 +29,7 @@ class PatchGan(nn.Module):
         super().__init__()
         widths = (channels, width, 2 * width, 4 * width, 8 * width)
         layers: list[nn.Module] = []
-        for i, (inputs, outputs) in enumerate(zip(widths, widths[1:], strict=False)):
+        for i, (inputs, outputs) in enumerate(itertools.pairwise(widths)):
             shrinks = i < 3  # noqa: PLR2004 - the last two layers keep the size
             stride = 2 if shrinks and not antialias else 1
             layers.append(nn.Conv2d(inputs, outputs, 4, stride, 1))

@@ -1,0 +1,52 @@
+"""Hard-negative decoupled contrast, weighted by the relations of the input's patches."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from depthcli.training.losses.patchnce import TEMPERATURE
+from depthcli.training.losses.precision import full_precision
+
+
+def hdce(query: Tensor, key: Tensor, gamma: float, temperature: float = TEMPERATURE) -> Tensor:
+    """Mean over i of log Σ_{j≠i} exp((w_ij q_i·k_j − q_i·k_i)/τ) (Jung et al. 2022).
+
+    Decoupled: the positive is not in the sum, so the loss has no lower bound at zero. At chance
+    (q orthogonal to every key) it is ln(P − 1).
+
+    Args:
+        query: (B, P, C), unit vectors from the prediction; P at least 2.
+        key: (B, P, C), unit vectors from the input, detached here.
+        gamma: γ, how evenly the negatives weigh; see :func:`negative_weights`.
+        temperature: τ.
+
+    Returns:
+        A scalar, fp32.
+    """
+    with full_precision(query):
+        query, key = query.float(), key.detach().float()
+        products = torch.bmm(query, key.transpose(1, 2))
+        own = products.diagonal(dim1=1, dim2=2).unsqueeze(2)
+        logits = (negative_weights(key, gamma) * products - own) / temperature
+        return logits.masked_fill(_itself(key), -torch.inf).logsumexp(2).mean()
+
+
+def negative_weights(key: Tensor, gamma: float) -> Tensor:
+    """w_ij: softmax over j ≠ i of k_i·k_j/γ, divided by its row's maximum, detached.
+
+    Args:
+        key: (B, P, C), unit vectors, fp32.
+        gamma: γ; larger is more even.
+
+    Returns:
+        (B, P, P) in [0, 1]; zero on the diagonal.
+    """
+    key = key.detach()
+    relations = torch.bmm(key, key.transpose(1, 2)) / gamma
+    weights = relations.masked_fill(_itself(key), -torch.inf).softmax(2)
+    return weights / weights.amax(2, keepdim=True)
+
+
+def _itself(key: Tensor) -> Tensor:
+    return torch.eye(key.shape[1], dtype=torch.bool, device=key.device)

@@ -1,0 +1,18 @@
+"""Full precision inside mixed precision."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+def full_precision(like: Tensor) -> torch.autocast:
+    """A context on a tensor's device in which autocast halves nothing.
+
+    Widening the arguments alone is not enough: autocast narrows them again for each product.
+    """
+    return torch.autocast(like.device.type, enabled=False)

@@ -1,0 +1,34 @@
+"""Semantic relation consistency: patches relate in the output as they do in the input."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from depthcli.training.losses.precision import full_precision
+
+
+def semantic_relation(query: Tensor, key: Tensor) -> Tensor:
+    """Σ_i JSD(softmax(QQᵀ)_i ‖ softmax(KKᵀ)_i), mean over images (Jung et al. 2022).
+
+    Zero if and only if all relations agree; at most P ln 2.
+
+    Args:
+        query: (B, P, C), unit vectors from the prediction.
+        key: (B, P, C), unit vectors from the input, detached here.
+
+    Returns:
+        A scalar, fp32.
+    """
+    with full_precision(query):
+        ours, theirs = _log_relations(query.float()), _log_relations(key.detach().float())
+        middle = torch.logaddexp(ours, theirs) - math.log(2)
+        divergence = ours.exp() * (ours - middle) + theirs.exp() * (theirs - middle)
+        return 0.5 * divergence.sum((1, 2)).mean()
+
+
+def _log_relations(vectors: Tensor) -> Tensor:
+    """Log of each patch's softmax over all patches; (B, P, C) to (B, P, P)."""
+    return torch.bmm(vectors, vectors.transpose(1, 2)).log_softmax(2)

@@ -1,0 +1,41 @@
+"""The map m of SimDCL: all patch vectors of an image to one vector (Han et al. 2021)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+class SimilarityMap(nn.Module):
+    """Convolution, ReLU, global average, Linear, ReLU, Linear, L2-normalise.
+
+    It keeps torch's usual first weights: with the small gain of the other networks its output
+    would be too short to normalise.
+
+    Args:
+        taps: feature maps whose patch vectors are stacked.
+        dim: length of the result.
+    """
+
+    def __init__(self, taps: int = 4, dim: int = 64) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(taps, dim, 3, 2)
+        self.linear = nn.Sequential(nn.Linear(dim, dim), nn.ReLU(), nn.Linear(dim, dim))
+
+    def forward(self, vectors: Sequence[Tensor]) -> Tensor:
+        """One unit vector (B, dim) an image, fp32.
+
+        Args:
+            vectors: (B, P, C) of each tap, P and C at least 3. Where maps have fewer positions
+                than others, as many are used of each.
+        """
+        patches = min(v.shape[1] for v in vectors)
+        stacked = torch.stack([v[:, :patches] for v in vectors], 1)
+        pooled = F.relu(self.conv(stacked)).mean((2, 3))
+        return F.normalize(self.linear(pooled).float(), dim=1)

@@ -1,0 +1,86 @@
+"""Hard-negative decoupled contrast against plain loops."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from vectors import unit_vectors
+
+from depthcli.training.losses.hdce import hdce, negative_weights
+
+TAU = 0.07
+
+
+def _weights(k: np.ndarray, i: int, gamma: float) -> dict[int, float]:
+    raw = {j: math.exp(k[i] @ k[j] / gamma) for j in range(len(k)) if j != i}
+    total = sum(raw.values())
+    share = {j: value / total for j, value in raw.items()}
+    return {j: value / max(share.values()) for j, value in share.items()}
+
+
+def _looped(query: Tensor, key: Tensor, gamma: float) -> float:
+    terms = []
+    for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
+        for i in range(len(q)):
+            own = q[i] @ k[i]
+            weights = _weights(k, i, gamma)
+            terms.append(
+                math.log(sum(math.exp((w * (q[i] @ k[j]) - own) / TAU) for j, w in weights.items()))
+            )
+    return float(np.mean(terms))
+
+
+@pytest.mark.parametrize("gamma", [50.0, 10.0, 0.2])
+def test_is_its_formula(gamma: float) -> None:
+    query, key = unit_vectors(1), unit_vectors(2)
+    assert hdce(query, key, gamma).item() == pytest.approx(_looped(query, key, gamma), rel=1e-5)
+
+
+def test_weights_favour_negatives_that_resemble_the_key() -> None:
+    key = unit_vectors(3, images=1)
+    weights, relations = negative_weights(key, 0.2)[0], (key @ key.transpose(1, 2))[0]
+    for i in range(len(weights)):
+        others = [j for j in range(len(weights)) if j != i]
+        by_weight = sorted(others, key=lambda j, i=i: weights[i, j].item())
+        assert by_weight == sorted(others, key=lambda j, i=i: relations[i, j].item())
+        assert weights[i, by_weight[-1]] == 1
+        assert weights[i, i] == 0
+
+
+def test_weights_are_even_when_gamma_is_large() -> None:
+    weights = negative_weights(unit_vectors(4), 1e6)
+    off_diagonal = ~torch.eye(7, dtype=torch.bool)
+    torch.testing.assert_close(weights[:, off_diagonal], torch.ones(2, 42))
+
+
+def test_chance_is_the_log_of_the_negatives() -> None:
+    query = torch.zeros(1, 256, 8)
+    query[..., 0] = 1
+    key = torch.zeros(1, 256, 8)
+    key[..., 1] = 1
+    assert hdce(query, key, 50.0).item() == pytest.approx(math.log(255), abs=1e-4)
+
+
+def test_positive_is_not_in_the_sum() -> None:
+    apart = torch.eye(16)[None]
+    assert hdce(apart, apart, 50.0).item() == pytest.approx(math.log(15) - 1 / TAU, rel=1e-5)
+
+
+def test_only_the_query_receives_a_gradient() -> None:
+    query, key = unit_vectors(5).requires_grad_(), unit_vectors(6).requires_grad_()
+    hdce(query, key, 10.0).backward()
+    assert key.grad is None
+    assert query.grad is not None
+    assert bool(torch.isfinite(query.grad).all())
+    assert bool(query.grad.abs().sum() > 0)
+
+
+def test_logits_stay_in_full_precision_under_autocast() -> None:
+    query, key = unit_vectors(7), unit_vectors(8)
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = hdce(query, key, 10.0)
+    assert mixed.item() == hdce(query, key, 10.0).item()

@@ -1,0 +1,71 @@
+"""Patch-wise contrast against plain loops, its chance levels and its gradients."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from vectors import unit_vectors
+
+from depthcli.training.losses.patchnce import cfl_nce, patch_nce
+
+Loss = Callable[[Tensor, Tensor], Tensor]
+TAU = 0.07
+
+
+def _looped(query: Tensor, key: Tensor, *, fakes: bool) -> float:
+    terms = []
+    for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
+        for i in range(len(q)):
+            others = [j for j in range(len(q)) if j != i]
+            logits = [q[i] @ k[i] / TAU] + [q[i] @ k[j] / TAU for j in others]
+            logits += [q[i] @ q[j] / TAU for j in others if fakes]
+            terms.append(-math.log(math.exp(logits[0]) / sum(math.exp(v) for v in logits)))
+    return float(np.mean(terms))
+
+
+@pytest.mark.parametrize(("loss", "fakes"), [(patch_nce, False), (cfl_nce, True)])
+def test_is_its_formula(loss: Loss, fakes: bool) -> None:
+    query, key = unit_vectors(1), unit_vectors(2)
+    assert loss(query, key).item() == pytest.approx(_looped(query, key, fakes=fakes), rel=1e-5)
+
+
+@pytest.mark.parametrize(("loss", "chance"), [(patch_nce, math.log(256)), (cfl_nce, math.log(511))])
+def test_chance_is_the_log_of_the_candidates(loss: Loss, chance: float) -> None:
+    same = torch.full((1, 256, 4), 0.5)
+    assert loss(same, same).item() == pytest.approx(chance, abs=1e-4)
+
+
+@pytest.mark.parametrize("loss", [patch_nce, cfl_nce])
+def test_patches_that_find_only_themselves_lose_nothing(loss: Loss) -> None:
+    apart = torch.eye(16)[None]
+    assert loss(apart, apart).item() < 1e-4
+
+
+@pytest.mark.parametrize("loss", [patch_nce, cfl_nce])
+def test_images_of_a_batch_are_not_each_others_negatives(loss: Loss) -> None:
+    query, key = unit_vectors(3), unit_vectors(4)
+    alone = [loss(query[i : i + 1], key[i : i + 1]).item() for i in range(2)]
+    assert loss(query, key).item() == pytest.approx(np.mean(alone), rel=1e-6)
+
+
+@pytest.mark.parametrize("loss", [patch_nce, cfl_nce])
+def test_keys_receive_no_gradient(loss: Loss) -> None:
+    query, key = unit_vectors(5).requires_grad_(), unit_vectors(6).requires_grad_()
+    loss(query, key).backward()
+    assert key.grad is None
+    assert query.grad is not None
+    assert bool(query.grad.abs().sum() > 0)
+
+
+@pytest.mark.parametrize("loss", [patch_nce, cfl_nce])
+def test_logits_stay_in_full_precision_under_autocast(loss: Loss) -> None:
+    query, key = unit_vectors(7), unit_vectors(8)
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = loss(query, key)
+    assert mixed.dtype == torch.float32
+    assert mixed.item() == loss(query, key).item()

@@ -1,0 +1,42 @@
+"""Regularised L1 against plain loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from depthcli.training.losses.regularised_l1 import conv_weights, regularised_l1
+
+
+def _network() -> nn.Module:
+    torch.manual_seed(0)
+    return nn.Sequential(
+        nn.Conv2d(1, 3, 3), nn.BatchNorm2d(3), nn.ConvTranspose2d(3, 2, 3), nn.Linear(2, 2)
+    )
+
+
+def test_is_its_formula() -> None:
+    network, penalty = _network(), 1e-2
+    prediction, truth = torch.randn(2, 1, 4, 5), torch.randn(2, 1, 4, 5)
+    pairs = zip(prediction.flatten().tolist(), truth.flatten().tolist(), strict=True)
+    distance = float(np.mean([abs(p - t) for p, t in pairs]))
+    squares = 0.0
+    for index in (0, 2):  # biases, norms and linear layers are no convolution weights
+        for w in network.get_submodule(str(index)).weight.flatten().tolist():  # type: ignore[operator,union-attr]
+            squares += w * w
+    found = regularised_l1(prediction, truth, network, penalty).item()
+    assert found == pytest.approx(distance + penalty * squares, rel=1e-5)
+
+
+def test_without_a_penalty_it_is_the_mean_distance() -> None:
+    prediction, truth = torch.full((1, 1, 2, 2), 0.75), torch.zeros(1, 1, 2, 2)
+    assert regularised_l1(prediction, truth, _network(), 0.0).item() == 0.75
+
+
+def test_penalty_shrinks_the_weights_it_counts() -> None:
+    network, image = _network(), torch.zeros(1, 1, 4, 4)
+    regularised_l1(image, image, network, 1.0).backward()
+    for weight in conv_weights(network):
+        torch.testing.assert_close(weight.grad, 2 * weight.detach())

@@ -1,0 +1,101 @@
+"""The patch heads and the similarity map."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from depthcli.training.networks.patch_sampler import PatchSampler
+from depthcli.training.networks.resnet import ResnetGenerator
+from depthcli.training.networks.similarity_map import SimilarityMap
+
+
+def _maps(*shapes: tuple[int, int, int]) -> list[Tensor]:
+    return [torch.randn(2, *shape) for shape in shapes]
+
+
+def test_vectors_have_length_one_at_256_positions_or_all() -> None:
+    sampler = PatchSampler([3, 5])
+    # Large features: the heads' first weights are small enough for ε to shorten the vectors.
+    vectors, positions = sampler([100 * m for m in _maps((3, 20, 16), (5, 6, 7))])
+    assert [tuple(v.shape) for v in vectors] == [(2, 256, 256), (2, 42, 256)]
+    for v in vectors:
+        torch.testing.assert_close(v.norm(dim=2), torch.ones(v.shape[:2]), atol=1e-3, rtol=0)
+    for chosen, count in zip(positions, (320, 42), strict=True):
+        assert len(set(chosen.tolist())) == len(chosen)
+        assert 0 <= int(chosen.min()) <= int(chosen.max()) < count
+    assert sorted(positions[1].tolist()) == list(range(42))
+
+
+def test_positions_are_drawn_anew_and_can_be_given() -> None:
+    sampler, maps = PatchSampler([3], dim=8, patches=16), _maps((3, 12, 12))
+    vectors, positions = sampler(maps)
+    again, same = sampler(maps, positions)
+    torch.testing.assert_close(again, vectors)
+    assert torch.equal(same[0], positions[0])
+    assert not torch.equal(sampler(maps)[1][0], positions[0])
+
+
+def test_vector_is_the_head_of_the_pixel_at_its_position() -> None:
+    torch.manual_seed(0)
+    sampler, (features,) = PatchSampler([3], dim=8), _maps((3, 5, 4))
+    (vectors,), _ = sampler([features], [torch.tensor([13, 2])])
+    for p, (row, column) in enumerate(((3, 1), (0, 2))):
+        wanted = sampler.heads[0](features[1, :, row, column])
+        torch.testing.assert_close(vectors[1, p], wanted / (wanted.norm() + 1e-7))
+
+
+def test_heads_fit_the_generators_taps() -> None:
+    generator = ResnetGenerator(8, 2)
+    sampler = PatchSampler([generator.tap_channels(tap) for tap in generator.TAPS], dim=16)
+    vectors, _ = sampler(generator.features(torch.rand(1, 1, 32, 32)))
+    assert [v.shape[1] for v in vectors] == [256, 256, 64, 64, 64]
+
+
+def test_first_weights_of_the_heads() -> None:
+    torch.manual_seed(0)
+    layers = [m for m in PatchSampler([128]).modules() if isinstance(m, nn.Linear)]
+    assert len(layers) == 2
+    for layer in layers:
+        spread = 0.02 * (2 / sum(layer.weight.shape)) ** 0.5
+        assert layer.weight.std().item() == pytest.approx(spread, rel=0.05)
+        assert not layer.bias.any()
+
+
+def test_vectors_of_a_blank_map_are_finite() -> None:
+    sampler, blank = PatchSampler([2], dim=4), torch.zeros(1, 2, 4, 4, requires_grad=True)
+    (vectors,), _ = sampler([blank])
+    vectors.sum().backward()
+    assert bool(torch.isfinite(vectors).all())
+    assert blank.grad is not None
+    assert bool(torch.isfinite(blank.grad).all())
+
+
+def test_vectors_are_full_precision_under_autocast() -> None:
+    sampler = PatchSampler([3], dim=8)
+    with torch.autocast("cpu", torch.bfloat16):
+        (vectors,), _ = sampler(_maps((3, 4, 4)))
+    assert vectors.dtype == torch.float32
+
+
+def test_similarity_map_has_the_parameters_stated() -> None:
+    assert sum(p.numel() for p in SimilarityMap().parameters()) == 10_688
+
+
+def test_similarity_map_gives_each_image_its_own_vector() -> None:
+    torch.manual_seed(0)
+    similarity_map, vectors = SimilarityMap(), [torch.randn(3, 32, 16) for _ in range(4)]
+    found = similarity_map(vectors)
+    assert found.shape == (3, 64)
+    torch.testing.assert_close(found.norm(dim=1), torch.ones(3))
+    for i in range(3):
+        alone = similarity_map([v[i : i + 1] for v in vectors])
+        torch.testing.assert_close(alone[0], found[i])
+
+
+def test_similarity_map_takes_maps_of_different_sizes() -> None:
+    torch.manual_seed(0)
+    similarity_map = SimilarityMap(2)
+    many, few = torch.randn(1, 40, 16), torch.randn(1, 12, 16)
+    torch.testing.assert_close(similarity_map([many, few]), similarity_map([many[:, :12], few]))

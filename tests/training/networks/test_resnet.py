@@ -1,0 +1,153 @@
+"""The paper's generator: size, cost, taps and what its norm makes it blind to."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import nn
+from torch.utils.flop_counter import FlopCounterMode
+
+from depthcli.training.networks.blur import BlurDown
+from depthcli.training.networks.resnet import ResnetGenerator
+
+TAP_CHANNELS = {"input": 1, "down1": 128, "down2": 256, "block1": 256, "block5": 256}
+
+
+def _small(**options: object) -> ResnetGenerator:
+    torch.manual_seed(0)
+    return ResnetGenerator(8, 2, **options).eval()  # type: ignore[arg-type]
+
+
+def _grown(**options: object) -> ResnetGenerator:
+    """Weights as large as training makes them: beside the first ones the norm's ε counts."""
+    network = _small(**options)
+    for layer in network.modules():
+        if isinstance(layer, (nn.Conv2d, nn.ConvTranspose2d)):
+            nn.init.normal_(layer.weight, 0, 0.02 if layer is network.head[1] else 1)
+    return network
+
+
+def _parameters(network: nn.Module) -> int:
+    return sum(p.numel() for p in network.parameters())
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+@pytest.mark.parametrize(("residual", "more"), [("none", 0), ("stem", 0), ("input", 1)])
+def test_paper_size_has_the_papers_parameters(antialias: bool, residual: str, more: int) -> None:
+    with torch.device("meta"):
+        network = ResnetGenerator(antialias=antialias, residual=residual)  # type: ignore[arg-type]
+    assert _parameters(network) == 11_365_633 + more
+
+
+@pytest.mark.parametrize(("antialias", "gmac"), [(False, 48.7), (True, 63.3)])
+def test_paper_size_costs_what_the_paper_size_costs(antialias: bool, gmac: float) -> None:
+    with torch.device("meta"):
+        network, image = ResnetGenerator(antialias=antialias), torch.zeros(1, 1, 256, 256)
+    with FlopCounterMode(display=False) as counter:
+        network(image)
+    assert counter.get_total_flops() / 2 / 1e9 == pytest.approx(gmac, abs=0.1)
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+@pytest.mark.parametrize("residual", ["none", "stem", "input"])
+@pytest.mark.parametrize("size", [(32, 32), (20, 44)])
+def test_output_has_the_inputs_size_and_range(
+    antialias: bool, residual: str, size: tuple[int, int]
+) -> None:
+    network = _small(antialias=antialias, residual=residual)
+    output = network(torch.rand(2, 1, *size) * 2 - 1)
+    assert output.shape == (2, 1, *size)
+    assert bool((output.abs() <= 1).all())
+
+
+def test_tap_channels_are_known_before_any_picture() -> None:
+    with torch.device("meta"):
+        network, image = ResnetGenerator(), torch.zeros(2, 1, 64, 32)
+    maps = network.features(image)
+    assert [network.tap_channels(tap) for tap in network.TAPS] == [m.shape[1] for m in maps]
+    assert {tap: network.tap_channels(tap) for tap in network.TAPS} == TAP_CHANNELS
+    sizes = [(70, 38), (32, 16), (16, 8), (16, 8), (16, 8)]
+    assert [tuple(m.shape[2:]) for m in maps] == sizes
+
+
+def test_taps_are_what_they_are_called() -> None:
+    torch.manual_seed(0)
+    network = ResnetGenerator(4, 6)
+    image, seen = torch.randn(1, 1, 16, 16), {}
+    modules = {"input": network.pad, "down1": network.down1.conv, "down2": network.down2.conv}
+    modules |= {"block1": network.blocks[0], "block5": network.blocks[4]}
+    for name, module in modules.items():
+        # The first call counts: the padding is used once, the others once a pass.
+        module.register_forward_hook(lambda _m, _i, o, name=name: seen.setdefault(name, o.clone()))
+    network(image)
+    for tap, found in zip(network.TAPS, network.features(image), strict=True):
+        torch.testing.assert_close(found, seen[tap])
+
+
+def test_taps_can_be_chosen_and_fall_back_to_the_last_block() -> None:
+    network, image = _small(), torch.randn(1, 1, 16, 16)
+    named = dict(zip(network.TAPS, network.features(image), strict=True))
+    chosen = network.features(image, ("down1", "block5"))
+    torch.testing.assert_close(chosen, [named["down1"], named["block5"]])
+    last = network.blocks[1](named["block1"])
+    torch.testing.assert_close(named["block5"], last)
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+@pytest.mark.parametrize("residual", ["none", "stem"])
+def test_norm_hides_contrast_and_brightness(antialias: bool, residual: str) -> None:
+    network, image = _grown(antialias=antialias, residual=residual), torch.rand(1, 1, 32, 32)
+    plain, changed = network(image), network(0.5 * image + 0.2)
+    assert float(plain.std()) > 0.1
+    torch.testing.assert_close(changed, plain, atol=2e-3, rtol=0)
+
+
+def test_input_residual_sees_brightness_once_its_gain_is_learned() -> None:
+    network, image = _grown(residual="input"), torch.rand(1, 1, 16, 16)
+    assert network.input_gain is not None
+    torch.testing.assert_close(network(0.5 * image + 0.2), network(image), atol=2e-3, rtol=0)
+    network(image).sum().backward()
+    assert network.input_gain.grad is not None
+    assert float(network.input_gain.grad.abs()) > 0
+    with torch.no_grad():
+        network.input_gain += 1
+    assert float((network(0.5 * image + 0.2) - network(image)).abs().max()) > 0.1
+
+
+def test_stem_residual_reaches_the_output_past_the_blocks() -> None:
+    without, with_stem = _small(), _small(residual="stem")
+    for network in (without, with_stem):
+        for layer in network.up2.modules():  # cut everything but the last connection
+            if isinstance(layer, nn.ConvTranspose2d):
+                nn.init.zeros_(layer.weight)
+    image = torch.rand(1, 1, 16, 16)
+    assert float(without(image).std()) < 1e-6
+    assert float(with_stem(image).std()) > 1e-6
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+def test_first_weights(antialias: bool) -> None:
+    torch.manual_seed(0)
+    network = ResnetGenerator(32, 1, antialias=antialias)
+    layers = [m for m in network.modules() if isinstance(m, (nn.Conv2d, nn.ConvTranspose2d))]
+    assert len(layers) == 8
+    for layer in layers:
+        fans = layer.weight[0].numel() + layer.weight[:, 0].numel()
+        spread = 0.02 * (2 / fans) ** 0.5 if antialias else 0.02
+        assert layer.weight.std().item() == pytest.approx(spread, rel=0.1)
+        assert layer.bias is not None
+        assert not layer.bias.any()
+
+
+def test_statistics_of_the_norm_stay_accurate_under_autocast() -> None:
+    norm, image = nn.InstanceNorm2d(1), 100 + torch.randn(1, 1, 64, 64)
+    rounded = image.bfloat16()
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = norm(rounded).float()
+    torch.testing.assert_close(mixed, norm(rounded.float()), atol=2e-2, rtol=2e-2)
+
+
+def test_antialiased_variant_blurs() -> None:
+    blurs = [m for m in _small(antialias=True).modules() if isinstance(m, BlurDown)]
+    assert len(blurs) == 2
+    assert not any(isinstance(m, BlurDown) for m in _small().modules())
