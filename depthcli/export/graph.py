@@ -1,4 +1,4 @@
-"""A generator as one ONNX graph: batch norm folded, any batch and size, nothing outside the file."""
+"""A generator as one ONNX graph: batch norm folded, any batch and size, one file."""
 
 from __future__ import annotations
 

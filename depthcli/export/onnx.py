@@ -8,8 +8,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from depthcli.core.types import DepthKind
-from depthcli.export.graph import CARD_KEY, IR_VERSION, OPSET, MirrorAverage, build_graph, folded
-from depthcli.export.graph import halve_weights, set_metadata
+from depthcli.export.graph import (
+    CARD_KEY,
+    IR_VERSION,
+    OPSET,
+    MirrorAverage,
+    build_graph,
+    folded,
+    halve_weights,
+    set_metadata,
+)
 from depthcli.export.parity import HALF_TOLERANCE, TOLERANCE, Parity, check_parity
 from depthcli.inference.card import (
     CameraSpec,

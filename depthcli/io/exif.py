@@ -56,7 +56,7 @@ def _in_jpeg(data: bytes) -> bytes | None:
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF:
         marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
-        if marker == 0xDA or length < 2:  # noqa: PLR2004 - pixels begin
+        if marker == 0xDA or length < 2:  # pixels begin
             return None
         if marker == 0xE1 and data[at + 4 : at + 10] == b"Exif\0\0":
             return data[at + 10 : at + 2 + length]

@@ -59,7 +59,7 @@ def _jpeg(data: bytes) -> tuple[int, int] | None:
         if marker in _JPEG_SIZES:
             height, width = struct.unpack_from(">HH", data, at + 5)
             return width, height
-        fill = marker == 0xFF  # noqa: PLR2004
+        fill = marker == 0xFF
         skipped = 1 if fill else 2
         if not fill and marker not in _STANDALONE:
             skipped += struct.unpack_from(">H", data, at + 2)[0]
@@ -88,6 +88,6 @@ def _tiff(data: bytes) -> tuple[int, int] | None:
     found = {}
     for entry in range(at + 2, at + 2 + 12 * count, 12):
         tag, kind = struct.unpack_from(order + "HH", data, entry)
-        form = "H" if kind == 3 else "I"  # noqa: PLR2004 - SHORT
+        form = "H" if kind == 3 else "I"  # SHORT
         (found[tag],) = struct.unpack_from(order + form, data, entry + 8)
     return (found[256], found[257]) if {256, 257} <= found.keys() else None

@@ -1,4 +1,4 @@
-"""The pool of past fakes that a discriminator is shown (Shrivastava et al. 2017, as in CycleGAN)."""
+"""The pool of past fakes that a discriminator is shown (Shrivastava et al. 2017)."""
 
 from __future__ import annotations
 
