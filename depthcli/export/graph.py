@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import copy
-import io
+import tempfile
 import warnings
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import onnx
 import torch
 from onnx import TensorProto, helper, numpy_helper
+from onnxscript import optimizer
 from torch import nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
@@ -19,7 +21,6 @@ if TYPE_CHECKING:
 
 OPSET = 17
 IR_VERSION = 8
-CARD_KEY = "depthcli.card"
 INPUT, OUTPUT = "image", "depth"
 _TRACED_SIZE = (96, 128)
 _SMALLEST_HALVED = 64  # small tensors, such as biases, gain nothing from half precision
@@ -41,14 +42,26 @@ def build_graph(
     network = folded(generator)
     if mirror:
         network = MirrorAverage(network)
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        # The exporter warns of its own future; what it made is checked below and by parity.
+    model = optimizer.optimize(_traced(network, opset))
+    model.ir_version = min(model.ir_version, IR_VERSION)
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+def _traced(network: nn.Module, opset: int) -> onnx.ModelProto:
+    """What torch makes of a network.
+
+    The tracing exporter is used because torch's other one cannot express that a size rounds up
+    when it is halved, as it does between an encoder and a decoder of any size.
+    """
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        # The exporter warns of its own future; what it made is checked here and by parity.
         warnings.simplefilter("ignore")
+        path = Path(folder, "model.onnx")
         torch.onnx.export(
             network,
             (torch.zeros(2, 1, *_TRACED_SIZE),),
-            buffer,
+            path,
             input_names=[INPUT],
             output_names=[OUTPUT],
             opset_version=opset,
@@ -58,10 +71,7 @@ def build_graph(
             },
             dynamo=False,
         )
-    model = onnx.load_from_string(buffer.getvalue())
-    model.ir_version = min(model.ir_version, IR_VERSION)
-    onnx.checker.check_model(model, full_check=True)
-    return model
+        return onnx.load(path)
 
 
 class MirrorAverage(nn.Module):
@@ -73,8 +83,9 @@ class MirrorAverage(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Raw (B, 1, h, w) of x (B, 1, H, W)."""
+        plain: torch.Tensor = self.network(x)
         mirrored = self.network(torch.flip(x, [3]))
-        return (self.network(x) + torch.flip(mirrored, [3])) / 2
+        return (plain + torch.flip(mirrored, [3])) / 2
 
 
 def folded(network: nn.Module) -> nn.Module:

@@ -20,6 +20,7 @@ from depthcli.export.graph import (
 )
 from depthcli.export.parity import HALF_TOLERANCE, TOLERANCE, Parity, check_parity
 from depthcli.inference.card import (
+    METADATA_KEY,
     CameraSpec,
     Colour,
     Fit,
@@ -92,7 +93,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     if options.half:
         halve_weights(model)
     card = card_of(saved, options)
-    set_metadata(model, {CARD_KEY: card.to_json()})
+    set_metadata(model, {METADATA_KEY: card.to_json()})
     data = model.SerializeToString()
     network = MirrorAverage(folded(generator)) if options.mirror else generator
     default = HALF_TOLERANCE if options.half else TOLERANCE
