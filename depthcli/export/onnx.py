@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from depthcli.core.types import DepthKind
 from depthcli.export.graph import (
-    CARD_KEY,
     IR_VERSION,
     OPSET,
     MirrorAverage,
@@ -29,13 +28,16 @@ from depthcli.inference.card import (
     OnnxSpec,
     OutputSpec,
 )
+from depthcli.inference.catalog import CARD_NAME
 from depthcli.io.atomic import atomic_path
 from depthcli.training.checkpoint import Checkpoint, load_generator
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+MODEL_NAME = "model.onnx"
 NYU_HFOV_DEG = 63.3
+_CARD_SUFFIX = f".{CARD_NAME}"
 _FULL_STRIDE = 4
 
 
@@ -80,7 +82,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
 
     Args:
         checkpoint: written by training.
-        out: the ONNX file; its card is written as ``card.json`` beside it.
+        out: the ONNX file; its card is written beside it, see :func:`card_path`.
         options: what to export.
 
     Raises:
@@ -107,9 +109,18 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     )
     with atomic_path(out, inputs=[checkpoint]) as path:
         path.write_bytes(data)
-    with atomic_path(out.with_name("card.json"), inputs=[checkpoint]) as path:
+    with atomic_path(card_path(out), inputs=[checkpoint]) as path:
         path.write_text(card.to_json(), "utf-8")
     return Exported(out, card, parity)
+
+
+def card_path(model: Path) -> Path:
+    """Where a model's card belongs.
+
+    ``model.onnx`` has a folder to itself and ``card.json`` in it; any other ``name.onnx`` shares
+    its folder with other models and has ``name.card.json``.
+    """
+    return model.with_name(CARD_NAME if model.name == MODEL_NAME else model.stem + _CARD_SUFFIX)
 
 
 def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
@@ -149,6 +160,10 @@ def _training(saved: Checkpoint) -> dict[str, Any]:
     progress = saved.progress
     return {
         "data": "NYU Depth v2, labelled pairs 1-1000",
+        "method": saved.config.method,
+        "seed": saved.config.seed,
+        "method": saved.config.method,
+        "seed": saved.config.seed,
         "pairs": len(progress.train_ids),
         "held_out_pairs": len(progress.held_out_ids),
         "steps": progress.step,
