@@ -2,10 +2,12 @@
 
 The Python API, loaded name by name when it is used::
 
+    from pathlib import Path
+
     import depthcli
 
     pipeline = depthcli.load()
-    depth = pipeline.predict(depthcli.read_image("room.jpg"))
+    depth = pipeline.predict(depthcli.read_image(Path("room.jpg")))
     depth.values  # (H, W) float32, metres
 """
 

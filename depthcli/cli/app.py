@@ -1,6 +1,7 @@
 """Where the command line begins, and the table of its commands.
 
-Only built-in modules are loaded here: the help and the version are text, and cost no more than Python itself.
+Only built-in modules are loaded here: the help and the version are text, and cost little more than
+Python itself.
 """
 
 from __future__ import annotations

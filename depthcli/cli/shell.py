@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _SIGNAL_BASE = 128  # shells report a signal as 128 + its number
+_COMPLETION = {"install_completion", "show_completion"}
 _TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
 
 
@@ -134,6 +135,8 @@ def _reader_left() -> int:
 def _load(name: str) -> Any:  # noqa: ANN401 - typer's own types
     command = get_command(importlib.import_module(COMMANDS[name][0]).app)
     command.name = name
+    # Completion is installed for the program, not for each of its commands.
+    command.params = [p for p in command.params if p.name not in _COMPLETION]
     _add_debug(command)
     return command
 
