@@ -6,11 +6,12 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+import onnx
 import pytest
 from tiny import synthetic_picture, tiny_onnx, write_model
 
 from depthcli.core.types import DepthKind, Frame
-from depthcli.errors import UsageError
+from depthcli.errors import ModelError, UsageError
 from depthcli.inference.catalog import find_model
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.session import Session
@@ -121,3 +122,12 @@ def test_a_model_without_a_camera_takes_no_focal_length(model_folder: Path) -> N
 
 def test_a_trial_runs_the_model(model_folder: Path) -> None:
     assert try_model(find_model(model_folder), provider="cpu").provider == "cpu"
+
+
+def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
+    proto = onnx.load_from_string(tiny_onnx())
+    nothing = np.full((1, 1, 1, 1), np.nan, np.float32)
+    proto.graph.initializer[0].CopyFrom(onnx.numpy_helper.from_array(nothing, "weight"))
+    model = find_model(write_model(tmp_path, proto.SerializeToString()))
+    with pytest.raises(ModelError, match="gives no depth"):
+        try_model(model)

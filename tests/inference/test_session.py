@@ -14,7 +14,7 @@ from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError, ProviderError
 from depthcli.inference.catalog import find_model
-from depthcli.inference.session import Session, available_providers
+from depthcli.inference.session import Session, _provider_warnings, available_providers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -103,3 +103,13 @@ def test_loading_prints_nothing_and_sets_no_environment(model_folder: Path) -> N
         [sys.executable, "-c", code, str(model_folder)], capture_output=True, check=True
     )
     assert (done.stdout, done.stderr) == (b"", b"")
+
+
+def test_a_silent_fall_back_is_an_error_if_the_provider_was_named() -> None:
+    with pytest.raises(ProviderError, match="'cuda' does not start here"):
+        _provider_warnings("cuda", ("cuda",), "cpu")
+
+
+def test_a_silent_fall_back_is_a_warning_with_auto() -> None:
+    (warning,) = _provider_warnings("auto", ("cuda", "cpu"), "cpu")
+    assert "'cuda' does not start here, running on 'cpu'" in warning
