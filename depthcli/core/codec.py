@@ -58,7 +58,8 @@ class DepthCodec:
             case Transform.LINEAR:
                 return t
             case Transform.EXP:
-                return np.exp(t)
+                depth: npt.NDArray[np.float32] = np.exp(t)
+                return depth
             case Transform.RECIPROCAL:
                 with np.errstate(divide="ignore"):
                     return np.where(t > 0, np.float32(1) / t, np.float32(np.inf))

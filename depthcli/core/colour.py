@@ -24,7 +24,7 @@ def value_channel(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     """
     if pixels.ndim == 2:  # noqa: PLR2004
         return unit(pixels)
-    red, green, blue = cv2.split(pixels)  # type: ignore[call-overload]
+    red, green, blue = cv2.split(pixels)  # type: ignore[arg-type]
     return unit(cv2.max(cv2.max(red, green), blue))
 
 
@@ -32,7 +32,8 @@ def luma(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     """Rec. 601 luma of the coded values; arguments and result as in :func:`value_channel`."""
     if pixels.ndim == 2:  # noqa: PLR2004
         return unit(pixels)
-    return np.asarray(cv2.transform(unit(pixels), _LUMA)).reshape(pixels.shape[:2])
+    gray = np.asarray(cv2.transform(unit(pixels), _LUMA), np.float32)
+    return gray.reshape(pixels.shape[:2])
 
 
 def rgb(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
@@ -44,6 +45,6 @@ def rgb(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
 def unit(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     """Coded values of any shape as float32 in [0, 1]."""
     if pixels.dtype == np.float32:
-        return np.clip(pixels, 0, 1)  # type: ignore[return-value]
+        return np.clip(pixels, 0, 1)
     top = 255 if pixels.dtype == np.uint8 else 65535
     return pixels.astype(np.float32) * np.float32(1 / top)

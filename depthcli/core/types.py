@@ -58,14 +58,9 @@ class Frame:
 
     def pixels_8bit(self) -> npt.NDArray[np.uint8]:
         """The picture for people: (H, W, 3) RGB uint8."""
-        pixels = self.pixels
-        if pixels.dtype == np.uint16:
-            pixels = (pixels >> 8).astype(np.uint8)
-        elif pixels.dtype == np.float32:
-            pixels = np.rint(pixels * 255).astype(np.uint8)
-        if pixels.ndim == 2:  # noqa: PLR2004
-            pixels = np.repeat(pixels[..., None], 3, axis=2)
-        return pixels  # type: ignore[return-value]
+        top = {"uint8": 255, "uint16": 65535}.get(self.pixels.dtype.name, 1)
+        scaled = np.rint(self.pixels * np.float32(255 / top)).astype(np.uint8)
+        return scaled if scaled.ndim == 3 else np.repeat(scaled[..., None], 3, 2)  # noqa: PLR2004
 
 
 @dataclass(frozen=True, slots=True)

@@ -162,8 +162,6 @@ def _training(saved: Checkpoint) -> dict[str, Any]:
         "data": "NYU Depth v2, labelled pairs 1-1000",
         "method": saved.config.method,
         "seed": saved.config.seed,
-        "method": saved.config.method,
-        "seed": saved.config.seed,
         "pairs": len(progress.train_ids),
         "held_out_pairs": len(progress.held_out_ids),
         "steps": progress.step,

@@ -80,8 +80,8 @@ def _in_folders(
     shared = Counter(_folded(stem) for stem in stems)
     plans = []
     for source, stem in zip(sources, stems, strict=True):
-        alone = source is None or shared[_folded(stem)] == 1
-        base = stem.name if alone else source.name
+        shares = shared[_folded(stem)] > 1
+        base = source.name if source and shares else stem.name
         plans.append(OutputPlan(source, {f: stem.with_name(base + s) for f, s in suffixes.items()}))
     return plans
 

@@ -43,11 +43,9 @@ def write_samples(
     (target / f"epoch-{epoch:04d}.jpg").write_bytes(encoded.tobytes())
 
 
-def _coloured(
-    depth_m: npt.NDArray[np.float32], nearest_m: float, farthest_m: float
-) -> npt.NDArray[np.uint8]:
-    inverse = 1 / np.maximum(depth_m, _NEAREST_M)
+def _coloured(depth_m: npt.ArrayLike, nearest_m: float, farthest_m: float) -> npt.NDArray[np.uint8]:
+    inverse = 1 / np.maximum(np.asarray(depth_m), _NEAREST_M)
     low, high = 1 / max(farthest_m, _NEAREST_M), 1 / max(nearest_m, _NEAREST_M)
     share = np.clip((inverse - low) / max(high - low, 1e-6), 0, 1)
-    shades = cv2.applyColorMap((share * 255).astype(np.uint8), cv2.COLORMAP_INFERNO)
-    return shades.astype(np.uint8)
+    shades = cv2.applyColorMap(np.asarray(share * 255, np.uint8), cv2.COLORMAP_INFERNO)
+    return np.asarray(shades, np.uint8)

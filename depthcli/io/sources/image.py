@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -13,8 +14,6 @@ from depthcli.io.exif import read_exif
 from depthcli.io.picture_header import picture_size, truncation
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import numpy.typing as npt
 
 MAX_PIXELS = 250_000_000
@@ -23,7 +22,7 @@ _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 def read_image(
-    path: Path | None, data: bytes | None = None, *, max_pixels: int = MAX_PIXELS
+    path: str | Path | None, data: bytes | None = None, *, max_pixels: int = MAX_PIXELS
 ) -> Frame:
     """Decode a picture at its own bit depth and undo its EXIF rotation.
 
@@ -41,6 +40,7 @@ def read_image(
     Raises:
         InputError: missing, empty, truncated, not a picture, or too large.
     """
+    path = None if path is None else Path(path)
     if data is None:
         if path is None:
             raise InputError("neither a file nor data was given")
@@ -104,7 +104,7 @@ def _colours(pixels: npt.NDArray[np.generic], name: str) -> npt.NDArray[np.gener
         pixels = pixels.reshape(*pixels.shape[:2], channels)[..., 0]
     elif channels in (_RGB, _RGBA):
         code = cv2.COLOR_BGR2RGB if channels == _RGB else cv2.COLOR_BGRA2RGB
-        pixels = cv2.cvtColor(pixels, code)  # type: ignore[call-overload]
+        pixels = cv2.cvtColor(pixels, code)  # type: ignore[arg-type]
     else:
         raise InputError(f"{name} has {channels} channels; give gray or colour")
     if pixels.dtype in (np.uint8, np.uint16):
@@ -119,7 +119,7 @@ _MIRRORED = {2, 4, 5, 7}
 _QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 
 
-def _turned(pixels: npt.NDArray[np.generic], orientation: int) -> npt.NDArray[np.generic]:
+def _turned(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
     """Undo an EXIF orientation: mirror along the rows, then turn counter-clockwise."""
     if orientation in _MIRRORED:
         pixels = pixels[:, ::-1]

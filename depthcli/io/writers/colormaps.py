@@ -33,6 +33,7 @@ def table(name: str, near: str = "warm") -> npt.NDArray[np.uint8]:
         near: ``warm`` and ``white`` put the bright or red end near, ``black`` the other.
     """
     levels = np.arange(_LEVELS, dtype=np.uint8)
+    colours: npt.NDArray[np.generic]
     if name == "gray":
         colours = np.repeat(levels[:, None], 3, axis=1)
     elif name == "spectral":
@@ -41,5 +42,5 @@ def table(name: str, near: str = "warm") -> npt.NDArray[np.uint8]:
         colours = np.rint(np.stack([np.interp(levels, stops, c) for c in channels], 1))
     else:
         colours = cv2.applyColorMap(levels, _OPENCV[name]).reshape(-1, 3)[:, ::-1]
-    colours = colours.astype(np.uint8)
-    return colours[::-1] if near == "black" else colours
+    table_8bit = np.asarray(colours, np.uint8)
+    return table_8bit[::-1] if near == "black" else table_8bit

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
 
 _NEAREST_M = 1e-3
-_PERCENTILES = (2.0, 98.0)
+_CLIPPED_SHARE = 0.02
 _INVALID_RGB = (96, 96, 96)
 
 
@@ -76,12 +76,20 @@ class PreviewWriter:
     def _limits(self, depth: DepthMap) -> tuple[float, float]:
         """The values at the near and the far end of the colormap."""
         finite = depth.values[np.isfinite(depth.values)]
-        low, high = np.percentile(finite, _PERCENTILES) if finite.size else (0.0, 1.0)
+        low, high = _percentiles(finite) if finite.size else (0.0, 1.0)
         if depth.kind is DepthKind.INVERSE:
             low, high = high, low
         near = self.vmin if self.vmin is not None else float(low)
         far = self.vmax if self.vmax is not None else float(high)
         return near, far
+
+
+def _percentiles(values: npt.NDArray[np.float32]) -> tuple[float, float]:
+    """The second and the 98th percentile; np.percentile would load numpy.ma, at 15 ms."""
+    low = round(_CLIPPED_SHARE * (values.size - 1))
+    high = values.size - 1 - low
+    ordered = np.partition(values, (low, high))
+    return float(ordered[low]), float(ordered[high])
 
 
 def nearness(depth: DepthMap, near: float, far: float) -> npt.NDArray[np.float32]:
@@ -97,8 +105,8 @@ def nearness(depth: DepthMap, near: float, far: float) -> npt.NDArray[np.float32
     """
     values, ends = depth.values, np.array([near, far], np.float32)
     if depth.is_metric:
-        values = np.float32(1) / np.maximum(values, np.float32(_NEAREST_M))
-        ends = np.float32(1) / np.maximum(ends, np.float32(_NEAREST_M))
+        values = np.reciprocal(np.maximum(values, np.float32(_NEAREST_M)))
+        ends = np.reciprocal(np.maximum(ends, np.float32(_NEAREST_M)))
     span = ends[0] - ends[1]
     if span == 0:
         return np.where(np.isnan(values), np.float32(np.nan), np.float32(0.5))

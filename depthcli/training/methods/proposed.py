@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from depthcli.training.batches import Batch
     from depthcli.training.config import TrainConfig
+    from depthcli.training.networks.efficient import EfficientGenerator
+    from depthcli.training.networks.resnet import ResnetGenerator
 
 
 class Proposed(Method):
@@ -37,7 +39,7 @@ class Proposed(Method):
         super().__init__(config)
         self.weights = config.loss
         self.codec = config.output.codec
-        self.generator = build_generator(config.generator)
+        self.generator: EfficientGenerator | ResnetGenerator = build_generator(config.generator)
         self.both_ways = bool(self.weights.cycle or self.weights.adversarial)
         self.both_ways |= bool(self.weights.identity or self.weights.l1_backward)
         self.backward_generator = build_generator(config.generator) if self.both_ways else None
