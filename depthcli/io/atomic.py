@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -31,7 +30,7 @@ def atomic_path(path: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """
     if any(_same_file(path, source) for source in inputs):
         raise OutputError(f"{path} is an input and is not overwritten; choose another -o")
-    temporary = path.with_name(f".depthcli-{secrets.token_hex(8)}{path.suffix}")
+    temporary = path.with_name(f".depthcli-{os.urandom(8).hex()}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
