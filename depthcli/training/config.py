@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, g
 
 from depthcli.core.codec import DepthCodec
 from depthcli.errors import UsageError
+from depthcli.training.config_range import check_range
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -204,7 +205,8 @@ def resolve(base: TrainConfig, files: Iterable[Path], settings: Iterable[str]) -
     """Apply files of differences, then ``a.b=c`` settings, to a base configuration.
 
     Raises:
-        UsageError: a name is unknown, a value has the wrong type, or a file is not TOML.
+        UsageError: a name is unknown, a value has the wrong type or is out of range, or a file is
+            not TOML.
     """
     for file in files:
         try:
@@ -213,6 +215,7 @@ def resolve(base: TrainConfig, files: Iterable[Path], settings: Iterable[str]) -
             raise UsageError(f"cannot read the configuration {file}: {error}") from None
     for setting in settings:
         base = updated(base, _nested(setting))
+    check_range(base)
     return base
 
 
@@ -241,7 +244,7 @@ def _nested(setting: str) -> dict[str, Any]:
     words = {"true": True, "false": False}
     try:
         value = words[text.lower()] if text.lower() in words else ast.literal_eval(text)
-    except (ValueError, SyntaxError):
+    except (ValueError, TypeError, SyntaxError):
         value = text
     *outer, last = key.split(".")
     nested: dict[str, Any] = {last: value}

@@ -1,0 +1,106 @@
+"""The ranges in which the values of a configuration make sense."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from depthcli.training.config import GeneratorConfig, TrainConfig
+
+_SMALLEST_PX = 32  # below, the discriminators have no output and the gradients no coarsest scale
+_RESNET_STRIDE = 4
+_LEVELS = {"encoder": 5, "decoder": 4, "depths": 4}
+_AT_LEAST = {
+    "": {"seed": 0, "validate_every": 1},
+    "generator": {"width": 1, "blocks": 1},
+    "data": {
+        "width": _SMALLEST_PX,
+        "height": _SMALLEST_PX,
+        "zoom": 1,
+        "rotate_deg": 0,
+        "colour_jitter": 0,
+        "gamma": 0,
+        "brightness": 0,
+        "noise": 0,
+        "holdout_every": 0,
+        "holdout_offset": 0,
+    },
+    "loss": dict.fromkeys(
+        (
+            "adversarial",
+            "contrast_x",
+            "contrast_y",
+            "identity",
+            "cycle",
+            "l1",
+            "weight_penalty",
+            "gradient",
+        ),
+        0,
+    ),
+    "optim": {
+        "batch_size": 1,
+        "epochs_constant": 0,
+        "epochs_decay": 0,
+        "warmup_steps": 0,
+        "learning_rate": 0,
+        "weight_decay": 0,
+        "clip_norm": 0,
+        "pool_size": 0,
+        "width_discriminator": 1,
+    },
+}
+_SHARES = (
+    ("generator", "dropout"),
+    ("optim", "beta1"),
+    ("optim", "beta2"),
+    ("optim", "ema"),
+)
+
+
+def check_range(config: TrainConfig) -> None:
+    """Accept a configuration that can run.
+
+    Raises:
+        UsageError: a value is out of range; the message names the setting.
+    """
+    for group, least in _AT_LEAST.items():
+        values = getattr(config, group) if group else config
+        for name, low in least.items():
+            value = getattr(values, name)
+            if not low <= value < math.inf:
+                raise UsageError(f"{_path(group, name)} is at least {low}, not {value}")
+    for group, name in _SHARES:
+        value = getattr(getattr(config, group), name)
+        if not 0 <= value < 1:
+            raise UsageError(f"{_path(group, name)} is at least 0 and below 1, not {value}")
+    if not 0 < config.output.min_m < config.output.max_m < math.inf:
+        raise UsageError(
+            "output.min_m is above 0 and below output.max_m, "
+            f"not {config.output.min_m} and {config.output.max_m}"
+        )
+    _check_generator(config)
+
+
+def _check_generator(config: TrainConfig) -> None:
+    if config.generator.name == "efficient":
+        _check_levels(config.generator)
+        return
+    for name in ("width", "height"):
+        value = getattr(config.data, name)
+        if value % _RESNET_STRIDE:
+            raise UsageError(f"data.{name} is a multiple of 4 for generator.name=resnet: {value}")
+
+
+def _check_levels(generator: GeneratorConfig) -> None:
+    for name, count in _LEVELS.items():
+        values = getattr(generator, name)
+        if len(values) != count or min(values) < 1:
+            raise UsageError(f"generator.{name} is {count} numbers of at least 1, not {values}")
+
+
+def _path(group: str, name: str) -> str:
+    return f"{group}.{name}" if group else name

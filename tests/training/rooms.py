@@ -1,0 +1,125 @@
+"""Tiny synthetic rooms with depth, in memory and on disk, and small runs over them."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from depthcli.training.config import (
+    DataConfig,
+    GeneratorConfig,
+    LossConfig,
+    OptimConfig,
+    OutputConfig,
+    TrainConfig,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+HEIGHT, WIDTH = 48, 64
+SCENES = ("bath_1", "bath_1", "den_1", "hall_1", "hall_1", "office_1")
+"""With every fourth scene from the second on held out, position 2 validates and five train."""
+TRAIN, HELD_OUT = [0, 1, 3, 4, 5], [2]
+
+
+@dataclass(frozen=True)
+class Rooms:
+    """A data set in memory: the farther, the darker."""
+
+    images: npt.NDArray[np.uint8]
+    depths_m: npt.NDArray[np.float32]
+    scenes: tuple[str, ...] = SCENES
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        return tuple(f"{i:04d}" for i in range(len(self.scenes)))
+
+    @property
+    def official_split(self) -> tuple[str, ...]:
+        return ("train",) * len(self.scenes)
+
+    def __len__(self) -> int:
+        return len(self.scenes)
+
+    def image(self, i: int) -> npt.NDArray[np.uint8]:
+        return self.images[i]
+
+    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        return self.depths_m[i]
+
+
+def rooms() -> Rooms:
+    """Six rooms with tilted walls and a box, depth between 1 and 6 m in whole millimetres."""
+    rng = np.random.default_rng(5)
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+    images, depths_m = [], []
+    for _ in SCENES:
+        tilt = rng.uniform(-0.02, 0.02, 2)
+        depth_m = 4 + tilt[0] * (columns - WIDTH / 2) + tilt[1] * (rows - HEIGHT / 2)
+        top, left = rng.integers(4, 20, 2)
+        depth_m[top : top + 20, left : left + 25] = rng.uniform(1, 2)
+        depth_m = np.round(depth_m, 3)
+        light = 255 * (1 - depth_m / 8)
+        pixels = light[..., None] * rng.uniform(0.7, 1, 3) + rng.normal(0, 3, (HEIGHT, WIDTH, 3))
+        images.append(pixels.clip(0, 255).astype(np.uint8))
+        depths_m.append(depth_m.astype(np.float32))
+    return Rooms(np.stack(images), np.stack(depths_m))
+
+
+def write_rooms(folder: Path, dataset: Rooms | None = None) -> Path:
+    """rgb/ID.png, depth/ID.png in millimetres, index.csv."""
+    dataset = dataset or rooms()
+    for part in ("rgb", "depth"):
+        (folder / part).mkdir(parents=True)
+    with (folder / "index.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["id", "scene", "official_split"])
+        rows = zip(dataset.ids, dataset.scenes, dataset.official_split, strict=True)
+        for i, row in enumerate(rows):
+            writer.writerow(row)
+            rgb, depth = (str(folder / part / f"{row[0]}.png") for part in ("rgb", "depth"))
+            assert cv2.imwrite(rgb, dataset.image(i)[..., ::-1])
+            assert cv2.imwrite(depth, np.round(dataset.depth_m(i) * 1000).astype(np.uint16))
+    return folder
+
+
+PAPER = TrainConfig(
+    seed=3,
+    generator=GeneratorConfig(width=8, blocks=2),
+    data=DataConfig(width=32, height=32, holdout_every=4, holdout_offset=1),
+    optim=OptimConfig(epochs_constant=1, epochs_decay=1, pool_size=2, width_discriminator=4),
+)
+"""Every loss of eq. 7, in small: ten steps in two epochs."""
+
+EFFICIENT = replace(
+    PAPER,
+    generator=GeneratorConfig(
+        name="efficient",
+        encoder=(4, 4, 8, 8, 8),
+        decoder=(8, 8, 4, 4),
+        depths=(1, 1, 1, 1),
+        dropout=0.2,
+    ),
+    output=OutputConfig(coding="log"),
+    data=replace(PAPER.data, width=64, zoom=1.5, rotate_deg=5, gamma=0.2, noise=0.03),
+    loss=LossConfig(0, 0, 0, 0, 0, l1=1, weight_penalty=0, gradient=2),
+    optim=OptimConfig(
+        batch_size=2,
+        epochs_constant=0,
+        epochs_decay=3,
+        schedule="cosine",
+        warmup_steps=2,
+        weight_decay=0.05,
+        clip_norm=1,
+        ema=0.9,
+        pool_size=0,
+    ),
+)
+"""The shipped recipe, in small: six steps in three epochs."""

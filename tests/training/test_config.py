@@ -1,0 +1,160 @@
+"""Configurations: defaults, files of differences, settings, and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from depthcli.errors import UsageError
+from depthcli.training.config import LossConfig, OutputConfig, TrainConfig, resolve, updated
+from depthcli.training.preset_files import FOLDER, preset_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_defaults_are_the_papers() -> None:
+    config = TrainConfig()
+    assert config.loss == LossConfig(1, 0.5, 0.5, 5, 10, 10, 1e-6, 0, "lsgan", "cut")
+    generator, optim, data = config.generator, config.optim, config.data
+    assert (generator.name, generator.width, generator.blocks) == ("resnet", 64, 9)
+    assert generator.residual == "stem"
+    assert (optim.learning_rate, optim.beta1, optim.beta2) == (2e-4, 0.5, 0.999)
+    assert (optim.batch_size, optim.pool_size, optim.epochs) == (1, 50, 200)
+    assert (data.width, data.height, data.colour, data.paired) == (256, 256, "value", True)
+    assert not data.crop_286
+
+
+def test_later_changes_win(tmp_path: Path) -> None:
+    first, second = tmp_path / "a.toml", tmp_path / "b.toml"
+    first.write_text("seed = 1\n[optim]\nbatch_size = 4\nepochs_decay = 7\n")
+    second.write_text("[optim]\nbatch_size = 8\n")
+    config = resolve(TrainConfig(), [first, second], ["seed=2", "data.zoom=2"])
+    assert (config.seed, config.data.zoom) == (2, 2.0)
+    assert (config.optim.batch_size, config.optim.epochs_decay) == (8, 7)
+    assert config.generator == TrainConfig().generator
+
+
+@pytest.mark.parametrize(
+    ("setting", "group", "name", "wanted"),
+    [
+        ("data.paired=false", "data", "paired", False),
+        ("data.paired=True", "data", "paired", True),
+        ("optim.learning_rate=1e-3", "optim", "learning_rate", 1e-3),
+        ("loss.cycle=0", "loss", "cycle", 0.0),
+        ("loss.gan=ralsgan", "loss", "gan", "ralsgan"),
+        ("generator.encoder=[1,2,3,4,5]", "generator", "encoder", (1, 2, 3, 4, 5)),
+    ],
+)
+def test_settings_are_read_by_type(setting: str, group: str, name: str, wanted: object) -> None:
+    found = getattr(getattr(resolve(TrainConfig(), [], [setting]), group), name)
+    assert found == wanted
+    assert type(found) is type(wanted)
+
+
+def test_precision_is_text_though_it_begins_with_a_number() -> None:
+    assert resolve(TrainConfig(), [], ["precision=16-mixed"]).precision == "16-mixed"
+
+
+@pytest.mark.parametrize(
+    ("setting", "reason"),
+    [
+        ("seed", "not of the form"),
+        ("speed=1", "unknown setting 'speed'"),
+        ("loss.cycles=1", "unknown setting 'cycles'; choose from adversarial, "),
+        ("loss=1", "set loss.SETTING=VALUE"),
+        ("seed.x=1", "seed is of type int"),
+        ("seed=1.5", "seed is of type int"),
+        ("seed=true", "seed is of type int"),
+        ("data.paired=1", "paired is of type bool"),
+        ("loss.cycle=strong", "cycle is of type float"),
+        ("loss.gan=wgan", "one of lsgan, hinge, ralsgan, not 'wgan'"),
+        ("generator.depths=[1,2.5]", "list of whole numbers"),
+        ("seed={[]: 1}", "seed is of type int"),
+        ("=1", "unknown setting ''"),
+    ],
+)
+def test_nonsense_is_refused_in_one_line(setting: str, reason: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        resolve(TrainConfig(), [], [setting])
+    assert reason in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "optim.batch_size=0",
+        "optim.learning_rate=-1",
+        "optim.learning_rate=1e999",
+        "optim.epochs_decay=-1",
+        "optim.pool_size=-1",
+        "optim.ema=1",
+        "optim.beta2=1.0",
+        "data.width=8",
+        "data.height=0",
+        "data.zoom=0.5",
+        "data.holdout_every=-1",
+        "data.noise=-0.1",
+        "validate_every=0",
+        "output.min_m=0",
+        "output.max_m=0.3",
+        "generator.width=0",
+        "generator.dropout=1",
+        "loss.cycle=-1",
+        "seed=-1",
+    ],
+)
+def test_values_out_of_range_are_refused(setting: str) -> None:
+    with pytest.raises(UsageError, match=setting.partition("=")[0].rpartition(".")[2]):
+        resolve(TrainConfig(), [], [setting])
+
+
+@pytest.mark.parametrize("setting", ["encoder=[4,4]", "decoder=[4,4,4,0]", "depths=[]"])
+def test_efficient_needs_every_level(setting: str) -> None:
+    with pytest.raises(UsageError, match=setting.partition("=")[0]):
+        resolve(TrainConfig(), [], ["generator.name=efficient", f"generator.{setting}"])
+
+
+def test_resnet_needs_multiples_of_four() -> None:
+    with pytest.raises(UsageError, match="multiple of 4"):
+        resolve(TrainConfig(), [], ["data.width=66"])
+    resolve(TrainConfig(), [], ["data.width=66", "generator.name=efficient"])
+
+
+@pytest.mark.parametrize("content", [b"seed = ", b"\xff\xfe", None])
+def test_bad_files_are_refused(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "run.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(UsageError, match=r"run\.toml"):
+        resolve(TrainConfig(), [path], [])
+
+
+@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda p: p.stem)
+def test_presets_resolve(file: Path) -> None:
+    config = resolve(TrainConfig(), [preset_file(file.stem)], [])
+    wanted = tomllib.loads(file.read_text())
+    assert updated(config, wanted) == config
+    assert config != TrainConfig()
+
+
+def test_unknown_preset_names_the_known() -> None:
+    with pytest.raises(UsageError, match=r"no preset 'huge'; choose from .*default"):
+        preset_file("huge")
+
+
+def test_a_checkpoints_dictionary_gives_the_configuration_back() -> None:
+    config = resolve(TrainConfig(), [preset_file("default")], ["generator.depths=[1,1,1,2]"])
+    assert updated(TrainConfig(), dataclasses.asdict(config)) == config
+
+
+def test_codecs_span_the_range_between_minus_one_and_one() -> None:
+    ends = np.float32([-1, 1])
+    np.testing.assert_allclose(OutputConfig().codec.decode(ends), [0, 10], atol=1e-6)
+    log = OutputConfig("log", min_m=0.5, max_m=8).codec
+    np.testing.assert_allclose(log.decode(ends), [0.5, 8], rtol=1e-6)
