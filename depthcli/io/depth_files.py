@@ -65,7 +65,9 @@ def _npy(path: Path) -> DepthMap:
         values = np.load(path, allow_pickle=False)
     except (ValueError, OSError, EOFError) as error:
         raise InputError(f"{path} is not a NumPy file that can be read") from error
-    values = np.squeeze(values)
+    while values.ndim > _DIMENSIONS and 1 in values.shape:
+        # Batch and channel axes, as networks' outputs have them; a map one pixel high stays.
+        values = values.squeeze(values.shape.index(1))
     if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu":
         raise InputError(f"{path} is {values.shape} {values.dtype}; depth is one (H, W) of numbers")
     return DepthMap(np.ascontiguousarray(values, np.float32))

@@ -1,0 +1,97 @@
+"""Outputs appear whole or not at all, under names that do not depend on the order."""
+
+from __future__ import annotations
+
+import itertools
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from depthcli.errors import OutputError, UsageError
+from depthcli.io.atomic import atomic_path
+from depthcli.io.naming import plan_outputs
+
+PNG = {"png16": ".depth.png"}
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_nothing_is_left_of_an_interrupted_output(
+    error: type[BaseException], tmp_path: Path
+) -> None:
+    (tmp_path / "a.png").write_bytes(b"old")
+    with pytest.raises(error), atomic_path(tmp_path / "a.png") as path:  # noqa: PT012
+        path.write_bytes(b"half")
+        raise error
+    assert names(tmp_path) == ["a.png"]
+    assert (tmp_path / "a.png").read_bytes() == b"old"
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    script = (
+        "import resource, signal, sys; from pathlib import Path\n"
+        "from depthcli.io.atomic import atomic_path\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "with atomic_path(Path(sys.argv[1])) as path: path.write_bytes(bytes(5000))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, tmp_path / "a.png"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "OutputError: cannot write" in done.stderr
+    assert names(tmp_path) == []
+
+
+def test_an_input_is_never_replaced(tmp_path: Path) -> None:
+    source = tmp_path / "a.png"
+    source.write_bytes(b"picture")
+    (tmp_path / "link.png").symlink_to(source)
+    for target in (source, tmp_path / "link.png"):
+        with pytest.raises(OutputError, match="input"), atomic_path(target, inputs=[source]):
+            pytest.fail("the block must not run")
+    assert source.read_bytes() == b"picture"
+
+
+def test_outputs_stand_beside_their_input() -> None:
+    (plan,) = plan_outputs([Path("in/a.jpg")], None, PNG)
+    assert plan.outputs == {"png16": Path("in/a.depth.png")}
+
+
+def test_names_do_not_depend_on_the_order() -> None:
+    sources = [Path("in/a.jpg"), Path("in/a.png"), Path("in/b.jpg"), Path("other/A.webp")]
+    plans = {
+        tuple(sorted((str(p.source), str(p.outputs["png16"])) for p in plan))
+        for order in itertools.permutations(sources)
+        for plan in [plan_outputs(order, "out/", PNG)]
+    }
+    (only,) = plans
+    assert dict(only) == {
+        "in/a.jpg": "out/a.jpg.depth.png",
+        "in/a.png": "out/a.png.depth.png",
+        "in/b.jpg": "out/b.depth.png",
+        "other/A.webp": "out/A.webp.depth.png",
+    }
+
+
+@pytest.mark.parametrize(
+    ("sources", "out"),
+    [
+        ([Path("x/a.jpg"), Path("y/a.jpg")], "out/"),
+        ([Path("a.jpg"), Path("b.jpg")], "one.png"),
+        ([Path("a.png")], "a.png"),
+        ([Path("a.jpg"), Path("a.depth.png")], None),
+        ([Path("a.jpg"), Path("a.jpg")], None),
+    ],
+    ids=["same name", "one file for two", "input", "input of another", "twice"],
+)
+def test_shared_outputs_and_inputs_are_refused(sources: list[Path], out: str | None) -> None:
+    with pytest.raises(UsageError):
+        plan_outputs(sources, out, PNG)

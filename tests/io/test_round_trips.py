@@ -1,0 +1,151 @@
+"""Every format gives back what was written, within what it promises."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.io.depth_files import depth_channel, read_depth
+from depthcli.io.png_text import read_text
+from depthcli.io.writers.exr import ExrWriter
+from depthcli.io.writers.npy import NpyWriter
+from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.writers.preview import PreviewWriter
+from depthcli.io.writers.registry import WRITERS, writer_class
+
+SHAPES = array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=9)
+ANY_FLOAT = arrays(np.float32, SHAPES, elements=st.floats(width=32, allow_nan=True))
+METRES = arrays(np.float32, SHAPES, elements=st.floats(0.0009765625, 65, width=32))
+
+
+def written(writer: Any, depth: DepthMap, suffix: str, **reading: Any) -> DepthMap:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"depth{suffix}"
+        writer.write(depth, path)
+        return read_depth(path, **reading)
+
+
+@given(METRES)
+def test_png_is_exact_to_half_a_millimetre(values: np.ndarray) -> None:
+    found = written(Png16Writer(), DepthMap(values), ".png").values
+    assert np.abs(found - values).max() <= 0.0005 + 65 * 1e-6
+
+
+@pytest.mark.parametrize("scale", [256.0, 4000.0, 5000.0])
+def test_png_scales_are_read_back_and_can_be_stated(scale: float, tmp_path: Path) -> None:
+    depth = DepthMap(np.array([[1.0, 2.5]], np.float32))
+    Png16Writer(scale=scale).write(depth, tmp_path / "a.png")
+    for stated in (None, scale):
+        found = read_depth(tmp_path / "a.png", png_scale=stated).values
+        assert found == pytest.approx(depth.values, abs=0.5 / scale)
+
+
+def test_png_marks_invalid_and_saturates_without_wrapping(tmp_path: Path) -> None:
+    values = np.array([[np.nan, -1, 0, 0.0001, 65.535, 65.536, 70, 1e9, np.inf]], np.float32)
+    warnings = Png16Writer().write(DepthMap(values), tmp_path / "a.png")
+    found = read_depth(tmp_path / "a.png").values[0]
+    assert np.isnan(found[:3]).all()
+    assert found[3] == pytest.approx(0.001)
+    assert found[4:] == pytest.approx(np.full(5, 65.535))
+    assert len(warnings) == 1
+    assert "saturated" in warnings[0]
+
+
+def test_png_says_what_it_holds(tmp_path: Path) -> None:
+    made_by = Provenance("nôme→x", "a" * 64, (8, 8))
+    Png16Writer().write(
+        DepthMap(np.ones((2, 2), np.float32), provenance=made_by), tmp_path / "a.png"
+    )
+    texts = read_text((tmp_path / "a.png").read_bytes())
+    assert texts["depthcli:scale"] == "1000"
+    assert texts["depthcli:kind"] == "metric"
+    assert texts["depthcli:model"] == "nôme→x"
+    assert texts["depthcli:model_sha256"] == "a" * 64
+
+
+@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
+def test_png_without_metres_is_normalized_and_says_so(kind: DepthKind, tmp_path: Path) -> None:
+    depth = DepthMap(np.array([[-3.0, 0.5, np.nan, 7.0]], np.float32), kind)
+    assert Png16Writer().write(depth, tmp_path / "a.png")
+    found = read_depth(tmp_path / "a.png")
+    assert found.kind is kind
+    assert found.values == pytest.approx(depth.values, abs=1e-3, nan_ok=True)
+
+
+@settings(deadline=None, max_examples=25)
+@given(ANY_FLOAT, st.sampled_from(["Z", "Y", "R", "depth.Z"]))
+def test_exr_is_exact(values: np.ndarray, channel: str) -> None:
+    found = written(ExrWriter(channel=channel), DepthMap(values), ".exr")
+    assert np.array_equal(found.values, values, equal_nan=True)
+
+
+def test_half_exr_keeps_eleven_bits(tmp_path: Path) -> None:
+    values = np.linspace(0.3, 10, 60, dtype=np.float32).reshape(6, 10)
+    ExrWriter(half=True).write(DepthMap(values), tmp_path / "a.exr")
+    assert read_depth(tmp_path / "a.exr").values == pytest.approx(values, rel=2**-11)
+
+
+@given(ANY_FLOAT)
+def test_npy_is_exact(values: np.ndarray) -> None:
+    found = written(NpyWriter(), DepthMap(values), ".npy")
+    assert np.array_equal(found.values, values, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("names", "wanted"),
+    [
+        (["R", "G", "Z"], "Z"),
+        (["ViewLayer.Depth.Z", "ViewLayer.Combined.R"], "ViewLayer.Depth.Z"),
+        (["depth.Z"], "depth.Z"),
+        (["V"], "V"),
+        (["Y"], "Y"),
+        (["B", "A"], None),
+    ],
+)
+def test_depth_channels_of_other_tools(names: list[str], wanted: str | None) -> None:
+    assert depth_channel(names) == wanted
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_keeps_the_contract(name: str, tmp_path: Path) -> None:
+    writer = writer_class(name)
+    assert name == writer.NAME
+    assert writer.SUFFIX.startswith(".")
+    path = tmp_path / f"a{writer.SUFFIX}"
+    frame = Frame(np.zeros((4, 5, 3), np.uint8))
+    warnings = writer().write(DepthMap(np.full((4, 5), 2, np.float32)), path, frame)
+    assert isinstance(warnings, tuple)
+    assert path.stat().st_size > 0
+
+
+@pytest.mark.parametrize("colormap", ["inferno", "turbo", "magma", "viridis", "spectral", "gray"])
+def test_near_is_warm_and_black_turns_it_round(colormap: str) -> None:
+    depth = DepthMap(np.array([[1.0, 9.0]], np.float32))
+    near, far = PreviewWriter(colormap=colormap).render(depth)[0].astype(int)
+    assert near[0] > far[0]
+    turned = PreviewWriter(colormap=colormap, near="black").render(depth)[0].astype(int)
+    assert (turned == [far, near]).all()
+
+
+@pytest.mark.parametrize("value", [2.0, np.nan, np.inf, 0.0])
+def test_flat_empty_and_infinite_maps_have_a_preview(value: float) -> None:
+    image = PreviewWriter(legend=True).render(DepthMap(np.full((60, 40), value, np.float32)))
+    assert image.dtype == np.uint8
+    assert image.shape[0] == 60
+    assert image.shape[1] > 40
+
+
+def test_one_infinite_pixel_does_not_spoil_the_preview() -> None:
+    values = np.linspace(1, 5, 100, dtype=np.float32).reshape(10, 10)
+    spoiled = values.copy()
+    spoiled[5, 5] = np.inf
+    a, b = (PreviewWriter(vmin=1, vmax=5).render(DepthMap(v)) for v in (values, spoiled))
+    assert (a == b).all(axis=2).sum() == 99
