@@ -53,7 +53,9 @@ class JsonLines(Silent):
 
     def epoch(self, progress: Progress) -> None:
         """Step, seconds and scores of the epoch."""
-        values = dataclasses.asdict(progress)
+        from depthcli.training.loop import finite_or_none
+
+        values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
         del values["train_ids"], values["held_out_ids"]
         console.out_json(values)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import pickle
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,6 +54,7 @@ class Checkpoint:
         optimizers: state dicts by phase.
         extra: further state of the method, such as image pools.
         rng: state of torch's generator, (n,) uint8.
+        device_rng: state of the accelerator's generator; None on a CPU.
     """
 
     config: TrainConfig
@@ -64,6 +64,7 @@ class Checkpoint:
     optimizers: dict[str, Any]
     extra: dict[str, Any]
     rng: torch.Tensor
+    device_rng: torch.Tensor | None = None
 
     def save(self, path: Path) -> None:
         """Write to a temporary name beside ``path``, then rename: never a half file."""
@@ -71,17 +72,19 @@ class Checkpoint:
         content["config"] = dataclasses.asdict(self.config)
         content["progress"] = dataclasses.asdict(self.progress)
         content |= {"format": _FORMAT, "version": _VERSION}
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        os.close(handle)
         try:
-            torch.save(content, name)
-            Path(name).replace(path)
+            handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+            os.close(handle)
+            try:
+                torch.save(content, name)
+                Path(name).replace(path)
+            finally:
+                Path(name).unlink(missing_ok=True)
         except (OSError, RuntimeError) as error:
+            reason = str(error).partition("\n")[0]
             raise CheckpointError(
-                f"cannot write {path} ({error}): free some space; older checkpoints are kept"
+                f"cannot write {path} ({reason}): free some space; older checkpoints are kept"
             ) from error
-        finally:
-            Path(name).unlink(missing_ok=True)
 
     @classmethod
     def load(cls, path: Path) -> Checkpoint:
@@ -94,24 +97,28 @@ class Checkpoint:
             content = torch.load(path, map_location="cpu", weights_only=True)
         except FileNotFoundError:
             raise CheckpointError(f"no checkpoint at {path}") from None
-        except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError) as error:
+        except Exception as error:  # what is no pickle fails in any way
             raise CheckpointError(
                 f"{path} is not a whole checkpoint; use an earlier one"
             ) from error
         if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
             raise CheckpointError(f"{path} was not made by `depthcli train`")
-        if content.pop("version") != _VERSION:
+        if content.pop("version", None) != _VERSION:
             raise CheckpointError(f"{path} is of another version; use the depthcli that made it")
         try:
             config = updated(TrainConfig(), content.pop("config"))
+            progress = content.pop("progress")
+            for name in ("train_ids", "held_out_ids"):
+                progress[name] = tuple(progress[name])
+            return cls(config=config, progress=Progress(**progress), **content)
         except UsageError as error:
             raise CheckpointError(
                 f"{path} has a configuration of another version: {error}"
             ) from error
-        progress = content.pop("progress")
-        for name in ("train_ids", "held_out_ids"):
-            progress[name] = tuple(progress[name])
-        return cls(config=config, progress=Progress(**progress), **content)
+        except (AttributeError, KeyError, TypeError) as error:
+            raise CheckpointError(
+                f"{path} lacks parts of a checkpoint; use an earlier one"
+            ) from error
 
 
 def load_generator(path: Path) -> tuple[nn.Module, Checkpoint]:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 _SMALLEST_PX = 32  # below, the discriminators have no output and the gradients no coarsest scale
 _RESNET_STRIDE = 4
 _LEVELS = {"encoder": 5, "decoder": 4, "depths": 4}
+_TERMS = ("adversarial", "contrast_x", "contrast_y", "identity", "cycle", "l1", "gradient")
 _AT_LEAST = {
     "": {"seed": 0, "validate_every": 1},
     "generator": {"width": 1, "blocks": 1},
@@ -28,19 +29,7 @@ _AT_LEAST = {
         "holdout_every": 0,
         "holdout_offset": 0,
     },
-    "loss": dict.fromkeys(
-        (
-            "adversarial",
-            "contrast_x",
-            "contrast_y",
-            "identity",
-            "cycle",
-            "l1",
-            "weight_penalty",
-            "gradient",
-        ),
-        0,
-    ),
+    "loss": dict.fromkeys((*_TERMS, "weight_penalty"), 0),
     "optim": {
         "batch_size": 1,
         "epochs_constant": 0,
@@ -82,6 +71,8 @@ def check_range(config: TrainConfig) -> None:
             "output.min_m is above 0 and below output.max_m, "
             f"not {config.output.min_m} and {config.output.max_m}"
         )
+    if not any(getattr(config.loss, name) for name in _TERMS):
+        raise UsageError(f"one of loss.{', loss.'.join(_TERMS)} is above 0")
     _check_generator(config)
 
 

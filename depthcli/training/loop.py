@@ -182,9 +182,9 @@ class Run:
                 group["lr"] = rate
             terms: dict[str, Tensor] = self.module(batch, phase)
             losses |= finite(terms)
-            optimizer.zero_grad()
+            self.module.zero_grad()  # of the other phase too: clipping measures all gradients
             self.fabric.backward(torch.stack(list(terms.values())).sum())
-            if self.config.optim.clip_norm:
+            if self.config.optim.clip_norm and phase == "generator":
                 limit = self.config.optim.clip_norm
                 self.fabric.clip_gradients(self.module, optimizer, max_norm=limit)
             optimizer.step()
@@ -206,6 +206,7 @@ class Run:
             optimizers={phase: o.state_dict() for phase, o in self.optimizers.items()},
             extra=self.method.extra_state(),
             rng=torch.get_rng_state(),
+            device_rng=torch.cuda.get_rng_state(self._device) if self._on_cuda else None,
         ).save(path)
 
     def resume(self, path: Path) -> None:
@@ -222,14 +223,36 @@ class Run:
             raise CheckpointError(
                 f"{path} belongs to another run: give another --out, or the run's own settings"
             )
+        try:
+            self._take_up(saved)
+        except (KeyError, RuntimeError, ValueError) as error:
+            raise CheckpointError(
+                f"{path} does not fit the networks of its own configuration: give another --out"
+            ) from error
+        self.progress = saved.progress
+
+    def _take_up(self, saved: Checkpoint) -> None:
         self.method.load_state_dict(saved.method)
         for phase, optimizer in self.optimizers.items():
             optimizer.load_state_dict(saved.optimizers[phase])
         if self.average and saved.average:
             self.average.network.load_state_dict(saved.average)
-        self.method.load_extra_state(saved.extra)
+        pools = {
+            name: [image.to(self._device) for image in images]
+            for name, images in saved.extra.items()
+        }
+        self.method.load_extra_state(pools)
         torch.set_rng_state(saved.rng)
-        self.progress = saved.progress
+        if self._on_cuda and saved.device_rng is not None:
+            torch.cuda.set_rng_state(saved.device_rng, self._device)
+
+    @property
+    def _device(self) -> torch.device:
+        return self.fabric.device
+
+    @property
+    def _on_cuda(self) -> bool:
+        return self._device.type == "cuda"
 
 
 def optimizer(networks: list[nn.Module], optim: OptimConfig) -> torch.optim.Optimizer:
@@ -266,7 +289,12 @@ def log(path: Path, progress: Progress, losses: dict[str, float]) -> None:
         "step": progress.step,
         "seconds": round(progress.seconds, 1),
         "losses": losses,
-        "scores": progress.scores,
+        "scores": finite_or_none(progress.scores),
     }
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(line) + "\n")
+
+
+def finite_or_none(scores: dict[str, float]) -> dict[str, float | None]:
+    """Scores as JSON can hold them: a metric without a value is null."""
+    return {name: value if math.isfinite(value) else None for name, value in scores.items()}

@@ -80,8 +80,9 @@ class Proposed(Method):
             fake_x = _sized(self.backward_generator(y).float(), x)
             terms |= self._cyclic(x, y, fake_x, fake_y) | self._deceive(x, y, fake_x, fake_y)
             if self.weights.l1_backward:
-                weight = self.weights.l1
-                terms["l1_backward"] = weight * F.l1_loss(fake_x, x)
+                penalty = self.weights.weight_penalty
+                l1 = regularised_l1(fake_x, x, self.backward_generator, penalty)
+                terms["l1_backward"] = self.weights.l1 * l1
             self._fakes = fake_x.detach(), fake_y.detach()
         if self._contrast:
             terms |= self._contrasted(x, y, fake_y)

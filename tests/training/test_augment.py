@@ -1,0 +1,140 @@
+"""Augmentation: the same geometry for picture and depth, and metres that stay true."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from depthcli.training.augment import augment, network_input
+from depthcli.training.config import DataConfig
+
+PLAIN = DataConfig(width=32, height=24)
+FREE_OF_LIGHT = replace(PLAIN, zoom=2.0, rotate_deg=8)
+
+
+def _random(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def _pairs(count: int, *, noise: bool = True) -> tuple[Tensor, Tensor]:
+    """Pairs whose depth, 1 to 5 m, is 1 + 4 V, so that each tells what the other must be."""
+    rows, columns = torch.meshgrid(
+        torch.linspace(0, 1, 48), torch.linspace(0, 1, 64), indexing="ij"
+    )
+    value = (0.2 * rows + 0.5 * columns).expand(count, 1, -1, -1).clone()
+    if noise:
+        value = value + 0.3 * torch.rand(value.shape, generator=_random(9))
+    return value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value
+
+
+def _flipped(gray: Tensor) -> Tensor:
+    """Which pictures were mirrored: they get darker to the right."""
+    return gray[..., 0].mean((1, 2)) > gray[..., -1].mean((1, 2))
+
+
+def test_without_strengths_there_are_whole_pictures_and_mirrored_ones() -> None:
+    rgb, depth_m = _pairs(1)
+    rgb, depth_m = rgb.expand(64, -1, -1, -1), depth_m.expand(64, -1, -1, -1)
+    gray, seen_m = augment(rgb, depth_m, PLAIN, _random())
+    halves = torch.nn.functional.avg_pool2d(depth_m[:1], 2)
+    mirrored = _flipped(gray)
+    assert 20 < int(mirrored.sum()) < 44
+    for i in range(64):
+        wanted = halves.flip(3) if mirrored[i] else halves
+        torch.testing.assert_close(seen_m[i : i + 1], wanted)
+        torch.testing.assert_close((gray[i : i + 1] + 1) / 2, (wanted - 1) / 4)
+
+
+def test_picture_and_depth_keep_the_same_geometry() -> None:
+    rgb, depth_m = _pairs(40)
+    gray, seen_m = augment(rgb, depth_m, FREE_OF_LIGHT, _random(1))
+    zoom = (1 + 4 * (gray + 1) / 2) / seen_m
+    spread = zoom.amax((1, 2, 3)) - zoom.amin((1, 2, 3))
+    assert float(spread.max()) < 1e-4  # one zoom everywhere in a picture
+    zooms = zoom.mean((1, 2, 3))
+    assert 0.1 < float((zooms < 1.0001).float().mean()) < 0.5  # whole pictures stay among them
+    assert float(zooms.min()) > 0.9999
+    assert 1.6 < float(zooms.max()) <= 2.0001
+
+
+def test_zoom_by_s_magnifies_by_s_and_divides_depth_by_s() -> None:
+    rgb, depth_m = _pairs(60, noise=False)
+    gray, seen_m = augment(rgb, depth_m, replace(PLAIN, zoom=2.0), _random(2))
+    zoom = ((1 + 4 * (gray + 1) / 2) / seen_m).mean((1, 2, 3))
+    across = (gray[..., 1:] - gray[..., :-1])[:, 0, 12, 16].abs()
+    whole = network_input(torch.nn.functional.avg_pool2d(rgb[:1], 2), PLAIN)
+    slope = float((whole[..., 1:] - whole[..., :-1])[0, 0, 12, 16])
+    torch.testing.assert_close(slope / across, zoom, rtol=1e-3, atol=0)
+    assert float(zoom.max()) > 1.5
+
+
+def test_plane_seen_through_the_zoom_is_the_plane_a_longer_lens_would_see() -> None:
+    """A wall of true size: its picture grows by s exactly as its depth shrinks by s."""
+    wall_m, side_px, focal_px = 4.0, 16, 64.0
+    rgb = torch.zeros(30, 3, 48, 64)
+    rgb[:, :, 16:32, 24:40] = 1  # a square of side_px in the middle: 1 m at 4 m
+    depth_m = torch.full((30, 1, 48, 64), wall_m)
+    data = replace(PLAIN, width=64, height=48, zoom=1.25)
+    gray, seen_m = augment(rgb, depth_m, data, _random(3))
+    true_m = side_px * wall_m / focal_px
+    for i in range(30):
+        area_px = float(((gray[i] + 1) / 2).sum())
+        size_m = math.sqrt(area_px) * float(seen_m[i].mean()) / focal_px
+        assert size_m == pytest.approx(true_m, rel=0.02)
+
+
+def test_rotation_turns_pixels_by_degrees_at_any_aspect() -> None:
+    """The slope of a straight edge after the turn, in pixels, is the tangent of the angle."""
+    columns = torch.linspace(-1, 1, 128).expand(96, -1)
+    rgb = (0.5 + 0.4 * columns).expand(80, 3, -1, -1).contiguous()
+    data = replace(PLAIN, width=64, height=48, zoom=2.0, rotate_deg=10)
+    gray, _ = augment(rgb, torch.ones(80, 1, 96, 128), data, _random(4))
+    along_x = (gray[..., 20, 32] - gray[..., 20, 31])[:, 0]
+    along_y = (gray[..., 21, 32] - gray[..., 20, 32])[:, 0]
+    degrees = torch.rad2deg(torch.atan(along_y / along_x)).abs()
+    assert float(degrees.max()) <= 10.01
+    assert float(degrees.max()) > 7
+    assert float(degrees.min()) < 0.01  # whole pictures are not turned
+
+
+def test_views_stay_inside_the_picture() -> None:
+    rgb, depth_m = torch.full((100, 3, 48, 64), 0.5), torch.full((100, 1, 48, 64), 2.0)
+    rgb[..., 0], rgb[..., -1] = 1, 1
+    rgb[..., 0, :], rgb[..., -1, :] = 1, 1
+    gray, _ = augment(rgb, depth_m, FREE_OF_LIGHT, _random(5))
+    bright = (gray > 0.5).flatten(1).float().mean(1)
+    # A border of one stored pixel; replicated outside, it would grow to whole bright corners.
+    assert float(bright.max()) < 2 * (32 + 24) / (32 * 24)
+
+
+def test_crop_of_the_originals_is_untrue_to_metres() -> None:
+    rgb, depth_m = _pairs(50)
+    gray, seen_m = augment(rgb, depth_m, replace(PLAIN, crop_286=True), _random(6))
+    torch.testing.assert_close(1 + 4 * (gray + 1) / 2, seen_m)
+    _, plane_m = augment(rgb, torch.full_like(depth_m, 3.0), PLAIN, _random(6))
+    torch.testing.assert_close(plane_m, torch.full_like(plane_m, 3.0))
+    means = seen_m.mean((1, 2, 3))
+    assert float(means.max() - means.min()) > 0.05  # crops at random places
+
+
+def test_light_changes_the_picture_and_never_the_depth() -> None:
+    rgb, depth_m = _pairs(8)
+    lit = replace(PLAIN, colour_jitter=0.2, gamma=0.3, brightness=0.3, noise=0.05)
+    gray, seen_m = augment(rgb, depth_m, PLAIN, _random(7))
+    relit, same_m = augment(rgb, depth_m, lit, _random(7))
+    torch.testing.assert_close(seen_m, same_m)
+    assert float((gray - relit).abs().mean((1, 2, 3)).min()) > 0.01
+    assert float(relit.min()) >= -1
+    assert float(relit.max()) <= 1
+
+
+def test_gray_is_value_or_luma() -> None:
+    rgb = torch.tensor([0.2, 0.6, 0.1]).view(1, 3, 1, 1)
+    assert float(network_input(rgb, PLAIN)) == pytest.approx(2 * 0.6 - 1)
+    luma = 0.299 * 0.2 + 0.587 * 0.6 + 0.114 * 0.1
+    found = float(network_input(rgb, replace(PLAIN, colour="luma")))
+    assert found == pytest.approx(2 * luma - 1, abs=1e-6)

@@ -1,0 +1,112 @@
+"""Batches: what they hold, and that seed and step alone decide them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from rooms import HELD_OUT, PAPER, TRAIN, rooms
+
+from depthcli.errors import DatasetError
+from depthcli.training.batches import Batches, PairStore, whole_pictures
+from depthcli.training.loop import divide
+
+CPU = torch.device("cpu")
+DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2, brightness=0.2, noise=0.02)
+
+
+def _batches(size: int = 2, seed: int = 0, **changes: object) -> Batches:
+    data = replace(DATA, **changes)  # type: ignore[arg-type]
+    return Batches(PairStore(rooms(), TRAIN, data), data, size, seed, CPU)
+
+
+def test_depends_on_seed_and_step_alone() -> None:
+    torch.manual_seed(1)
+    one, other = _batches(), _batches()
+    for step in (5, 0, 17, 5):
+        torch.manual_seed(step)
+        first = one[step]
+        torch.rand(3)
+        for a, b in zip(first, other[step], strict=True):
+            assert torch.equal(a, b)
+    assert not torch.equal(one[0].gray, one[1].gray)
+    assert not torch.equal(one[0].gray, one[one.steps_per_epoch].gray)
+    assert not torch.equal(one[0].gray, _batches(seed=1)[0].gray)
+
+
+def test_neither_reads_nor_moves_the_global_generator() -> None:
+    batches, before = _batches(), torch.get_rng_state()
+    batches[3]
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_shapes_and_ranges() -> None:
+    gray, depth_m = _batches(size=3, width=48)[0]
+    assert gray.shape == depth_m.shape == (3, 1, 32, 48)
+    assert gray.dtype == depth_m.dtype == torch.float32
+    assert -1 <= float(gray.min()) < float(gray.max()) <= 1
+    assert 0.5 < float(depth_m.min()) < float(depth_m.max()) < 7
+
+
+def test_an_epoch_shows_every_pair_once_in_an_order_of_its_own() -> None:
+    batches = _batches(size=1)
+    assert batches.steps_per_epoch == 5
+    orders = [[int(batches._rows(e, i, stream=2)) for i in range(5)] for e in range(4)]
+    assert all(sorted(order) == list(range(5)) for order in orders)
+    assert len({tuple(order) for order in orders}) > 1
+
+
+def test_last_incomplete_batch_is_dropped_and_large_ones_shrink() -> None:
+    assert _batches(size=2).steps_per_epoch == 2
+    large = _batches(size=99)
+    assert (large.batch_size, large.steps_per_epoch) == (5, 1)
+
+
+def test_unpaired_depth_is_of_other_scenes() -> None:
+    plain = {"zoom": 1.0, "gamma": 0.0, "brightness": 0.0, "noise": 0.0, "rotate_deg": 0.0}
+    paired, unpaired = _batches(size=5, **plain), _batches(size=5, paired=False, **plain)
+    assert torch.equal(paired[0].gray, unpaired[0].gray)
+    assert not torch.equal(paired[0].depth_m, unpaired[0].depth_m)
+    # Flips are drawn apart too: some depth map differs from every mirrored and unmirrored one.
+    alike = [
+        any(torch.equal(a, b) or torch.equal(a, b.flip(2)) for b in paired[0].depth_m)
+        for a in unpaired[0].depth_m
+    ]
+    assert all(alike)  # the same five scenes, in another order
+    in_place = [
+        torch.equal(a, b) or torch.equal(a, b.flip(2))
+        for a, b in zip(unpaired[0].depth_m, paired[0].depth_m, strict=True)
+    ]
+    assert not all(in_place)
+
+
+def test_store_keeps_depth_to_five_millimetres() -> None:
+    dataset = rooms()
+    flat_m = replace(dataset, depths_m=dataset.depths_m * 0 + 9.987)  # type: ignore[type-var]
+    store = PairStore(flat_m, TRAIN, DATA)
+    assert store.rgb.shape == (5, 3, 64, 64)
+    assert float((store.depth_m.float() - 9.987).abs().max()) < 0.005
+
+
+def test_whole_pictures_are_not_augmented() -> None:
+    store = PairStore(rooms(), HELD_OUT, DATA)
+    (gray,) = whole_pictures(store, DATA, torch.tensor([0]))
+    wanted = torch.nn.functional.avg_pool2d(store.rgb.float(), 2).amax(1) / 255 * 2 - 1
+    torch.testing.assert_close(gray, wanted)
+
+
+def test_whole_scenes_are_held_out() -> None:
+    dataset = rooms()
+    assert divide(dataset, DATA) == (TRAIN, HELD_OUT)
+    assert divide(dataset, replace(DATA, holdout_every=0)) == (list(range(6)), [])
+    for offset in range(4):
+        train, held_out = divide(dataset, replace(DATA, holdout_every=2, holdout_offset=offset))
+        assert sorted(train + held_out) == list(range(6))
+        scenes = [{dataset.scenes[i] for i in rows} for rows in (train, held_out)]
+        assert not scenes[0] & scenes[1]
+
+
+def test_no_pair_is_an_error() -> None:
+    with pytest.raises(DatasetError, match="no pair to train on"):
+        PairStore(rooms(), [], DATA)

@@ -1,0 +1,196 @@
+"""Checkpoints: whole or refused, never executed, never half written."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from rooms import EFFICIENT, PAPER
+
+from depthcli.errors import CheckpointError
+from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
+from depthcli.training.networks.build import build_generator
+
+
+def _checkpoint(config: Any = EFFICIENT, *, average: bool = False) -> Checkpoint:
+    torch.manual_seed(4)
+    weights = build_generator(config.generator).state_dict()
+    named = {f"generator.{name}": value for name, value in weights.items()}
+    smooth = {name: value * 0 + 7 for name, value in weights.items()}
+    return Checkpoint(
+        config=config,
+        progress=Progress(3, 1, 2.5, {"abs_rel": 0.5}, ("a", "b"), ("c",)),
+        method=named,
+        average=smooth if average else None,
+        optimizers={},
+        extra={"pool": [torch.ones(1, 2, 2)]},
+        rng=torch.get_rng_state(),
+    )
+
+
+def _saved(folder: Path) -> Path:
+    _checkpoint().save(folder / "a.ckpt")
+    return folder / "a.ckpt"
+
+
+def _changed(path: Path, **changes: object) -> Path:
+    """The same file with some entries replaced, or left out if None."""
+    content = torch.load(path, weights_only=True) | changes
+    torch.save({name: value for name, value in content.items() if value is not None}, path)
+    return path
+
+
+def test_comes_back_whole(tmp_path: Path) -> None:
+    saved, loaded = _checkpoint(), Checkpoint.load(_saved(tmp_path))
+    assert loaded.config == saved.config
+    assert loaded.progress == saved.progress
+    assert torch.equal(loaded.rng, saved.rng)
+    assert torch.equal(loaded.extra["pool"][0], saved.extra["pool"][0])
+    assert all(torch.equal(loaded.method[name], saved.method[name]) for name in saved.method)
+
+
+def test_generator_is_the_average_where_there_is_one(tmp_path: Path) -> None:
+    for average in (False, True):
+        _checkpoint(average=average).save(tmp_path / "a.ckpt")
+        generator, loaded = load_generator(tmp_path / "a.ckpt")
+        assert not generator.training
+        assert loaded.config == EFFICIENT
+        assert bool((generator.state_dict()["stem.0.weight"] == 7).all()) is average
+
+
+@pytest.mark.parametrize("share", [0, 0.01, 0.5, 0.999])
+def test_truncated_is_refused(tmp_path: Path, share: float) -> None:
+    path = _saved(tmp_path)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(CheckpointError, match="not a whole checkpoint"):
+        Checkpoint.load(path)
+
+
+@pytest.mark.parametrize("content", [b"hello, world\n" * 50, b"\x89PNG\r\n\x1a\n" + b"\0" * 200])
+def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.ckpt"
+    path.write_bytes(content)
+    with pytest.raises(CheckpointError, match="not a whole checkpoint"):
+        Checkpoint.load(path)
+
+
+def test_missing_and_folder_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match="no checkpoint at"):
+        Checkpoint.load(tmp_path / "a.ckpt")
+    with pytest.raises(CheckpointError, match="not a whole checkpoint"):
+        Checkpoint.load(tmp_path)
+
+
+@pytest.mark.parametrize("content", [{"state_dict": {}}, torch.zeros(3), [1, 2]])
+def test_foreign_checkpoints_are_refused(tmp_path: Path, content: object) -> None:
+    torch.save(content, tmp_path / "a.ckpt")
+    with pytest.raises(CheckpointError, match="not made by `depthcli train`"):
+        Checkpoint.load(tmp_path / "a.ckpt")
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"version": 99}, "another version"),
+        ({"version": None}, "another version"),
+        ({"config": {"no_such": 1}}, "another version: unknown setting 'no_such'"),
+        ({"config": None}, "lacks parts"),
+        ({"config": 3}, "lacks parts"),
+        ({"progress": None}, "lacks parts"),
+        ({"progress": {"step": 1}}, "lacks parts"),
+        ({"method": None}, "lacks parts"),
+        ({"more": 1}, "lacks parts"),
+    ],
+)
+def test_other_versions_are_refused(
+    tmp_path: Path, changes: dict[str, object], reason: str
+) -> None:
+    path = _changed(_saved(tmp_path), **changes)
+    with pytest.raises(CheckpointError, match=reason) as caught:
+        Checkpoint.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_checkpoint_without_a_device_state_loads(tmp_path: Path) -> None:
+    path = _saved(tmp_path)
+    content = torch.load(path, weights_only=True)
+    del content["device_rng"]
+    torch.save(content, path)
+    assert Checkpoint.load(path).device_rng is None
+
+
+def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
+    _checkpoint().save(tmp_path / "a.ckpt")
+    wrong = replace(_checkpoint(), config=PAPER)
+    wrong.save(tmp_path / "a.ckpt")
+    with pytest.raises(CheckpointError, match="does not fit its own configuration"):
+        load_generator(tmp_path / "a.ckpt")
+
+
+class _Harmful:
+    """Unpickled, it would make a file."""
+
+    def __init__(self, target: Path) -> None:
+        self.target = target
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.target,)
+
+
+@pytest.mark.parametrize("as_torch", [True, False])
+def test_nothing_in_a_file_is_executed(tmp_path: Path, as_torch: bool) -> None:
+    path, target = tmp_path / "a.ckpt", tmp_path / "executed"
+    content = {"format": "depthcli-checkpoint", "version": 1, "config": _Harmful(target)}
+    if as_torch:
+        torch.save(content, path)
+    else:
+        path.write_bytes(pickle.dumps(content, protocol=2))
+    with pytest.raises(CheckpointError):
+        Checkpoint.load(path)
+    assert not target.exists()
+    torch.load(path, weights_only=False) if as_torch else pickle.loads(path.read_bytes())  # noqa: S301 - its own
+    assert target.exists()  # it would have been
+
+
+def test_failed_write_keeps_the_one_before(tmp_path: Path) -> None:
+    path = _saved(tmp_path)
+    before = path.read_bytes()
+    broken = replace(_checkpoint(), extra={"pool": [_Unwritable()]})
+    with pytest.raises(CheckpointError, match=r"cannot write .*older checkpoints are kept"):
+        broken.save(path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.ckpt"]
+
+
+class _Unwritable:
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise OSError(28, "No space left on device")
+
+
+def test_interrupted_write_keeps_the_one_before(tmp_path: Path) -> None:
+    path = _saved(tmp_path)
+    before = path.read_bytes()
+    with pytest.raises(KeyboardInterrupt):
+        replace(_checkpoint(), extra={"pool": [_Interrupting()]}).save(path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.ckpt"]
+
+
+class _Interrupting:
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise KeyboardInterrupt
+
+
+def test_write_into_no_folder_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match="cannot write"):
+        _checkpoint().save(tmp_path / "gone" / "a.ckpt")
+
+
+def test_every_field_is_in_the_file(tmp_path: Path) -> None:
+    content = torch.load(_saved(tmp_path), weights_only=True)
+    assert set(content) == {f.name for f in fields(Checkpoint)} | {"format", "version"}

@@ -1,0 +1,265 @@
+"""The loop: a stopped run goes on as if it had not stopped, and says what it does."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import pytest
+import torch
+from lightning_fabric import Fabric
+from rooms import EFFICIENT, PAPER, rooms
+
+from depthcli.errors import CheckpointError, TrainingError
+from depthcli.metrics.depth import METRICS
+from depthcli.training.batches import Batch
+from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
+from depthcli.training.loop import CHECKPOINT, METRICS_LOG, Limits, Run, finite, train
+from depthcli.training.schedule import factor
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.training.config import TrainConfig
+
+CLIPPED = replace(PAPER, optim=replace(PAPER.optim, clip_norm=0.5, ema=0.9))
+"""With discriminators and clipping: gradients of one phase must not be measured in the other."""
+RECIPES = {"paper": PAPER, "efficient": EFFICIENT, "clipped": CLIPPED}
+
+
+class Notes:
+    """A watcher that remembers, and may fail on purpose."""
+
+    def __init__(self, fail_at: int | None = None) -> None:
+        self.steps: list[int] = []
+        self.losses: list[dict[str, float]] = []
+        self.epochs: list[Progress] = []
+        self.fail_at = fail_at
+
+    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+        assert steps >= progress.step
+        self.steps.append(progress.step)
+        self.losses.append(losses)
+        if progress.step == self.fail_at:
+            raise KeyboardInterrupt
+
+    def epoch(self, progress: Progress) -> None:
+        self.epochs.append(progress)
+
+
+def _train(
+    config: TrainConfig, folder: Path, notes: Notes | None = None, **limits: float
+) -> Progress:
+    fabric = Fabric(accelerator="cpu", devices=1, precision=config.precision)
+    return train(config, rooms(), folder, fabric, notes or Notes(), Limits(**limits))
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, torch.Tensor):
+        return torch.equal(a, b)
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(_same(a[k], b[k]) for k in a)
+    if isinstance(a, (list, tuple)):
+        return len(a) == len(b) and all(_same(x, y) for x, y in zip(a, b, strict=True))
+    return bool(a == b)
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_resumed_run_is_bit_exact(tmp_path: Path, name: str) -> None:
+    config, whole, parts = RECIPES[name], tmp_path / "whole", tmp_path / "parts"
+    unbroken, broken = Notes(), Notes()
+    done = _train(config, whole, unbroken)
+    for steps in (3, 1, 100):  # in the middle of an epoch, one step, the rest
+        torch.manual_seed(99)  # whatever the process did before
+        last = _train(config, parts, broken, steps=steps)
+    assert broken.steps == unbroken.steps == list(range(1, done.step + 1))
+    assert broken.losses == unbroken.losses
+    assert last.scores == done.scores
+    a, b = (Checkpoint.load(folder / CHECKPOINT) for folder in (whole, parts))
+    for field in ("method", "average", "optimizers", "extra", "rng"):
+        assert _same(getattr(a, field), getattr(b, field)), field
+    assert (a.average is None) is not bool(config.optim.ema)
+    if config.optim.pool_size:
+        assert [len(images) for images in a.extra.values()] == [2, 2]
+
+
+def test_run_killed_between_checkpoints_repeats_from_the_last(tmp_path: Path) -> None:
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    _train(EFFICIENT, whole)
+    with pytest.raises(KeyboardInterrupt):
+        _train(EFFICIENT, parts, Notes(fail_at=3))
+    assert Checkpoint.load(parts / CHECKPOINT).progress.step == 2
+    again = Notes()
+    _train(EFFICIENT, parts, again)
+    assert again.steps == [3, 4, 5, 6]
+    a, b = (Checkpoint.load(folder / CHECKPOINT) for folder in (whole, parts))
+    assert _same(a.method, b.method)
+
+
+def test_complete_run_is_left_as_it_is(tmp_path: Path) -> None:
+    done = _train(EFFICIENT, tmp_path)
+    before = (tmp_path / CHECKPOINT).read_bytes()
+    notes = Notes()
+    assert _train(EFFICIENT, tmp_path, notes) == done
+    assert not notes.steps
+    assert (tmp_path / CHECKPOINT).read_bytes() == before
+
+
+def test_log_samples_and_checkpoint_of_a_run(tmp_path: Path) -> None:
+    notes = Notes()
+    done = _train(EFFICIENT, tmp_path, notes)
+    assert (done.step, done.epoch) == (6, 3)
+    assert done.train_ids == ("0000", "0001", "0003", "0004", "0005")
+    assert done.held_out_ids == ("0002",)
+    lines = [json.loads(line) for line in (tmp_path / METRICS_LOG).read_text().splitlines()]
+    assert [line["epoch"] for line in lines] == [1, 2, 3]
+    assert [line["step"] for line in lines] == [2, 4, 6]
+    assert [set(line["losses"]) for line in lines] == [{"l1", "gradient"}] * 3
+    assert [list(line["scores"]) for line in lines] == [list(METRICS)] * 3
+    assert [p.epoch for p in notes.epochs] == [1, 2, 3]
+    assert lines[-1]["scores"]["abs_rel"] == done.scores["abs_rel"]
+    assert 0 <= lines[0]["seconds"] <= lines[-1]["seconds"] < 60
+    pictures = sorted((tmp_path / "samples").iterdir())
+    assert [p.name for p in pictures] == [f"epoch-000{i}.jpg" for i in (1, 2, 3)]
+    assert cv2.imread(str(pictures[0])).shape == (32, 3 * 64, 3)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [CHECKPOINT, METRICS_LOG, "samples"]
+
+
+def test_validation_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
+    _train(replace(EFFICIENT, validate_every=2), tmp_path)
+    assert [p.name for p in sorted((tmp_path / "samples").iterdir())] == [
+        "epoch-0002.jpg",
+        "epoch-0003.jpg",
+    ]
+
+
+def test_run_without_held_out_pairs(tmp_path: Path) -> None:
+    config = replace(EFFICIENT, data=replace(EFFICIENT.data, holdout_every=0))
+    done = _train(config, tmp_path, steps=3)
+    assert (len(done.train_ids), done.held_out_ids, done.scores) == (6, (), {})
+    assert not (tmp_path / "samples").exists()
+
+
+def test_limits_stop_after_a_step_and_save(tmp_path: Path) -> None:
+    assert _train(EFFICIENT, tmp_path / "steps", steps=3).step == 3
+    progress = Checkpoint.load(tmp_path / "steps" / CHECKPOINT).progress
+    assert (progress.step, progress.epoch) == (3, 1)
+    assert _train(EFFICIENT, tmp_path / "minutes", minutes=0).step == 1
+    assert _train(EFFICIENT, tmp_path / "minutes", minutes=0).step == 2
+    assert Checkpoint.load(tmp_path / "minutes" / CHECKPOINT).progress.step == 2
+
+
+def test_training_lowers_the_loss(tmp_path: Path) -> None:
+    optim = replace(EFFICIENT.optim, epochs_decay=20, learning_rate=1e-2)
+    data = replace(EFFICIENT.data, zoom=1.0, noise=0.0, gamma=0.0, rotate_deg=0.0)
+    notes = Notes()
+    _train(replace(EFFICIENT, optim=optim, data=data, validate_every=20), tmp_path, notes)
+    first, last = (
+        sum(sum(t.values()) for t in part) for part in (notes.losses[:6], notes.losses[-6:])
+    )
+    assert last < 0.6 * first
+
+
+def test_rate_follows_the_schedule() -> None:
+    run = Run(PAPER, Fabric(accelerator="cpu", devices=1), steps_per_epoch=5)
+    batch = _batch()
+    for step in (0, 5, 9):
+        run.progress = Progress(step=step)
+        run.step(batch)
+        wanted = 2e-4 * factor(PAPER.optim, step, 5)
+        rates = {g["lr"] for o in run.optimizers.values() for g in o.param_groups}
+        assert rates == {wanted}
+
+
+def test_only_matrices_and_kernels_decay() -> None:
+    run = Run(EFFICIENT, Fabric(accelerator="cpu", devices=1), steps_per_epoch=5)
+    groups = run.optimizers["generator"].param_groups
+    assert [g["weight_decay"] for g in groups] == [0.05, 0]
+    assert [{w.ndim > 1 for w in g["params"]} for g in groups] == [{True}, {False}]
+    total = sum(w.numel() for g in groups for w in g["params"])
+    assert total == sum(w.numel() for w in run.method.parameters())
+
+
+def _batch() -> Any:
+    return Batch(torch.rand(1, 1, 32, 32) * 2 - 1, torch.rand(1, 1, 32, 32) * 5 + 1)
+
+
+def test_discriminators_are_not_clipped_and_generators_are() -> None:
+    config = replace(PAPER, optim=replace(PAPER.optim, clip_norm=1e-9))
+    run = Run(config, Fabric(accelerator="cpu", devices=1), steps_per_epoch=5)
+    norms = {}
+    for phase, optimizer in run.optimizers.items():
+        optimizer.register_step_pre_hook(_note_norm(norms, phase))
+    run.step(_batch())
+    assert norms["generator"] <= 1.01e-9
+    assert norms["discriminator"] > 1e-6
+
+
+def _note_norm(norms: dict[str, float], phase: str) -> Any:
+    def note(optimizer: torch.optim.Optimizer, *_: object) -> None:
+        grads = [w.grad.norm() for g in optimizer.param_groups for w in g["params"]]
+        norms[phase] = float(torch.stack(grads).norm())
+
+    return note
+
+
+def test_loss_that_is_not_finite_stops_and_keeps_the_last_checkpoint(tmp_path: Path) -> None:
+    _train(PAPER, tmp_path, steps=2)
+    dataset = rooms()
+    broken = replace(dataset, depths_m=dataset.depths_m * float("nan"))  # type: ignore[type-var]
+    before = (tmp_path / CHECKPOINT).read_bytes()
+    fabric = Fabric(accelerator="cpu", devices=1)
+    with pytest.raises(TrainingError, match=r"'l1' became nan: .*go on from the last checkpoint"):
+        train(PAPER, broken, tmp_path, fabric, Notes())
+    assert (tmp_path / CHECKPOINT).read_bytes() == before
+    assert _train(PAPER, tmp_path, steps=1).step == 3
+
+
+def test_the_term_that_is_not_finite_is_named() -> None:
+    terms = {"cycle": torch.tensor(1.0), "identity": torch.tensor(float("inf"))}
+    with pytest.raises(TrainingError, match="'identity' became inf"):
+        finite(terms)
+    assert finite({"cycle": torch.tensor(1.5)}) == {"cycle": 1.5}
+
+
+def test_folder_of_another_run_is_refused(tmp_path: Path) -> None:
+    _train(EFFICIENT, tmp_path, steps=1)
+    before = (tmp_path / CHECKPOINT).read_bytes()
+    for other in (
+        replace(EFFICIENT, seed=4),
+        replace(EFFICIENT, optim=replace(EFFICIENT.optim, learning_rate=1e-3)),
+        replace(EFFICIENT, data=replace(EFFICIENT.data, holdout_offset=0)),
+        PAPER,
+    ):
+        with pytest.raises(CheckpointError, match="belongs to another run"):
+            _train(other, tmp_path)
+    assert (tmp_path / CHECKPOINT).read_bytes() == before
+
+
+def test_weights_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    _train(EFFICIENT, tmp_path, steps=1)
+    path = tmp_path / CHECKPOINT
+    saved = Checkpoint.load(path)
+    del saved.method["generator.head.bias"]
+    saved.save(path)
+    with pytest.raises(CheckpointError, match="does not fit the networks"):
+        _train(EFFICIENT, tmp_path)
+
+
+def test_truncated_checkpoint_is_not_trained_over(tmp_path: Path) -> None:
+    _train(EFFICIENT, tmp_path, steps=1)
+    path = tmp_path / CHECKPOINT
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(CheckpointError, match="not a whole checkpoint"):
+        _train(EFFICIENT, tmp_path)
+
+
+def test_mixed_precision_trains_and_keeps_full_weights(tmp_path: Path) -> None:
+    config = replace(PAPER, precision="bf16-mixed")
+    notes = Notes()
+    _train(config, tmp_path, notes, steps=2)
+    assert len(notes.losses) == 2
+    generator, _ = load_generator(tmp_path / CHECKPOINT)
+    assert {p.dtype for p in generator.parameters()} == {torch.float32}
