@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from depthcli.cli import console
-from depthcli.errors import DepthcliError, ExitCode
+from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 if TYPE_CHECKING:
+    from lightning_fabric import Fabric
+
     from depthcli.training.config import TrainConfig
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
@@ -62,8 +64,6 @@ def train(
         return ExitCode.OK
     if data is None:
         raise typer.BadParameter("give the data set with --data")
-    from lightning_fabric import Fabric
-
     from depthcli.cli.train_progress import progress_for
     from depthcli.datasets.nyu import open_nyu
     from depthcli.training.loop import Limits
@@ -73,13 +73,27 @@ def train(
         import torch
 
         torch.set_num_threads(threads)
-    fabric = Fabric(accelerator=accelerator, devices=1, precision=resolved.precision)
+    fabric = _fabric(accelerator, resolved.precision)
     with progress_for(as_json=as_json, quiet=quiet) as watcher:
         limits = Limits(minutes=math.inf if max_minutes is None else max_minutes)
         done = run(resolved, open_nyu(data), out, fabric, watcher, limits)
     if not quiet and not as_json:
         console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")
     return ExitCode.OK
+
+
+def _fabric(accelerator: str, precision: Literal["32-true", "bf16-mixed", "16-mixed"]) -> Fabric:
+    import logging
+
+    from lightning_fabric import Fabric
+
+    logging.getLogger("lightning_fabric").setLevel(logging.ERROR)  # it would speak under --quiet
+    try:
+        return Fabric(accelerator=accelerator, devices=1, precision=precision)
+    except (ImportError, RuntimeError, ValueError) as error:
+        raise UsageError(
+            f"cannot train with --accelerator {accelerator} and precision={precision} here: {error}"
+        ) from error
 
 
 def _resolve(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
@@ -21,6 +22,7 @@ from depthcli.training.schedule import factor
 from depthcli.training.validation import Validation
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from lightning_fabric import Fabric
@@ -81,9 +83,11 @@ def train(
 
     Raises:
         CheckpointError: the folder holds another run.
-        TrainingError: a loss is not finite; the last checkpoint is kept.
+        TrainingError: a loss is not finite, or the folder cannot be written; the last checkpoint
+            is kept.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     limits = limits or Limits()
     train_rows, held_out = divide(dataset, config.data)
     batches = Batches(
@@ -118,8 +122,12 @@ def train(
             if validation and (last or run.progress.epoch % config.validate_every == 0):
                 scores = validation.score(run.best_generator, fabric.device)
                 run.progress = replace(run.progress, scores=dict(scores.items()))
-                write_samples(folder, run.progress.epoch, validation, run.best_generator, fabric)
-            log(folder / METRICS_LOG, run.progress, losses)
+                with writing(folder):
+                    write_samples(
+                        folder, run.progress.epoch, validation, run.best_generator, fabric
+                    )
+            with writing(folder):
+                log(folder / METRICS_LOG, run.progress, losses)
         if epoch_ends or stops or run.progress.step == run.steps:
             run.save(folder / CHECKPOINT)
         if epoch_ends:
@@ -280,6 +288,21 @@ def finite(terms: dict[str, Tensor]) -> dict[str, float]:
                 "precision=32-true, and go on from the last checkpoint"
             )
     return values
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Turn a file that cannot be written into an error that says so.
+
+    Raises:
+        TrainingError: the system refuses.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise TrainingError(
+            f"cannot write to {folder} ({error.strerror}): free some space or give another --out"
+        ) from error
 
 
 def log(path: Path, progress: Progress, losses: dict[str, float]) -> None:

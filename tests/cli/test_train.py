@@ -1,0 +1,127 @@
+"""``depthcli train`` as a user runs it, on a tiny folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
+from rooms import write_rooms
+
+ROOT = Path(__file__).parents[2]
+TINY = """
+[generator]
+name = "efficient"
+encoder = [4, 4, 8, 8, 8]
+decoder = [8, 8, 4, 4]
+depths = [1, 1, 1, 1]
+
+[data]
+width = 64
+height = 48
+holdout_every = 4
+holdout_offset = 1
+
+[optim]
+batch_size = 2
+epochs_decay = 2
+"""
+
+
+def _run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "depthcli", "train", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A data set and a file of settings."""
+    write_rooms(tmp_path / "data")
+    (tmp_path / "tiny.toml").write_text(TINY)
+    return tmp_path
+
+
+def _train(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
+    common = ("--data", "data", "--out", "run", "--preset", "default", "--config", "tiny.toml")
+    return _run(folder, "proposed", *common, "--threads", "1", "--accelerator", "cpu", *more)
+
+
+def test_trains_stops_continues_and_reports(folder: Path) -> None:
+    settings = ("--set", "validate_every=1")
+    stopped = _train(folder, *settings, "--max-minutes", "0")
+    assert stopped.returncode == 0, stopped.stderr
+    assert "1 steps in" in stopped.stderr
+    assert stopped.stdout == ""
+    done = _train(folder, *settings, "--json")
+    assert done.returncode == 0, done.stderr
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [(line["epoch"], line["step"]) for line in lines] == [(1, 2), (2, 4)]
+    assert 0 < lines[-1]["scores"]["rmse"] < 20
+    names = sorted(p.name for p in (folder / "run").iterdir())
+    assert names == ["last.ckpt", "metrics.jsonl", "samples"]
+    quiet = _train(folder, *settings, "--quiet")
+    assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")
+    other = _train(folder, *settings, "--set", "seed=1")
+    assert other.returncode == 3
+    assert "belongs to another run" in other.stderr
+    assert other.stderr.count("\n") == 1
+
+
+def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> None:
+    shown = _run(folder, "proposed", "--preset", "default", "--show-config")
+    assert shown.returncode == 0, shown.stderr
+    values = tomllib.loads(shown.stdout)
+    assert values["generator"]["name"] == "efficient"
+    assert values["loss"]["weight_penalty"] == 0
+    (folder / "shown.toml").write_text(shown.stdout)
+    again = _run(folder, "proposed", "--config", "shown.toml", "--show-config")
+    assert again.stdout == shown.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("pix2pix", "--data", "data"), "no method 'pix2pix'; choose from proposed"),
+        (("proposed",), "--data"),
+        (("proposed", "--preset", "huge"), "no preset 'huge'"),
+        (("proposed", "--set", "optim.speed=1"), "unknown setting 'speed'"),
+        (("proposed", "--set", "optim.batch_size=0"), "optim.batch_size is at least 1"),
+        (("proposed", "--config", "none.toml"), "none.toml"),
+        (("proposed", "--data", "data", "--accelerator", "abacus"), "abacus"),
+        (("proposed", "--data", "data", "--accelerator", "cuda"), "cuda"),
+        (("proposed", "--data", "data", "--max-minutes", "-1"), "--max-minutes"),
+    ],
+)
+def test_wrong_use_is_one_line(folder: Path, arguments: tuple[str, ...], reason: str) -> None:
+    done = _run(folder, *arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("depthcli: error: ")
+    assert reason in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (folder / "runs").exists()
+
+
+def test_failures_are_one_line(folder: Path) -> None:
+    (folder / "file").touch()
+    for arguments, reason in (
+        (("--data", "nowhere"), "nowhere"),
+        (("--data", "data", "--out", "file", "--set", "data.width=32"), "file"),
+    ):
+        done = _run(folder, "proposed", *arguments, "--accelerator", "cpu")
+        assert done.returncode in {1, 3}
+        assert reason in done.stderr
+        assert "unexpected" not in done.stderr
+        assert done.stderr.count("\n") == 1

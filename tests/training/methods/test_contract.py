@@ -1,0 +1,68 @@
+"""What every registered method must do: step, save, resume, and give a generator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import torch
+from lightning_fabric import Fabric
+from rooms import PAPER, rooms
+
+from depthcli.cli.train_progress import Silent
+from depthcli.errors import UsageError
+from depthcli.training.checkpoint import Checkpoint, load_generator
+from depthcli.training.loop import CHECKPOINT, Limits, train
+from depthcli.training.methods.registry import METHODS, build_method
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.training.config import TrainConfig
+
+
+def _two_steps(config: TrainConfig, folder: Path) -> int:
+    fabric = Fabric(accelerator="cpu", devices=1)
+    return train(config, rooms(), folder, fabric, Silent(), Limits(steps=2)).step
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_method_steps_saves_and_resumes(tmp_path: Path, name: str) -> None:
+    config = replace(PAPER, method=name)
+    assert _two_steps(config, tmp_path) == 2
+    first = Checkpoint.load(tmp_path / CHECKPOINT)
+    fresh = build_method(config).state_dict()
+    assert first.method.keys() == fresh.keys()
+    assert _two_steps(config, tmp_path) == 4
+    second = Checkpoint.load(tmp_path / CHECKPOINT)
+    moved = {n for n in fresh if not torch.equal(first.method[n], second.method[n])}
+    phases = {n.partition(".")[0] for n in fresh}
+    assert {n.partition(".")[0] for n in moved} == phases  # every network learns
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_methods_generator_maps_a_picture_to_depth(tmp_path: Path, name: str) -> None:
+    config = replace(PAPER, method=name)
+    _two_steps(config, tmp_path)
+    generator, checkpoint = load_generator(tmp_path / CHECKPOINT)
+    with torch.no_grad():
+        raw = generator(torch.rand(2, 1, 32, 48) * 2 - 1).numpy()
+    assert raw.shape == (2, 1, 32, 48)
+    depth_m = checkpoint.config.output.codec.decode(raw)
+    assert bool(np.all((depth_m >= 0) & (depth_m <= 10)))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_phases_own_every_weight_once(name: str) -> None:
+    method = build_method(replace(PAPER, method=name))
+    owned = [
+        id(w) for phase in method.phases for net in method.networks(phase) for w in net.parameters()
+    ]
+    assert sorted(owned) == sorted(id(w) for w in method.parameters())
+
+
+def test_unknown_method_names_the_known() -> None:
+    with pytest.raises(UsageError, match=r"no method 'pix2pix'; choose from .*proposed"):
+        build_method(replace(PAPER, method="pix2pix"))

@@ -1,0 +1,171 @@
+"""Eq. 7 term by term, against the networks and losses it is made of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+import torch.nn.functional as F  # noqa: N812
+from rooms import EFFICIENT, PAPER
+from torch import Tensor
+
+from depthcli.training.batches import Batch
+from depthcli.training.config import LossConfig
+from depthcli.training.losses.patchnce import cfl_nce, patch_nce
+from depthcli.training.losses.regularised_l1 import conv_weights
+from depthcli.training.methods.proposed import Proposed
+
+NOTHING = LossConfig(0, 0, 0, 0, 0, 0, 0, 0)
+ALONE = {
+    "adversarial": ("adversarial", "judge_depth", "judge_gray"),
+    "contrast_x": ("contrast_x",),
+    "contrast_y": ("contrast_y",),
+    "identity": ("identity",),
+    "cycle": ("cycle",),
+    "l1": ("l1",),
+    "gradient": ("gradient",),
+}
+
+
+def _batch(seed: int = 0) -> Batch:
+    random = torch.Generator().manual_seed(seed)
+    gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
+    return Batch(gray, torch.rand(1, 1, 32, 32, generator=random) * 8 + 1)
+
+
+def _method(**loss: Any) -> Proposed:
+    torch.manual_seed(1)
+    return Proposed(replace(PAPER, loss=replace(NOTHING, **loss)))
+
+
+def _terms(method: Proposed, batch: Batch) -> dict[str, Tensor]:
+    return method(batch, "generator") | method(batch, "discriminator")
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_weight_of_zero_leaves_term_and_networks_out(name: str) -> None:
+    method = _method(**{name: 1.0})
+    assert set(_terms(method, _batch())) == set(ALONE[name])
+    assert (method.sampler is not None) == name.startswith("contrast")
+    assert (method.judge_depth is not None) == (name == "adversarial")
+    backward = name in {"adversarial", "identity", "cycle"}
+    assert (method.backward_generator is not None) == backward
+
+
+def test_every_term_is_proportional_to_its_weight() -> None:
+    for name, terms in ALONE.items():
+        once, thrice = ([_method(**{name: w}), None] for w in (1.0, 3.0))
+        values = []
+        for method, _ in (once, thrice):
+            torch.manual_seed(5)
+            values.append(float(method(_batch(), "generator")[terms[0]].detach()))
+        assert values[1] == pytest.approx(3 * values[0], rel=1e-5), name
+
+
+def test_cycle_and_identity_are_equations_2_and_3() -> None:
+    method, batch = _method(cycle=1.0, identity=1.0), _batch()
+    forward, backward = method.generator, method.backward_generator
+    assert backward is not None
+    x, y = batch.gray, (batch.depth_m - 5) / 5
+    terms = method(batch, "generator")
+    cycle = (backward(forward(x)) - x).abs().mean() + (forward(backward(y)) - y).abs().mean()
+    torch.testing.assert_close(terms["cycle"], cycle)
+    identity = (forward(y) - y).abs().mean() + (backward(x) - x).abs().mean()
+    torch.testing.assert_close(terms["identity"], identity)
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_l1_is_equation_1_on_one_or_both_generators(both: bool) -> None:
+    method, batch = _method(l1=2.0, weight_penalty=0.01, l1_backward=both), _batch()
+    x, y = batch.gray, (batch.depth_m - 5) / 5
+    terms = method(batch, "generator")
+    assert set(terms) == {"l1", "l1_backward"} if both else {"l1"}
+    pairs = {"l1": (method.generator, x, y), "l1_backward": (method.backward_generator, y, x)}
+    for name, value in terms.items():
+        network, source, truth = pairs[name]
+        assert network is not None
+        penalty = 0.01 * sum((w.detach() ** 2).sum().item() for w in conv_weights(network))
+        wanted = 2 * ((network(source) - truth).abs().mean().item() + penalty)
+        assert float(value) == pytest.approx(wanted, rel=1e-5)
+
+
+@pytest.mark.parametrize(("contrast", "loss"), [("cut", patch_nce), ("cfl", cfl_nce)])
+def test_contrast_is_equation_4_over_taps_at_the_same_positions(contrast: str, loss: Any) -> None:
+    method, batch = _method(contrast_x=0.5, contrast=contrast), _batch()
+    torch.manual_seed(5)
+    value = method(batch, "generator")["contrast_x"]
+    generator, sampler = method.generator, method.sampler
+    assert sampler is not None
+    source = batch.gray if contrast == "cut" else (batch.depth_m - 5) / 5
+    torch.manual_seed(5)
+    keys, positions = sampler(generator.features(source))
+    queries, _ = sampler(generator.features(generator(batch.gray)), positions)
+    wanted = [loss(q, k) for q, k in zip(queries, keys, strict=True)]
+    assert len(wanted) == 5
+    torch.testing.assert_close(value, 0.5 * sum(wanted) / 5)
+
+
+def test_cfl_looks_at_the_paired_truth_and_cut_at_the_input() -> None:
+    batch, other = _batch(), _batch(1)
+    for contrast, changed in (("cut", batch._replace(depth_m=other.depth_m)), ("cfl", None)):
+        values = []
+        for seen in (batch, changed or batch._replace(depth_m=other.depth_m)):
+            method = _method(contrast_x=1.0, contrast=contrast)
+            torch.manual_seed(5)
+            values.append(float(method(seen, "generator")["contrast_x"].detach()))
+        assert (values[0] == values[1]) is (contrast == "cut")
+
+
+@pytest.mark.parametrize("gan", ["lsgan", "hinge", "ralsgan"])
+def test_phases_move_their_own_networks_only(gan: str) -> None:
+    method, batch = _method(adversarial=1.0, gan=gan), _batch()
+    for phase, other in (("generator", "discriminator"), ("discriminator", "generator")):
+        method.zero_grad()
+        sum(method(batch, phase).values()).backward()  # type: ignore[union-attr]
+        for name, moves in ((phase, True), (other, False)):
+            grads = [w.grad for net in method.networks(name) for w in net.parameters()]  # type: ignore[arg-type]
+            assert any(g is not None and bool(g.any()) for g in grads) is moves
+
+
+def test_discriminators_see_pooled_fakes() -> None:
+    method = _method(adversarial=1.0)
+    for seed in range(3):
+        method(_batch(seed), "generator")
+        method(_batch(seed), "discriminator")
+    state = method.extra_state()
+    assert {name: len(images) for name, images in state.items()} == {
+        "pool_gray": 2,
+        "pool_depth": 2,
+    }
+    other = _method(adversarial=1.0)
+    other.load_extra_state(state)
+    assert torch.equal(other.pools[1].images[0], state["pool_depth"][0])
+
+
+def test_depth_beyond_the_coding_is_clamped() -> None:
+    method = _method(l1=1.0)
+    coded = method._encode(torch.tensor([0.0, 5.0, 10.0, 80.0]))
+    torch.testing.assert_close(coded, torch.tensor([-1.0, 0.0, 1.0, 1.0]))
+    log = Proposed(EFFICIENT)
+    coded = log._encode(torch.tensor([0.0, 0.4, 2.0, 10.0, 80.0]))
+    torch.testing.assert_close(coded, torch.tensor([-1.0, -1.0, 0.0, 1.0, 1.0]))
+
+
+def test_output_at_half_the_size_is_held_to_the_mean_of_the_truth() -> None:
+    config = replace(EFFICIENT, loss=replace(NOTHING, l1=1.0))
+    method, batch = Proposed(config), _batch()
+    torch.nn.init.normal_(method.eval().generator.head.weight)
+    raw, y = method.generator(batch.gray), method._encode(batch.depth_m)
+    wanted = (raw - F.avg_pool2d(y, 2)).abs().mean()
+    torch.testing.assert_close(method(batch, "generator")["l1"], wanted)
+
+
+def test_efficient_generator_takes_every_loss() -> None:
+    config = replace(EFFICIENT, loss=LossConfig(gradient=1.0))
+    random = torch.Generator().manual_seed(2)
+    gray = torch.rand(2, 1, 64, 64, generator=random)
+    terms = _terms(Proposed(config), Batch(gray, gray * 5 + 1))
+    assert set(terms) == {term for names in ALONE.values() for term in names}
+    assert all(bool(torch.isfinite(value)) for value in terms.values())
