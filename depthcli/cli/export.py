@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli import console
-from depthcli.errors import DepthcliError, ExitCode
+from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -27,6 +27,13 @@ def export_onnx(
     fp16: Annotated[
         bool, typer.Option("--fp16", help="Weights as float16: half the file, float32 sums.")
     ] = False,
+    int8: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Weights and activations as int8, calibrated and checked on the pictures of DIR.",
+        ),
+    ] = None,
     mirror: Annotated[
         bool, typer.Option("--mirror", help="Average with the mirrored picture, at twice the cost.")
     ] = False,
@@ -36,7 +43,7 @@ def export_onnx(
         typer.Option(
             min=0.0,
             help="Largest difference from torch in the raw output. Default: 0.001, with --fp16 "
-            "0.02.",
+            "0.02, with --int8 0.2.",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
@@ -49,7 +56,9 @@ def export_onnx(
         from depthcli.export.onnx import ExportOptions, export_checkpoint
     except ImportError as error:
         raise DepthcliError(f"export needs {error.name}: pip install 'depthcli[train]'") from error
-    options = ExportOptions(name, model_version, fp16, mirror, opset, tolerance)
+    if fp16 and int8 is not None:
+        raise UsageError("--fp16 and --int8 exclude each other; give one")
+    options = ExportOptions(name, model_version, fp16, mirror, opset, tolerance, int8)
     done = export_checkpoint(checkpoint, _target(checkpoint, output), options)
     parity = done.parity
     if as_json:

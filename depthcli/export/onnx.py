@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,8 @@ from depthcli.export.graph import (
     halve_weights,
     set_metadata,
 )
-from depthcli.export.parity import HALF_TOLERANCE, TOLERANCE, Parity, check_parity
+from depthcli.export.int8 import calibration_batches, quantize
+from depthcli.export.parity import HALF_TOLERANCE, INT8_TOLERANCE, TOLERANCE, Parity, check_parity
 from depthcli.inference.card import (
     METADATA_KEY,
     CameraSpec,
@@ -34,6 +36,9 @@ from depthcli.training.checkpoint import Checkpoint, load_generator
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import numpy as np
+    import numpy.typing as npt
 
 MODEL_NAME = "model.onnx"
 NYU_HFOV_DEG = 63.3
@@ -52,6 +57,7 @@ class ExportOptions:
         mirror: average with the mirrored picture, at twice the cost.
         opset: ONNX operator set.
         tolerance: largest difference between torch and onnxruntime; None for the usual one.
+        int8_pictures: folder of pictures to calibrate int8 on; None keeps floats.
     """
 
     name: str = "custom"
@@ -60,6 +66,16 @@ class ExportOptions:
     mirror: bool = False
     opset: int = OPSET
     tolerance: float | None = None
+    int8_pictures: Path | None = None
+
+    @property
+    def allowed(self) -> float:
+        """Largest difference that parity lets pass."""
+        if self.tolerance is not None:
+            return self.tolerance
+        if self.int8_pictures is not None:
+            return INT8_TOLERANCE
+        return HALF_TOLERANCE if self.half else TOLERANCE
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,15 +108,18 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     """
     generator, saved = load_generator(checkpoint)
     model = build_graph(generator, opset=options.opset, mirror=options.mirror)
-    if options.half:
-        halve_weights(model)
     card = card_of(saved, options)
+    pictures: list[npt.NDArray[np.float32]] = []
+    if options.int8_pictures is not None:
+        pictures = calibration_batches(options.int8_pictures, card.input)
+        model = quantize(model, pictures)
+    elif options.half:
+        halve_weights(model)
     set_metadata(model, {METADATA_KEY: card.to_json()})
     data = model.SerializeToString()
     network = MirrorAverage(folded(generator)) if options.mirror else generator
-    default = HALF_TOLERANCE if options.half else TOLERANCE
-    tolerance = default if options.tolerance is None else options.tolerance
-    parity = check_parity(network, data, _cases(card.input), tolerance)
+    cases = _cases(card.input)[: 1 if pictures else None]
+    parity = check_parity(network, data, cases, options.allowed, pictures)
     card = dataclasses.replace(
         card,
         file=out.name,
@@ -167,7 +186,7 @@ def _training(saved: Checkpoint) -> dict[str, Any]:
         "steps": progress.step,
         "minutes": round(progress.seconds / 60, 1),
         "validation": {name: round(value, 4) for name, value in progress.scores.items()},
-        "config": dataclasses.asdict(saved.config),
+        "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
 
 

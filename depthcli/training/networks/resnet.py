@@ -123,7 +123,7 @@ class _Block(nn.Module):
 
 def _up(inputs: int, outputs: int, *, antialias: bool) -> nn.Sequential:
     if antialias:
-        conv: list[nn.Module] = [BlurUp(inputs), nn.Conv2d(inputs, outputs, 3, 1, 1)]
+        conv: list[nn.Module] = [BlurUp(), nn.Conv2d(inputs, outputs, 3, 1, 1)]
     else:
         conv = [nn.ConvTranspose2d(inputs, outputs, 3, 2, 1, output_padding=1)]
     return nn.Sequential(*conv, _norm_relu(outputs))

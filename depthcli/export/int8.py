@@ -1,0 +1,85 @@
+"""Static int8 quantisation, calibrated on the user's own pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import onnx
+from onnxruntime.quantization import (
+    CalibrationDataReader,
+    QuantFormat,
+    QuantType,
+    quantize_static,
+)
+
+from depthcli.errors import InputError, UsageError
+from depthcli.inference.preprocess import prepare
+from depthcli.io.sources.image import read_image
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from depthcli.inference.card import InputSpec
+
+MOST_PICTURES = 64
+
+
+def quantize(model: onnx.ModelProto, batches: Sequence[npt.NDArray[np.float32]]) -> onnx.ModelProto:
+    """Weights and activations as int8, in the portable QDQ form, weights per channel.
+
+    Args:
+        model: a float32 graph with one input.
+        batches: network inputs (1, C, H, W) that show the range of each activation.
+    """
+    name = model.graph.input[0].name
+    with TemporaryDirectory() as folder:
+        # By path, for the quantizer moves the weights of a model in memory to a file of its own.
+        source, path = Path(folder) / "float.onnx", Path(folder) / "int8.onnx"
+        onnx.save(model, source)
+        quantize_static(
+            source,
+            path,
+            _Reader([{name: batch} for batch in batches]),
+            quant_format=QuantFormat.QDQ,
+            per_channel=True,
+            activation_type=QuantType.QUInt8,
+            weight_type=QuantType.QInt8,
+        )
+        return onnx.load(path)
+
+
+def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.float32]]:
+    """Network inputs of up to 64 pictures of a folder, spread evenly over it by name.
+
+    Raises:
+        UsageError: the folder is missing or has no picture.
+    """
+    if not folder.is_dir():
+        raise UsageError(f"{folder} is no folder; give one with pictures to calibrate int8")
+    files = sorted(path for path in folder.iterdir() if path.is_file())
+    step = max(1, len(files) // MOST_PICTURES)
+    batches = []
+    for path in files[::step][:MOST_PICTURES]:
+        try:
+            batches.append(prepare(spec, read_image(path))[0])
+        except InputError:
+            continue  # notes and thumbnails' databases lie among pictures
+    if not batches:
+        raise UsageError(f"{folder} has no picture; give one with pictures to calibrate int8")
+    return batches
+
+
+class _Reader(CalibrationDataReader):  # type: ignore[misc]
+    """Hands the inputs to onnxruntime one by one."""
+
+    def __init__(self, feeds: list[dict[str, npt.NDArray[np.float32]]]) -> None:
+        self._feeds = iter(feeds)
+
+    def get_next(self) -> dict[str, npt.NDArray[np.float32]] | None:
+        """The next input, or None at the end."""
+        return next(self._feeds, None)

@@ -1,0 +1,143 @@
+"""The exported graph: what it computes, and what it is made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+import torch
+from onnx import TensorProto
+from small import ALL, EFFICIENT, RESNET, small_network
+
+from depthcli.export.graph import build_graph, folded, halve_weights
+
+if TYPE_CHECKING:
+    from depthcli.training.config import GeneratorConfig
+
+Array = np.ndarray[Any, np.dtype[np.float32]]
+
+
+def _noise(*shape: int) -> Array:
+    return np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+
+
+def _run(model: onnx.ModelProto, image: Array) -> Array:
+    session = onnxruntime.InferenceSession(
+        model.SerializeToString(), providers=["CPUExecutionProvider"]
+    )
+    output: Array = session.run(None, {"image": image})[0]
+    return output
+
+
+def _torch(network: torch.nn.Module, image: Array) -> Array:
+    with torch.no_grad():
+        output: Array = network(torch.from_numpy(image)).numpy()
+    return output
+
+
+@pytest.mark.parametrize("config", ALL.values(), ids=ALL.keys())
+def test_computes_what_the_network_computes_at_any_batch_and_size(config: GeneratorConfig) -> None:
+    network = small_network(config)
+    model = build_graph(network)
+    for shape in ((1, 1, 32, 48), (3, 1, 48, 32), (2, 1, 96, 128), (1, 1, 40, 36)):
+        wanted = _torch(network, _noise(*shape))
+        assert wanted.std() > 0.05
+        np.testing.assert_allclose(_run(model, _noise(*shape)), wanted, atol=2e-4)
+
+
+def test_efficient_network_takes_odd_sizes() -> None:
+    network = small_network(EFFICIENT)
+    model = build_graph(network)
+    for size in ((33, 47), (50, 61), (7, 90)):
+        image = _noise(1, 1, *size)
+        np.testing.assert_allclose(_run(model, image), _torch(network, image), atol=2e-4)
+
+
+@pytest.mark.parametrize("config", ALL.values(), ids=ALL.keys())
+def test_old_runtimes_can_load_it(config: GeneratorConfig) -> None:
+    model = build_graph(small_network(config))
+    assert model.ir_version == 8
+    assert [(entry.domain, entry.version) for entry in model.opset_import] == [("", 17)]
+    assert {node.domain for node in model.graph.node} <= {"", "ai.onnx"}
+    assert not any(node.metadata_props for node in model.graph.node)
+    assert not model.functions
+
+
+@pytest.mark.parametrize("config", ALL.values(), ids=ALL.keys())
+def test_batch_and_size_are_free_and_channels_are_not(config: GeneratorConfig) -> None:
+    graph = build_graph(small_network(config)).graph
+    assert [value.name for value in (*graph.input, *graph.output)] == ["image", "depth"]
+    for value in (*graph.input, *graph.output):
+        batch, channels, height, width = value.type.tensor_type.shape.dim
+        assert all(dim.dim_param for dim in (batch, height, width))
+        assert channels.dim_value == 1
+
+
+def test_graph_is_simplified() -> None:
+    model = build_graph(small_network(EFFICIENT))
+    kinds = {node.op_type for node in model.graph.node}
+    assert not kinds & {"BatchNormalization", "Identity", "Constant", "Dropout"}
+    convolutions = [m for m in small_network(EFFICIENT).modules() if type(m) is torch.nn.Conv2d]
+    found = [node for node in model.graph.node if node.op_type == "Conv"]
+    assert len(found) == len(convolutions)
+
+
+def test_everything_is_in_one_file_that_tells_nothing_of_this_machine() -> None:
+    model = build_graph(small_network(RESNET))
+    assert all(t.data_location == TensorProto.DEFAULT for t in model.graph.initializer)
+    data = model.SerializeToString()
+    for path in (Path(__file__).parents[2], Path(torch.__file__).parent, Path.home()):
+        assert str(path).encode() not in data or path == Path("/")
+
+
+def test_folding_leaves_the_network_as_it_was() -> None:
+    network = small_network(EFFICIENT).train()
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    copy = folded(network)
+    assert network.training
+    assert not any(isinstance(m, torch.nn.BatchNorm2d) for m in copy.modules())
+    torch.testing.assert_close(dict(network.state_dict()), before, rtol=0, atol=0)
+    image = _noise(1, 1, 32, 32)
+    np.testing.assert_allclose(_torch(copy, image), _torch(network.eval(), image), atol=1e-4)
+
+
+def test_mirrored_average_has_no_left_and_right() -> None:
+    network, image = small_network(EFFICIENT), _noise(1, 1, 32, 48)
+    model = build_graph(network, mirror=True)
+    there, back = _run(model, image), _run(model, image[..., ::-1].copy())
+    np.testing.assert_allclose(back[..., ::-1], there, atol=1e-5)
+    wanted = _torch(network, image) + _torch(network, image[..., ::-1].copy())[..., ::-1]
+    np.testing.assert_allclose(there, wanted / 2, atol=2e-4)
+
+
+@pytest.mark.parametrize("config", [EFFICIENT, RESNET], ids=["efficient", "resnet"])
+def test_halved_weights_halve_the_file_and_keep_float32_sums(config: GeneratorConfig) -> None:
+    image = _noise(2, 1, 32, 48)
+    model = build_graph(small_network(config))
+    whole, wanted = _weight_bytes(model), _run(model, image)
+    halve_weights(model)
+    onnx.checker.check_model(model, full_check=True)
+    assert _weight_bytes(model) < 0.56 * whole
+    found = _run(model, image)
+    assert found.dtype == np.float32
+    difference = np.abs(found - wanted)
+    assert 0 < difference.max() < 2e-2
+    assert difference.mean() < 2e-3
+    # Sums in half precision would leave values that half precision can hold.
+    assert not np.array_equal(found, found.astype(np.float16).astype(np.float32))
+
+
+def _weight_bytes(model: onnx.ModelProto) -> int:
+    return sum(len(onnx.numpy_helper.to_array(t).tobytes()) for t in model.graph.initializer)
+
+
+@pytest.mark.parametrize("opset", [16, 18, 20])
+def test_other_opsets(opset: int) -> None:
+    network, image = small_network(EFFICIENT), _noise(1, 1, 32, 32)
+    model = build_graph(network, opset=opset)
+    assert [entry.version for entry in model.opset_import] == [opset]
+    np.testing.assert_allclose(_run(model, image), _torch(network, image), atol=2e-4)

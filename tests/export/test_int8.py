@@ -1,0 +1,47 @@
+"""int8: smaller, close to the floats on pictures like those it was calibrated on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import onnxruntime
+import pytest
+from tiny import synthetic_picture, write_picture
+
+from depthcli.errors import UsageError
+from depthcli.export.graph import build_graph
+from depthcli.export.int8 import calibration_batches, quantize
+from depthcli.inference.card import Colour, Fit, InputSpec
+from depthcli.training.networks.efficient import EfficientGenerator
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SPEC = InputSpec(Colour.VALUE, 64, 48, True, 4, Fit.STRETCH, (0.5,), (0.5,))
+
+
+def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
+    for shift in range(4):
+        pixels = np.roll(synthetic_picture(), 9 * shift, axis=1)
+        write_picture(tmp_path / f"{shift}.png", pixels)
+    (tmp_path / "notes.txt").write_text("no picture")
+    network = EfficientGenerator((32, 32, 32, 32, 32), (32, 32, 32, 32), (1, 1, 1, 1)).eval()
+    network.head.weight.data.normal_(0, 0.1)
+    model = build_graph(network)
+    batches = calibration_batches(tmp_path, SPEC)
+    assert len(batches) == 4
+    small = quantize(model, batches)
+    assert small.ByteSize() < 0.5 * model.ByteSize()
+    for batch in batches:
+        a, b = (
+            onnxruntime.InferenceSession(m.SerializeToString()).run(None, {"image": batch})[0]
+            for m in (model, small)
+        )
+        assert 0 < np.abs(a - b).max() < 0.1 * np.ptp(a) + 0.02
+
+
+def test_calibration_needs_pictures(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "missing"):
+        with pytest.raises(UsageError, match="int8"):
+            calibration_batches(folder, SPEC)

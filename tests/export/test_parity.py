@@ -1,0 +1,82 @@
+"""The gate: it measures what it says, and nothing wrong passes."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from small import small_network
+from tiny import tiny_onnx
+from torch import Tensor, nn
+
+from depthcli.errors import ParityError
+from depthcli.export.graph import build_graph
+from depthcli.export.parity import check_parity
+
+CASES = ((1, 12, 16), (2, 24, 8))
+
+
+class _Offset(nn.Module):
+    """The tiny model, whose output is its input, and something that it does not do."""
+
+    def __init__(self, offset: float) -> None:
+        super().__init__()
+        self.offset = offset
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.offset
+
+
+class _SizeBakedIn(nn.Module):
+    """Tracing fixes what is computed outside torch, so the export is right at one size only."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x * (float(x.shape[3]) / 128)
+
+
+class _FirstImageOnly(nn.Module):
+    """Wrong for the second picture of a batch alone."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        return torch.cat([x[:1], x[1:] + 0.5])
+
+
+def test_same_network_passes_and_is_measured() -> None:
+    network = small_network()
+    parity = check_parity(network, build_graph(network).SerializeToString(), ((1, 32, 48),))
+    assert 0 < parity.mean_abs < parity.max_abs < 1e-3
+    assert parity.cases == ((1, 32, 48),)
+
+
+def test_difference_is_the_true_difference() -> None:
+    parity = check_parity(_Offset(0.25), tiny_onnx(), CASES, tolerance=0.3)
+    assert parity.max_abs == pytest.approx(0.25, abs=1e-6)
+    assert parity.mean_abs == pytest.approx(0.25, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "network",
+    [_Offset(0.002), _Offset(float("nan")), _FirstImageOnly(), nn.MaxPool2d(3, 1, 1)],
+    ids=["offset", "nan", "second of a batch", "another network"],
+)
+def test_wrong_network_is_refused(network: nn.Module) -> None:
+    with pytest.raises(ParityError, match="differ by up to"):
+        check_parity(network, tiny_onnx(), CASES)
+
+
+def test_size_that_tracing_fixed_is_noticed() -> None:
+    network = _SizeBakedIn()
+    model = build_graph(network).SerializeToString()
+    check_parity(network, model, ((2, 96, 128),))
+    with pytest.raises(ParityError, match="differ by up to"):
+        check_parity(network, model, ((1, 96, 120),))
+
+
+def test_another_output_size_is_refused() -> None:
+    with pytest.raises(ParityError, match=r"torch gives .*the model"):
+        check_parity(nn.MaxPool2d(2), tiny_onnx(), CASES)
+
+
+def test_model_that_fails_at_a_size_is_refused_in_one_line() -> None:
+    with pytest.raises(ParityError, match="does not run") as caught:
+        check_parity(_Offset(0), tiny_onnx(size=(12, 16)), CASES)
+    assert "\n" not in str(caught.value)
