@@ -190,7 +190,7 @@ class Run:
                 group["lr"] = rate
             terms: dict[str, Tensor] = self.module(batch, phase)
             losses |= finite(terms)
-            self.module.zero_grad()  # of the other phase too: clipping measures all gradients
+            optimizer.zero_grad()
             self.fabric.backward(torch.stack(list(terms.values())).sum())
             if self.config.optim.clip_norm and phase == "generator":
                 limit = self.config.optim.clip_norm

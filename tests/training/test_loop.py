@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from depthcli.training.config import TrainConfig
 
 CLIPPED = replace(PAPER, optim=replace(PAPER.optim, clip_norm=0.5, ema=0.9))
-"""With discriminators and clipping: gradients of one phase must not be measured in the other."""
+"""With discriminators, clipping and an average."""
 RECIPES = {"paper": PAPER, "efficient": EFFICIENT, "clipped": CLIPPED}
 
 

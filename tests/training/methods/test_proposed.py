@@ -88,7 +88,7 @@ def test_l1_is_equation_1_on_one_or_both_generators(both: bool) -> None:
         assert network is not None
         penalty = 0.01 * sum((w.detach() ** 2).sum().item() for w in conv_weights(network))
         wanted = 2 * ((network(source) - truth).abs().mean().item() + penalty)
-        assert float(value) == pytest.approx(wanted, rel=1e-5)
+        assert value.item() == pytest.approx(wanted, rel=1e-5)
 
 
 @pytest.mark.parametrize(("contrast", "loss"), [("cut", patch_nce), ("cfl", cfl_nce)])
