@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from depthcli.errors import InputError
+from depthcli.io.decode import read_bytes
 from depthcli.io.png_text import read_text
-from depthcli.io.sources.image import read_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,8 +9,8 @@ import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
+from depthcli.io.decode import read_bytes
 from depthcli.io.png_text import read_text
-from depthcli.io.sources.image import read_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import struct
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 _ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 _SHORT, _LONG = 3, 4
 _ENTRY_BYTES = 12
 _ORIENTATIONS = range(1, 9)
+_ENDIAN: dict[str, Literal["little", "big"]] = {"<": "little", ">": "big"}
+_TURNED = (1, 8, 3, 6)  # EXIF orientations that quarter turns counter-clockwise make upright
+_MIRRORED = (2, 5, 4, 7)  # and those that mirroring left to right and then such turns do
 
 
 class Exif(NamedTuple):
@@ -26,16 +29,15 @@ class Exif(NamedTuple):
 def read_exif(data: bytes) -> Exif:
     """EXIF of a JPEG, PNG, WebP or TIFF file; whatever is damaged counts as absent.
 
+    AVIF has the same turns and mirrors in a form of its own.
+
     Args:
         data: the whole file.
     """
+    if data[4:8] == b"ftyp":
+        return Exif(_avif_orientation(data))
     tiff = _tiff_part(data)
-    if tiff is None:
-        return Exif()
-    try:
-        return _parse(tiff)
-    except (struct.error, IndexError):
-        return Exif()
+    return Exif() if tiff is None else _parse(tiff)
 
 
 def _tiff_part(data: bytes) -> bytes | None:
@@ -82,21 +84,48 @@ def _parse(tiff: bytes) -> Exif:
     order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
     if order is None:
         return Exif()
-    first = _directory(tiff, order, struct.unpack_from(order + "I", tiff, 4)[0])
-    inner = _directory(tiff, order, first[_EXIF_IFD]) if _EXIF_IFD in first else {}
+    first = _directory(tiff, order, int.from_bytes(tiff[4:8], _ENDIAN[order]))
     orientation = first.get(_ORIENTATION, 1)
+    inner = _directory(tiff, order, first[_EXIF_IFD]) if _EXIF_IFD in first else {}
     focal = inner.get(_FOCAL_35MM, 0)
     return Exif(orientation if orientation in _ORIENTATIONS else 1, float(focal) if focal else None)
 
 
 def _directory(tiff: bytes, order: str, at: int) -> dict[int, int]:
-    """Whole-number tags of one directory."""
-    (count,) = struct.unpack_from(order + "H", tiff, at)
+    """Whole-number tags of one directory, as far as it goes."""
     tags = {}
-    for i in range(count):
-        entry = at + 2 + i * _ENTRY_BYTES
-        tag, kind = struct.unpack_from(order + "HH", tiff, entry)
-        if kind in (_SHORT, _LONG):
-            form = "H" if kind == _SHORT else "I"
-            (tags[tag],) = struct.unpack_from(order + form, tiff, entry + 8)
+    try:
+        (count,) = struct.unpack_from(order + "H", tiff, at)
+        for entry in range(at + 2, at + 2 + count * _ENTRY_BYTES, _ENTRY_BYTES):
+            tag, kind = struct.unpack_from(order + "HH", tiff, entry)
+            if kind in (_SHORT, _LONG):
+                form = "H" if kind == _SHORT else "I"
+                (tags[tag],) = struct.unpack_from(order + form, tiff, entry + 8)
+    except struct.error:
+        pass
     return tags
+
+
+def _avif_orientation(data: bytes) -> int:
+    """The EXIF orientation that is the same as a file's irot and imir properties."""
+    meta = _box(data, b"meta")[4:]  # a version comes before its boxes
+    properties = _box(_box(meta, b"iprp"), b"ipco")
+    turn, axis = _box(properties, b"irot")[:1], _box(properties, b"imir")[:1]
+    quarters = turn[0] & 3 if turn else 0
+    if not axis:
+        return _TURNED[quarters]
+    # Mirroring after a turn is turning the other way after mirroring; top to bottom is two more.
+    return _MIRRORED[-quarters % 4 if axis[0] & 1 else -(quarters + 2) % 4]
+
+
+def _box(data: bytes, wanted: bytes) -> bytes:
+    """Content of the first box of a kind (ISO base media file format); empty if there is none."""
+    at = 0
+    while at + 8 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        if kind == wanted:
+            return data[at + 8 : at + length]
+        if length < 8:
+            break
+        at += length
+    return b""

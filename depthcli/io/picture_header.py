@@ -2,14 +2,37 @@
 
 from __future__ import annotations
 
+import re
 import struct
+from typing import NamedTuple
 
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _STANDALONE = frozenset(range(0xD0, 0xD8)) | {0x01}
+_AVIF_SIZE = re.compile(rb"ispe")
+_NETPBM = re.compile(rb"P[1-6]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
+
+
+class _TiffLayout(NamedTuple):
+    """Where TIFF and its 64-bit form keep things: forms of `struct`, offsets in bytes."""
+
+    order: str
+    start: int
+    number: str
+    total: str
+    entry: int
+    value: int
+
+
+_TIFF_LAYOUTS = {
+    b"II*\0": _TiffLayout("<", 4, "I", "H", 12, 8),
+    b"MM\0*": _TiffLayout(">", 4, "I", "H", 12, 8),
+    b"II+\0": _TiffLayout("<", 8, "Q", "Q", 20, 12),
+    b"MM\0+": _TiffLayout(">", 8, "Q", "Q", 20, 12),
+}
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
-    """(width, height) that a JPEG, PNG, BMP, WebP, TIFF or AVIF claims; None if it is not found.
+    """(width, height) that a file of a known picture format claims; None if there is none.
 
     Args:
         data: the whole file.
@@ -20,34 +43,25 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
         return None
 
 
-def truncation(data: bytes) -> str | None:
-    """What shows that a JPEG or PNG ends too early; None if nothing does.
-
-    Decoders fill the missing part with gray and say nothing.
-    """
-    if data[:2] == b"\xff\xd8" and b"\xff\xd9" not in data[-65536:]:
-        return "the end marker of the JPEG is missing"
-    if data[:8] == b"\x89PNG\r\n\x1a\n" and b"IEND" not in data[-65536:]:
-        return "the end chunk of the PNG is missing"
-    return None
-
-
 def _size(data: bytes) -> tuple[int, int] | None:
     if data[:8] == b"\x89PNG\r\n\x1a\n":
         return struct.unpack_from(">II", data, 16)
     if data[:2] == b"\xff\xd8":
         return _jpeg(data)
     if data[:2] == b"BM":
-        width, height = struct.unpack_from("<ii", data, 18)
+        small = data[14:18] == b"\x0c\0\0\0"  # the header of OS/2
+        width, height = struct.unpack_from("<HH" if small else "<ii", data, 18)
         return width, abs(height)
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
         return _webp(data)
-    if data[:4] in (b"II*\0", b"MM\0*"):
-        return _tiff(data)
+    if data[:4] in _TIFF_LAYOUTS:
+        return _tiff(data, _TIFF_LAYOUTS[data[:4]])
     if data[4:8] == b"ftyp":
-        at = data.find(b"ispe")
-        return struct.unpack_from(">II", data, at + 8) if at >= 0 else None
-    return None
+        return _avif(data)
+    if data[:6] in (b"GIF87a", b"GIF89a"):
+        return struct.unpack_from("<HH", data, 6)
+    netpbm = _NETPBM.match(data)
+    return (int(netpbm[1]), int(netpbm[2])) if netpbm else None
 
 
 def _jpeg(data: bytes) -> tuple[int, int] | None:
@@ -81,13 +95,23 @@ def _webp(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _tiff(data: bytes) -> tuple[int, int] | None:
-    order = "<" if data[:2] == b"II" else ">"
-    (at,) = struct.unpack_from(order + "I", data, 4)
-    (count,) = struct.unpack_from(order + "H", data, at)
+def _avif(data: bytes) -> tuple[int, int] | None:
+    """The largest item: tiles and thumbnails state their size too, all before the pixels."""
+    meta = data[: data.find(b"mdat")]
+    starts = [found.end() + 4 for found in _AVIF_SIZE.finditer(meta)]
+    sizes = [struct.unpack_from(">II", meta, start) for start in starts]
+    return max(sizes, key=lambda size: size[0] * size[1]) if sizes else None
+
+
+def _tiff(data: bytes, layout: _TiffLayout) -> tuple[int, int] | None:
+    order, number = layout.order, layout.order + layout.number
+    (at,) = struct.unpack_from(number, data, layout.start)
+    (count,) = struct.unpack_from(layout.order + layout.total, data, at)
+    first = at + struct.calcsize(layout.total)
     found = {}
-    for entry in range(at + 2, at + 2 + 12 * count, 12):
+    for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
         tag, kind = struct.unpack_from(order + "HH", data, entry)
-        form = "H" if kind == 3 else "I"  # SHORT
-        (found[tag],) = struct.unpack_from(order + form, data, entry + 8)
-    return (found[256], found[257]) if {256, 257} <= found.keys() else None
+        if tag in (256, 257):
+            form = order + {3: "H", 16: "Q"}.get(kind, "I")
+            (found[tag],) = struct.unpack_from(form, data, entry + layout.value)
+    return (found[256], found[257]) if len(found) == 2 else None

@@ -5,20 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
+from depthcli.io.decode import MAX_PIXELS, decode, read_bytes
 from depthcli.io.exif import read_exif
-from depthcli.io.picture_header import picture_size, truncation
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-MAX_PIXELS = 250_000_000
-_GRAY_ALPHA, _RGB, _RGBA = 2, 3, 4
-_FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+_TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_MIRRORED = {2, 4, 5, 7}
+_QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 
 
 def read_image(
@@ -26,8 +25,8 @@ def read_image(
 ) -> Frame:
     """Decode a picture at its own bit depth and undo its EXIF rotation.
 
-    Alpha is dropped; gray stays gray; not-a-number and infinite pixels of a float picture become 0
-    and floats are clipped to [0, 1].
+    Alpha is dropped; gray stays gray. In a float picture not-a-number and infinite pixels become 0
+    and the rest is clipped to [0, 1].
 
     Args:
         path: the file; with ``data``, only its name.
@@ -38,90 +37,42 @@ def read_image(
         Gray (H, W) or RGB (H, W, 3); uint8, uint16 or float32.
 
     Raises:
-        InputError: missing, empty, truncated, not a picture, or too large.
+        InputError: missing, empty, truncated, damaged, not a picture, too large, or float with
+            another range than [0, 1].
     """
     path = None if path is None else Path(path)
+    name = "standard input" if path is None else str(path)
     if data is None:
         if path is None:
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
-    name = str(path) if path else "standard input"
-    _check(data, name, max_pixels)
+    pixels = _framed(decode(data, name, max_pixels=max_pixels), name)
     exif = read_exif(data)
-    pixels = _turned(_colours(_decoded(data, name), name), exif.orientation)
-    return Frame(pixels, path, orientation=exif.orientation, focal_35mm=exif.focal_35mm)
+    if not data.startswith(_TIFF_STARTS):  # TIFF comes upright from the decoder
+        pixels = _turned(pixels, exif.orientation)
+    return Frame(
+        np.ascontiguousarray(pixels),
+        path,
+        orientation=exif.orientation,
+        focal_35mm=exif.focal_35mm,
+    )
 
 
-def read_bytes(path: Path) -> bytes:
-    """Content of an input file.
-
-    Raises:
-        InputError: it is missing, a folder, unreadable, or a link that leads nowhere.
-    """
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        broken = path.is_symlink()
-        raise InputError("is a broken link" if broken else "no such file") from None
-    except IsADirectoryError:
-        raise InputError("is a folder; use `depthcli batch` for folders") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}") from None
-
-
-def _check(data: bytes, name: str, max_pixels: int) -> None:
-    if not data:
-        raise InputError(f"{name} is empty")
-    size = picture_size(data)
-    if size is not None:
-        width, height = size
-        if width <= 0 or height <= 0:
-            raise InputError(f"{name} claims {width}×{height} pixels; there is nothing to see")
-        if width * height > max_pixels:
-            raise InputError(
-                f"{name} claims {width}×{height} pixels, more than {max_pixels:,}; "
-                "raise --max-pixels if it is genuine"
-            )
-    missing = truncation(data)
-    if missing:
-        raise InputError(f"{name} is truncated ({missing}); copy it again")
-
-
-def _decoded(data: bytes, name: str) -> npt.NDArray[np.generic]:
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS)
-    except cv2.error:
-        pixels = None
-    if pixels is None or pixels.size == 0:
-        raise InputError(f"{name} is not a picture that can be decoded (JPEG, PNG, TIFF, WebP, …)")
-    return pixels
-
-
-def _colours(pixels: npt.NDArray[np.generic], name: str) -> npt.NDArray[np.generic]:
-    """OpenCV's channel orders to gray or RGB, and its types to the three of a frame."""
-    channels = pixels.shape[2] if pixels.ndim == _RGB else 1
-    if channels in (1, _GRAY_ALPHA):
-        pixels = pixels.reshape(*pixels.shape[:2], channels)[..., 0]
-    elif channels in (_RGB, _RGBA):
-        code = cv2.COLOR_BGR2RGB if channels == _RGB else cv2.COLOR_BGRA2RGB
-        pixels = cv2.cvtColor(pixels, code)  # type: ignore[arg-type]
-    else:
-        raise InputError(f"{name} has {channels} channels; give gray or colour")
+def _framed(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
+    """Pixels of one of a frame's three types."""
     if pixels.dtype in (np.uint8, np.uint16):
-        return np.ascontiguousarray(pixels)
-    if pixels.dtype in (np.float32, np.float64):
-        finite = np.nan_to_num(pixels.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
-        return np.clip(finite, 0, 1)
-    raise InputError(f"{name} has {pixels.dtype} pixels; save it with 8 or 16 bits or as float")
-
-
-_MIRRORED = {2, 4, 5, 7}
-_QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
+        return pixels
+    if pixels.dtype.kind != "f":
+        raise InputError(f"{name} has {pixels.dtype} pixels; save it with 8 or 16 bits or as float")
+    values = np.nan_to_num(pixels.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    # Highlights may pass 1; where most of a picture does, it is in 0-255 or another unit.
+    if np.count_nonzero(values > 1) * 2 > values.size:
+        raise InputError(f"{name} has float pixels up to {values.max():g}; scale them to 0-1")
+    return np.clip(values, 0, 1)
 
 
 def _turned(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """Undo an EXIF orientation: mirror along the rows, then turn counter-clockwise."""
+    """Undo an EXIF orientation: mirror left to right, then turn counter-clockwise."""
     if orientation in _MIRRORED:
         pixels = pixels[:, ::-1]
-    pixels = np.rot90(pixels, _QUARTER_TURNS.get(orientation, 0))
-    return np.ascontiguousarray(pixels)
+    return np.rot90(pixels, _QUARTER_TURNS.get(orientation, 0))

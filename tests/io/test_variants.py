@@ -1,0 +1,163 @@
+"""Every variant of the picture formats: bits, channels, palettes, inks, and how it was held."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+import cv2
+import made
+import numpy as np
+import pytest
+
+from depthcli.errors import InputError
+from depthcli.io.exif import read_exif
+from depthcli.io.sources.image import read_image
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+PALETTE = made.chunk(b"PLTE", bytes([255, 0, 0, 0, 255, 0, 10, 20, 30]))
+
+
+def pixels(data: bytes) -> npt.NDArray[np.generic]:
+    return read_image(None, data).pixels
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (made.png([b"\xa0"], 4, 1, 0), [[255, 0, 255, 0]]),
+        (made.png([b"\x1b"], 4, 2, 0), [[0, 85, 170, 255]]),
+        (made.png([b"\x0f\x70"], 4, 4, 0), [[0, 255, 119, 0]]),
+        (made.png([b"\0\1\2"], 3, 8, 3, PALETTE), [[[255, 0, 0], [0, 255, 0], [10, 20, 30]]]),
+        (
+            made.png([b"\0\1\2"], 3, 8, 3, PALETTE, made.chunk(b"tRNS", b"\0\x80")),
+            [[[255, 0, 0], [0, 255, 0], [10, 20, 30]]],
+        ),
+        (made.png([b"\x10\x00\x20\xff"], 2, 8, 4), [[[16] * 3, [32] * 3]]),
+        (made.png([bytes([1, 2, 3, 0])], 1, 8, 6), [[[1, 2, 3]]]),
+        (made.png([bytes(range(8))], 1, 16, 6), [[[0x0001, 0x0203, 0x0405]]]),
+        (made.tiff(np.array([[0, 100, 255]], np.uint8), photometric=0), [[255, 155, 0]]),
+    ],
+    ids=[
+        "1 bit",
+        "2 bits",
+        "4 bits",
+        "palette",
+        "transparent palette",
+        "gray with alpha",
+        "RGBA",
+        "16-bit RGBA",
+        "min is white",
+    ],
+)
+def test_variants_decode_to_gray_or_rgb(data: bytes, expected: list[object]) -> None:
+    np.testing.assert_array_equal(pixels(data), expected)
+
+
+@pytest.mark.parametrize(
+    ("ink", "rgb"),
+    [
+        ([255, 255, 255, 255], [255, 255, 255]),
+        ([0, 255, 255, 255], [0, 255, 255]),
+        ([255, 255, 0, 255], [255, 255, 0]),
+        ([255, 255, 255, 0], [0, 0, 0]),
+    ],
+    ids=["paper", "cyan", "yellow", "black"],
+)
+def test_cmyk_jpeg_becomes_rgb(ink: list[int], rgb: list[int]) -> None:
+    picture = pixels(made.jpeg([ink], adobe=0))
+    np.testing.assert_allclose(picture, np.broadcast_to(rgb, (8, 8, 3)), atol=2)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_tiff_stands_upright(dtype: type, channels: int, orientation: int) -> None:
+    upright = np.arange(4 * 6 * channels).reshape(4, 6, channels)
+    upright = (upright / 72).astype(dtype) if dtype is np.float32 else upright.astype(dtype)
+    upright = upright[..., 0] if channels == 1 else upright
+    frame = read_image(None, made.tiff(made.upright_to_stored(upright, orientation), orientation))
+    np.testing.assert_array_equal(frame.pixels, upright)
+    assert frame.orientation == orientation
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", [".png", ".webp"])
+def test_png_and_webp_stand_upright(suffix: str, orientation: int, order: str) -> None:
+    upright = np.random.default_rng(1).integers(0, 256, (4, 6, 3), np.uint8)
+    stored = np.ascontiguousarray(made.upright_to_stored(upright, orientation))
+    ok, data = cv2.imencode(suffix, stored[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, 101])
+    assert ok
+    block = made.exif(orientation, focal_35mm=28, order=order)
+    if suffix == ".png":
+        whole = made.png_with_exif(data.tobytes(), block)
+    else:
+        whole = made.webp_with_exif(data.tobytes(), block, stored.shape[1], stored.shape[0])
+    frame = read_image(None, whole)
+    np.testing.assert_array_equal(frame.pixels, upright)
+    assert (frame.orientation, frame.focal_35mm) == (orientation, 28)
+
+
+@pytest.mark.parametrize("quarters", range(4))
+@pytest.mark.parametrize("axis", [None, 0, 1])
+def test_avif_turns_and_mirrors_are_undone(quarters: int, axis: int | None) -> None:
+    """Turn counter-clockwise, then exchange top and bottom (0) or left and right (1)."""
+    stored = np.arange(6).reshape(2, 3)
+    upright = np.rot90(stored, quarters)
+    if axis is not None:
+        upright = np.flip(upright, axis)
+    data = made.avif_properties(quarters, axis)
+    orientation = read_exif(data).orientation
+    np.testing.assert_array_equal(made.upright_to_stored(upright, orientation), stored)
+
+
+def test_a_turned_avif_is_turned_once() -> None:
+    picture = np.zeros((16, 32, 3), np.uint8)
+    picture[:, :16] = 255
+    ok, data = cv2.imencode(".avif", picture)
+    assert ok
+    frame = read_image(None, made.avif_turned(data.tobytes(), 1))
+    assert frame.pixels.shape == (32, 16, 3)
+    assert frame.pixels[-4:].mean() > 200
+    assert frame.pixels[:4].mean() < 50
+
+
+def test_exif_after_other_segments_is_found() -> None:
+    jpeg = made.jpeg([[10]])
+    data = made.jpeg_with_exif(jpeg, made.exif(6, 50, ">"))
+    xmp = b"\xff\xe1" + struct.pack(">H", 40) + b"http://ns.adobe.com/xap/1.0/\0".ljust(38)
+    exif = read_exif(data[:2] + xmp + data[2:])
+    assert (exif.orientation, exif.focal_35mm) == (6, 50)
+
+
+@pytest.mark.parametrize("orientation", [0, 9, 65535])
+def test_orientations_that_do_not_exist_count_as_upright(orientation: int) -> None:
+    assert read_exif(made.png_with_exif(made.png([b"\0"], 1, 8, 0), made.exif(orientation)))[0] == 1
+
+
+def test_orientation_survives_a_damaged_inner_directory() -> None:
+    block = made.exif(8, focal_35mm=35)[:-10]
+    assert tuple(read_exif(made.jpeg_with_exif(made.jpeg([[9]]), block))) == (8, None)
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.int16, np.int32, np.uint32])
+def test_integers_that_are_no_picture_are_refused(dtype: type) -> None:
+    with pytest.raises(InputError, match="8 or 16 bits"):
+        pixels(made.tiff(np.ones((2, 2), dtype)))
+
+
+def test_doubles_are_a_picture() -> None:
+    np.testing.assert_array_equal(pixels(made.tiff(np.array([[0.25, 1.0]]))), [[0.25, 1.0]])
+
+
+def test_floats_in_another_unit_are_refused() -> None:
+    with pytest.raises(InputError, match="up to 255; scale them"):
+        pixels(made.tiff(np.array([[0, 128, 255]], np.float32)))
+
+
+def test_five_channels_are_refused() -> None:
+    with pytest.raises(InputError, match="cannot be decoded"):
+        pixels(made.tiff(np.zeros((2, 2, 5), np.uint8)))
