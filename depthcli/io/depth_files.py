@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
-from depthcli.io.decode import read_bytes
+from depthcli.io.decode import decode, read_bytes
 from depthcli.io.png_text import read_text
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
 
 _MILLIMETRES = 1000.0
 _CHANNELS = ("Z", "V", "Y", "R")
+_COLOURS = ("G", "B", "RY", "BY")
 _DIMENSIONS = 2
+_TOP = 65535
 
 
-def read_depth(path: Path, *, png_scale: float | None = None) -> DepthMap:
+def read_depth(path: str | Path, *, png_scale: float | None = None) -> DepthMap:
     """Depth of a 16-bit PNG, EXR or NPY file, chosen by its suffix.
 
     Args:
@@ -33,72 +39,85 @@ def read_depth(path: Path, *, png_scale: float | None = None) -> DepthMap:
     Raises:
         InputError: missing, damaged, or without depth.
     """
-    readers = {".png": _png, ".exr": _exr, ".npy": _npy}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise InputError(f"{path} is not .png, .exr or .npy, so no depth is read from it")
-    return _png(path, png_scale) if reader is _png else reader(path)
+    path = Path(path)
+    match path.suffix.lower():
+        case ".png":
+            return _png(path, png_scale)
+        case ".exr":
+            return _exr(path)
+        case ".npy":
+            return _npy(path)
+    raise InputError(f"{path} is not .png, .exr or .npy, so no depth is read from it")
 
 
-def _png(path: Path, png_scale: float | None = None) -> DepthMap:
+def _png(path: Path, png_scale: float | None) -> DepthMap:
     data = read_bytes(path)
-    steps = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    if steps is None:
-        raise InputError(f"{path} is not a PNG that can be decoded")
+    steps = decode(data, str(path))
     if steps.dtype != np.uint16 or steps.ndim != _DIMENSIONS:
         raise InputError(f"{path} is not 16-bit gray, so it holds no depth (a preview, perhaps?)")
     texts = read_text(data)
-    kind = _kind(texts.get("depthcli:kind"))
-    values = steps.astype(np.float32)
-    if texts.get("depthcli:scale") == "normalized" and png_scale is None:
-        low, high = (float(word) for word in texts["depthcli:range"].split())
-        values = (low + (values - 1) / 65534 * (high - low)).astype(np.float32)
-    else:
+    ends = _ends(texts) if png_scale is None else None
+    if ends is None:
         scale = png_scale or _number(texts.get("depthcli:scale")) or _MILLIMETRES
-        values /= np.float32(scale)
-    return DepthMap(np.where(steps == 0, np.float32(np.nan), values), kind)
+        values = steps.astype(np.float32) / np.float32(scale)
+    else:
+        low, high = ends
+        share = (steps.astype(np.float64) - 1) / (_TOP - 1)
+        values = (low + share * (high - low)).astype(np.float32)
+    depth = np.where(steps == 0, np.float32(np.nan), values)
+    return DepthMap(depth, _kind(texts.get("depthcli:kind")))
 
 
 def _npy(path: Path) -> DepthMap:
-    read_bytes(path)
+    data = read_bytes(path)
     try:
-        values = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
+        values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
+    except (ValueError, OSError, EOFError, MemoryError) as error:
         raise InputError(f"{path} is not a NumPy file that can be read") from error
     while values.ndim > _DIMENSIONS and 1 in values.shape:
         # Batch and channel axes, as networks' outputs have them; a map one pixel high stays.
         values = values.squeeze(values.shape.index(1))
-    if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu":
+    if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu" or not values.size:
         raise InputError(f"{path} is {values.shape} {values.dtype}; depth is one (H, W) of numbers")
-    return DepthMap(np.ascontiguousarray(values, np.float32))
+    with np.errstate(over="ignore"):  # a double beyond float32 is infinitely far
+        return DepthMap(np.ascontiguousarray(values, np.float32))
 
 
 def _exr(path: Path) -> DepthMap:
-    import OpenEXR  # noqa: PLC0415 - reading PNG need not wait for it
+    # Reading PNG need not wait for OpenEXR.
+    from depthcli.io.exr_files import read_exr_channels, read_exr_texts  # noqa: PLC0415
 
-    read_bytes(path)
-    try:
-        file = OpenEXR.File(str(path), separate_channels=True)
-        channels, header = file.channels(), file.header()
-        name = depth_channel(list(channels))
-        values = np.ascontiguousarray(channels[name].pixels, np.float32) if name else None
-    except (RuntimeError, ValueError, OSError) as error:
-        raise InputError(f"{path} is not an EXR file that can be read") from error
-    if values is None:
+    channels = read_exr_channels(path)
+    name = depth_channel(list(channels))
+    if name is None:
         raise InputError(f"{path} has no channel Z, V, Y or R; it has {', '.join(channels)}")
-    return DepthMap(values, _kind(header.get("depthcli:kind")))
+    layer = name[: -len(name.rpartition(".")[2])]
+    for colour in _COLOURS:
+        other = channels.get(layer + colour)
+        if name != layer + "Z" and other is not None and not _equal(other, channels[name]):
+            raise InputError(f"{path} holds colours, not depth; it has {', '.join(channels)}")
+    return DepthMap(channels[name], _kind(read_exr_texts(path).get("depthcli:kind")))
 
 
-def depth_channel(names: list[str]) -> str | None:
-    """The channel that holds depth: Z, V, Y or R, bare first, else the last word of a layer."""
-    for wanted in _CHANNELS:
-        if wanted in names:
-            return wanted
-    for wanted in _CHANNELS:
-        layered = sorted(name for name in names if name.rpartition(".")[2] == wanted)
-        if layered:
-            return layered[0]
-    return None
+def depth_channel(names: Sequence[str]) -> str | None:
+    """The channel that holds depth, whoever wrote the file; None if there is none.
+
+    That is ``Z``, else Z, V, Y or R of a layer called depth (Nuke's ``depth.Z``, Blender's
+    ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R.
+    """
+    depths = [name for name in names if name.rpartition(".")[2] in _CHANNELS]
+    return min(depths, key=_rank, default=None)
+
+
+def _rank(name: str) -> tuple[int, int, str]:
+    layer, _, last = name.rpartition(".")
+    signs = (name == "Z", "depth" in layer.lower(), last != "R" and not layer, last != "R", True)
+    return signs.index(True), _CHANNELS.index(last), name
+
+
+def _equal(one: npt.NDArray[np.float32], other: npt.NDArray[np.float32]) -> bool:
+    """Whether two channels are the same; gray is often stored as three equal colours."""
+    return np.array_equal(one, other, equal_nan=True)
 
 
 def _kind(text: str | None) -> DepthKind:
@@ -110,4 +129,15 @@ def _number(text: str | None) -> float | None:
         value = float(text or "")
     except ValueError:
         return None
-    return value if value > 0 else None
+    return value if 0 < value < math.inf else None
+
+
+def _ends(texts: Mapping[str, str]) -> tuple[float, float] | None:
+    """What 1 and 65535 stand for in a normalized PNG of ours; None for other files."""
+    if texts.get("depthcli:scale") != "normalized":
+        return None
+    try:
+        low, high = (float(word) for word in texts.get("depthcli:range", "").split())
+    except ValueError:
+        return None
+    return (low, high) if math.isfinite(low) and math.isfinite(high) else None

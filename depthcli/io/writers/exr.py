@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-import OpenEXR
 
+from depthcli.io.exr_files import write_exr
 from depthcli.io.writers.facts import facts
 
 if TYPE_CHECKING:
@@ -36,9 +36,12 @@ class ExrWriter:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""
         del frame
         values = np.ascontiguousarray(depth.values)
-        if self.half:
-            values = values.astype(np.float16)
-        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-        header |= {f"depthcli:{name}": text for name, text in facts(depth).items()}
-        OpenEXR.File(header, {self.channel: values}).write(str(path))
-        return ()
+        texts = {f"depthcli:{name}": text for name, text in facts(depth).items()}
+        if not self.half:
+            write_exr(path, {self.channel: values}, texts)
+            return ()
+        with np.errstate(over="ignore"):
+            halves = values.astype(np.float16)
+        write_exr(path, {self.channel: halves}, texts)
+        lost = np.count_nonzero(np.isinf(halves) & np.isfinite(values))
+        return (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()

@@ -1,0 +1,242 @@
+"""Depth files of other tools, and what is no depth file."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+import made
+import numpy as np
+import OpenEXR
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from depthcli.core.types import DepthKind, DepthMap, Provenance
+from depthcli.errors import InputError
+from depthcli.io.atomic import atomic_path
+from depthcli.io.depth_facts import stated_facts
+from depthcli.io.depth_files import depth_channel, read_depth
+from depthcli.io.png_text import with_text
+from depthcli.io.writers.exr import ExrWriter
+from depthcli.io.writers.npy import NpyWriter
+from depthcli.io.writers.png16 import Png16Writer
+
+DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
+SCANLINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+
+
+def png16(steps: np.ndarray) -> bytes:
+    ok, data = cv2.imencode(".png", steps.astype(np.uint16))
+    assert ok
+    return data.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("names", "wanted"),
+    [
+        (["R", "G", "B", "A", "depth.Z"], "depth.Z"),
+        (["ViewLayer.Normal.Z", "ViewLayer.Depth.Z"], "ViewLayer.Depth.Z"),
+        (["View Layer.Depth.V", "View Layer.Combined.R"], "View Layer.Depth.V"),
+        (["depth.R", "depth.G"], "depth.R"),
+        (["rgba.R", "other.Y"], "other.Y"),
+        (["Z", "depth.Z"], "Z"),
+        (["X", "W"], None),
+        ([], None),
+    ],
+)
+def test_depth_is_found_among_colours_and_normals(names: list[str], wanted: str | None) -> None:
+    assert depth_channel(names) == wanted
+    assert depth_channel(names[::-1]) == wanted
+
+
+def test_exr_of_several_parts(tmp_path: Path) -> None:
+    parts = [
+        OpenEXR.Part({**SCANLINES, "name": name}, {channel: DEPTH_M * factor})
+        for name, channel, factor in [("rgba", "R", 2), ("depth", "Z", 1), ("normal", "Z", 3)]
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    np.testing.assert_array_equal(read_depth(tmp_path / "a.exr").values, DEPTH_M)
+
+
+@pytest.mark.parametrize("corner", [(2, 1), (-1, -1), (-20, 0)])
+def test_exr_keeps_the_framing(corner: tuple[int, int], tmp_path: Path) -> None:
+    left, top = corner
+    windows = {
+        "displayWindow": (np.array([0, 0], np.int32), np.array([7, 5], np.int32)),
+        "dataWindow": (np.array(corner, np.int32), np.array([left + 3, top + 2], np.int32)),
+    }
+    OpenEXR.File({**SCANLINES, **windows}, {"Z": DEPTH_M}).write(str(tmp_path / "a.exr"))
+    found = read_depth(tmp_path / "a.exr").values
+    whole = np.full((6, 8), np.nan, np.float32)
+    for row in range(6):
+        for column in range(8):
+            if 0 <= row - top < 3 and 0 <= column - left < 4:
+                whole[row, column] = DEPTH_M[row - top, column - left]
+    np.testing.assert_array_equal(found, whole)
+
+
+def test_a_colour_exr_is_no_depth(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    gray = dict.fromkeys("RGB", DEPTH_M)
+    OpenEXR.File(SCANLINES, gray).write(str(path))
+    np.testing.assert_array_equal(read_depth(path).values, DEPTH_M)
+    OpenEXR.File(SCANLINES, {**gray, "G": DEPTH_M + 1}).write(str(path))
+    with pytest.raises(InputError, match="colours, not depth"):
+        read_depth(path)
+
+
+def test_exr_under_a_name_that_is_not_utf_8(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    folder.mkdir()
+    path = folder / os.fsdecode(b"d\xe9pth.exr")
+    ExrWriter().write(DepthMap(DEPTH_M, provenance=Provenance("m", "0" * 64, (1, 1))), path)
+    assert [p.name for p in folder.iterdir()] == [path.name]
+    np.testing.assert_array_equal(read_depth(path).values, DEPTH_M)
+    assert stated_facts(path)["model"] == "m"
+
+
+def test_exr_on_a_full_disk_is_one_clear_error(tmp_path: Path) -> None:
+    script = (
+        "import resource, signal, sys; from pathlib import Path; import numpy as np\n"
+        "from depthcli.core.types import DepthMap\n"
+        "from depthcli.io.atomic import atomic_path\n"
+        "from depthcli.io.writers.exr import ExrWriter\n"
+        "noise = np.random.default_rng(0).random((200, 200), np.float32)\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "with atomic_path(Path(sys.argv[1])) as path: ExrWriter().write(DepthMap(noise), path)\n"
+    )
+    words = [sys.executable, "-c", script, tmp_path / "a.exr"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.stderr.splitlines()[-1].endswith(
+        f"{tmp_path}/a.exr: File too large; choose another -o"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_exr_into_a_missing_folder_is_an_os_error(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="No such file"):
+        ExrWriter().write(DepthMap(DEPTH_M), tmp_path / "none" / "a.exr")
+
+
+def test_half_floats_that_overflow_are_told(tmp_path: Path) -> None:
+    depth = DepthMap(np.array([[1, 70_000, np.inf]], np.float32))
+    warnings = ExrWriter(half=True).write(depth, tmp_path / "a.exr")
+    assert warnings == ("1 pixels are beyond half floats and became infinite",)
+    np.testing.assert_array_equal(read_depth(tmp_path / "a.exr").values, [[1, np.inf, np.inf]])
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        {"scale": "inf"},
+        {"scale": "-3"},
+        {"scale": "many"},
+        {"scale": "normalized"},
+        {"scale": "normalized", "range": "1"},
+        {"scale": "normalized", "range": "nan 1"},
+        {"scale": "normalized", "range": "near far"},
+        {"kind": "unheard of"},
+    ],
+)
+def test_texts_that_make_no_sense_leave_millimetres(texts: dict[str, str], tmp_path: Path) -> None:
+    data = with_text(png16(np.array([[1500, 0]])), {f"depthcli:{k}": v for k, v in texts.items()})
+    (tmp_path / "a.png").write_bytes(data)
+    depth = read_depth(tmp_path / "a.png")
+    assert depth.kind is DepthKind.METRIC
+    np.testing.assert_array_equal(depth.values, np.array([[1.5, np.nan]], np.float32))
+
+
+def test_a_stated_scale_wins_over_normalization(tmp_path: Path) -> None:
+    Png16Writer(normalize=True).write(DepthMap(DEPTH_M), tmp_path / "a.png")
+    assert read_depth(tmp_path / "a.png").values == pytest.approx(DEPTH_M, abs=1e-4)
+    assert read_depth(tmp_path / "a.png", png_scale=65535).values.max() == 1
+
+
+@pytest.mark.parametrize(
+    ("shape", "found"),
+    [((1, 1, 5), (1, 5)), ((5, 1, 1), (5, 1)), ((1, 3, 4), (3, 4)), ((1, 1), (1, 1))],
+)
+def test_npy_with_batch_or_channel_axes(
+    shape: tuple[int, ...], found: tuple[int, int], tmp_path: Path
+) -> None:
+    np.save(tmp_path / "a.npy", np.ones(shape, np.float64))
+    depth = read_depth(str(tmp_path / "a.npy"))
+    assert (depth.values.shape, depth.values.dtype) == (found, np.float32)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.ones((2, 3, 4)),
+        np.ones(5),
+        np.ones((0, 4)),
+        np.ones((2, 2), bool),
+        np.ones((2, 2), complex),
+        np.array([[object()]]),
+    ],
+    ids=["three axes", "one axis", "no pixels", "bool", "complex", "objects"],
+)
+def test_arrays_that_are_no_depth(values: np.ndarray, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", values, allow_pickle=True)
+    with pytest.raises(InputError, match=r"a\.npy is"):
+        read_depth(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy"])
+@pytest.mark.parametrize(
+    "content", [b"", b"no depth at all", None], ids=["empty", "text", "missing"]
+)
+def test_what_is_no_depth_file(name: str, content: bytes | None, tmp_path: Path) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=name) as caught:
+        read_depth(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_pictures_and_other_suffixes_are_no_depth(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(made.png([b"\1\2"], 2, 8, 0))
+    (tmp_path / "b.png").write_bytes(made.png([bytes(6)], 1, 16, 2))
+    for name in ("a.png", "b.png"):
+        with pytest.raises(InputError, match="16-bit gray"):
+            read_depth(tmp_path / name)
+    with pytest.raises(InputError, match=r"not \.png, \.exr or \.npy"):
+        read_depth(tmp_path / "a.tiff")
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from([Png16Writer, ExrWriter, NpyWriter]), st.data())
+def test_damage_is_an_error_or_a_map(kind: type, draw: st.DataObject) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"a{kind.ENDINGS[0]}"
+        kind().write(DepthMap(DEPTH_M), path)
+        data = bytearray(path.read_bytes())
+        for at in draw.draw(st.lists(st.integers(0, len(data) - 1), max_size=4)):
+            data[at] = draw.draw(st.integers(0, 255))
+        path.write_bytes(data[: draw.draw(st.integers(0, len(data)))])
+        try:
+            assert read_depth(path).values.ndim == 2
+            stated_facts(path)
+        except InputError:
+            return
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_after_the_signature_can_be_searched_for_text(data: bytes) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.png"
+        path.write_bytes(b"\x89PNG\r\n\x1a\n" + data)
+        assert isinstance(stated_facts(path), dict)
+
+
+def test_nothing_is_left_of_a_map_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), atomic_path(tmp_path / "a.exr") as path:  # noqa: PT012
+        ExrWriter().write(DepthMap(DEPTH_M), path)
+        raise ZeroDivisionError
+    assert list(tmp_path.iterdir()) == []
