@@ -72,7 +72,7 @@ def _npy(path: Path) -> DepthMap:
     data = read_bytes(path)
     try:
         values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
-    except Exception as error:  # noqa: BLE001 - the header is parsed as Python: any error can come
+    except Exception as error:
         raise InputError(f"{path} is not a NumPy file that can be read") from error
     while values.ndim > _DIMENSIONS and 1 in values.shape:
         # Batch and channel axes, as networks' outputs have them; a map one pixel high stays.
