@@ -12,7 +12,8 @@ from depthcli.core.types import DepthKind
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-_TICKS = 5
+_MOST_TICKS = 5
+_TICK_HEIGHT = 20  # room for one number, at the reference height
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _REFERENCE_HEIGHT = 480  # at this height the text has OpenCV's size 0.5
 
@@ -31,7 +32,7 @@ def with_legend(
         colours: (256, 3) RGB uint8, far first.
         near: value at the near end.
         far: value at the far end.
-        kind: metric maps are labelled in metres, evenly in inverse depth.
+        kind: metric maps are labelled in metres.
     """
     height = image.shape[0]
     size = float(np.clip(height / _REFERENCE_HEIGHT, 0.6, 4))
@@ -39,26 +40,32 @@ def with_legend(
     bar_height = max(1, height - 2 * margin)
     panel = np.full((height, width, 3), 24, np.uint8)
     shades = colours[np.linspace(255, 0, bar_height).round().astype(int)]
-    panel[margin : margin + bar_height, margin : margin + bar_width] = shades[
-        : height - margin, None
-    ]
-    for share in np.linspace(0, 1, _TICKS):
+    bar = panel[margin : margin + bar_height, margin : margin + bar_width]
+    bar[:] = shades[: len(bar), np.newaxis]
+    for share in _ticks(bar_height / (_TICK_HEIGHT * size), flat=near == far):
         y = margin + round(share * (bar_height - 1))
         text = label(value_at(1 - share, near, far, kind), kind)
         _draw(panel, text, (margin + bar_width + round(7 * size), y + round(5 * size)), size)
     return np.hstack([image, panel])
 
 
+def _ticks(room: float, *, flat: bool) -> npt.NDArray[np.float64]:
+    """Where numbers stand, 0 at the near end: as many as fit, one if all are the same."""
+    if flat:
+        return np.array([0.5])
+    return np.linspace(0, 1, int(np.clip(1 + room, 2, _MOST_TICKS)))
+
+
 def value_at(nearness: float, near: float, far: float, kind: DepthKind) -> float:
     """The value whose colour stands at a height of the bar; inverse of the preview's mapping."""
-    if kind is DepthKind.METRIC and near > 0 and far > 0:
+    if kind is DepthKind.METRIC and near > 0:
         return 1 / (nearness / near + (1 - nearness) / far)
     return nearness * near + (1 - nearness) * far
 
 
 def label(value: float, kind: DepthKind) -> str:
     """Three significant digits, with the unit where there is one."""
-    digits = f"{value:.2f}" if abs(value) < 10 else f"{value:.3g}"  # noqa: PLR2004
+    digits = f"{value:#.3g}".rstrip(".") if abs(value) < 1e4 else f"{value:.3g}"  # noqa: PLR2004
     return f"{digits} m" if kind is DepthKind.METRIC else digits
 
 

@@ -49,7 +49,7 @@ class PlyWriter:
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
         with path.open("wb") as file:
             file.write(("\n".join(lines) + "\nend_header\n").encode("ascii"))
-            file.write(points.tobytes())
+            points.tofile(file)
         if stated:
             return ()
         return (f"no focal length known; the point cloud assumes {self.hfov_deg:g}° across",)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import cv2
 import numpy as np
 
-from depthcli.errors import OutputError
+from depthcli.io.png_encode import encode_png
 from depthcli.io.png_text import with_text
 from depthcli.io.writers.facts import facts
 
@@ -21,9 +20,6 @@ if TYPE_CHECKING:
 
 _TOP = 65535
 MILLIMETRES = 1000.0
-# Level 1 with the Sub-like default filters is the fast end of zlib; higher levels gain a few
-# per cent of size for several times the time.
-_ENCODING = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +54,8 @@ class Png16Writer:
             if saturated:
                 limit_m = _TOP / self.scale
                 warnings = (f"{saturated} pixels beyond {limit_m:.6g} m were saturated",)
-        ok, data = cv2.imencode(".png", steps, _ENCODING)
-        if not ok:
-            raise OutputError(f"{path} could not be encoded as PNG")
-        path.write_bytes(with_text(data.tobytes(), {f"depthcli:{k}": v for k, v in texts.items()}))
+        labels = {f"depthcli:{name}": text for name, text in texts.items()}
+        path.write_bytes(with_text(encode_png(steps), labels))
         return warnings
 
 

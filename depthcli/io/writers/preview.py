@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-import cv2
 import numpy as np
 
 from depthcli.core.types import DepthKind
-from depthcli.errors import OutputError
+from depthcli.io.png_encode import encode_png
 from depthcli.io.writers.colormaps import table
 from depthcli.io.writers.legend import with_legend
 
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 
     from depthcli.core.types import DepthMap, Frame
 
-_NEAREST_M = 1e-3
+_NEAREST_M = 1e-6
 _CLIPPED_SHARE = 0.02
 _INVALID_RGB = (96, 96, 96)
 
@@ -32,8 +31,9 @@ class PreviewWriter:
     Attributes:
         colormap: ``inferno``, ``turbo``, ``magma``, ``viridis``, ``spectral`` or ``gray``.
         near: end of the colormap that is near: its warm end, or for gray ``white`` or ``black``.
-        vmin: depth of the near end, metres (or the map's own unit); None for percentile 2.
-        vmax: depth of the far end; None for percentile 98.
+        vmin: least value with a colour of its own, in metres (or what the map holds); None for
+            percentile 2. It is the near end, or the far end of an inverse map.
+        vmax: largest such value; None for percentile 98.
         legend: draw a scale at the right.
         side_by_side: put the picture at the left.
     """
@@ -51,12 +51,7 @@ class PreviewWriter:
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write the preview; flat, empty and infinite maps have one too."""
-        image = self.render(depth, frame)
-        bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-        ok, data = cv2.imencode(".png", bgr, (cv2.IMWRITE_PNG_COMPRESSION, 1))
-        if not ok:
-            raise OutputError(f"{path} could not be encoded as PNG")
-        path.write_bytes(data.tobytes())
+        path.write_bytes(encode_png(self.render(depth, frame)))
         return ()
 
     def render(self, depth: DepthMap, frame: Frame | None = None) -> npt.NDArray[np.uint8]:
@@ -75,13 +70,16 @@ class PreviewWriter:
 
     def _limits(self, depth: DepthMap) -> tuple[float, float]:
         """The values at the near and the far end of the colormap."""
-        finite = depth.values[np.isfinite(depth.values)]
-        low, high = _percentiles(finite) if finite.size else (0.0, 1.0)
-        if depth.kind is DepthKind.INVERSE:
-            low, high = high, low
-        near = self.vmin if self.vmin is not None else float(low)
-        far = self.vmax if self.vmax is not None else float(high)
-        return near, far
+        known = depth.values[_has_depth(depth) & np.isfinite(depth.values)]
+        low, high = _percentiles(known) if known.size else (1.0, 1.0)
+        # Near stays near, whichever way round or however far off the user's limits are.
+        if self.vmin is not None and self.vmax is not None:
+            low, high = sorted((self.vmin, self.vmax))
+        elif self.vmin is not None:
+            low, high = self.vmin, max(high, self.vmin)
+        elif self.vmax is not None:
+            low, high = min(low, self.vmax), self.vmax
+        return (high, low) if depth.kind is DepthKind.INVERSE else (low, high)
 
 
 def _percentiles(values: npt.NDArray[np.float32]) -> tuple[float, float]:
@@ -93,22 +91,31 @@ def _percentiles(values: npt.NDArray[np.float32]) -> tuple[float, float]:
 
 
 def nearness(depth: DepthMap, near: float, far: float) -> npt.NDArray[np.float32]:
-    """1 at ``near``, 0 at ``far``, evenly in inverse depth for metric maps; NaN without depth.
+    """1 at ``near``, 0 at ``far``; NaN without depth.
+
+    Metric maps are spread evenly in inverse depth, or in depth where the near end is 0.
 
     Args:
         depth: map of any kind.
-        near: value of the near end; if it equals ``far`` everything is halfway.
+        near: value of the near end; if it equals ``far``, it is halfway itself.
         far: value of the far end.
 
     Returns:
         (H, W) float32 in [0, 1] or NaN. Infinitely far is 0.
     """
     values, ends = depth.values, np.array([near, far], np.float32)
-    if depth.is_metric:
+    if depth.is_metric and near > 0:
         values = np.reciprocal(np.maximum(values, np.float32(_NEAREST_M)))
         ends = np.reciprocal(np.maximum(ends, np.float32(_NEAREST_M)))
+    elif depth.kind is not DepthKind.INVERSE:
+        values, ends = -values, -ends
     span = ends[0] - ends[1]
-    if span == 0:
-        return np.where(np.isnan(values), np.float32(np.nan), np.float32(0.5))
-    share: npt.NDArray[np.float32] = np.clip((values - ends[1]) / span, 0, 1)
-    return share
+    share = np.sign(values - ends[1]) / 2 + 0.5 if span <= 0 else (values - ends[1]) / span
+    return np.where(_has_depth(depth), np.clip(share, 0, 1), np.nan).astype(np.float32)
+
+
+def _has_depth(depth: DepthMap) -> npt.NDArray[np.bool_]:
+    """Where there is a value that means something; infinitely far is something."""
+    if depth.is_metric:
+        return depth.values > 0
+    return ~np.isnan(depth.values)
