@@ -1,0 +1,61 @@
+"""Threads change how long a map takes, never what it gives."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from depthcli.core.ordered_map import ordered_map
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@given(st.lists(st.integers()), st.integers(0, 3), st.integers(1, 5))
+def test_results_are_those_of_map_in_order(items: list[int], workers: int, ahead: int) -> None:
+    def slow_if_even(item: int) -> int:
+        time.sleep(0.0001 * (item % 2))
+        return 3 * item
+
+    results = ordered_map(slow_if_even, items, workers=workers, ahead=ahead)
+    assert list(results) == [3 * item for item in items]
+
+
+def test_no_more_items_are_pulled_than_fit_in_memory() -> None:
+    pulled = 0
+
+    def items() -> Iterator[int]:
+        nonlocal pulled
+        for number in range(1, 1001):
+            pulled = number
+            yield number
+
+    for done, _ in enumerate(ordered_map(str, items(), workers=2, ahead=4)):
+        assert pulled - done <= 4
+
+
+def test_workers_work_at_the_same_time() -> None:
+    both = threading.Barrier(2, timeout=10)
+    results = ordered_map(lambda _: both.wait(), range(4), workers=2)
+    assert sorted(results) == [0, 0, 1, 1]
+
+
+def test_an_error_comes_at_its_items_turn() -> None:
+    results = ordered_map(lambda item: 1 // item, [1, 1, 0, 1], workers=2)
+    assert [next(results), next(results)] == [1, 1]
+    with pytest.raises(ZeroDivisionError):
+        next(results)
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_closed_map_leaves_no_thread(workers: int) -> None:
+    before = threading.active_count()
+    results = ordered_map(str, range(1000), workers=workers)
+    assert next(results) == "0"
+    results.close()
+    assert threading.active_count() == before
