@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
-_Method = Annotated[str, typer.Argument(help="The method: proposed.")]
+_Method = Annotated[
+    str, typer.Argument(help="cyclegan, cut, fastcut, dclgan, simdcl, hnegsrc or proposed.")
+]
 _Data = Annotated[
     Path | None,
     typer.Option(help="NYU Depth v2: the .mat file, or a folder of rgb/, depth/, index.csv."),
@@ -100,8 +102,8 @@ def _resolve(
     method: str, preset: str | None, files: list[Path], settings: list[str]
 ) -> TrainConfig:
     try:
-        from depthcli.training.config import TrainConfig, resolve
-        from depthcli.training.methods.registry import METHODS
+        from depthcli.training.config import resolve
+        from depthcli.training.methods.registry import METHODS, check_terms, default_config
         from depthcli.training.preset_files import preset_file
     except ImportError as error:
         raise DepthcliError(
@@ -110,7 +112,9 @@ def _resolve(
     if method not in METHODS:
         raise typer.BadParameter(f"no method '{method}'; choose from {', '.join(METHODS)}")
     named = [preset_file(preset)] if preset else []
-    return resolve(TrainConfig(method=method), [*named, *files], settings)
+    resolved = resolve(default_config(method), [*named, *files], settings)
+    check_terms(resolved)
+    return resolved
 
 
 def _print_config(config: TrainConfig) -> None:

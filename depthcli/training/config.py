@@ -110,12 +110,14 @@ class DataConfig:
 
 @dataclass(frozen=True, slots=True)
 class LossConfig:
-    """Weights and variants of eq. 7; a weight of zero also leaves its networks out.
+    """Weights and variants of the losses; a weight of zero also leaves its networks out.
+
+    A method has some of them (``Method.TERMS``); the others have to be zero.
 
     Attributes:
         adversarial: λ1, both directions.
-        contrast_x: λ2, NCE of x and G(x).
-        contrast_y: λ3, NCE of y and G(y).
+        contrast_x: λ2, NCE of x and G(x); hDCE for HnegSRC.
+        contrast_y: λ3, NCE of y and G(y); of y and F(y) for DCLGAN and SimDCL.
         identity: λ4, eq. 3.
         cycle: λ5, eq. 2.
         l1: λ6, eq. 1; zero is the unpaired ablation.
@@ -124,6 +126,11 @@ class LossConfig:
         gan: form of the adversarial terms.
         contrast: ``cut`` compares output with input, ``cfl`` output with paired truth.
         l1_backward: also hold F to the paired picture by eq. 1.
+        flip_contrast: half of the steps mirror the input of G (FastCUT).
+        relation: λ of the semantic relations' consistency (HnegSRC).
+        gamma_start: γ of HnegSRC's negatives at the first step.
+        gamma_end: γ at the last step; linear in between.
+        similarity: weight of the domains' similarity (SimDCL).
     """
 
     adversarial: float = 1.0
@@ -137,6 +144,11 @@ class LossConfig:
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"
     contrast: Literal["cut", "cfl"] = "cut"
     l1_backward: bool = False
+    flip_contrast: bool = False
+    relation: float = 0.0
+    gamma_start: float = 50.0
+    gamma_end: float = 10.0
+    similarity: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +169,9 @@ class OptimConfig:
         ema: decay of the weight average that is validated and exported; 0 keeps none.
         pool_size: image pool of the discriminators; 0 has none.
         width_discriminator: first layer of the discriminators.
+        head_learning_rate: of the patch heads of DCLGAN and SimDCL; 0 is ``learning_rate``.
+        head_beta1: Adam's first, of those heads.
+        head_beta2: Adam's second, of those heads.
     """
 
     batch_size: int = 1
@@ -172,6 +187,9 @@ class OptimConfig:
     ema: float = 0.0
     pool_size: int = 50
     width_discriminator: int = 64
+    head_learning_rate: float = 0.0
+    head_beta1: float = 0.5
+    head_beta2: float = 0.999
 
     @property
     def epochs(self) -> int:

@@ -13,8 +13,19 @@ if TYPE_CHECKING:
 _SMALLEST_PX = 32  # below, the discriminators have no output and the gradients no coarsest scale
 _RESNET_STRIDE = 4
 _LEVELS = {"encoder": 5, "decoder": 4, "depths": 4}
-_TERMS = ("adversarial", "contrast_x", "contrast_y", "identity", "cycle", "l1", "gradient")
-_AT_LEAST = {
+TERMS = (
+    "adversarial",
+    "contrast_x",
+    "contrast_y",
+    "identity",
+    "cycle",
+    "l1",
+    "gradient",
+    "relation",
+    "similarity",
+)
+"""Weights of ``LossConfig`` that make a term of their own."""
+_AT_LEAST: dict[str, dict[str, float]] = {
     "": {"seed": 0, "validate_every": 1},
     "generator": {"width": 1, "blocks": 1},
     "data": {
@@ -29,13 +40,14 @@ _AT_LEAST = {
         "holdout_every": 0,
         "holdout_offset": 0,
     },
-    "loss": dict.fromkeys((*_TERMS, "weight_penalty"), 0),
+    "loss": dict.fromkeys((*TERMS, "weight_penalty"), 0) | {"gamma_start": 1e-3, "gamma_end": 1e-3},
     "optim": {
         "batch_size": 1,
         "epochs_constant": 0,
         "epochs_decay": 0,
         "warmup_steps": 0,
         "learning_rate": 0,
+        "head_learning_rate": 0,
         "weight_decay": 0,
         "clip_norm": 0,
         "pool_size": 0,
@@ -46,6 +58,8 @@ _SHARES = (
     ("generator", "dropout"),
     ("optim", "beta1"),
     ("optim", "beta2"),
+    ("optim", "head_beta1"),
+    ("optim", "head_beta2"),
     ("optim", "ema"),
 )
 
@@ -71,8 +85,6 @@ def check_range(config: TrainConfig) -> None:
             "output.min_m is above 0 and below output.max_m, "
             f"not {config.output.min_m} and {config.output.max_m}"
         )
-    if not any(getattr(config.loss, name) for name in _TERMS):
-        raise UsageError(f"one of loss.{', loss.'.join(_TERMS)} is above 0")
     _check_generator(config)
 
 

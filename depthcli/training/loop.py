@@ -7,7 +7,7 @@ import math
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import torch
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
     from depthcli.training.batches import Batch
     from depthcli.training.config import DataConfig, OptimConfig, TrainConfig
-    from depthcli.training.methods.base import Phase
+    from depthcli.training.methods.base import Method, Phase
 
 CHECKPOINT = "last.ckpt"
 METRICS_LOG = "metrics.jsonl"
@@ -168,7 +168,11 @@ class Run:
         self.method = build_method(config)
         self.method.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         phases = [phase for phase in self.method.phases if self.method.networks(phase)]
-        optimizers = [optimizer(self.method.networks(p), config.optim) for p in phases]
+        optimizers = [optimizer(self.method, phase, config.optim) for phase in phases]
+        self.rates = {
+            phase: [group["lr"] for group in o.param_groups]
+            for phase, o in zip(phases, optimizers, strict=True)
+        }
         self.module, *ready = fabric.setup(self.method, *optimizers)
         self.optimizers: dict[Phase, torch.optim.Optimizer] = dict(zip(phases, ready, strict=True))
         decay = config.optim.ema
@@ -181,13 +185,12 @@ class Run:
 
     def step(self, batch: Batch) -> dict[str, float]:
         """One optimisation step of every phase; the loss terms by name."""
-        rate = self.config.optim.learning_rate * factor(
-            self.config.optim, self.progress.step, self.steps_per_epoch
-        )
+        share = factor(self.config.optim, self.progress.step, self.steps_per_epoch)
+        self.method.share_done = self.progress.step / self.steps
         losses: dict[str, float] = {}
         for phase, optimizer in self.optimizers.items():
-            for group in optimizer.param_groups:
-                group["lr"] = rate
+            for group, rate in zip(optimizer.param_groups, self.rates[phase], strict=True):
+                group["lr"] = share * rate
             terms: dict[str, Tensor] = self.module(batch, phase)
             losses |= finite(terms)
             optimizer.zero_grad()
@@ -263,15 +266,25 @@ class Run:
         return self._device.type == "cuda"
 
 
-def optimizer(networks: list[nn.Module], optim: OptimConfig) -> torch.optim.Optimizer:
-    """AdamW over some networks, which is Adam where nothing decays."""
+def optimizer(method: Method, phase: Phase, optim: OptimConfig) -> torch.optim.Optimizer:
+    """AdamW over the networks of a phase, which is Adam where nothing decays."""
+    networks, heads = method.networks(phase), method.heads() if optim.head_learning_rate else []
+    body = [network for network in networks if network not in heads]
+    groups = _groups(body, optim.weight_decay)
+    for group in _groups([network for network in networks if network in heads], optim.weight_decay):
+        betas = (optim.head_beta1, optim.head_beta2)
+        groups.append(group | {"lr": optim.head_learning_rate, "betas": betas})
+    return torch.optim.AdamW(groups, optim.learning_rate, (optim.beta1, optim.beta2))
+
+
+def _groups(networks: list[nn.Module], weight_decay: float) -> list[dict[str, Any]]:
+    """Kernels and matrices, which decay, and the rest, which does not."""
     weights = [w for network in networks for w in network.parameters()]
-    groups = [
-        {"params": [w for w in weights if w.ndim > 1], "weight_decay": optim.weight_decay},
+    groups: list[dict[str, Any]] = [
+        {"params": [w for w in weights if w.ndim > 1], "weight_decay": weight_decay},
         {"params": [w for w in weights if w.ndim <= 1], "weight_decay": 0.0},
     ]
-    groups = [group for group in groups if group["params"]]
-    return torch.optim.AdamW(groups, optim.learning_rate, (optim.beta1, optim.beta2))
+    return [group for group in groups if group["params"]]
 
 
 def finite(terms: dict[str, Tensor]) -> dict[str, float]:

@@ -94,7 +94,7 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (("pix2pix", "--data", "data"), "no method 'pix2pix'; choose from proposed"),
+        (("pix2pix", "--data", "data"), "no method 'pix2pix'; choose from cyclegan, cut"),
         (("proposed",), "--data"),
         (("proposed", "--preset", "huge"), "no preset 'huge'"),
         (("proposed", "--set", "optim.speed=1"), "unknown setting 'speed'"),

@@ -1,19 +1,28 @@
-"""What every method is to the training loop."""
+"""What every method is to the training loop, and what the methods share."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Literal
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeVar
 
+import torch
+import torch.nn.functional as F  # noqa: N812
 from torch import nn
 
+from depthcli.training.networks.build import build_generator
+
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
     from torch import Tensor
 
     from depthcli.training.batches import Batch
     from depthcli.training.config import TrainConfig
+    from depthcli.training.networks.build import Generator
 
 Phase = Literal["generator", "discriminator"]
+_Part = TypeVar("_Part")
 
 
 class Method(nn.Module):
@@ -23,20 +32,29 @@ class Method(nn.Module):
     and minimises over the networks of that phase.
 
     Attributes:
+        TERMS: the weights of ``LossConfig`` that the method knows; others have to be zero.
         phases: the order of the two half steps.
-        generator: the network that is validated and exported.
+        generator: G, gray to depth: the network that is validated and exported.
+        share_done: how much of the schedule is done, in [0, 1); the loop keeps it.
     """
 
+    TERMS: ClassVar[frozenset[str]]
     phases: tuple[Phase, ...]
-    generator: nn.Module
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__()
-        self.config = config
+        self.config, self.weights = config, config.loss
+        self.codec = config.output.codec
+        self.share_done = 0.0
+        self.generator: Generator = build_generator(config.generator)
 
     @abstractmethod
     def networks(self, phase: Phase) -> list[nn.Module]:
         """The networks that a phase moves; none if the phase has nothing to do."""
+
+    def heads(self) -> list[nn.Module]:
+        """Those of the networks that have a learning rate of their own, if one is set."""
+        return []
 
     @abstractmethod
     def forward(self, batch: Batch, phase: Phase) -> dict[str, Tensor]:
@@ -48,3 +66,47 @@ class Method(nn.Module):
 
     def load_extra_state(self, state: dict[str, list[Tensor]]) -> None:
         """Take up what :meth:`extra_state` returned."""
+
+    def encode(self, depth_m: Tensor) -> Tensor:
+        """Metres to the networks' coding, (B, 1, H, W) in [-1, 1]."""
+        output = self.config.output
+        nearest_m = output.min_m if output.coding == "log" else 0.0
+        depth_m = depth_m.clamp(nearest_m, output.max_m)
+        t = torch.log(depth_m) if output.coding == "log" else depth_m
+        return (t - self.codec.shift) / self.codec.scale
+
+
+def translated(generator: nn.Module, image: Tensor) -> Tensor:
+    """A generator's output (B, 1, H, W), fp32, grown to its input's size if it is smaller."""
+    return sized(generator(image).float(), image)
+
+
+def sized(image: Tensor, like: Tensor) -> Tensor:
+    """Grow an output at a lower stride to the size of an input."""
+    if image.shape[2:] == like.shape[2:]:
+        return image
+    return F.interpolate(image, size=like.shape[2:], mode="bilinear", align_corners=False)
+
+
+def present(part: _Part | None) -> _Part:
+    """A network or an output that the weights of the losses call for.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if part is None:
+        raise ValueError("a weight above zero builds what its loss needs")
+    return part
+
+
+@contextmanager
+def frozen(networks: Iterable[nn.Module]) -> Iterator[None]:
+    """Let gradients pass through networks without gathering in them."""
+    weights = [weight for network in networks for weight in network.parameters()]
+    for weight in weights:
+        weight.requires_grad_(False)
+    try:
+        yield
+    finally:
+        for weight in weights:
+            weight.requires_grad_(True)

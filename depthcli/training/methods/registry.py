@@ -1,25 +1,75 @@
-"""The methods by name."""
+"""The methods by name, and what each is set to."""
 
 from __future__ import annotations
 
+import tomllib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
+from depthcli.training.config import TrainConfig, updated
+from depthcli.training.config_range import TERMS
+from depthcli.training.methods.cut import Cut
+from depthcli.training.methods.cyclegan import CycleGan
+from depthcli.training.methods.dclgan import DclGan
+from depthcli.training.methods.hnegsrc import HnegSrc
 from depthcli.training.methods.proposed import Proposed
+from depthcli.training.methods.simdcl import SimDcl
 
 if TYPE_CHECKING:
-    from depthcli.training.config import TrainConfig
     from depthcli.training.methods.base import Method
 
-METHODS: dict[str, type[Method]] = {"proposed": Proposed}
+METHODS: dict[str, type[Method]] = {
+    "cyclegan": CycleGan,
+    "cut": Cut,
+    "fastcut": Cut,
+    "dclgan": DclGan,
+    "simdcl": SimDcl,
+    "hnegsrc": HnegSrc,
+    "proposed": Proposed,
+}
+"""In the order of the paper's Table I."""
+_DEFAULTS = Path(__file__).parent / "defaults"
+
+
+def default_config(method: str) -> TrainConfig:
+    """A method as its authors set it: the differences from the paper's, which is the default.
+
+    Raises:
+        UsageError: there is no such method.
+    """
+    _known(method)
+    differences = tomllib.loads((_DEFAULTS / f"{method}.toml").read_text("utf-8"))
+    return updated(TrainConfig(method=method), differences)
 
 
 def build_method(config: TrainConfig) -> Method:
     """The method that a configuration names, with fresh weights.
 
     Raises:
-        UsageError: there is no such method.
+        UsageError: there is no such method, or it knows nothing of a loss whose weight is set.
     """
-    if config.method not in METHODS:
-        raise UsageError(f"no method '{config.method}'; choose from {', '.join(METHODS)}")
+    check_terms(config)
     return METHODS[config.method](config)
+
+
+def check_terms(config: TrainConfig) -> None:
+    """Accept a configuration whose losses its method has.
+
+    Raises:
+        UsageError: otherwise; a weight that does nothing would be taken for one that does.
+    """
+    known = _known(config.method).TERMS
+    strange = [name for name in TERMS if getattr(config.loss, name) and name not in known]
+    if strange:
+        raise UsageError(
+            f"{config.method} has no loss.{strange[0]}; it has loss.{', loss.'.join(sorted(known))}"
+        )
+    if not any(getattr(config.loss, name) for name in known):
+        raise UsageError(f"one of loss.{', loss.'.join(sorted(known))} is above 0")
+
+
+def _known(method: str) -> type[Method]:
+    if method not in METHODS:
+        raise UsageError(f"no method '{method}'; choose from {', '.join(METHODS)}")
+    return METHODS[method]

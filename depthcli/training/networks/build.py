@@ -5,13 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from depthcli.training.networks.efficient import EfficientGenerator
+from depthcli.training.networks.patchgan import PatchGan
 from depthcli.training.networks.resnet import ResnetGenerator
 
 if TYPE_CHECKING:
-    from depthcli.training.config import GeneratorConfig
+    from depthcli.training.config import GeneratorConfig, TrainConfig
+
+Generator = EfficientGenerator | ResnetGenerator
 
 
-def build_generator(config: GeneratorConfig) -> EfficientGenerator | ResnetGenerator:
+def build_generator(config: GeneratorConfig) -> Generator:
     """The generator that a configuration describes, with fresh weights."""
     if config.name == "efficient":
         return EfficientGenerator(config.encoder, config.decoder, config.depths, config.dropout)
@@ -21,3 +24,8 @@ def build_generator(config: GeneratorConfig) -> EfficientGenerator | ResnetGener
         antialias=config.antialias,
         residual=config.residual,
     )
+
+
+def build_discriminator(config: TrainConfig) -> PatchGan:
+    """A discriminator of the same family as the generator, with fresh weights."""
+    return PatchGan(width=config.optim.width_discriminator, antialias=config.generator.antialias)

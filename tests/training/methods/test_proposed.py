@@ -146,10 +146,10 @@ def test_discriminators_see_pooled_fakes() -> None:
 
 def test_depth_beyond_the_coding_is_clamped() -> None:
     method = _method(l1=1.0)
-    coded = method._encode(torch.tensor([0.0, 5.0, 10.0, 80.0]))
+    coded = method.encode(torch.tensor([0.0, 5.0, 10.0, 80.0]))
     torch.testing.assert_close(coded, torch.tensor([-1.0, 0.0, 1.0, 1.0]))
     log = Proposed(EFFICIENT)
-    coded = log._encode(torch.tensor([0.0, 0.4, 2.0, 10.0, 80.0]))
+    coded = log.encode(torch.tensor([0.0, 0.4, 2.0, 10.0, 80.0]))
     torch.testing.assert_close(coded, torch.tensor([-1.0, -1.0, 0.0, 1.0, 1.0]))
 
 
@@ -157,7 +157,7 @@ def test_output_at_half_the_size_is_held_to_the_mean_of_the_truth() -> None:
     config = replace(EFFICIENT, loss=replace(NOTHING, l1=1.0))
     method, batch = Proposed(config), _batch()
     torch.nn.init.normal_(method.eval().generator.head.weight)
-    raw, y = method.generator(batch.gray), method._encode(batch.depth_m)
+    raw, y = method.generator(batch.gray), method.encode(batch.depth_m)
     wanted = (raw - F.avg_pool2d(y, 2)).abs().mean()
     torch.testing.assert_close(method(batch, "generator")["l1"], wanted)
 

@@ -1,0 +1,28 @@
+"""Contrast as the methods use it: patch vectors of an output against those of its input."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+
+from depthcli.training.networks.patch_sampler import PatchSampler
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from torch import Tensor
+
+    from depthcli.training.networks.build import Generator
+
+
+def patch_heads(generator: Generator, taps: Sequence[str]) -> PatchSampler:
+    """Fresh heads for some taps of a generator."""
+    return PatchSampler([generator.tap_channels(tap) for tap in taps])
+
+
+def mean_over_taps(
+    loss: Callable[[Tensor, Tensor], Tensor], queries: Sequence[Tensor], keys: Sequence[Tensor]
+) -> Tensor:
+    """A contrast of each tap's patch vectors (B, P, dim), averaged; a scalar."""
+    return torch.stack([loss(q, k) for q, k in zip(queries, keys, strict=True)]).mean()

@@ -1,0 +1,88 @@
+"""CUT and FastCUT (Park et al. 2020): one direction, held to its input by patch-wise contrast."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import torch
+
+from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
+from depthcli.training.losses.patchnce import patch_nce
+from depthcli.training.methods.base import Method, Phase, frozen, translated
+from depthcli.training.methods.contrast import mean_over_taps, patch_heads
+from depthcli.training.networks.build import build_discriminator
+
+if TYPE_CHECKING:
+    from torch import Tensor, nn
+
+    from depthcli.training.batches import Batch
+    from depthcli.training.config import TrainConfig
+
+
+class Cut(Method):
+    """GAN + contrast of x and G(x) + contrast of y and G(y).
+
+    With ``flip_contrast`` (FastCUT) half of the steps show G the mirrored picture; its features
+    are mirrored back and compared with those of the picture as it is.
+    """
+
+    TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y"})
+    phases: tuple[Phase, ...] = ("discriminator", "generator")
+
+    def __init__(self, config: TrainConfig) -> None:
+        super().__init__(config)
+        self.judge = build_discriminator(config) if self.weights.adversarial else None
+        self.sampler = patch_heads(self.generator, self.generator.TAPS)
+        self._made: tuple[Tensor, bool] | None = None
+
+    def networks(self, phase: Phase) -> list[nn.Module]:
+        """G and the patch heads; or the discriminator."""
+        if phase == "generator":
+            return [self.generator, self.sampler]
+        return [] if self.judge is None else [self.judge]
+
+    def forward(self, batch: Batch, phase: Phase) -> dict[str, Tensor]:
+        """The discriminator's term, or the generator's."""
+        x, y = batch.gray, self.encode(batch.depth_m)
+        if phase == "discriminator":
+            assert self.judge is not None  # noqa: S101 - the loop leaves out what has no network
+            self._made = self._translate(x)  # not moved in between, so the next phase takes it up
+            fake_y = self._made[0].detach()
+            return {"judge": discriminator_loss(self.weights.gan, self.judge, real=y, fake=fake_y)}
+        fake_y, flipped = self._made or self._translate(x)
+        self._made = None
+        return self._deceive(y, fake_y) | self._contrasted(x, y, fake_y, flipped=flipped)
+
+    def _translate(self, x: Tensor) -> tuple[Tensor, bool]:
+        flipped = self.weights.flip_contrast and bool(torch.rand(()) < 0.5)  # noqa: PLR2004
+        return translated(self.generator, x.flip(3) if flipped else x), flipped
+
+    def _deceive(self, y: Tensor, fake_y: Tensor) -> dict[str, Tensor]:
+        if self.judge is None:
+            return {}
+        with frozen([self.judge]):
+            loss = generator_loss(self.weights.gan, self.judge, real=y, fake=fake_y)
+        return {"adversarial": self.weights.adversarial * loss}
+
+    def _contrasted(
+        self, x: Tensor, y: Tensor, fake_y: Tensor, *, flipped: bool
+    ) -> dict[str, Tensor]:
+        terms = {}
+        if self.weights.contrast_x:
+            loss = mean_over_taps(patch_nce, *self._vectors(x, fake_y, flipped=flipped))
+            terms["contrast_x"] = self.weights.contrast_x * loss
+        if self.weights.contrast_y:
+            same_y = translated(self.generator, y)
+            loss = mean_over_taps(patch_nce, *self._vectors(y, same_y))
+            terms["contrast_y"] = self.weights.contrast_y * loss
+        return terms
+
+    def _vectors(
+        self, source: Tensor, output: Tensor, *, flipped: bool = False
+    ) -> tuple[list[Tensor], list[Tensor]]:
+        """Queries of the output and keys of the source, (B, P, dim) of each tap."""
+        keys, positions = self.sampler(self.generator.features(source))
+        maps = self.generator.features(output)
+        maps = [features.flip(3) for features in maps] if flipped else maps
+        queries, _ = self.sampler(maps, positions)
+        return queries, keys

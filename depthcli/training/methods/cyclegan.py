@@ -1,0 +1,133 @@
+"""CycleGAN (Zhu et al. 2017): two generators that undo each other, two discriminators."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+import torch.nn.functional as F  # noqa: N812
+
+from depthcli.training.image_pool import ImagePool
+from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
+from depthcli.training.methods.base import Method, Phase, frozen, present, sized, translated
+from depthcli.training.networks.build import build_discriminator, build_generator
+
+if TYPE_CHECKING:
+    from torch import Tensor, nn
+
+    from depthcli.training.batches import Batch
+    from depthcli.training.config import TrainConfig
+
+
+class Made(NamedTuple):
+    """What the generators make of a batch; None where no term asks for it.
+
+    Attributes:
+        raw_y: G(x) at the generator's own size.
+        fake_y: G(x), (B, 1, H, W).
+        fake_x: F(y).
+        same_y: G(y).
+    """
+
+    raw_y: Tensor
+    fake_y: Tensor
+    fake_x: Tensor | None
+    same_y: Tensor | None
+
+
+class CycleGan(Method):
+    """Eq. 2, 3, 5 and 6; a weight of zero leaves the term and its networks out.
+
+    G maps gray to depth, F depth to gray; D_y judges depth, D_x gray.
+    """
+
+    TERMS: ClassVar = frozenset({"adversarial", "cycle", "identity"})
+    phases: tuple[Phase, ...] = ("generator", "discriminator")
+
+    def __init__(self, config: TrainConfig) -> None:
+        super().__init__(config)
+        self.backward_generator = build_generator(config.generator) if self._both_ways else None
+        adversarial = bool(self.weights.adversarial)
+        self.judge_depth = build_discriminator(config) if adversarial else None
+        self.judge_gray = build_discriminator(config) if adversarial else None
+        self.pools = (ImagePool(config.optim.pool_size), ImagePool(config.optim.pool_size))
+        self._fakes: tuple[Tensor, Tensor] | None = None
+
+    @property
+    def _both_ways(self) -> bool:
+        weights = self.weights
+        return bool(weights.cycle or weights.adversarial or weights.identity)
+
+    def networks(self, phase: Phase) -> list[nn.Module]:
+        """G and F; or the discriminators."""
+        makers = (self.generator, self.backward_generator)
+        judges = (self.judge_depth, self.judge_gray)
+        return [net for net in (makers if phase == "generator" else judges) if net is not None]
+
+    def forward(self, batch: Batch, phase: Phase) -> dict[str, Tensor]:
+        """The generators' terms, or the discriminators'."""
+        x, y = batch.gray, self.encode(batch.depth_m)
+        if phase == "discriminator":
+            return self._judge(x, y)
+        made = self._translate(x, y)
+        if made.fake_x is not None:
+            self._fakes = made.fake_x.detach(), made.fake_y.detach()
+        return self._terms(x, y, made)
+
+    def _translate(self, x: Tensor, y: Tensor) -> Made:
+        forward, backward, weights = self.generator, self.backward_generator, self.weights
+        raw_y = forward(x).float()
+        keeps_y = weights.identity or weights.contrast_y
+        return Made(
+            raw_y=raw_y,
+            fake_y=sized(raw_y, x),
+            fake_x=translated(backward, y) if backward is not None else None,
+            same_y=translated(forward, y) if keeps_y else None,
+        )
+
+    def _terms(self, x: Tensor, y: Tensor, made: Made) -> dict[str, Tensor]:
+        weights, terms = self.weights, {}
+        if weights.cycle:
+            terms["cycle"] = weights.cycle * self._cycle(x, y, made)
+        if weights.identity:
+            terms["identity"] = weights.identity * self._identity(x, y, made)
+        if weights.adversarial:
+            terms["adversarial"] = weights.adversarial * self._deceive(x, y, made)
+        return terms
+
+    def _cycle(self, x: Tensor, y: Tensor, made: Made) -> Tensor:
+        """Eq. 2."""
+        there = F.l1_loss(translated(present(self.backward_generator), made.fake_y), x)
+        return there + F.l1_loss(translated(self.generator, present(made.fake_x)), y)
+
+    def _identity(self, x: Tensor, y: Tensor, made: Made) -> Tensor:
+        """Eq. 3."""
+        same_x = translated(present(self.backward_generator), x)
+        return F.l1_loss(present(made.same_y), y) + F.l1_loss(same_x, x)
+
+    def _deceive(self, x: Tensor, y: Tensor, made: Made) -> Tensor:
+        """The generators' half of eq. 5 and 6."""
+        judge_y, judge_x = present(self.judge_depth), present(self.judge_gray)
+        with frozen([judge_y, judge_x]):
+            loss_y = generator_loss(self.weights.gan, judge_y, real=y, fake=made.fake_y)
+            loss_x = generator_loss(self.weights.gan, judge_x, real=x, fake=present(made.fake_x))
+        return loss_y + loss_x
+
+    def _judge(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
+        """The discriminators' half of eq. 5 and 6, on pooled fakes."""
+        if self.judge_depth is None or self.judge_gray is None or self._fakes is None:
+            return {}
+        gan, (fake_x, fake_y) = self.weights.gan, self._fakes
+        past_x, past_y = self.pools[0].exchange(fake_x), self.pools[1].exchange(fake_y)
+        return {
+            "judge_depth": discriminator_loss(gan, self.judge_depth, real=y, fake=past_y),
+            "judge_gray": discriminator_loss(gan, self.judge_gray, real=x, fake=past_x),
+        }
+
+    def extra_state(self) -> dict[str, list[Tensor]]:
+        """The image pools."""
+        return {"pool_gray": self.pools[0].images, "pool_depth": self.pools[1].images}
+
+    def load_extra_state(self, state: dict[str, list[Tensor]]) -> None:
+        """Refill the image pools."""
+        self.pools[0].images = list(state["pool_gray"])
+        self.pools[1].images = list(state["pool_depth"])

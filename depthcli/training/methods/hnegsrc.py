@@ -1,0 +1,43 @@
+"""HnegSRC (Jung et al. 2022): CUT with hard negatives and consistent relations of patches."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
+
+from depthcli.training.losses.hdce import hdce
+from depthcli.training.losses.src import semantic_relation
+from depthcli.training.methods.base import translated
+from depthcli.training.methods.contrast import mean_over_taps
+from depthcli.training.methods.cut import Cut
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+class HnegSrc(Cut):
+    """GAN + hDCE of x and G(x) + hDCE of y and G(y) + SRC of x and G(x)."""
+
+    TERMS: ClassVar = Cut.TERMS | {"relation"}
+
+    @property
+    def gamma(self) -> float:
+        """γ of the negatives' weights, linear in the schedule: they grow harder."""
+        start, end = self.weights.gamma_start, self.weights.gamma_end
+        return start + (end - start) * self.share_done
+
+    def _contrasted(
+        self, x: Tensor, y: Tensor, fake_y: Tensor, *, flipped: bool
+    ) -> dict[str, Tensor]:
+        terms, weights = {}, self.weights
+        hard = partial(hdce, gamma=self.gamma)
+        vectors = self._vectors(x, fake_y, flipped=flipped)
+        if weights.contrast_x:
+            terms["contrast_x"] = weights.contrast_x * mean_over_taps(hard, *vectors)
+        if weights.relation:
+            relation = mean_over_taps(semantic_relation, *vectors)
+            terms["relation"] = weights.relation * relation
+        if weights.contrast_y:
+            same_y = self._vectors(y, translated(self.generator, y))
+            terms["contrast_y"] = weights.contrast_y * mean_over_taps(hard, *same_y)
+        return terms

@@ -1,0 +1,41 @@
+"""SimDCL (Han et al. 2021): DCLGAN whose fakes are, as a whole, similar to their domain."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from depthcli.training.losses.similarity import similarity
+from depthcli.training.methods.dclgan import DclGan
+from depthcli.training.networks.similarity_map import SimilarityMap
+
+if TYPE_CHECKING:
+    from torch import Tensor, nn
+
+    from depthcli.training.config import TrainConfig
+    from depthcli.training.methods.dclgan import Vectors
+
+
+class SimDcl(DclGan):
+    """DCLGAN + the distance of one vector an image, fake from real, in both domains."""
+
+    TERMS: ClassVar = DclGan.TERMS | {"similarity"}
+
+    def __init__(self, config: TrainConfig) -> None:
+        super().__init__(config)
+        taps = len(self.taps)
+        self.map_real_x, self.map_fake_y = SimilarityMap(taps), SimilarityMap(taps)
+        self.map_real_y, self.map_fake_x = SimilarityMap(taps), SimilarityMap(taps)
+
+    def heads(self) -> list[nn.Module]:
+        """The patch heads and the four maps."""
+        maps = [self.map_real_x, self.map_fake_y, self.map_real_y, self.map_fake_x]
+        return [*super().heads(), *maps]
+
+    def _compared(self, vectors: Vectors) -> dict[str, Tensor]:
+        alike = similarity(
+            real_x=self.map_real_x(vectors.real_x),
+            fake_x=self.map_fake_x(vectors.fake_x),
+            real_y=self.map_real_y(vectors.real_y),
+            fake_y=self.map_fake_y(vectors.fake_y),
+        )
+        return super()._compared(vectors) | {"similarity": self.weights.similarity * alike}
