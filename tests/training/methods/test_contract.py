@@ -10,29 +10,18 @@ import pytest
 import torch
 from lightning_fabric import Fabric
 from rooms import PAPER, rooms
+from small import tiny
 
 from depthcli.cli.train_progress import Silent
 from depthcli.errors import UsageError
 from depthcli.training.checkpoint import Checkpoint, load_generator
-from depthcli.training.config import updated
 from depthcli.training.loop import CHECKPOINT, Limits, train
-from depthcli.training.methods.registry import METHODS, build_method, default_config
+from depthcli.training.methods.registry import METHODS, build_method
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from depthcli.training.config import TrainConfig
-
-
-def tiny(name: str) -> TrainConfig:
-    """A method as it is set by default, in small; constant heads' rates stay its own."""
-    sizes = {
-        "seed": 3,
-        "generator": {"width": 8, "blocks": 2},
-        "data": {"width": 32, "height": 32, "holdout_every": 4, "holdout_offset": 1},
-        "optim": {"epochs_constant": 1, "epochs_decay": 1, "width_discriminator": 4},
-    }
-    return updated(default_config(name), sizes)
 
 
 def _two_steps(config: TrainConfig, folder: Path) -> int:

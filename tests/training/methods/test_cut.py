@@ -1,0 +1,124 @@
+"""CUT, FastCUT and HnegSRC term by term, against the networks and losses they are made of."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import torch
+from small import batch, coded, tiny_method
+
+from depthcli.training.losses.hdce import hdce
+from depthcli.training.losses.patchnce import patch_nce
+from depthcli.training.losses.src import semantic_relation
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from torch import Tensor
+
+
+def phases(method: Any, seed: int = 5) -> dict[str, Tensor]:
+    torch.manual_seed(seed)
+    terms: dict[str, Tensor] = method(batch(), "discriminator")
+    return terms | method(batch(), "generator")
+
+
+def contrast(
+    method: Any, loss: Callable[..., Tensor], source: Tensor, output: Tensor, *, flipped: bool
+) -> Tensor:
+    keys, positions = method.sampler(method.generator.features(source))
+    maps = method.generator.features(output)
+    queries, _ = method.sampler([m.flip(3) for m in maps] if flipped else maps, positions)
+    values = [loss(q, k) for q, k in zip(queries, keys, strict=True)]
+    assert len(values) == 5
+    return sum(values, torch.zeros(())) / 5
+
+
+def test_cut_is_gan_and_half_of_either_contrast() -> None:
+    method = tiny_method("cut")
+    terms = phases(method)
+    x, y = batch().gray, coded(batch().depth_m)
+    fake_y, same_y = method.generator(x), method.generator(y)
+    judge = method.judge
+    wanted = ((judge(y) - 1) ** 2).mean() / 2 + (judge(fake_y) ** 2).mean() / 2
+    torch.testing.assert_close(terms["judge"], wanted)
+    torch.testing.assert_close(terms["adversarial"], ((judge(fake_y) - 1) ** 2).mean())
+    torch.manual_seed(5)
+    nce_x = contrast(method, patch_nce, x, fake_y, flipped=False)
+    nce_y = contrast(method, patch_nce, y, same_y, flipped=False)
+    torch.testing.assert_close(terms["contrast_x"], nce_x / 2)
+    torch.testing.assert_close(terms["contrast_y"], nce_y / 2)
+    assert terms.keys() == {"judge", "adversarial", "contrast_x", "contrast_y"}
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_fastcut_mirrors_the_input_and_mirrors_the_features_back(flipped: bool) -> None:
+    method, x = tiny_method("fastcut"), batch().gray
+    seed = next(s for s in range(99) if flipped == (_first_draw(s) < 0.5))
+    terms = phases(method, seed)
+    fake_y = method.generator(x.flip(3) if flipped else x)
+    torch.testing.assert_close(terms["adversarial"], ((method.judge(fake_y) - 1) ** 2).mean())
+    torch.manual_seed(seed)
+    torch.rand(())
+    nce_x = contrast(method, patch_nce, x, fake_y, flipped=flipped)
+    torch.testing.assert_close(terms["contrast_x"], 10 * nce_x)
+    assert "contrast_y" not in terms
+
+
+def _first_draw(seed: int) -> float:
+    return float(torch.rand((), generator=torch.Generator().manual_seed(seed)))
+
+
+@pytest.mark.parametrize(("share_done", "gamma"), [(0.0, 50.0), (0.5, 30.0), (1.0, 10.0)])
+def test_hnegsrc_hardens_its_negatives_over_the_schedule(share_done: float, gamma: float) -> None:
+    method = tiny_method("hnegsrc")
+    method.share_done = share_done
+    terms = phases(method)
+    x, y = batch().gray, coded(batch().depth_m)
+
+    def hard(query: Tensor, key: Tensor) -> Tensor:
+        return hdce(query, key, gamma)
+
+    torch.manual_seed(5)
+    keys, positions = method.sampler(method.generator.features(x))
+    queries, _ = method.sampler(method.generator.features(method.generator(x)), positions)
+    pairs = list(zip(queries, keys, strict=True))
+    wanted = sum(hard(q, k) for q, k in pairs) / 5
+    torch.testing.assert_close(terms["contrast_x"], 0.05 * wanted)
+    relation = sum(semantic_relation(q, k) for q, k in pairs) / 5
+    torch.testing.assert_close(terms["relation"], 0.05 * relation)
+    back = contrast(method, hard, y, method.generator(y), flipped=False)
+    torch.testing.assert_close(terms["contrast_y"], 0.05 * back)
+
+
+@pytest.mark.parametrize("name", ["cut", "fastcut", "hnegsrc"])
+def test_weight_of_zero_leaves_the_discriminator_out(name: str) -> None:
+    method = tiny_method(name, adversarial=0)
+    assert method.networks("discriminator") == []
+    assert "adversarial" not in method(batch(), "generator")
+
+
+@pytest.mark.parametrize("name", ["cut", "fastcut", "hnegsrc", "dclgan", "simdcl", "cyclegan"])
+def test_phases_move_their_own_networks_only(name: str) -> None:
+    method = tiny_method(name)
+    for phase in method.phases:
+        method.zero_grad()
+        sum(method(batch(), phase).values()).backward()
+        for other in method.phases:
+            grads = [w.grad for net in method.networks(other) for w in net.parameters()]
+            assert any(g is not None and bool(g.any()) for g in grads) is (other == phase)
+
+
+@pytest.mark.parametrize("name", ["cut", "fastcut", "hnegsrc", "dclgan", "simdcl", "cyclegan"])
+def test_unpaired_methods_learn_nothing_from_the_pairing(name: str) -> None:
+    """What deceives the discriminators does not depend on which depth map is drawn."""
+    method, plain, other = tiny_method(name), batch(), batch(1)
+    outputs = []
+    for depth_m in (plain.depth_m, other.depth_m):
+        torch.manual_seed(5)
+        terms = method(plain._replace(depth_m=depth_m), "generator")
+        gradient = torch.autograd.grad(terms["adversarial"], method.generator.stem[0].weight)
+        outputs.append(gradient[0])
+    assert torch.equal(*outputs)
+    assert bool(outputs[0].any())

@@ -1,0 +1,93 @@
+"""DCLGAN and SimDCL term by term, against the networks and losses they are made of."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import torch
+from small import batch, coded, tiny, tiny_method
+
+from depthcli.training.loop import optimizer
+from depthcli.training.losses.patchnce import patch_nce
+from depthcli.training.methods.registry import build_method
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+TAPS = ("down1", "down2", "block1", "block5")
+
+
+def phases(method: Any) -> dict[str, Tensor]:
+    torch.manual_seed(5)
+    terms: dict[str, Tensor] = method(batch(), "discriminator")
+    return terms | method(batch(), "generator")
+
+
+def vectors(method: Any) -> tuple[list[Tensor], ...]:
+    """Keys of x, queries of G(x), keys of y, queries of F(y)."""
+    forward, backward = method.generator, method.backward_generator
+    x, y = batch().gray, coded(batch().depth_m)
+    torch.manual_seed(5)
+    key_x, at_x = method.sampler_gray(forward.features(x, TAPS))
+    key_y, at_y = method.sampler_depth(backward.features(y, TAPS))
+    query_y, _ = method.sampler_depth(backward.features(forward(x), TAPS), at_x)
+    query_x, _ = method.sampler_gray(forward.features(backward(y), TAPS), at_y)
+    return key_x, query_y, key_y, query_x
+
+
+@pytest.mark.parametrize(("name", "weight"), [("dclgan", 1.0), ("simdcl", 0.5)])
+def test_contrast_crosses_the_encoders(name: str, weight: float) -> None:
+    method = tiny_method(name)
+    terms = phases(method)
+    key_x, query_y, key_y, query_x = vectors(method)
+    there = [patch_nce(q, k) for q, k in zip(query_y, key_x, strict=True)]
+    back = [patch_nce(q, k) for q, k in zip(query_x, key_y, strict=True)]
+    assert len(there) == len(back) == 4
+    torch.testing.assert_close(terms["contrast_x"], weight * sum(there) / 4)
+    torch.testing.assert_close(terms["contrast_y"], weight * sum(back) / 4)
+
+
+@pytest.mark.parametrize("name", ["dclgan", "simdcl"])
+def test_gans_are_hinge_and_half_of_each_counts(name: str) -> None:
+    method = tiny_method(name)
+    terms = phases(method)
+    forward, backward = method.generator, method.backward_generator
+    x, y = batch().gray, coded(batch().depth_m)
+    fake = {"judge_depth": forward(x), "judge_gray": backward(y)}
+    real = {"judge_depth": y, "judge_gray": x}
+    deceived = torch.zeros(())
+    for judge_name, made in fake.items():
+        judge = getattr(method, judge_name)
+        margins = (1 - judge(real[judge_name])).relu().mean(), (1 + judge(made)).relu().mean()
+        torch.testing.assert_close(terms[judge_name], sum(margins) / 2)
+        deceived = deceived + (1 - judge(made)).relu().mean()
+    torch.testing.assert_close(terms["adversarial"], deceived / 2)
+    same = (forward(y) - y).abs().mean() + (backward(x) - x).abs().mean()
+    torch.testing.assert_close(terms["identity"], same / 2)
+
+
+def test_simdcl_compares_one_vector_an_image_and_domain() -> None:
+    method = tiny_method("simdcl")
+    value = phases(method)["similarity"]
+    real_x, fake_y, real_y, fake_x = vectors(method)
+    gray = (method.map_real_x(real_x) - method.map_fake_x(fake_x)).abs().mean()
+    depth = (method.map_real_y(real_y) - method.map_fake_y(fake_y)).abs().mean()
+    torch.testing.assert_close(value, 10 * (gray + depth))
+    size = sum(w.numel() for w in method.map_real_x.parameters())
+    assert size == 10_688
+
+
+@pytest.mark.parametrize("name", ["dclgan", "simdcl"])
+def test_heads_have_a_rate_of_their_own(name: str) -> None:
+    method = build_method(tiny(name))
+    groups = optimizer(method, "generator", method.config.optim).param_groups
+    heads = {id(w) for head in method.heads() for w in head.parameters()}
+    assert heads
+    for group in groups:
+        mine = {id(w) for w in group["params"]}
+        assert mine <= heads or not mine & heads
+        expected = (1e-3, (0.9, 0.999)) if mine <= heads else (2e-4, (0.5, 0.999))
+        assert (group["lr"], group["betas"]) == expected
+    owned = {id(w) for net in method.networks("generator") for w in net.parameters()}
+    assert {id(w) for group in groups for w in group["params"]} == owned
