@@ -10,7 +10,7 @@ import pytest
 import torch
 from lightning_fabric import Fabric
 from rooms import PAPER, rooms
-from small import tiny
+from tiny_methods import tiny
 
 from depthcli.cli.train_progress import Silent
 from depthcli.errors import UsageError
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from depthcli.training.config import TrainConfig
 
 
-def _two_steps(config: TrainConfig, folder: Path) -> int:
+def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:
     fabric = Fabric(accelerator="cpu", devices=1)
-    return train(config, rooms(), folder, fabric, Silent(), Limits(steps=2)).step
+    return train(config, rooms(), folder, fabric, Silent(), Limits(steps=steps)).step
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -41,6 +41,20 @@ def test_method_steps_saves_and_resumes(tmp_path: Path, name: str) -> None:
     moved = {n for n in fresh if not torch.equal(first.method[n], second.method[n])}
     phases = {n.partition(".")[0] for n in fresh}
     assert {n.partition(".")[0] for n in moved} == phases  # every network learns
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_method_resumes_bit_exactly(tmp_path: Path, name: str) -> None:
+    config = tiny(name)
+    _two_steps(config, tmp_path / "broken")
+    _two_steps(config, tmp_path / "broken")
+    _two_steps(config, tmp_path / "whole", steps=4)
+    broken, whole = (Checkpoint.load(tmp_path / run / CHECKPOINT) for run in ("broken", "whole"))
+    for key, weights in whole.method.items():
+        assert torch.equal(weights, broken.method[key]), key
+    for key, images in whole.extra.items():
+        assert all(map(torch.equal, images, broken.extra[key])), key
+    assert torch.equal(whole.rng, broken.rng)
 
 
 @pytest.mark.parametrize("name", METHODS)

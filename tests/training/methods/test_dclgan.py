@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
-from small import batch, coded, tiny, tiny_method
+from tiny_methods import batch, coded, tiny, tiny_method
 
 from depthcli.training.loop import optimizer
 from depthcli.training.losses.patchnce import patch_nce

@@ -1,0 +1,42 @@
+"""Every method ends as a model that the command line runs, equal to its network in torch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import torch
+from lightning_fabric import Fabric
+from rooms import rooms
+from tiny_methods import tiny
+
+from depthcli.cli.train_progress import Silent
+from depthcli.core.types import DepthKind, Frame
+from depthcli.export.onnx import ExportOptions, export_checkpoint
+from depthcli.inference.pipeline import load
+from depthcli.inference.preprocess import prepare
+from depthcli.training.checkpoint import load_generator
+from depthcli.training.loop import CHECKPOINT, Limits, train
+from depthcli.training.methods.registry import METHODS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> None:
+    fabric = Fabric(accelerator="cpu", devices=1)
+    train(tiny(name), rooms(), tmp_path, fabric, Silent(), Limits(steps=2))
+    done = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "model.onnx", ExportOptions())
+    assert done.card.training["method"] == name
+    pipeline = load(tmp_path / "model.onnx", provider="cpu")
+    frame = Frame(rooms().image(0))
+    depth = pipeline.predict(frame)
+    assert depth.kind is DepthKind.METRIC
+    assert depth.values.shape == (frame.height, frame.width)
+    generator, checkpoint = load_generator(tmp_path / CHECKPOINT)
+    with torch.no_grad():
+        raw = generator(torch.from_numpy(prepare(pipeline.card.input, frame)[0]))[0].numpy()
+    wanted = checkpoint.config.output.codec.decode(raw)
+    assert float(np.mean(depth.values)) == pytest.approx(float(wanted.mean()), rel=0.01)
