@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from lightning_fabric import Fabric
 
     from depthcli.training.config import TrainConfig
+
+_SIGNAL_BASE = 128  # shells report a signal as 128 + its number
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -68,6 +71,7 @@ def train(
         raise typer.BadParameter("give the data set with --data")
     from depthcli.cli.train_progress import progress_for
     from depthcli.datasets.nyu import open_nyu
+    from depthcli.training.interrupt import Interrupt
     from depthcli.training.loop import Limits
     from depthcli.training.loop import train as run
 
@@ -76,12 +80,13 @@ def train(
 
         torch.set_num_threads(threads)
     fabric = _fabric(accelerator, resolved.precision)
+    interrupt = Interrupt(signal.SIGINT, signal.SIGTERM)
     with progress_for(as_json=as_json, quiet=quiet) as watcher:
         limits = Limits(minutes=math.inf if max_minutes is None else max_minutes)
-        done = run(resolved, open_nyu(data), out, fabric, watcher, limits)
+        done = run(resolved, open_nyu(data), out, fabric, watcher, limits, interrupt)
     if not quiet and not as_json:
         console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")
-    return ExitCode.OK
+    return ExitCode.OK if interrupt.number is None else _SIGNAL_BASE + interrupt.number
 
 
 def _fabric(accelerator: str, precision: Literal["32-true", "bf16-mixed", "16-mixed"]) -> Fabric:

@@ -53,7 +53,7 @@ class JsonLines(Silent):
 
     def epoch(self, progress: Progress) -> None:
         """Step, seconds and scores of the epoch."""
-        from depthcli.training.loop import finite_or_none
+        from depthcli.training.metrics_log import finite_or_none
 
         values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
         del values["train_ids"], values["held_out_ids"]

@@ -55,6 +55,8 @@ class Checkpoint:
         extra: further state of the method, such as image pools.
         rng: state of torch's generator, (n,) uint8.
         device_rng: state of the accelerator's generator; None on a CPU.
+        precision: state of the loss scaler; empty for a precision without one.
+        others: ``extra``, ``rng`` and ``device_rng`` of the processes after the first.
     """
 
     config: TrainConfig
@@ -65,6 +67,8 @@ class Checkpoint:
     extra: dict[str, Any]
     rng: torch.Tensor
     device_rng: torch.Tensor | None = None
+    precision: dict[str, Any] = dataclasses.field(default_factory=dict)
+    others: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
     def save(self, path: Path) -> None:
         """Write to a temporary name beside ``path``, then rename: never a half file."""
@@ -77,6 +81,7 @@ class Checkpoint:
             os.close(handle)
             try:
                 torch.save(content, name)
+                _reach_disk(Path(name))  # before the one that it replaces is gone
                 Path(name).replace(path)
             finally:
                 Path(name).unlink(missing_ok=True)
@@ -119,6 +124,11 @@ class Checkpoint:
             raise CheckpointError(
                 f"{path} lacks parts of a checkpoint; use an earlier one"
             ) from error
+
+
+def _reach_disk(path: Path) -> None:
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
 
 
 def load_generator(path: Path) -> tuple[nn.Module, Checkpoint]:

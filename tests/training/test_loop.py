@@ -16,7 +16,8 @@ from depthcli.errors import CheckpointError, TrainingError
 from depthcli.metrics.depth import METRICS
 from depthcli.training.batches import Batch
 from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
-from depthcli.training.loop import CHECKPOINT, METRICS_LOG, Limits, Run, finite, train
+from depthcli.training.loop import CHECKPOINT, METRICS_LOG, Limits, train
+from depthcli.training.run import Run, finite
 from depthcli.training.schedule import factor
 
 if TYPE_CHECKING:
@@ -47,6 +48,10 @@ class Notes:
 
     def epoch(self, progress: Progress) -> None:
         self.epochs.append(progress)
+
+
+def _fabric() -> Fabric:
+    return Fabric(accelerator="cpu", devices=1)
 
 
 def _train(
@@ -220,8 +225,8 @@ def test_loss_that_is_not_finite_stops_and_keeps_the_last_checkpoint(tmp_path: P
 def test_the_term_that_is_not_finite_is_named() -> None:
     terms = {"cycle": torch.tensor(1.0), "identity": torch.tensor(float("inf"))}
     with pytest.raises(TrainingError, match="'identity' became inf"):
-        finite(terms)
-    assert finite({"cycle": torch.tensor(1.5)}) == {"cycle": 1.5}
+        finite(terms, _fabric())
+    assert finite({"cycle": torch.tensor(1.5)}, _fabric()) == {"cycle": 1.5}
 
 
 def test_folder_of_another_run_is_refused(tmp_path: Path) -> None:

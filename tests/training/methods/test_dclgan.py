@@ -8,9 +8,9 @@ import pytest
 import torch
 from tiny_methods import batch, coded, tiny, tiny_method
 
-from depthcli.training.loop import optimizer
 from depthcli.training.losses.patchnce import patch_nce
 from depthcli.training.methods.registry import build_method
+from depthcli.training.optimizers import build_optimizer
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -81,7 +81,7 @@ def test_simdcl_compares_one_vector_an_image_and_domain() -> None:
 @pytest.mark.parametrize("name", ["dclgan", "simdcl"])
 def test_heads_have_a_rate_of_their_own(name: str) -> None:
     method = build_method(tiny(name))
-    groups = optimizer(method, "generator", method.config.optim).param_groups
+    groups = build_optimizer(method, "generator", method.config.optim).param_groups
     heads = {id(w) for head in method.heads() for w in head.parameters()}
     assert heads
     for group in groups:

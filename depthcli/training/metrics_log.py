@@ -1,0 +1,54 @@
+"""The metrics log of a run: one JSON object an epoch, each epoch once."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING
+
+from depthcli.io.atomic import atomic_path
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.training.checkpoint import Progress
+
+
+def append(path: Path, progress: Progress, losses: dict[str, float]) -> None:
+    """Add the line of an epoch."""
+    line = {
+        "epoch": progress.epoch,
+        "step": progress.step,
+        "seconds": round(progress.seconds, 1),
+        "losses": losses,
+        "scores": finite_or_none(progress.scores),
+    }
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(line) + "\n")
+
+
+def cut(path: Path, step: int) -> None:
+    """Drop the lines beyond a step, which will be written again, and a torn one.
+
+    Raises:
+        OutputError: the log cannot be replaced; it is as it was.
+    """
+    if not path.exists():
+        return
+    content = path.read_bytes()
+    kept = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
+    if kept != content:
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(kept)
+
+
+def _step(line: bytes) -> float:
+    try:
+        return float(json.loads(line)["step"])
+    except (ValueError, TypeError, KeyError):
+        return math.inf
+
+
+def finite_or_none(scores: dict[str, float]) -> dict[str, float | None]:
+    """Scores as JSON can hold them: a metric without a value is null."""
+    return {name: value if math.isfinite(value) else None for name, value in scores.items()}

@@ -1,0 +1,219 @@
+"""Networks, optimisers and average of one run: a step, a checkpoint, and back."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from depthcli.errors import CheckpointError, TrainingError
+from depthcli.training.average import WeightAverage
+from depthcli.training.checkpoint import Checkpoint, Progress
+from depthcli.training.devices import average_gradients, of_others
+from depthcli.training.methods.registry import build_method
+from depthcli.training.optimizers import build_optimizer
+from depthcli.training.schedule import factor
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from lightning_fabric import Fabric
+    from torch import Tensor, nn
+
+    from depthcli.training.batches import Batch
+    from depthcli.training.config import TrainConfig
+    from depthcli.training.methods.base import Phase
+
+_RANK_STRIDE = 1_000_003  # seeds of further processes, far from those that people choose
+
+
+class Run:
+    """Networks, optimisers and average of one run.
+
+    Args:
+        config: the run.
+        fabric: device and precision.
+        steps_per_epoch: how long an epoch is.
+
+    Attributes:
+        steps: optimisation steps of the whole schedule.
+        progress: how far it has come.
+    """
+
+    def __init__(self, config: TrainConfig, fabric: Fabric, steps_per_epoch: int) -> None:
+        fabric.seed_everything(config.seed, verbose=False)
+        self.config, self.fabric, self.steps_per_epoch = config, fabric, steps_per_epoch
+        self.steps = config.optim.epochs * steps_per_epoch
+        self.progress = Progress()
+        self.method = build_method(config)
+        self.method.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        phases = [phase for phase in self.method.phases if self.method.networks(phase)]
+        optimizers = [build_optimizer(self.method, phase, config.optim) for phase in phases]
+        self.rates = {
+            phase: [group["lr"] for group in o.param_groups]
+            for phase, o in zip(phases, optimizers, strict=True)
+        }
+        self.module, *ready = fabric.setup(self.method, *optimizers)
+        self.optimizers: dict[Phase, torch.optim.Optimizer] = dict(zip(phases, ready, strict=True))
+        decay = config.optim.ema
+        self.average = WeightAverage(self.method.generator, decay) if decay else None
+        if fabric.global_rank:  # the same weights, but dropout, patches and pools of its own
+            torch.manual_seed(config.seed + _RANK_STRIDE * fabric.global_rank)
+
+    @property
+    def best_generator(self) -> nn.Module:
+        """The network that is validated: the average, where there is one."""
+        return self.average.network if self.average else self.method.generator
+
+    def step(self, batch: Batch) -> dict[str, float]:
+        """One optimisation step of every phase; the loss terms by name.
+
+        Raises:
+            TrainingError: a term is not finite.
+        """
+        share = factor(self.config.optim, self.progress.step, self.steps_per_epoch)
+        self.method.share_done = self.progress.step / self.steps
+        losses: dict[str, Tensor] = {}
+        for phase, optimizer in self.optimizers.items():
+            for group, rate in zip(optimizer.param_groups, self.rates[phase], strict=True):
+                group["lr"] = share * rate
+            terms: dict[str, Tensor] = self.module(batch, phase)
+            losses |= {name: term.detach() for name, term in terms.items()}
+            optimizer.zero_grad()
+            self.fabric.backward(torch.stack(list(terms.values())).sum())
+            average_gradients(self.fabric, _weights(optimizer))
+            if self.config.optim.clip_norm and phase == "generator":
+                limit = self.config.optim.clip_norm
+                self.fabric.clip_gradients(self.module, optimizer, max_norm=limit)
+            optimizer.step()
+        if self.average:
+            self.average.update(self.method.generator, self.progress.step + 1)
+        return finite(losses, self.fabric)
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint; every process takes part, the first one writes.
+
+        Raises:
+            CheckpointError: it cannot be written; the one before is kept.
+            TrainingError: a weight is not finite; the one before is kept.
+        """
+        self._check_weights()
+        own = self._own_state()
+        others = of_others(self.fabric, own)
+        if not self.fabric.is_global_zero:
+            return
+        Checkpoint(
+            config=self.config,
+            progress=self.progress,
+            method=self.method.state_dict(),
+            average=self.average.network.state_dict() if self.average else None,
+            optimizers={phase: o.state_dict() for phase, o in self.optimizers.items()},
+            precision=self.fabric.strategy.precision.state_dict(),
+            others=others,
+            **own,
+        ).save(path)
+
+    def resume(self, path: Path) -> None:
+        """Take up the state of a checkpoint, if there is one.
+
+        Raises:
+            CheckpointError: it belongs to another configuration, other data, or another number of
+                processes.
+        """
+        if not path.exists():
+            return
+        saved = Checkpoint.load(path)
+        same_data = saved.progress.train_ids == self.progress.train_ids
+        if saved.config != self.config or not same_data:
+            raise CheckpointError(
+                f"{path} belongs to another run: give another --out, or the run's own settings"
+            )
+        devices = len(saved.others) + 1
+        if devices != self.fabric.world_size:
+            raise CheckpointError(
+                f"{path} belongs to a run on {devices} devices: give --devices {devices}"
+            )
+        try:
+            self._take_up(saved)
+        except (KeyError, RuntimeError, ValueError) as error:
+            raise CheckpointError(
+                f"{path} does not fit the networks of its own configuration: give another --out"
+            ) from error
+        self.progress = saved.progress
+
+    def _take_up(self, saved: Checkpoint) -> None:
+        self.method.load_state_dict(saved.method)
+        for phase, optimizer in self.optimizers.items():
+            optimizer.load_state_dict(saved.optimizers[phase])
+        if self.average and saved.average:
+            self.average.network.load_state_dict(saved.average)
+        if saved.precision:
+            self.fabric.strategy.precision.load_state_dict(saved.precision)
+        first = {"rng": saved.rng, "device_rng": saved.device_rng, "extra": saved.extra}
+        self._take_up_own([first, *saved.others][self.fabric.global_rank])
+
+    def _own_state(self) -> dict[str, Any]:
+        """What differs between the processes of a run."""
+        return {
+            "rng": torch.get_rng_state(),
+            "device_rng": torch.cuda.get_rng_state(self._device) if self._on_cuda else None,
+            "extra": {
+                name: [image.cpu() for image in images]
+                for name, images in self.method.extra_state().items()
+            },
+        }
+
+    def _take_up_own(self, state: dict[str, Any]) -> None:
+        self.method.load_extra_state(
+            {
+                name: [image.to(self._device) for image in images]
+                for name, images in state["extra"].items()
+            }
+        )
+        torch.set_rng_state(state["rng"])
+        if self._on_cuda and state["device_rng"] is not None:
+            torch.cuda.set_rng_state(state["device_rng"], self._device)
+
+    def _check_weights(self) -> None:
+        """A finite loss can have a gradient that is not, which only the next step would show."""
+        for name, network in self.method.named_children():
+            whole = [weight.isfinite().all() for weight in network.parameters()]
+            if whole and not bool(torch.stack(whole).all()):
+                raise TrainingError(
+                    f"a weight of '{name}' is not finite after step {self.progress.step}: {_CURE}"
+                )
+
+    @property
+    def _device(self) -> torch.device:
+        return self.fabric.device
+
+    @property
+    def _on_cuda(self) -> bool:
+        return self._device.type == "cuda"
+
+
+_CURE = (
+    "lower optim.learning_rate or use precision=32-true, and go on from the last checkpoint, "
+    "which is kept"
+)
+
+
+def finite(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
+    """The terms as numbers, averaged over the processes, in one transfer from the device.
+
+    Raises:
+        TrainingError: one of them is not finite; the message names it.
+    """
+    together = torch.stack([term.detach().float() for term in losses.values()])
+    if fabric.world_size > 1:
+        together = fabric.all_reduce(together, reduce_op="mean")  # type: ignore[assignment]
+    values = dict(zip(losses, together.tolist(), strict=True))
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise TrainingError(f"the loss term '{name}' became {value}: {_CURE}")
+    return values
+
+
+def _weights(optimizer: torch.optim.Optimizer) -> list[Tensor]:
+    return [weight for group in optimizer.param_groups for weight in group["params"]]
