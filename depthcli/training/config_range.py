@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 _SMALLEST_PX = 32  # below, the discriminators have no output and the gradients no coarsest scale
 _RESNET_STRIDE = 4
+_EFFICIENT_STRIDE = 32
 _LEVELS = {"encoder": 5, "decoder": 4, "depths": 4}
 TERMS = (
     "adversarial",
@@ -85,12 +86,41 @@ def check_range(config: TrainConfig) -> None:
             "output.min_m is above 0 and below output.max_m, "
             f"not {config.output.min_m} and {config.output.max_m}"
         )
+    _check_pairing(config)
     _check_generator(config)
+
+
+def _check_pairing(config: TrainConfig) -> None:
+    """Losses that compare with the truth of the same scene mean nothing without it."""
+    if config.data.paired:
+        return
+    needs = [name for name in ("l1", "gradient", "l1_backward") if getattr(config.loss, name)]
+    needs += ["contrast=cfl"] if config.loss.contrast == "cfl" else []
+    if needs:
+        raise UsageError(
+            f"loss.{needs[0]} compares with the truth of the same scene: "
+            "leave it out or set data.paired=true"
+        )
+
+
+def check_batch(config: TrainConfig, pictures: int) -> None:
+    """Accept a number of pictures that the networks see together, those of one process.
+
+    Raises:
+        UsageError: batch norm would have one value to take the variance of.
+    """
+    smallest = max(config.data.width, config.data.height) <= _EFFICIENT_STRIDE
+    if config.generator.name == "efficient" and smallest and pictures == 1:
+        raise UsageError(
+            f"generator.name=efficient cannot learn from one picture of {_EFFICIENT_STRIDE} px "
+            "at a time: raise data.width, data.height or optim.batch_size"
+        )
 
 
 def _check_generator(config: TrainConfig) -> None:
     if config.generator.name == "efficient":
         _check_levels(config.generator)
+        check_batch(config, config.optim.batch_size)
         return
     for name in ("width", "height"):
         value = getattr(config.data, name)

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+import torch
 
 from depthcli.errors import UsageError
 from depthcli.training.config import LossConfig, OutputConfig, TrainConfig, resolve, updated
+from depthcli.training.networks.build import build_generator
 from depthcli.training.preset_files import FOLDER, preset_file
 
 if TYPE_CHECKING:
@@ -51,7 +53,7 @@ def test_later_changes_win(tmp_path: Path) -> None:
     ],
 )
 def test_settings_are_read_by_type(setting: str, group: str, name: str, wanted: object) -> None:
-    found = getattr(getattr(resolve(TrainConfig(), [], [setting]), group), name)
+    found = getattr(getattr(resolve(TrainConfig(), [], ["loss.l1=0", setting]), group), name)
     assert found == wanted
     assert type(found) is type(wanted)
 
@@ -124,6 +126,38 @@ def test_resnet_needs_multiples_of_four() -> None:
     with pytest.raises(UsageError, match="multiple of 4"):
         resolve(TrainConfig(), [], ["data.width=66"])
     resolve(TrainConfig(), [], ["data.width=66", "generator.name=efficient"])
+
+
+@pytest.mark.parametrize("size", [(32, 32, 1), (33, 32, 1), (32, 33, 1), (32, 32, 2)])
+def test_efficient_needs_two_values_to_normalise(size: tuple[int, int, int]) -> None:
+    width, height, batch_size = size
+    settings = [f"data.width={width}", f"data.height={height}", f"optim.batch_size={batch_size}"]
+    settings += ["generator.name=efficient", "generator.encoder=[4,4,4,4,4]"]
+    settings += ["generator.decoder=[4,4,4,4]"]
+    pictures = torch.rand(batch_size, 1, height, width)
+    if size != (32, 32, 1):
+        generator = build_generator(resolve(TrainConfig(), [], settings).generator)
+        assert generator.train()(pictures).isfinite().all()
+        return
+    with pytest.raises(UsageError, match=r"raise data\.width, data\.height or optim\.batch_size"):
+        resolve(TrainConfig(), [], settings)
+    resolve(TrainConfig(), [], [*settings, "generator.name=resnet"])
+
+
+UNPAIRED = ("data.paired=false", "loss.l1=0")
+
+
+@pytest.mark.parametrize(
+    "setting", ["l1=1", "gradient=0.5", "l1_backward=true", "contrast=cfl", "contrast=cut"]
+)
+def test_losses_against_the_truth_need_pairs(setting: str) -> None:
+    loss = f"loss.{setting}"
+    resolve(TrainConfig(), [], [loss])
+    if setting == "contrast=cut":
+        assert not resolve(TrainConfig(), [], [*UNPAIRED, loss]).data.paired
+        return
+    with pytest.raises(UsageError, match=rf"^loss\.{setting.partition('=')[0]}.*data\.paired=true"):
+        resolve(TrainConfig(), [], [*UNPAIRED, loss])
 
 
 @pytest.mark.parametrize("content", [b"seed = ", b"\xff\xfe", None])
