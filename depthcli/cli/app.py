@@ -6,10 +6,11 @@ Python itself.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from depthcli import __version__
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 PROGRAM = "depthcli"
 _GC_THRESHOLD = 50_000
+_LEAVE_AT_ONCE = frozenset({"predict"})
 COMMANDS = {
     "predict": ("depthcli.cli.predict", "Depth of pictures: 16-bit PNG, EXR, NPY, preview, PLY."),
     "models": ("depthcli.cli.models", "The models that are here: list, show a card, verify."),
@@ -70,9 +72,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Collecting garbage among a hundred thousand objects that all stay, while modules load and
     # again at exit, would be a tenth of the time of one picture.
     gc.set_threshold(_GC_THRESHOLD)
-    code = _run(sys.argv[1:])
+    words = sys.argv[1:]
+    code = _run(words)
+    if words and words[0] in _LEAVE_AT_ONCE:
+        _leave(code)
     gc.freeze()
     return code
+
+
+def _leave(code: int) -> NoReturn:
+    """End the process as it is.
+
+    Taking onnxruntime and OpenCV apart costs more than reading a picture, and a thread that still
+    loads a model would crash it.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):  # said by the command that wrote, or nobody listens
+            stream.flush()
+    os._exit(code)
 
 
 def _run(words: list[str]) -> int:

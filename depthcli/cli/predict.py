@@ -130,8 +130,8 @@ def predict(
     Exit code 0 if all was done, 1 if some inputs failed, 2 for wrong usage, 3 if the model failed.
     """
     from depthcli.cli.anchors import parse_anchors
+    from depthcli.cli.engine import Engine
     from depthcli.cli.predict_outputs import STANDARD, Looks, choose_formats, plan_jobs
-    from depthcli.cli.predict_run import Camera, Engine, Predictor, Voice
 
     to_stdout = output == STANDARD
     _refuse(focal_px is not None and hfov is not None, "give --focal-px or --hfov, not both")
@@ -154,9 +154,13 @@ def predict(
     )
     chosen = choose_formats(output, formats or ())
     jobs = plan_jobs(images, output, chosen, sidecar=sidecar)
+    anchors = parse_anchors(anchor or ())
+    loading = Engine(model, provider, threads).start()
+    from depthcli.cli.predict_run import Camera, Predictor, Voice
+
     predictor = Predictor(
-        engine=Engine(model, provider, threads),
-        camera=Camera(focal_px, hfov, parse_anchors(anchor or ())),
+        loading=loading,
+        camera=Camera(focal_px, hfov, anchors),
         looks=looks,
         max_pixels=max_pixels,
         voice=Voice(as_json=as_json, quiet=quiet, to_stderr=to_stdout),

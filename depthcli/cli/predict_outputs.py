@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -11,7 +10,7 @@ from depthcli.cli.predict_choices import Format
 from depthcli.errors import UsageError
 from depthcli.io.atomic import atomic_path
 from depthcli.io.naming import is_folder, plan_outputs
-from depthcli.io.writers.registry import writer_class
+from depthcli.io.writers.registry import SUFFIXES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,8 +31,7 @@ FORMAT_OF_SUFFIX = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Looks:
+class Looks(NamedTuple):
     """Options of the formats; see the writers.
 
     Attributes:
@@ -155,7 +153,7 @@ def plan_jobs(
     # A sidecar beside the one file that the user named must not change that file's name.
     beside = sidecar and len(formats) == 1 and output is not None and not is_folder(output)
     main = formats if beside else wanted
-    plans = plan_outputs(sources, output, {name: writer_class(name).SUFFIX for name in main})
+    plans = plan_outputs(sources, output, {name: SUFFIXES[name] for name in main})
     jobs = [
         Job(name, plan.source, {Format(key): path for key, path in plan.outputs.items()})
         for name, plan in zip(names, plans, strict=True)

@@ -4,47 +4,26 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.cli import console
-from depthcli.cli.background import Background
 from depthcli.cli.outcome import Done, Failed
 from depthcli.cli.predict_outputs import STANDARD, write_output
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
+from depthcli.inference.pipeline import Pipeline
+from depthcli.io.sources.image import read_image
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from depthcli.cli.anchors import Anchor
+    from depthcli.cli.background import Background
     from depthcli.cli.predict_outputs import Job, Looks
     from depthcli.core.types import DepthMap, Frame
-    from depthcli.inference.pipeline import Pipeline
+    from depthcli.inference.session import Session
 
 
-@dataclass(frozen=True, slots=True)
-class Engine:
-    """Which model runs, and how.
-
-    Attributes:
-        model: name or path; None for the default.
-        provider: ``auto`` or a name.
-        threads: None for onnxruntime's choice.
-    """
-
-    model: str | None
-    provider: str
-    threads: int | None
-
-    def load(self) -> Pipeline:
-        """Find and load the model."""
-        from depthcli.inference.pipeline import load
-
-        return load(self.model, provider=self.provider, threads=self.threads)
-
-
-@dataclass(frozen=True, slots=True)
-class Camera:
+class Camera(NamedTuple):
     """What the user knows of the camera and the scene.
 
     Attributes:
@@ -58,8 +37,7 @@ class Camera:
     anchors: tuple[Anchor, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Voice:
+class Voice(NamedTuple):
     """What is said of each input.
 
     Attributes:
@@ -84,19 +62,18 @@ class Voice:
                 console.warn(f"{outcome.name}: {warning}")
 
 
-@dataclass(frozen=True, slots=True)
-class Predictor:
+class Predictor(NamedTuple):
     """One run of the command.
 
     Attributes:
-        engine: the model.
+        loading: the model.
         camera: what is known of the camera.
         looks: options of the formats.
         max_pixels: pictures with more are refused.
         voice: what is said.
     """
 
-    engine: Engine
+    loading: Background[Session]
     camera: Camera
     looks: Looks
     max_pixels: int
@@ -112,25 +89,23 @@ class Predictor:
             ModelError: the model cannot be used.
             UsageError: the model takes no focal length.
         """
-        # The model loads while the first picture is read.
-        loading = Background(self.engine.load)
         failed = []
         for job in jobs:
             try:
-                outcome: Done | Failed = self._one(job, loading)
+                outcome: Done | Failed = self._one(job)
             except (InputError, OutputError) as error:
                 outcome = Failed(job.name, error)
                 failed.append(console.one_line(job.name))
             self.voice.tell(outcome)
-        loading.result()
+        self.loading.result()  # a model that fails is told even if no picture got so far
         if failed and len(jobs) > 1:
             console.note(f"{len(failed)} of {len(jobs)} inputs failed: {', '.join(failed)}")
         return ExitCode.SOME_FAILED if failed else ExitCode.OK
 
-    def _one(self, job: Job, loading: Background[Pipeline]) -> Done:
+    def _one(self, job: Job) -> Done:
         start = time.perf_counter()
         frame = _read(job, self.max_pixels)
-        pipeline = loading.result()
+        pipeline = Pipeline(self.loading.result())
         depth = self._depth(pipeline, frame)
         warnings = list(pipeline.session.warnings)
         for name, path in job.outputs.items():
@@ -159,8 +134,6 @@ class Predictor:
 
 
 def _read(job: Job, max_pixels: int) -> Frame:
-    from depthcli.io.sources.image import read_image
-
     data = sys.stdin.buffer.read() if job.source is None else None
     try:
         return read_image(job.source, data, max_pixels=max_pixels)

@@ -18,6 +18,16 @@ WRITERS = {
     "json": "depthcli.io.writers.sidecar:SidecarWriter",
 }
 
+SUFFIXES = {
+    "png16": ".depth.png",
+    "exr": ".depth.exr",
+    "npy": ".depth.npy",
+    "preview": ".preview.png",
+    "ply": ".ply",
+    "json": ".depth.json",
+}
+"""Ends of the output names, as the classes state them, to name outputs with nothing loaded."""
+
 
 def writer_class(name: str) -> type[Writer]:
     """The class of a format in ``WRITERS``."""
