@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -16,11 +16,30 @@ if TYPE_CHECKING:
 _UNZOOMED_SHARE = 0.25  # whole pictures, as the model will see them
 _FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation
 _CROP_286 = 286 / 256
+_WHOLLY = 0.999  # of the pixels that a new one is interpolated from
+
+
+class Views(NamedTuple):
+    """What is seen of some pairs.
+
+    Attributes:
+        gray: (B, 1, H, W) float32 in [-1, 1].
+        depth_m: (B, 1, H, W) float32 metres, with the same geometry.
+        known: (B, 1, H, W) bool, False where depth was not measured; None if all of it was.
+    """
+
+    gray: Tensor
+    depth_m: Tensor
+    known: Tensor | None
 
 
 def augment(
-    rgb: Tensor, depth_m: Tensor, data: DataConfig, random: torch.Generator
-) -> tuple[Tensor, Tensor]:
+    rgb: Tensor,
+    depth_m: Tensor,
+    data: DataConfig,
+    random: torch.Generator,
+    known: Tensor | None = None,
+) -> Views:
     """Random views of pairs.
 
     Args:
@@ -28,9 +47,7 @@ def augment(
         depth_m: (B, 1, h, w) float32 metres, aligned with ``rgb``.
         data: sizes and strengths.
         random: the only source of chance.
-
-    Returns:
-        gray (B, 1, H, W) in [-1, 1] and depth_m (B, 1, H, W), with the same geometry.
+        known: (B, 1, h, w) bool, where depth was measured; None if it was everywhere.
     """
     zoom = _zooms(len(rgb), data, random)
     view = _view(zoom, data, random).to(rgb.device)
@@ -40,7 +57,10 @@ def augment(
     depth_m = F.grid_sample(depth_m, grid, padding_mode="border", align_corners=False)
     metric_zoom = zoom if not data.crop_286 else zoom / _CROP_286
     depth_m = depth_m / metric_zoom.view(-1, 1, 1, 1).to(depth_m.device)
-    return _relit(rgb, data, random), depth_m
+    if known is not None:
+        share = F.grid_sample(known.float(), grid, padding_mode="border", align_corners=False)
+        known = share > _WHOLLY
+    return Views(_relit(rgb, data, random), depth_m, known)
 
 
 def network_input(rgb: Tensor, data: DataConfig) -> Tensor:

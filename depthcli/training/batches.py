@@ -13,6 +13,7 @@ import torch
 
 from depthcli.errors import DatasetError
 from depthcli.training.augment import augment, network_input
+from depthcli.training.holes import shrink
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from depthcli.datasets.base import DepthDataset
+    from depthcli.training.augment import Views
     from depthcli.training.config import DataConfig
 
 _STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
@@ -30,11 +32,14 @@ class Batch(NamedTuple):
 
     Attributes:
         gray: (B, 1, H, W) float32 in [-1, 1].
-        depth_m: (B, 1, H, W) float32 metres; of the same scenes, or of others if unpaired.
+        depth_m: (B, 1, H, W) float32 metres, holes filled; of the same scenes, or of others if
+            unpaired.
+        known: (B, 1, H, W) bool, False in the holes; None if there are none.
     """
 
     gray: Tensor
     depth_m: Tensor
+    known: Tensor | None = None
 
 
 class PairStore:
@@ -47,10 +52,11 @@ class PairStore:
 
     Attributes:
         rgb: (N, 3, h, w) uint8.
-        depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m.
+        depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m; holes are filled.
+        known: (N, 1, h, w) bool, False in the holes; None if no pair has one.
 
     Raises:
-        DatasetError: there is no pair.
+        DatasetError: there is no pair, or one without depth.
     """
 
     def __init__(self, dataset: DepthDataset, positions: Sequence[int], data: DataConfig) -> None:
@@ -60,14 +66,26 @@ class PairStore:
         shape = (len(positions), 3, size[1], size[0])
         self.rgb = torch.empty(shape, dtype=torch.uint8)
         self.depth_m = torch.empty((len(positions), 1, *shape[2:]), dtype=torch.float16)
+        self.known: Tensor | None = None
         for row, position in enumerate(positions):
             rgb = cv2.resize(dataset.image(position), size, interpolation=cv2.INTER_AREA)
-            depth_m = cv2.resize(dataset.depth_m(position), size, interpolation=cv2.INTER_AREA)
             self.rgb[row] = torch.from_numpy(rgb).permute(2, 0, 1)
-            self.depth_m[row, 0] = torch.from_numpy(depth_m)
+            measured = shrink(dataset.depth_m(position), size)
+            if measured is None:
+                raise DatasetError(
+                    f"pair {dataset.ids[position]} has almost no depth: leave it out or repair it"
+                )
+            self.depth_m[row, 0] = torch.from_numpy(measured.depth_m)
+            if measured.known is not None:
+                self._note_holes(row, torch.from_numpy(measured.known))
 
     def __len__(self) -> int:
         return len(self.rgb)
+
+    def _note_holes(self, row: int, known: Tensor) -> None:
+        if self.known is None:
+            self.known = torch.ones(self.depth_m.shape, dtype=torch.bool)
+        self.known[row, 0] = known
 
 
 class Batches:
@@ -93,22 +111,23 @@ class Batches:
         epoch, index = divmod(step, self.steps_per_epoch)
         random = torch.Generator().manual_seed(_mixed(self.seed, step, 1))
         rows = self._rows(epoch, index, stream=2)
+        views = self._augmented(rows, random)
         if self.data.paired:
-            gray, depth_m = self._augmented(rows, random)
-            return Batch(gray, depth_m)
-        gray, _ = self._augmented(rows, random)
-        _, depth_m = self._augmented(self._rows(epoch, index, stream=3), random)
-        return Batch(gray, depth_m)
+            return Batch(*views)
+        others = self._augmented(self._rows(epoch, index, stream=3), random)
+        return Batch(views.gray, others.depth_m, others.known)
 
     def _rows(self, epoch: int, index: int, stream: int) -> Tensor:
         random = torch.Generator().manual_seed(_mixed(self.seed, epoch, stream))
         order = torch.randperm(len(self.store), generator=random)
         return order[index * self.batch_size : (index + 1) * self.batch_size]
 
-    def _augmented(self, rows: Tensor, random: torch.Generator) -> tuple[Tensor, Tensor]:
+    def _augmented(self, rows: Tensor, random: torch.Generator) -> Views:
         rgb = self.store.rgb[rows].to(self.device).float() / 255
         depth_m = self.store.depth_m[rows].to(self.device).float()
-        return augment(rgb, depth_m, self.data, random)
+        known = self.store.known
+        known = None if known is None else known[rows].to(self.device)
+        return augment(rgb, depth_m, self.data, random, known)
 
 
 def whole_pictures(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:

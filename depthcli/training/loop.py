@@ -13,6 +13,7 @@ from depthcli.errors import OutputError, TrainingError
 from depthcli.training import metrics_log
 from depthcli.training.batches import Batches, PairStore
 from depthcli.training.checkpoint import Progress
+from depthcli.training.config_range import check_batch
 from depthcli.training.devices import any_process
 from depthcli.training.interrupt import Interrupt
 from depthcli.training.run import Run
@@ -95,6 +96,7 @@ def train(
         config.seed,
         fabric.device,
     )
+    check_batch(config, batches.batch_size)
     first = fabric.is_global_zero
     validation = Validation(dataset, held_out, config) if held_out and first else None
     run = Run(config, fabric, batches.steps_per_epoch)

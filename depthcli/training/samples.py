@@ -36,6 +36,9 @@ def write_samples(
         shown = [cv2.cvtColor(gray[i], cv2.COLOR_GRAY2BGR)]
         nearest_m, farthest_m = np.percentile(truth_m, (2, 98))
         shown += [_coloured(d, nearest_m, farthest_m) for d in (output_m, truth_m)]
+        if validation.store.known is not None:
+            known = validation.store.known[row, 0].numpy().astype(np.uint8)
+            shown[-1][cv2.resize(known, size, interpolation=cv2.INTER_NEAREST) == 0] = 0
         lines.append(np.hstack(shown))
     target = folder / "samples"
     target.mkdir(exist_ok=True)

@@ -39,7 +39,7 @@ def _flipped(gray: Tensor) -> Tensor:
 def test_without_strengths_there_are_whole_pictures_and_mirrored_ones() -> None:
     rgb, depth_m = _pairs(1)
     rgb, depth_m = rgb.expand(64, -1, -1, -1), depth_m.expand(64, -1, -1, -1)
-    gray, seen_m = augment(rgb, depth_m, PLAIN, _random())
+    gray, seen_m, _ = augment(rgb, depth_m, PLAIN, _random())
     halves = torch.nn.functional.avg_pool2d(depth_m[:1], 2)
     mirrored = _flipped(gray)
     assert 20 < int(mirrored.sum()) < 44
@@ -51,7 +51,7 @@ def test_without_strengths_there_are_whole_pictures_and_mirrored_ones() -> None:
 
 def test_picture_and_depth_keep_the_same_geometry() -> None:
     rgb, depth_m = _pairs(40)
-    gray, seen_m = augment(rgb, depth_m, FREE_OF_LIGHT, _random(1))
+    gray, seen_m, _ = augment(rgb, depth_m, FREE_OF_LIGHT, _random(1))
     zoom = (1 + 4 * (gray + 1) / 2) / seen_m
     spread = zoom.amax((1, 2, 3)) - zoom.amin((1, 2, 3))
     assert float(spread.max()) < 1e-4  # one zoom everywhere in a picture
@@ -63,7 +63,7 @@ def test_picture_and_depth_keep_the_same_geometry() -> None:
 
 def test_zoom_by_s_magnifies_by_s_and_divides_depth_by_s() -> None:
     rgb, depth_m = _pairs(60, noise=False)
-    gray, seen_m = augment(rgb, depth_m, replace(PLAIN, zoom=2.0), _random(2))
+    gray, seen_m, _ = augment(rgb, depth_m, replace(PLAIN, zoom=2.0), _random(2))
     zoom = ((1 + 4 * (gray + 1) / 2) / seen_m).mean((1, 2, 3))
     across = (gray[..., 1:] - gray[..., :-1])[:, 0, 12, 16].abs()
     whole = network_input(torch.nn.functional.avg_pool2d(rgb[:1], 2), PLAIN)
@@ -79,7 +79,7 @@ def test_plane_seen_through_the_zoom_is_the_plane_a_longer_lens_would_see() -> N
     rgb[:, :, 16:32, 24:40] = 1  # a square of side_px in the middle: 1 m at 4 m
     depth_m = torch.full((30, 1, 48, 64), wall_m)
     data = replace(PLAIN, width=64, height=48, zoom=1.25)
-    gray, seen_m = augment(rgb, depth_m, data, _random(3))
+    gray, seen_m, _ = augment(rgb, depth_m, data, _random(3))
     true_m = side_px * wall_m / focal_px
     for i in range(30):
         area_px = float(((gray[i] + 1) / 2).sum())
@@ -92,7 +92,7 @@ def test_rotation_turns_pixels_by_degrees_at_any_aspect() -> None:
     columns = torch.linspace(-1, 1, 128).expand(96, -1)
     rgb = (0.5 + 0.4 * columns).expand(80, 3, -1, -1).contiguous()
     data = replace(PLAIN, width=64, height=48, zoom=2.0, rotate_deg=10)
-    gray, _ = augment(rgb, torch.ones(80, 1, 96, 128), data, _random(4))
+    gray, _, _ = augment(rgb, torch.ones(80, 1, 96, 128), data, _random(4))
     along_x = (gray[..., 20, 32] - gray[..., 20, 31])[:, 0]
     along_y = (gray[..., 21, 32] - gray[..., 20, 32])[:, 0]
     degrees = torch.rad2deg(torch.atan(along_y / along_x)).abs()
@@ -105,7 +105,7 @@ def test_views_stay_inside_the_picture() -> None:
     rgb, depth_m = torch.full((100, 3, 48, 64), 0.5), torch.full((100, 1, 48, 64), 2.0)
     rgb[..., 0], rgb[..., -1] = 1, 1
     rgb[..., 0, :], rgb[..., -1, :] = 1, 1
-    gray, _ = augment(rgb, depth_m, FREE_OF_LIGHT, _random(5))
+    gray, _, _ = augment(rgb, depth_m, FREE_OF_LIGHT, _random(5))
     bright = (gray > 0.5).flatten(1).float().mean(1)
     # A border of one stored pixel; replicated outside, it would grow to whole bright corners.
     assert float(bright.max()) < 2 * (32 + 24) / (32 * 24)
@@ -113,9 +113,9 @@ def test_views_stay_inside_the_picture() -> None:
 
 def test_crop_of_the_originals_is_untrue_to_metres() -> None:
     rgb, depth_m = _pairs(50)
-    gray, seen_m = augment(rgb, depth_m, replace(PLAIN, crop_286=True), _random(6))
+    gray, seen_m, _ = augment(rgb, depth_m, replace(PLAIN, crop_286=True), _random(6))
     torch.testing.assert_close(1 + 4 * (gray + 1) / 2, seen_m)
-    _, plane_m = augment(rgb, torch.full_like(depth_m, 3.0), PLAIN, _random(6))
+    _, plane_m, _ = augment(rgb, torch.full_like(depth_m, 3.0), PLAIN, _random(6))
     torch.testing.assert_close(plane_m, torch.full_like(plane_m, 3.0))
     means = seen_m.mean((1, 2, 3))
     assert float(means.max() - means.min()) > 0.05  # crops at random places
@@ -124,8 +124,8 @@ def test_crop_of_the_originals_is_untrue_to_metres() -> None:
 def test_light_changes_the_picture_and_never_the_depth() -> None:
     rgb, depth_m = _pairs(8)
     lit = replace(PLAIN, colour_jitter=0.2, gamma=0.3, brightness=0.3, noise=0.05)
-    gray, seen_m = augment(rgb, depth_m, PLAIN, _random(7))
-    relit, same_m = augment(rgb, depth_m, lit, _random(7))
+    gray, seen_m, _ = augment(rgb, depth_m, PLAIN, _random(7))
+    relit, same_m, _ = augment(rgb, depth_m, lit, _random(7))
     torch.testing.assert_close(seen_m, same_m)
     assert float((gray - relit).abs().mean((1, 2, 3)).min()) > 0.01
     assert float(relit.min()) >= -1

@@ -13,14 +13,18 @@ if TYPE_CHECKING:
 SCALES = 4
 
 
-def gradient_loss(prediction: Tensor, truth: Tensor) -> Tensor:
+def gradient_loss(prediction: Tensor, truth: Tensor, known: Tensor | None = None) -> Tensor:
     """Mean over scales of mean |∂x e| + mean |∂y e|, with e = prediction − truth; a scalar.
 
     Args:
         prediction: (B, 1, H, W), coded depth; H and W at least 16, so that every scale has a
             difference.
         truth: (B, 1, H, W), coded depth.
+        known: (B, 1, H, W) bool; the means are of differences between known pixels, and a pixel
+            of a coarser scale is known if all that it covers are. None for all.
     """
+    if known is not None:
+        return _of_known(prediction - truth, known)
     error = prediction - truth
     terms = []
     for _ in range(SCALES):
@@ -29,3 +33,20 @@ def gradient_loss(prediction: Tensor, truth: Tensor) -> Tensor:
         terms.append(along_x + along_y)
         error = F.avg_pool2d(error, 2)
     return torch.stack(terms).mean()
+
+
+def _of_known(error: Tensor, known: Tensor) -> Tensor:
+    terms = []
+    for _ in range(SCALES):
+        along_x = (error[..., 1:] - error[..., :-1]).abs()
+        along_y = (error[..., 1:, :] - error[..., :-1, :]).abs()
+        both_x = known[..., 1:] & known[..., :-1]
+        both_y = known[..., 1:, :] & known[..., :-1, :]
+        terms.append(_mean(along_x, both_x) + _mean(along_y, both_y))
+        error = F.avg_pool2d(error, 2)
+        known = F.avg_pool2d(known.float(), 2) == 1
+    return torch.stack(terms).mean()
+
+
+def _mean(values: Tensor, known: Tensor) -> Tensor:
+    return (values * known).sum() / known.sum().clamp(min=1)

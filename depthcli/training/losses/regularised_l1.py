@@ -13,7 +13,11 @@ if TYPE_CHECKING:
 
 
 def regularised_l1(
-    prediction: Tensor, truth: Tensor, generator: nn.Module, penalty: float
+    prediction: Tensor,
+    truth: Tensor,
+    generator: nn.Module,
+    penalty: float,
+    known: Tensor | None = None,
 ) -> Tensor:
     """Mean |prediction − truth| + penalty · Σ‖convolution weights‖²; a scalar.
 
@@ -22,11 +26,16 @@ def regularised_l1(
         truth: (B, 1, H, W), coded depth.
         generator: whose convolution weights are penalised.
         penalty: λ of eq. 1; zero leaves the sum out.
+        known: (B, 1, H, W) bool, the pixels that the mean is of; None for all.
     """
-    distance = F.l1_loss(prediction, truth)
+    distance = F.l1_loss(prediction, truth) if known is None else _l1(prediction, truth, known)
     if not penalty:
         return distance
     return distance + penalty * torch.stack([(w**2).sum() for w in conv_weights(generator)]).sum()
+
+
+def _l1(prediction: Tensor, truth: Tensor, known: Tensor) -> Tensor:
+    return ((prediction - truth).abs() * known).sum() / known.sum().clamp(min=1)
 
 
 def conv_weights(network: nn.Module) -> list[Tensor]:

@@ -1,0 +1,172 @@
+"""Holes in depth: they neither count nor mix with what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rooms import PAPER, TRAIN, rooms
+
+from depthcli.errors import DatasetError
+from depthcli.training.augment import augment
+from depthcli.training.batches import Batches, PairStore
+from depthcli.training.holes import shrink
+from depthcli.training.losses.gradient import gradient_loss
+from depthcli.training.losses.regularised_l1 import regularised_l1
+
+DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2)
+
+
+def _holed(share: float = 0.2, value: float = 0.0, seed: int = 0) -> Any:
+    """The rooms with holes in blocks of 4 x 4 pixels."""
+    dataset, rng = rooms(), np.random.default_rng(seed)
+    coarse = rng.random((len(dataset), 12, 16)) < share
+    holes = coarse.repeat(4, 1).repeat(4, 2)
+    return replace(dataset, depths_m=np.where(holes, np.float32(value), dataset.depths_m))
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -1.0])
+def test_resizing_takes_the_mean_of_what_was_measured(value: float) -> None:
+    depth_m = np.float32([[2, 4, 3, value], [value, 6, value, value]])
+    (small_m,), (known,) = shrink(depth_m, (2, 1))
+    assert small_m.tolist() == [4.0, 4.0]  # the hole takes its neighbour's, not half of 3
+    assert known.tolist() == [True, False]
+
+
+def test_holes_take_the_nearest_measurement() -> None:
+    depth_m = np.zeros((5, 9), np.float32)
+    depth_m[2, 0], depth_m[2, 8] = 1.0, 7.0
+    filled_m, known = shrink(depth_m, (9, 5))
+    assert (filled_m[:, :4] == 1).all()
+    assert (filled_m[:, 5:] == 7).all()
+    assert int(known.sum()) == 2
+
+
+def test_without_holes_nothing_changes() -> None:
+    depth_m = rooms().depths_m[0]
+    small_m, known = shrink(depth_m, (32, 24))
+    assert known is None
+    assert np.array_equal(small_m, cv2.resize(depth_m, (32, 24), interpolation=cv2.INTER_AREA))
+
+
+def test_without_a_measurement_there_is_nothing() -> None:
+    assert shrink(np.zeros((4, 4), np.float32), (2, 2)) is None
+    dataset = rooms()
+    empty = replace(
+        dataset, depths_m=dataset.depths_m * np.float32([1, 1, 1, 0, 1, 1])[:, None, None]
+    )
+    with pytest.raises(DatasetError, match=r"^pair 0003 has almost no depth"):
+        PairStore(empty, TRAIN, DATA)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 999), share=st.floats(0.05, 0.9), factor=st.sampled_from([1, 2, 3]))
+def test_no_value_is_outside_of_what_was_measured(seed: int, share: float, factor: int) -> None:
+    depth_m = _holed(share, seed=seed).depths_m[0]
+    shrunk = shrink(depth_m, (64 // factor, 48 // factor))
+    if shrunk is not None:
+        measured_m = depth_m[depth_m > 0]
+        assert shrunk.depth_m.min() >= measured_m.min() - 1e-5
+        assert shrunk.depth_m.max() <= measured_m.max() + 1e-5
+
+
+def test_batches_never_show_zero_and_say_what_is_known() -> None:
+    store = PairStore(_holed(), TRAIN, DATA)
+    assert store.known is not None
+    assert float(store.depth_m.min()) >= 0.9
+    for changes in ({}, {"paired": False}, {"crop_286": True}):
+        data = replace(DATA, **changes)
+        gray, depth_m, known = Batches(store, data, 5, 0, torch.device("cpu"))[0]
+        assert known is not None
+        assert known.shape == depth_m.shape == gray.shape
+        assert known.dtype == torch.bool
+        assert 0.4 < float(known.float().mean()) < 0.95
+        assert float(depth_m.min()) > 0.9 / 1.5
+
+
+def test_known_pixels_have_the_depth_of_the_picture_without_holes() -> None:
+    """Holes at the stored size, so that only the view mixes pixels."""
+    whole_m = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(1)) * 5 + 1
+    known = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(2)) > 0.05
+    rgb = torch.rand(6, 3, 64, 64)
+    seen = augment(rgb, whole_m, DATA, torch.Generator().manual_seed(3))
+    with_holes = torch.where(known, whole_m, torch.full_like(whole_m, 99))
+    holed = augment(rgb, with_holes, DATA, torch.Generator().manual_seed(3), known)
+    assert seen.known is None
+    assert holed.known is not None
+    assert torch.equal(seen.gray, holed.gray)
+    torch.testing.assert_close(
+        holed.depth_m[holed.known], seen.depth_m[holed.known], rtol=0, atol=0.11
+    )
+    wrong = (holed.depth_m - seen.depth_m).abs() > 0.5
+    assert not (wrong & holed.known).any()
+    assert wrong.any()
+
+
+def _pair(seed: int = 4) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    random = torch.Generator().manual_seed(seed)
+    prediction, truth, chance = (torch.rand(2, 1, 16, 24, generator=random) for _ in range(3))
+    return prediction, truth, chance > 0.1
+
+
+def test_l1_is_the_mean_over_known_pixels() -> None:
+    prediction, truth, known = _pair()
+    wanted = (prediction - truth).abs()[known].mean()
+    loss = regularised_l1(prediction, truth, torch.nn.Module(), 0, known)
+    torch.testing.assert_close(loss, wanted)
+    nothing = regularised_l1(prediction, truth, torch.nn.Module(), 0, known & False)
+    assert float(nothing) == 0
+
+
+def _difference(error: Any, known: Any, step: tuple[int, int]) -> float:
+    """Mean difference of neighbours, both known, by plain loops."""
+    found = []
+    images, _, rows, columns = known.shape
+    for b in range(images):
+        for y in range(rows - step[0]):
+            for x in range(columns - step[1]):
+                there = (b, 0, y + step[0], x + step[1])
+                if known[b, 0, y, x] and known[there]:
+                    found.append(abs(float(error[there]) - float(error[b, 0, y, x])))
+    return float(np.mean(found)) if found else 0.0
+
+
+def test_gradient_loss_is_of_differences_between_known_pixels() -> None:
+    prediction, truth, known = _pair()
+    error, mask, terms = (prediction - truth).numpy(), known.numpy(), []
+    for _ in range(4):
+        terms.append(_difference(error, mask, (0, 1)) + _difference(error, mask, (1, 0)))
+        rows, columns = error.shape[2] // 2, error.shape[3] // 2
+        error, mask = (m[:, :, : 2 * rows, : 2 * columns] for m in (error, mask))
+        blocks = (len(error), 1, rows, 2, columns, 2)
+        error, mask = error.reshape(blocks).mean((3, 5)), mask.reshape(blocks).all((3, 5))
+    found = gradient_loss(prediction, truth, known)
+    assert float(found) == pytest.approx(float(np.mean(terms)), rel=1e-5)
+
+
+def test_losses_do_not_see_what_stands_in_a_hole() -> None:
+    prediction, truth, known = _pair()
+    other = torch.where(known, truth, truth + 7)
+    for loss in (
+        gradient_loss,
+        lambda p, t, k: regularised_l1(p, t, torch.nn.Module(), 0, k),
+    ):
+        assert torch.equal(loss(prediction, truth, known), loss(prediction, other, known))
+        assert not torch.equal(loss(prediction, truth, None), loss(prediction, other, None))
+
+
+def test_losses_of_known_pixels_alone_are_the_plain_ones() -> None:
+    prediction, truth, known = _pair()
+    for loss in (
+        gradient_loss,
+        lambda p, t, k: regularised_l1(p, t, torch.nn.Module(), 0, k),
+    ):
+        torch.testing.assert_close(
+            loss(prediction, truth, known | True), loss(prediction, truth, None)
+        )
