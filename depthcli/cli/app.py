@@ -72,6 +72,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Collecting garbage among a hundred thousand objects that all stay, while modules load and
     # again at exit, would be a tenth of the time of one picture.
     gc.set_threshold(_GC_THRESHOLD)
+    # numpy's OpenBLAS starts a thread a core, which spin for 60 ms before they sleep, while the
+    # model is loaded on these same cores. This lets them sleep at once.
+    os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
     words = sys.argv[1:]
     code = _run(words)
     if words and words[0] in _LEAVE_AT_ONCE:
