@@ -1,0 +1,197 @@
+"""How well the steps of a depth map lie where the truth has them.
+
+The other metrics hardly notice edges, because few pixels are near one. Here both maps' edges are
+found with one detector and compared: by their distance, and pixel by pixel.
+
+Source: Koch et al., "Evaluation of CNN-based Single-Image Depth Estimation Methods", ECCV Workshops
+2018 (depth-boundary errors); Bochkovskii et al., "Depth Pro: Sharp Monocular Metric Depth in Less
+Than a Second", ICLR 2025 (boundary F1); Canny, "A Computational Approach to Edge Detection", 1986.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass, fields
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy.typing as npt
+
+MAX_DISTANCE_PX = 10.0
+"""Edges farther apart than this do not belong together."""
+RATIOS = tuple(np.linspace(1.05, 1.25, 10).tolist())
+"""Steps of depth between two neighbours that the F1 averages over; each has its ratio as weight."""
+
+_SIGMA_PX = math.sqrt(2)
+_RADIUS_PX = 4
+# A step of 15 % of depth is an edge, and so is one of half that which continues an edge. A floor
+# seen from eye height stays below both out to 10 m.
+_STRONG_STEP = math.log(1.15)
+_WEAK_STEP = _STRONG_STEP / 2
+# Canny takes 16-bit gradients; the steepest possible, 1 mm beside 10 m, still fits.
+_GRADIENT_SCALE = 8192.0
+
+
+@dataclass(frozen=True, slots=True)
+class BoundaryScores:
+    """Scores of one image, or their mean over images; NaN where the truth has no edge.
+
+    Attributes:
+        dbe_acc: mean distance in pixels of the predicted edges within 10 px of a true one to that
+            one; lower is better.
+        dbe_comp: mean distance in pixels of all edges of either map to the other's, cut off at 10;
+            lower is better. Missing edges count here, and invented ones.
+        edge_f1: harmonic mean of precision and recall of the depth steps between neighbouring
+            pixels, in [0, 1]; higher is better.
+    """
+
+    dbe_acc: float
+    dbe_comp: float
+    edge_f1: float
+
+    def items(self) -> Iterator[tuple[str, float]]:
+        """(name, value) of every score."""
+        return zip(BOUNDARY_NAMES, astuple(self), strict=True)
+
+
+BOUNDARY_NAMES = tuple(field.name for field in fields(BoundaryScores))
+HIGHER_IS_BETTER = frozenset({"edge_f1"})
+NO_BOUNDARY = BoundaryScores(math.nan, math.nan, math.nan)
+
+
+class BoundaryAccumulator:
+    """Mean over images of each score, over those images that have it."""
+
+    def __init__(self) -> None:
+        self._scores: list[tuple[float, ...]] = []
+
+    def update(self, scores: BoundaryScores) -> None:
+        """Add one image."""
+        self._scores.append(astuple(scores))
+
+    def compute(self) -> BoundaryScores:
+        """Means so far; NaN for a score that no image has."""
+        columns = zip(*self._scores, strict=True) if self._scores else [()] * len(BOUNDARY_NAMES)
+        return BoundaryScores(*(_mean([v for v in c if not math.isnan(v)]) for c in columns))
+
+
+def boundary_scores(
+    truth_m: npt.NDArray[np.floating],
+    predicted_m: npt.NDArray[np.floating],
+    valid: npt.NDArray[np.bool_],
+) -> BoundaryScores:
+    """Compare the edges of one image.
+
+    Args:
+        truth_m: (H, W), metres, > 0 where valid.
+        predicted_m: (H, W), metres, > 0 where valid.
+        valid: (H, W) bool; no edge is looked for at the others and next to them.
+
+    Returns:
+        The two distances are NaN if the truth has no edge, and 10 px if the prediction has none
+        near one of the truth. The F1 is NaN if the truth has no step of 5 %.
+    """
+    truth, predicted = _log(truth_m, valid), _log(predicted_m, valid)
+    distances = _distances(_edges(truth, valid), _edges(predicted, valid))
+    return BoundaryScores(*distances, _edge_f1(truth, predicted, valid))
+
+
+def depth_edges(
+    depth_m: npt.NDArray[np.floating], valid: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    """Canny's edges of log depth, one pixel wide; shapes as in :func:`boundary_scores`."""
+    return _edges(_log(depth_m, valid), valid)
+
+
+def _log(
+    depth_m: npt.NDArray[np.floating], valid: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float32]:
+    return np.log(np.where(valid, depth_m, 1)).astype(np.float32)
+
+
+def _edges(
+    log_depth: npt.NDArray[np.float32], valid: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    smooth, slope = _kernels()
+    reach = np.ones((2 * _RADIUS_PX + 1,) * 2, np.uint8)
+    whole = cv2.erode(valid.astype(np.uint8), reach, borderValue=1)
+    gradients = [
+        np.rint(whole * cv2.sepFilter2D(log_depth, cv2.CV_32F, *k, borderType=cv2.BORDER_REPLICATE))
+        for k in ((slope, smooth), (smooth, slope))
+    ]
+    x, y = (g.astype(np.int16) for g in gradients)
+    # The gradient of a step is highest at its middle, by the smoothing kernel's height there.
+    weak, strong = (
+        step * float(smooth.max()) * _GRADIENT_SCALE for step in (_WEAK_STEP, _STRONG_STEP)
+    )
+    return np.asarray(cv2.Canny(x, y, weak, strong, L2gradient=True) > 0)
+
+
+def _kernels() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """A Gaussian of sum one, and its slope, which gives ``_GRADIENT_SCALE`` on a ramp of one."""
+    offsets = np.arange(-_RADIUS_PX, _RADIUS_PX + 1)
+    bell = np.exp(-(offsets**2) / (2 * _SIGMA_PX**2))
+    bell /= bell.sum()
+    slope = offsets * bell / (offsets**2 * bell).sum()
+    return bell.astype(np.float32), (_GRADIENT_SCALE * slope).astype(np.float32)
+
+
+def _distances(
+    truth: npt.NDArray[np.bool_], predicted: npt.NDArray[np.bool_]
+) -> tuple[float, float]:
+    """Accuracy and completeness of the depth boundaries, px."""
+    if not truth.any():
+        return math.nan, math.nan
+    if not predicted.any():
+        return MAX_DISTANCE_PX, MAX_DISTANCE_PX
+    to_truth = _distance_to(truth)[predicted]
+    to_predicted = _distance_to(predicted)[truth]
+    near = to_truth[to_truth < MAX_DISTANCE_PX]
+    if not near.size:
+        return MAX_DISTANCE_PX, MAX_DISTANCE_PX
+    both = np.minimum(np.concatenate([to_truth, to_predicted]), MAX_DISTANCE_PX)
+    return float(near.mean(dtype=np.float64)), float(both.mean(dtype=np.float64))
+
+
+def _distance_to(edges: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+    """(H, W) float32: Euclidean distance in pixels to the nearest edge."""
+    away = (~edges).astype(np.uint8)
+    return np.asarray(cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
+
+
+def _edge_f1(
+    truth: npt.NDArray[np.float32],
+    predicted: npt.NDArray[np.float32],
+    valid: npt.NDArray[np.bool_],
+) -> float:
+    """F1 of the steps between neighbours, averaged over ratios that the truth has."""
+    steps = [np.concatenate(_steps(log_depth, valid)) for log_depth in (truth, predicted)]
+    total = weights = 0.0
+    for ratio in RATIOS:
+        up_or_down = [(s > math.log(ratio), s < -math.log(ratio)) for s in steps]
+        (up, down), (up_p, down_p) = up_or_down
+        true_count = np.count_nonzero(up) + np.count_nonzero(down)
+        if true_count:
+            predicted_count = np.count_nonzero(up_p) + np.count_nonzero(down_p)
+            hits = np.count_nonzero(up & up_p) + np.count_nonzero(down & down_p)
+            total += ratio * 2 * hits / (true_count + predicted_count)
+            weights += ratio
+    return total / weights if weights else math.nan
+
+
+def _steps(
+    log_depth: npt.NDArray[np.float32], valid: npt.NDArray[np.bool_]
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Differences to the right and downwards, where both pixels count."""
+    right = np.diff(log_depth, axis=1)[valid[:, 1:] & valid[:, :-1]]
+    down = np.diff(log_depth, axis=0)[valid[1:] & valid[:-1]]
+    return right, down
+
+
+def _mean(values: list[float]) -> float:
+    return math.fsum(values) / len(values) if values else math.nan
