@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import torch
+from torch import nn
 
 from depthcli.errors import CheckpointError, TrainingError
 from depthcli.training.average import WeightAverage
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from lightning_fabric import Fabric
-    from torch import Tensor, nn
+    from torch import Tensor
 
     from depthcli.training.batches import Batch
     from depthcli.training.config import TrainConfig
@@ -47,7 +48,8 @@ class Run:
         self.steps = config.optim.epochs * steps_per_epoch
         self.progress = Progress()
         self.method = build_method(config)
-        self.method.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        if not _instance_norm(self.method):
+            self.method.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         phases = [phase for phase in self.method.phases if self.method.networks(phase)]
         optimizers = [build_optimizer(self.method, phase, config.optim) for phase in phases]
         self.rates = {
@@ -213,6 +215,15 @@ def finite(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
         if not math.isfinite(value):
             raise TrainingError(f"the loss term '{name}' became {value}: {_CURE}")
     return values
+
+
+def _instance_norm(method: nn.Module) -> bool:
+    """Whether channels-last would give wrong gradients.
+
+    torch (2.13 still) reads a channels-last gradient as a contiguous one in the backward pass of
+    instance norm when the batch is one picture.
+    """
+    return any(isinstance(layer, nn.InstanceNorm2d) for layer in method.modules())
 
 
 def _weights(optimizer: torch.optim.Optimizer) -> list[Tensor]:
