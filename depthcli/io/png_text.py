@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import struct
-import zlib
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_HEADER_END = len(_SIGNATURE) + 25  # IHDR is 13 bytes in a chunk of 25 and always the first
+from depthcli.io.png_chunks import SIGNATURE, chunk
 
 
-def with_text(png: bytes, texts: Mapping[str, str]) -> bytes:
-    """A PNG file with text added right after its header.
+def text_chunk(keyword: str, text: str) -> tuple[bytes | memoryview, ...]:
+    """The parts of a chunk that holds a text.
 
     Args:
-        png: the file.
-        texts: Latin-1 keywords of 1-79 characters; values may be any text.
+        keyword: 1-79 Latin-1 characters.
+        text: anything; what is not Latin-1 is stored as UTF-8.
     """
-    chunks = b"".join(_chunk(keyword, text) for keyword, text in texts.items())
-    return png[:_HEADER_END] + chunks + png[_HEADER_END:]
+    name = keyword.encode("latin-1")
+    try:
+        return chunk(b"tEXt", name + b"\0" + text.encode("latin-1"))
+    except UnicodeEncodeError:
+        return chunk(b"iTXt", name + b"\0\0\0\0\0" + text.encode())
 
 
 def read_text(png: bytes) -> dict[str, str]:
     """The tEXt and uncompressed iTXt chunks of a PNG file; damaged ones are left out."""
     texts = {}
-    at = len(_SIGNATURE)
+    at = len(SIGNATURE)
     while at + 12 <= len(png):
         length, kind = struct.unpack_from(">I4s", png, at)
         body = png[at + 8 : at + 8 + length]
@@ -39,13 +36,3 @@ def read_text(png: bytes) -> dict[str, str]:
             texts[keyword.decode("latin-1")] = text.decode("utf-8", "replace")
         at += 12 + length
     return texts
-
-
-def _chunk(keyword: str, text: str) -> bytes:
-    name = keyword.encode("latin-1")
-    try:
-        kind, body = b"tEXt", name + b"\0" + text.encode("latin-1")
-    except UnicodeEncodeError:
-        kind, body = b"iTXt", name + b"\0\0\0\0\0" + text.encode()
-    crc = zlib.crc32(kind + body)
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", crc)

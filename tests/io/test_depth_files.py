@@ -21,7 +21,7 @@ from depthcli.errors import InputError
 from depthcli.io.atomic import atomic_path
 from depthcli.io.depth_facts import stated_facts
 from depthcli.io.depth_files import depth_channel, read_depth
-from depthcli.io.png_text import with_text
+from depthcli.io.png_encode import encode_png
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
@@ -145,7 +145,8 @@ def test_half_floats_that_overflow_are_told(tmp_path: Path) -> None:
     ],
 )
 def test_texts_that_make_no_sense_leave_millimetres(texts: dict[str, str], tmp_path: Path) -> None:
-    data = with_text(png16(np.array([[1500, 0]])), {f"depthcli:{k}": v for k, v in texts.items()})
+    labels = {f"depthcli:{name}": text for name, text in texts.items()}
+    data = encode_png(np.array([[1500, 0]], np.uint16), labels)
     (tmp_path / "a.png").write_bytes(data)
     depth = read_depth(tmp_path / "a.png")
     assert depth.kind is DepthKind.METRIC

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from depthcli.io.png_encode import encode_png
-from depthcli.io.png_text import with_text
 from depthcli.io.writers.facts import facts
 
 if TYPE_CHECKING:
@@ -55,7 +54,7 @@ class Png16Writer:
                 limit_m = _TOP / self.scale
                 warnings = (f"{saturated} pixels beyond {limit_m:.6g} m were saturated",)
         labels = {f"depthcli:{name}": text for name, text in texts.items()}
-        path.write_bytes(with_text(encode_png(steps), labels))
+        path.write_bytes(encode_png(steps, labels))
         return warnings
 
 

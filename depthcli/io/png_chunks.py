@@ -1,0 +1,21 @@
+"""What a PNG file is made of (PNG specification, third edition, chapter 5)."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+MAX_LENGTH = 2**31 - 1
+"""Most bytes of a chunk, and most columns or rows of a picture."""
+
+
+def chunk(kind: bytes, body: bytes | bytearray | memoryview) -> tuple[bytes | memoryview, ...]:
+    """The parts of one chunk, for the caller to join with all others in one copy.
+
+    Args:
+        kind: four letters.
+        body: at most ``MAX_LENGTH`` bytes.
+    """
+    check = zlib.crc32(body, zlib.crc32(kind))
+    return struct.pack(">I4s", len(body), kind), memoryview(body), struct.pack(">I", check)

@@ -1,0 +1,108 @@
+"""PNG files: valid to the letter, the same pixels, the same bytes, whatever compresses them."""
+
+from __future__ import annotations
+
+import sys
+import zlib
+from concurrent.futures import ThreadPoolExecutor
+from importlib import reload
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+from strict_png import read_strictly
+
+from depthcli.errors import OutputError
+from depthcli.io import png_encode
+from depthcli.io.png_text import read_text
+
+TYPES = st.sampled_from([np.uint8, np.uint16])
+GRAY = array_shapes(min_dims=2, max_dims=2, max_side=12)
+SHAPES = st.one_of(GRAY, GRAY.map(lambda shape: (*shape, 3)))
+PIXELS = TYPES.flatmap(lambda kind: arrays(kind, SHAPES))
+EXTREMES = [(1, 1), (1, 5000), (5000, 1), (1, 5000, 3), (5000, 1, 3), (1, 1, 3), (300, 400)]
+
+
+def decoded(png: bytes) -> np.ndarray:
+    pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+    return pixels if pixels.ndim == 2 else pixels[..., ::-1]
+
+
+def noise(shape: tuple[int, ...], kind: type) -> np.ndarray:
+    return np.random.default_rng(0).integers(0, np.iinfo(kind).max, shape, kind, endpoint=True)
+
+
+@given(PIXELS)
+def test_any_pixels_come_back(pixels: np.ndarray) -> None:
+    png = png_encode.encode_png(pixels)
+    assert decoded(png).dtype == pixels.dtype
+    np.testing.assert_array_equal(decoded(png), pixels)
+    np.testing.assert_array_equal(read_strictly(png).pixels, pixels)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+@pytest.mark.parametrize("shape", EXTREMES)
+def test_extreme_shapes_come_back(shape: tuple[int, ...], kind: type) -> None:
+    pixels = noise(shape, kind)
+    png = png_encode.encode_png(pixels)
+    np.testing.assert_array_equal(decoded(png), pixels)
+    np.testing.assert_array_equal(read_strictly(png).pixels, pixels)
+
+
+def test_views_and_foreign_byte_order_come_back() -> None:
+    pixels = noise((20, 30, 3), np.uint16)
+    for view in (
+        pixels[::2, ::-1],
+        pixels.transpose(1, 0, 2),
+        pixels[..., 1],
+        pixels.astype(">u2"),
+    ):
+        np.testing.assert_array_equal(decoded(png_encode.encode_png(view)), view)
+
+
+@given(st.dictionaries(st.sampled_from(["a", "depthcli:unit", "é" * 79]), st.text(max_size=40)))
+def test_texts_stand_before_the_pixels(texts: dict[str, str]) -> None:
+    texts = {keyword: text.replace("\0", "") for keyword, text in texts.items()}
+    png = png_encode.encode_png(np.ones((2, 2), np.uint16), texts)
+    kinds = read_strictly(png).kinds
+    assert len(kinds) == 3 + len(texts)
+    assert read_text(png) == texts
+
+
+def test_long_data_is_split_into_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels = noise((50, 60), np.uint16)
+    monkeypatch.setattr(png_encode, "MAX_LENGTH", 1000)
+    png = png_encode.encode_png(pixels)
+    strict = read_strictly(png)
+    assert strict.kinds.count(b"IDAT") > 5
+    np.testing.assert_array_equal(strict.pixels, pixels)
+    np.testing.assert_array_equal(decoded(png), pixels)
+
+
+def test_bytes_do_not_depend_on_the_number_of_workers() -> None:
+    maps = [noise((40, 50 + i), np.uint16) for i in range(24)]
+    alone = [png_encode.encode_png(pixels) for pixels in maps]
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(png_encode.encode_png, maps)) == alone
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (3, 0), (0, 0, 3)])
+def test_nothing_is_no_picture(shape: tuple[int, ...]) -> None:
+    with pytest.raises(OutputError, match="do not go into a PNG"):
+        png_encode.encode_png(np.zeros(shape, np.uint8))
+
+
+def test_without_libdeflate_the_pixels_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels = np.cumsum(noise((60, 80), np.uint8), axis=1).astype(np.uint16)
+    usual = png_encode.encode_png(pixels)
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "deflate", None)
+        fallen_back = reload(png_encode)
+        png = fallen_back.encode_png(pixels)
+        assert zlib.compress(fallen_back._filtered(pixels), 1) in png
+    assert reload(png_encode).encode_png(pixels) == usual
+    np.testing.assert_array_equal(decoded(png), pixels)
+    np.testing.assert_array_equal(read_strictly(png).pixels, pixels)
