@@ -1,0 +1,48 @@
+"""Handing on signals to a process that we wait for."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    import subprocess
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class SignalRelay:
+    """While entered, SIGINT and SIGTERM go to a process, which decides when it ends.
+
+    The process has a process group of its own: a terminal would tell it too, and a second signal
+    means something else than the first.
+
+    Attributes:
+        number: the first signal that came, or None.
+    """
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._before: dict[signal.Signals, Any] = {}
+
+    def to(self, process: subprocess.Popen[bytes]) -> None:
+        """Name the process; a signal that came before goes to it now."""
+        self._process = process
+        if self.number is not None:
+            process.send_signal(self.number)
+
+    def __enter__(self) -> Self:
+        for number in _SIGNALS:
+            self._before[number] = signal.signal(number, self._relay)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _relay(self, number: int, _frame: object) -> None:
+        if self.number is None:
+            self.number = number
+        if self._process is not None:
+            self._process.send_signal(number)

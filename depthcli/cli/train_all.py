@@ -1,0 +1,272 @@
+"""``depthcli train --all``: several methods and seeds, one after another, under one time budget.
+
+Every run is a process of its own, the same command for one method: a method that fails, even one
+that the system kills for its memory, does not take the others with it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from depthcli.cli import console
+from depthcli.cli.signal_relay import SignalRelay
+from depthcli.errors import CheckpointError, ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import typer
+
+    from depthcli.training.checkpoint import Progress
+    from depthcli.training.config import TrainConfig
+    from depthcli.training.planned_runs import PlannedRun
+
+_OWN = {"method", "every_method", "methods", "seeds", "out", "max_minutes", "show_config"}
+"""Options that are not handed on as they are."""
+_SIGNAL_BASE = 128
+State = Literal["finished", "stopped", "failed", "waiting"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Sitting:
+    """What became of a run.
+
+    Attributes:
+        run: which.
+        state: finished (all epochs), stopped (its share is used up), failed, or waiting.
+        progress: how far it has come.
+        reason: why it failed.
+    """
+
+    run: PlannedRun
+    state: State
+    progress: Progress
+    reason: str = ""
+
+
+def train_all(context: typer.Context) -> int:
+    """Train what the options of ``depthcli train`` name; run again to continue."""
+    options = context.params
+    if options["method"]:
+        raise UsageError("give a METHOD, or --all or --methods, not both")
+    if options["show_config"]:
+        raise UsageError("--show-config shows one method: name it in place of --all or --methods")
+    if options["data"] is None:
+        raise UsageError("give the data set with --data")
+    from depthcli.datasets.nyu import open_nyu
+    from depthcli.training.planned_runs import plan_runs
+
+    configs = _configs(options)
+    open_nyu(Path(options["data"]))  # what is wrong with it is wrong for all of them
+    minutes = math.inf if options["max_minutes"] is None else options["max_minutes"]
+    shown = _Shown(as_json=options["as_json"], quiet=options["quiet"])
+    runner = _Runner(_handed_on(context), shown, 60 * minutes)
+    sittings = runner.train(plan_runs(configs, Path(options["out"])))
+    shown.summary(sittings)
+    if runner.signal_number is not None:
+        return _SIGNAL_BASE + runner.signal_number
+    return ExitCode.SOME_FAILED if any(s.state == "failed" for s in sittings) else ExitCode.OK
+
+
+def _configs(options: dict[str, Any]) -> list[TrainConfig]:
+    """The configuration of every method and seed.
+
+    Raises:
+        UsageError: a method, seed or setting is wrong, or ``torchrun`` started this process.
+    """
+    from depthcli.cli.train import resolve_config
+    from depthcli.training.methods.registry import METHODS
+
+    if "TORCHELASTIC_RUN_ID" in os.environ:
+        raise UsageError("--all starts its own processes: give --devices instead of torchrun")
+    names = _listed(options["methods"]) if options["methods"] else list(METHODS)
+    files = [Path(file) for file in options["config"] or ()]
+    settings = options["settings"] or []
+    extra: list[list[str]] = [[]]
+    if options["seeds"] is not None:
+        extra = [[f"seed={_seed(text)}"] for text in _listed(options["seeds"])]
+    return [
+        resolve_config(name, options["preset"], files, [*settings, *seed])
+        for name in names
+        for seed in extra
+    ]
+
+
+def _listed(text: str) -> list[str]:
+    """Words between commas, each once."""
+    words = list(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+    if not words:
+        raise UsageError("--methods and --seeds take a list, such as cut,proposed or 0,1")
+    return words
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise UsageError(f"--seeds takes whole numbers, 0,1 say, not '{text}'")
+    return int(text)
+
+
+def _handed_on(context: typer.Context) -> list[str]:
+    """The words for the options that each run gets as they were given."""
+    words: list[str] = []
+    for parameter in context.command.params:
+        value = context.params.get(parameter.name or "")
+        if parameter.name in _OWN or value in (None, False, []):
+            continue
+        flag = max(parameter.opts, key=len)
+        if value is True:
+            words.append(flag)
+            continue
+        for item in value if isinstance(value, (list, tuple)) else [value]:
+            words += [flag, str(item)]
+    return words
+
+
+class _Runner:
+    """Trains runs one after another.
+
+    Attributes:
+        signal_number: the signal that ended it, or None.
+    """
+
+    def __init__(self, words: Sequence[str], shown: _Shown, budget_s: float) -> None:
+        self._words, self._shown = words, shown
+        self._ends = time.monotonic() + budget_s
+        self._overhead_s = 0.0  # of the run before: starting, reading data, validating at the end
+        self.signal_number: int | None = None
+
+    def train(self, runs: Sequence[PlannedRun]) -> list[_Sitting]:
+        """Train them all, those that were trained least first."""
+        sittings = {run.name: _looked_up(run) for run in runs}
+        waiting = [s for s in sittings.values() if s.state == "waiting"]
+        self._shown.plan(list(sittings.values()))
+        while waiting and self.signal_number is None:
+            waiting.sort(key=lambda sitting: sitting.progress.seconds)
+            share_s = self._share_s(waiting)
+            if share_s <= 0:
+                break
+            before = waiting.pop(0)
+            started = time.monotonic()
+            after = self._train_one(before.run, share_s)
+            trained_s = after.progress.seconds - before.progress.seconds
+            self._overhead_s = max(0.0, time.monotonic() - started - trained_s)
+            sittings[after.run.name] = after
+            self._shown.sitting(after)
+        return list(sittings.values())
+
+    def _share_s(self, waiting: Sequence[_Sitting]) -> float:
+        """What the first of them gets."""
+        from depthcli.training.planned_runs import fair_shares_s
+
+        left_s = self._ends - time.monotonic() - len(waiting) * self._overhead_s
+        return fair_shares_s([s.progress.seconds for s in waiting], left_s)[0]
+
+    def _train_one(self, run: PlannedRun, share_s: float) -> _Sitting:
+        words = [sys.executable, "-m", "depthcli", "train", run.config.method, *self._words]
+        words += ["--out", str(run.folder), "--set", f"seed={run.config.seed}"]
+        if math.isfinite(share_s):
+            words += ["--max-minutes", f"{share_s / 60:.4f}"]
+        self._shown.begin(run, share_s)
+        code = self._wait(words, run.name)
+        if code and self.signal_number is None:
+            return _failed(run, _meaning(code))
+        return _looked_up(run, "stopped")
+
+    def _wait(self, words: Sequence[str], name: str) -> int:
+        pipe = subprocess.PIPE if self._shown.as_json else None
+        relay = SignalRelay()
+        with relay, subprocess.Popen(words, stdout=pipe, process_group=0) as process:  # noqa: S603
+            relay.to(process)
+            if process.stdout is not None:
+                for line in process.stdout:
+                    self._shown.line(name, line)
+            code = process.wait()
+        self.signal_number = relay.number
+        return code
+
+
+def _looked_up(run: PlannedRun, unfinished: State = "waiting") -> _Sitting:
+    """How far a run is."""
+    try:
+        progress = run.progress()
+    except CheckpointError as error:
+        return _failed(run, str(error))
+    return _Sitting(run, "finished" if run.is_finished(progress) else unfinished, progress)
+
+
+def _failed(run: PlannedRun, reason: str) -> _Sitting:
+    from depthcli.training.checkpoint import Progress
+
+    try:
+        progress = run.progress()
+    except CheckpointError:
+        progress = Progress()
+    return _Sitting(run, "failed", progress, reason)
+
+
+def _meaning(code: int) -> str:
+    return f"ended by signal {-code}" if code < 0 else f"exit code {code}, see its error above"
+
+
+class _Shown:
+    """What is said about it: lines on standard error, or JSON lines on standard output."""
+
+    def __init__(self, *, as_json: bool, quiet: bool) -> None:
+        self.as_json, self.quiet = as_json, quiet
+
+    def plan(self, sittings: Sequence[_Sitting]) -> None:
+        """What is there already, before anything is trained."""
+        for sitting in sittings:
+            if sitting.state != "waiting":
+                self.sitting(sitting)
+
+    def begin(self, run: PlannedRun, share_s: float) -> None:
+        """A run begins."""
+        if not self.quiet and not self.as_json:
+            limit = f"for {share_s / 60:.1f} min" if math.isfinite(share_s) else "to its end"
+            console.note(f"{run.name}: training {limit}")
+
+    def line(self, name: str, line: bytes) -> None:
+        """An epoch of a run."""
+        if not self.quiet:
+            console.out_json({"run": name, **json.loads(line)})
+
+    def sitting(self, sitting: _Sitting) -> None:
+        """A run was finished before, or ends for now."""
+        progress, run = sitting.progress, sitting.run
+        minutes = progress.seconds / 60
+        if self.as_json and not self.quiet:
+            console.out_json(
+                {
+                    "run": run.name,
+                    "state": sitting.state,
+                    "epoch": progress.epoch,
+                    "epochs": run.config.optim.epochs,
+                    "step": progress.step,
+                    "minutes": round(minutes, 2),
+                    "reason": sitting.reason or None,
+                }
+            )
+        elif not self.quiet:
+            reason = f" ({sitting.reason})" if sitting.reason else ""
+            epochs = f"epoch {progress.epoch} of {run.config.optim.epochs}"
+            console.note(f"{run.name}: {sitting.state}{reason}, {epochs}, {minutes:.1f} min")
+
+    def summary(self, sittings: Sequence[_Sitting]) -> None:
+        """How many are done; those that failed, even if quiet."""
+        failed = [f"{s.run.name} ({s.reason})" for s in sittings if s.state == "failed"]
+        finished = sum(s.state == "finished" for s in sittings)
+        if not self.quiet and not self.as_json:
+            rest = len(sittings) - finished - len(failed)
+            more = f", {rest} to continue: run the same command again" if rest else ""
+            console.note(f"{finished} of {len(sittings)} runs finished{more}")
+        if failed:
+            console.error(f"{len(failed)} of {len(sittings)} runs failed: {'; '.join(failed)}")

@@ -1,0 +1,82 @@
+"""Several runs under one time budget: where each of them lives, and how long it may train."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from depthcli.errors import CheckpointError
+from depthcli.training.checkpoint import Checkpoint, Progress
+from depthcli.training.loop import CHECKPOINT
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from depthcli.training.config import TrainConfig
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRun:
+    """One run of several.
+
+    Attributes:
+        config: what is trained.
+        folder: where it lives.
+    """
+
+    config: TrainConfig
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+        return self.folder.name
+
+    def progress(self) -> Progress:
+        """How far it has come; fresh without a checkpoint.
+
+        Raises:
+            CheckpointError: the folder's checkpoint cannot be read, or has other settings.
+        """
+        path = self.folder / CHECKPOINT
+        if not path.exists():
+            return Progress()
+        saved = Checkpoint.load(path)
+        if saved.config != self.config:
+            raise CheckpointError(
+                f"{path} belongs to another run: give another --out, or the run's own settings"
+            )
+        return saved.progress
+
+    def is_finished(self, progress: Progress) -> bool:
+        """Whether all epochs of the schedule are done."""
+        return progress.epoch >= self.config.optim.epochs
+
+
+def plan_runs(configs: Sequence[TrainConfig], out: Path) -> tuple[PlannedRun, ...]:
+    """Give every run its folder, ``METHOD-seedK``."""
+    return tuple(PlannedRun(c, out / f"{c.method}-seed{c.seed}") for c in configs)
+
+
+def fair_shares_s(spent_s: Sequence[float], budget_s: float) -> tuple[float, ...]:
+    """Divide a budget so that those who had least catch up first.
+
+    All who get something end at the same total; who is beyond it already gets nothing.
+
+    Args:
+        spent_s: what each has had, seconds.
+        budget_s: what is there for all, seconds; may be infinite.
+
+    Returns:
+        What each gets, seconds; their sum is the budget.
+
+    >>> fair_shares_s([0, 60, 300], 100)
+    (80.0, 20.0, 0.0)
+    """
+    level = 0.0
+    for count, upper in enumerate([*sorted(spent_s)[1:], float("inf")], start=1):
+        level = (max(0.0, budget_s) + sum(sorted(spent_s)[:count])) / count
+        if level <= upper:
+            break
+    return tuple(max(0.0, level - spent) for spent in spent_s)

@@ -1,0 +1,67 @@
+"""Where several runs live, and how they share a budget."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lightning_fabric import Fabric
+from rooms import EFFICIENT, PAPER, rooms
+
+from depthcli.errors import CheckpointError
+from depthcli.training.loop import Limits, train
+from depthcli.training.planned_runs import PlannedRun, fair_shares_s, plan_runs
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_SPENT = st.lists(st.floats(0, 1e5), min_size=1, max_size=8)
+
+
+@given(spent_s=_SPENT, budget_s=st.floats(0, 1e6))
+def test_shares_are_the_budget_and_level_those_who_had_least(
+    spent_s: list[float], budget_s: float
+) -> None:
+    shares_s = fair_shares_s(spent_s, budget_s)
+    assert min(shares_s) >= 0
+    assert sum(shares_s) == pytest.approx(budget_s, abs=1e-6)
+    totals = [spent + share for spent, share in zip(spent_s, shares_s, strict=True)]
+    served = [total for total, share in zip(totals, shares_s, strict=True) if share > 0]
+    for level in served:
+        assert level == pytest.approx(max(served), abs=1e-6)
+    for total in totals:  # nobody who got nothing is behind those who got something
+        assert not served or total >= max(served) - 1e-6
+
+
+def test_no_budget_and_no_end() -> None:
+    assert fair_shares_s([5, 0], -3) == (0, 0)
+    assert fair_shares_s([5, 0], math.inf) == (math.inf, math.inf)
+    assert fair_shares_s([], 10) == ()
+
+
+def test_names_by_method_and_seed(tmp_path: Path) -> None:
+    runs = plan_runs([PAPER, replace(PAPER, seed=0), replace(PAPER, method="cut")], tmp_path)
+    assert [run.name for run in runs] == ["proposed-seed3", "proposed-seed0", "cut-seed3"]
+    assert {run.folder.parent for run in runs} == {tmp_path}
+
+
+def test_progress_of_a_folder(tmp_path: Path) -> None:
+    class Silent:
+        def step(self, *_: object) -> None: ...
+        def epoch(self, *_: object) -> None: ...
+
+    run = PlannedRun(EFFICIENT, tmp_path / "run")
+    assert run.progress().step == 0
+    assert not run.is_finished(run.progress())
+    fabric = Fabric(accelerator="cpu", devices=1)
+    train(EFFICIENT, rooms(), run.folder, fabric, Silent(), Limits(steps=3))
+    assert (run.progress().step, run.is_finished(run.progress())) == (3, False)
+    train(EFFICIENT, rooms(), run.folder, fabric, Silent())
+    assert (run.progress().step, run.is_finished(run.progress())) == (6, True)
+    other = PlannedRun(replace(EFFICIENT, seed=9), run.folder)
+    with pytest.raises(CheckpointError, match="belongs to another run"):
+        other.progress()
