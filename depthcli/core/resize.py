@@ -29,6 +29,30 @@ def resize_bilinear(
     return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_LINEAR))
 
 
+def resize_rows(
+    values: npt.NDArray[np.float32], width: int, height: int, rows: slice
+) -> npt.NDArray[np.float32]:
+    """Some rows of what :func:`resize_bilinear` gives, up to rounding, without the others.
+
+    Args:
+        values: (H, W) float32.
+        width: columns of the result, px.
+        height: rows of the whole result, px.
+        rows: which of them.
+
+    Returns:
+        (number of rows, width) float32, never a view of ``values``.
+    """
+    last = values.shape[0] - 1
+    numbers = np.arange(rows.start, rows.stop, dtype=np.float64)
+    place = np.clip((numbers + 0.5) * (values.shape[0] / height) - 0.5, 0, last)
+    above = place.astype(np.intp)
+    share = (place - above).astype(np.float32)[:, np.newaxis]
+    upper = values[above]
+    mixed = upper + share * (values[np.minimum(above + 1, last)] - upper)
+    return resize_bilinear(mixed, width, mixed.shape[0])
+
+
 def resize_area(
     values: npt.NDArray[np.float32], width: int, height: int
 ) -> npt.NDArray[np.float32]:
@@ -50,3 +74,21 @@ def resize_area(
     # OpenCV's area method repeats pixels where it grows, so such an axis is stretched on its own.
     shrunk = (min(width, columns), min(height, rows))
     return resize_bilinear(resize_area(values, *shrunk), width, height)
+
+
+def resize_cubic(
+    values: npt.NDArray[np.float32], width: int, height: int
+) -> npt.NDArray[np.float32]:
+    """Bicubic, half-pixel centres, edges repeated, no antialiasing; it may overshoot.
+
+    Args:
+        values: (H, W) or (H, W, C) float32.
+        width: columns of the result, px.
+        height: rows of the result, px.
+
+    Returns:
+        (height, width) or (height, width, C) float32; a copy only if the size changes.
+    """
+    if values.shape[:2] == (height, width):
+        return values
+    return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_CUBIC))

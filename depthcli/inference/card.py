@@ -43,11 +43,39 @@ class Fit(StrEnum):
     """Straight to width x height, whatever the aspect."""
     KEEP_ASPECT = "keep-aspect"
     """The picture's aspect is kept: same pixel count if the size is dynamic, else a letterbox."""
+    LOWER_BOUND = "lower-bound"
+    """Dynamic only: the aspect is kept, and neither side is below the nominal size."""
+    UPPER_BOUND = "upper-bound"
+    """Dynamic only: the aspect is kept, and neither side is above the nominal size."""
+
+
+class Resize(StrEnum):
+    """How a picture's pixels become those of the network's input."""
+
+    AREA = "area"
+    """Mean over each pixel's area where it shrinks, bilinear where it grows."""
+    LINEAR = "linear"
+    """Bilinear, half-pixel centres, no antialiasing."""
+    CUBIC = "cubic"
+    """Bicubic (a = -0.75), half-pixel centres, no antialiasing: OpenCV's INTER_CUBIC."""
+
+
+class TensorLayout(StrEnum):
+    """Order of the axes of the network's input."""
+
+    NCHW = "nchw"
+    """Picture, channel, row, column."""
+    NHWC = "nhwc"
+    """Picture, row, column, channel, as TensorFlow's converters write it."""
+
+
+_OPTIONAL_INPUT = {"resize": Resize.AREA, "layout": TensorLayout.NCHW}
+_BOUNDS = frozenset({Fit.LOWER_BOUND, Fit.UPPER_BOUND})
 
 
 @dataclass(frozen=True, slots=True)
 class InputSpec:
-    """The network's input, float32 NCHW: ``(colour in [0, 1] - mean) / std``.
+    """The network's input, float32: ``(colour in [0, 1] - mean) / std``.
 
     Attributes:
         colour: what is made of the picture's pixels.
@@ -58,6 +86,8 @@ class InputSpec:
         fit: how the picture is brought to this size.
         mean: one number a channel, or one for all.
         std: one number a channel, or one for all.
+        resize: how the picture is resized.
+        layout: order of the axes.
     """
 
     colour: Colour
@@ -68,6 +98,8 @@ class InputSpec:
     fit: Fit
     mean: tuple[float, ...]
     std: tuple[float, ...]
+    resize: Resize = Resize.AREA
+    layout: TensorLayout = TensorLayout.NCHW
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +215,9 @@ class ModelCard:
                 del values[name]
         for name in ("mean", "std"):
             values["input"][name] = list(values["input"][name])
+        for name, default in _OPTIONAL_INPUT.items():
+            if values["input"][name] is default:  # cards without it stay readable everywhere
+                del values["input"][name]
         return json.dumps({"schema": SCHEMA, **values}, indent=2, ensure_ascii=False) + "\n"
 
 
@@ -219,9 +254,13 @@ def _input(fields: Fields) -> InputSpec:
         fit=fields.choice("fit", Fit),
         mean=fields.numbers("mean", lengths),
         std=fields.numbers("std", lengths),
+        resize=fields.optional_choice("resize", Resize.AREA),
+        layout=fields.optional_choice("layout", TensorLayout.NCHW),
     )
     if min(spec.std) <= 0:
         fields.fail("std", "has to be above 0")
+    if spec.fit in _BOUNDS and not spec.dynamic:
+        fields.fail("fit", f"is {spec.fit}, which a network of one fixed size cannot have")
     fields.close()
     return spec
 

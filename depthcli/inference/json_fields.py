@@ -109,6 +109,10 @@ class Fields:
             self.fail(name, f"has to be one of {', '.join(words)}, not {value!r}")
         return choices(value)
 
+    def optional_choice(self, name: str, default: _Choice) -> _Choice:
+        """One of the words of the default's kind, or the default where it is absent."""
+        return self.choice(name, type(default)) if self.has(name) else default
+
     def section(self, name: str) -> Fields:
         """A nested object."""
         return Fields(self._take(name), self._where, f"{self._path}{name}.")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.core import colour
-from depthcli.core.resize import resize_area
-from depthcli.inference.card import Colour, Fit
+from depthcli.core.resize import resize_area, resize_bilinear, resize_cubic
+from depthcli.inference.card import Colour, Fit, Resize
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -23,6 +23,12 @@ _PLANES = {
     Colour.LUMA: colour.luma,
     Colour.RGB: colour.rgb,
 }
+_RESIZES = {
+    Resize.AREA: resize_area,
+    Resize.LINEAR: resize_bilinear,
+    Resize.CUBIC: resize_cubic,
+}
+_MOST_PIXELS = 16  # times the nominal pixel count, for a picture that is one long strip
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +61,8 @@ def layout(spec: InputSpec, width: int, height: int) -> Layout:
     """Where a picture of ``width`` x ``height`` pixels goes."""
     if spec.fit is Fit.STRETCH:
         return _filled(spec.width, spec.height)
+    if spec.fit is Fit.LOWER_BOUND or spec.fit is Fit.UPPER_BOUND:
+        return _bounded(spec, width, height)
     if spec.dynamic:
         # The same pixel count as the nominal size, so the cost does not depend on the aspect.
         scale = math.sqrt(spec.width * spec.height / (width * height))
@@ -80,13 +88,44 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Lay
     """
     place = layout(spec, frame.width, frame.height)
     planes = _PLANES[spec.colour](frame.pixels)
-    small = resize_area(planes, place.inner_width, place.inner_height)
+    small = _RESIZES[spec.resize](planes, place.inner_width, place.inner_height)
     small = small.reshape(place.inner_height, place.inner_width, spec.colour.channels)
     if place.is_padded:
         small = _pad(small, place)
     normalised = (small - np.asarray(spec.mean, np.float32)) / np.asarray(spec.std, np.float32)
     batch = normalised.astype(np.float32, copy=False).transpose(2, 0, 1)[np.newaxis]
     return np.ascontiguousarray(batch), place
+
+
+def _bounded(spec: InputSpec, width: int, height: int) -> Layout:
+    """Sizes as MiDaS and Depth Anything choose them, to the last rounding.
+
+    Source: ``Resize.get_size`` in ``util/transform.py`` of
+    https://github.com/DepthAnything/Depth-Anything-V2.
+    """
+    lower = spec.fit is Fit.LOWER_BOUND
+    scale = (max if lower else min)(spec.height / height, spec.width / width)
+    # A strip of 1 x 5000 pixels would otherwise need 100 GB.
+    most = math.sqrt(_MOST_PIXELS * spec.width * spec.height / (width * height))
+    if lower and scale > most:
+        return _filled(
+            _multiple(most * width, spec.multiple_of), _multiple(most * height, spec.multiple_of)
+        )
+    bound = _at_least if lower else _at_most
+    return _filled(
+        bound(scale * width, spec.multiple_of, spec.width),
+        bound(scale * height, spec.multiple_of, spec.height),
+    )
+
+
+def _at_least(size: float, step: int, least: int) -> int:
+    nearest = _multiple(size, step)
+    return nearest if nearest >= least else math.ceil(size / step) * step
+
+
+def _at_most(size: float, step: int, most: int) -> int:
+    nearest = _multiple(size, step)
+    return nearest if nearest <= most else max(step, math.floor(size / step) * step)
 
 
 def _filled(width: int, height: int) -> Layout:
