@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from depthcli.cli import console
-from depthcli.errors import DepthcliError, ExitCode, UsageError
+from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:
-    from lightning_fabric import Fabric
-
     from depthcli.training.config import TrainConfig
 
 _SIGNAL_BASE = 128  # shells report a signal as 128 + its number
@@ -22,7 +20,17 @@ _SIGNAL_BASE = 128  # shells report a signal as 128 + its number
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 _Method = Annotated[
-    str, typer.Argument(help="cyclegan, cut, fastcut, dclgan, simdcl, hnegsrc or proposed.")
+    str | None,
+    typer.Argument(help="cyclegan, cut, fastcut, dclgan, simdcl, hnegsrc or proposed."),
+]
+_All = Annotated[
+    bool, typer.Option("--all", help="Every method, each in a folder METHOD-seedK of --out.")
+]
+_Methods = Annotated[
+    str | None, typer.Option(metavar="A,B", help="These methods, as --all does; cut,proposed say.")
+]
+_Seeds = Annotated[
+    str | None, typer.Option(metavar="K,L", help="With --all or --methods: a run a seed; 0,1 say.")
 ]
 _Data = Annotated[
     Path | None,
@@ -42,6 +50,9 @@ _Minutes = Annotated[
     typer.Option(min=0.0, help="Stop cleanly after so many minutes, to continue later."),
 ]
 _Accelerator = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
+_Devices = Annotated[
+    int, typer.Option(min=1, help="GPUs, or processes on a CPU, that share each batch.")
+]
 _Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; default: all cores.")]
 _Json = Annotated[bool, typer.Option("--json", help="One JSON object per epoch.")]
 _Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
@@ -49,7 +60,11 @@ _Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.
 
 @app.command()
 def train(
-    method: _Method,
+    context: typer.Context,
+    method: _Method = None,
+    every_method: _All = False,
+    methods: _Methods = None,
+    seeds: _Seeds = None,
     data: _Data = None,
     out: _Out = Path("runs/train"),
     preset: _Preset = None,
@@ -58,54 +73,62 @@ def train(
     show_config: _Show = False,
     max_minutes: _Minutes = None,
     accelerator: _Accelerator = "auto",
+    devices: _Devices = 1,
     threads: _Threads = None,
     as_json: _Json = False,
     quiet: _Quiet = False,
 ) -> int:
     """Train a method; run the same command again to continue where it stopped."""
-    resolved = _resolve(method, preset, config or [], settings or [])
+    if every_method or methods is not None:
+        from depthcli.cli.train_all import train_all
+
+        return train_all(context)
+    if method is None or seeds is not None:
+        raise typer.BadParameter("name a METHOD; --seeds goes with --all or --methods")
+    resolved = resolve_config(method, preset, config or [], settings or [])
     if show_config:
         _print_config(resolved)
         return ExitCode.OK
     if data is None:
         raise typer.BadParameter("give the data set with --data")
+    from depthcli.cli.train_devices import launched, open_fabric
     from depthcli.cli.train_progress import progress_for
     from depthcli.datasets.nyu import open_nyu
     from depthcli.training.interrupt import Interrupt
     from depthcli.training.loop import Limits
     from depthcli.training.loop import train as run
 
-    if threads:
-        import torch
-
-        torch.set_num_threads(threads)
-    fabric = _fabric(accelerator, resolved.precision)
-    interrupt = Interrupt(signal.SIGINT, signal.SIGTERM)
-    with progress_for(as_json=as_json, quiet=quiet) as watcher:
-        limits = Limits(minutes=math.inf if max_minutes is None else max_minutes)
-        done = run(resolved, open_nyu(data), out, fabric, watcher, limits, interrupt)
+    fabric = open_fabric(accelerator, resolved.precision, devices)
+    dataset = open_nyu(data)
+    with launched(fabric):
+        _set_threads(threads)
+        first = fabric.is_global_zero
+        interrupt = Interrupt(signal.SIGINT, signal.SIGTERM)
+        with progress_for(as_json=as_json, quiet=quiet or not first) as watcher:
+            limits = Limits(minutes=math.inf if max_minutes is None else max_minutes)
+            done = run(resolved, dataset, out, fabric, watcher, limits, interrupt)
+    if not first:
+        return ExitCode.OK
     if not quiet and not as_json:
         console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")
     return ExitCode.OK if interrupt.number is None else _SIGNAL_BASE + interrupt.number
 
 
-def _fabric(accelerator: str, precision: Literal["32-true", "bf16-mixed", "16-mixed"]) -> Fabric:
-    import logging
+def _set_threads(threads: int | None) -> None:
+    import torch
 
-    from lightning_fabric import Fabric
-
-    logging.getLogger("lightning_fabric").setLevel(logging.ERROR)  # it would speak under --quiet
-    try:
-        return Fabric(accelerator=accelerator, devices=1, precision=precision)
-    except (ImportError, RuntimeError, ValueError) as error:
-        raise UsageError(
-            f"cannot train with --accelerator {accelerator} and precision={precision} here: {error}"
-        ) from error
+    if threads:
+        torch.set_num_threads(threads)
 
 
-def _resolve(
+def resolve_config(
     method: str, preset: str | None, files: list[Path], settings: list[str]
 ) -> TrainConfig:
+    """The configuration that a command line stands for.
+
+    Raises:
+        UsageError: a name or a value is wrong.
+    """
     try:
         from depthcli.training.config import resolve
         from depthcli.training.methods.registry import METHODS, check_terms, default_config

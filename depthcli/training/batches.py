@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import torch
 
-from depthcli.errors import DatasetError
+from depthcli.errors import DatasetError, UsageError
 from depthcli.training.augment import augment, network_input
 from depthcli.training.holes import shrink
 
@@ -94,17 +94,37 @@ class Batches:
     Args:
         store: the training pairs.
         data: size, pairing and augmentation.
-        batch_size: pairs a batch; the last incomplete batch of an epoch is dropped.
+        batch_size: pairs a batch, of all processes together; the last incomplete batch of an
+            epoch is dropped.
         seed: of order and augmentation.
         device: where the batch is moved before it is augmented.
+        process: which of the processes this is, from 0; each gets its own part of every batch.
+        processes: how many there are.
+
+    Raises:
+        UsageError: the batch cannot be shared out.
     """
 
     def __init__(
-        self, store: PairStore, data: DataConfig, batch_size: int, seed: int, device: torch.device
+        self,
+        store: PairStore,
+        data: DataConfig,
+        batch_size: int,
+        seed: int,
+        device: torch.device,
+        process: int = 0,
+        processes: int = 1,
     ) -> None:
         self.store, self.data, self.seed, self.device = store, data, seed, device
-        self.batch_size = min(batch_size, len(store))
+        if batch_size % processes or len(store) < processes:
+            raise UsageError(
+                f"optim.batch_size={batch_size} of {len(store)} pairs is shared by {processes} "
+                f"devices: set it to a multiple of {processes}"
+            )
+        self.batch_size = min(batch_size, len(store) // processes * processes)
         self.steps_per_epoch = len(store) // self.batch_size
+        self.own_size = self.batch_size // processes
+        self._own = slice(process * self.own_size, (process + 1) * self.own_size)
 
     def __getitem__(self, step: int) -> Batch:
         """Batch of a step, counted from 0 over the whole run."""
@@ -113,9 +133,14 @@ class Batches:
         rows = self._rows(epoch, index, stream=2)
         views = self._augmented(rows, random)
         if self.data.paired:
-            return Batch(*views)
+            return self._part(Batch(*views))
         others = self._augmented(self._rows(epoch, index, stream=3), random)
-        return Batch(views.gray, others.depth_m, others.known)
+        return self._part(Batch(views.gray, others.depth_m, others.known))
+
+    def _part(self, whole: Batch) -> Batch:
+        """What this process sees of the batch that a single one would see."""
+        known = None if whole.known is None else whole.known[self._own]
+        return Batch(whole.gray[self._own], whole.depth_m[self._own], known)
 
     def _rows(self, epoch: int, index: int, stream: int) -> Tensor:
         random = torch.Generator().manual_seed(_mixed(self.seed, epoch, stream))

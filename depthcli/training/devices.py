@@ -7,6 +7,7 @@ networks stay unwrapped and :func:`average_gradients` runs between backward pass
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -14,7 +15,7 @@ from lightning_fabric.strategies.ddp import DDPStrategy
 from torch import distributed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from lightning_fabric import Fabric
     from torch import Tensor, nn
@@ -26,6 +27,16 @@ class AveragingStrategy(DDPStrategy):
     def setup_module(self, module: nn.Module) -> nn.Module:  # type: ignore[override]
         """The module as it is."""
         return module
+
+
+@contextmanager
+def first_process_first(fabric: Fabric) -> Iterator[None]:
+    """Let the others begin the block when the first process is through, without an error."""
+    if fabric.global_rank:
+        fabric.barrier()
+    yield
+    if not fabric.global_rank:
+        fabric.barrier()
 
 
 def average_gradients(fabric: Fabric, weights: Iterable[Tensor]) -> None:

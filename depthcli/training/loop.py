@@ -14,7 +14,7 @@ from depthcli.training import metrics_log
 from depthcli.training.batches import Batches, PairStore
 from depthcli.training.checkpoint import Progress
 from depthcli.training.config_range import check_batch
-from depthcli.training.devices import any_process
+from depthcli.training.devices import any_process, first_process_first
 from depthcli.training.interrupt import Interrupt
 from depthcli.training.run import Run
 from depthcli.training.samples import write_samples
@@ -85,29 +85,32 @@ def train(
         TrainingError: a loss is not finite, or the folder cannot be written; the last checkpoint
             is kept.
     """
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
     limits, interrupt = limits or Limits(), interrupt or Interrupt()
-    train_rows, held_out = divide(dataset, config.data)
-    batches = Batches(
-        PairStore(dataset, train_rows, config.data),
-        config.data,
-        config.optim.batch_size,
-        config.seed,
-        fabric.device,
-    )
-    check_batch(config, batches.batch_size)
     first = fabric.is_global_zero
-    validation = Validation(dataset, held_out, config) if held_out and first else None
-    run = Run(config, fabric, batches.steps_per_epoch)
-    run.progress = Progress(
-        train_ids=tuple(dataset.ids[i] for i in train_rows),
-        held_out_ids=tuple(dataset.ids[i] for i in held_out),
-    )
-    run.resume(folder / CHECKPOINT)
-    if first:
+    with first_process_first(fabric):
         with writing(folder):
-            metrics_log.cut(folder / METRICS_LOG, run.progress.step)
+            folder.mkdir(parents=True, exist_ok=True)
+        train_rows, held_out = divide(dataset, config.data)
+        batches = Batches(
+            PairStore(dataset, train_rows, config.data),
+            config.data,
+            config.optim.batch_size,
+            config.seed,
+            fabric.device,
+            fabric.global_rank,
+            fabric.world_size,
+        )
+        check_batch(config, batches.own_size)
+        validation = Validation(dataset, held_out, config) if held_out and first else None
+        run = Run(config, fabric, batches.steps_per_epoch)
+        run.progress = Progress(
+            train_ids=tuple(dataset.ids[i] for i in train_rows),
+            held_out_ids=tuple(dataset.ids[i] for i in held_out),
+        )
+        run.resume(folder / CHECKPOINT)
+        if first:
+            with writing(folder):
+                metrics_log.cut(folder / METRICS_LOG, run.progress.step)
 
     started, first_step, before_s = time.monotonic(), run.progress.step, run.progress.seconds
     with interrupt:
