@@ -1,0 +1,201 @@
+"""The frames of a video, one after the other, upright and with their times."""
+
+from __future__ import annotations
+
+import os
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import cv2
+import numpy as np
+
+from depthcli.core.types import Frame
+from depthcli.errors import InputError
+from depthcli.io.decode import MAX_PIXELS
+from depthcli.io.ffmpeg_log import silent_ffmpeg
+from depthcli.io.frame_rate import exact_rate
+from depthcli.io.sources.video_span import WHOLE
+from depthcli.io.video_end import is_cut
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import TracebackType
+
+    from depthcli.io.sources.video_span import Span
+
+FALLBACK_RATE = Fraction(25)
+_MOST_FRAMES = 1 << 40
+_MISSING_SHARE = 200
+# Matroska keeps milliseconds, so a frame this near to its place on the grid stands there.
+_ROUNDING_S = 0.0011
+_EXIF_OF_TURN = {90: 6, 180: 3, 270: 8}
+
+
+class VideoSource:
+    """A video file, read from its beginning to its end with one frame in memory.
+
+    Attributes:
+        path: the file.
+        rate: frames a second, exact; the mean where frames are not evenly spaced.
+        frames_stated: frames that the file says it has; None if it does not say.
+        width: columns of an upright frame.
+        height: rows of an upright frame.
+        warnings: one-line texts about the file.
+        problem: why frames are missing at the end, once they have been read; None if all came.
+    """
+
+    def __init__(self, path: str | Path, *, max_pixels: int = MAX_PIXELS) -> None:
+        """Open a video.
+
+        Args:
+            path: whatever OpenCV's FFmpeg reads.
+            max_pixels: frames that claim more are refused.
+
+        Raises:
+            InputError: missing, empty, no video, no video stream in it, or too large.
+        """
+        self.path = Path(path)
+        _check_file(self.path)
+        with silent_ffmpeg():
+            self._capture = _opened(self.path)
+        self.width = round(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
+        self.height = round(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        if self.width * self.height > max_pixels:
+            self.close()
+            raise InputError(
+                f"{self.path} claims {self.width}×{self.height} pixels, more than {max_pixels:,}; "
+                "raise --max-pixels if it is genuine"
+            )
+        rate = exact_rate(self._capture.get(cv2.CAP_PROP_FPS))
+        self.rate = rate or FALLBACK_RATE
+        self.warnings = (
+            () if rate else (f"the file states no frame rate; {FALLBACK_RATE} a second is taken",)
+        )
+        self.frames_stated = _count(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        self.problem: str | None = None
+
+    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
+        """Decode the frames of a span; to be called once.
+
+        Frames before and between are decoded too, for exactness, but not converted.
+
+        Yields:
+            RGB uint8, (H, W, 3); ``index`` counts all frames of the file from 0, ``timestamp_s``
+            counts from its first. A turn that the file asks for is done.
+        """
+        turn = round(self._capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 360
+        places = self._places()
+        for index, wanted in enumerate(span.picks(places)):
+            if not wanted:
+                continue
+            pixels = self._pixels()
+            if pixels is None:
+                return
+            yield Frame(
+                pixels,
+                self.path,
+                index,
+                float(self._time_s),
+                orientation=_EXIF_OF_TURN.get(turn, 1),
+            )
+
+    def close(self) -> None:
+        """Let the file go."""
+        self._capture.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _places(self) -> Iterator[tuple[int, Fraction]]:
+        """Number and time of each frame, while it is the one at hand."""
+        index = 0
+        first_ms = 0.0
+        while self._grabbed():
+            measured_ms = self._capture.get(cv2.CAP_PROP_POS_MSEC)
+            first_ms = measured_ms if index == 0 else first_ms
+            self._time_s = self._time(index, (measured_ms - first_ms) / 1000)
+            yield index, self._time_s
+            index += 1
+        self._judge_end(index)
+
+    def _time(self, index: int, measured_s: float) -> Fraction:
+        """The frame's place on the grid of the exact rate, or what was measured if it is not."""
+        regular = index / self.rate
+        if abs(float(regular) - measured_s) <= _ROUNDING_S:
+            return regular
+        return Fraction(measured_s).limit_denominator(1_000_000)
+
+    def _grabbed(self) -> bool:
+        try:
+            return self._capture.grab()
+        except cv2.error:
+            return False
+
+    def _pixels(self) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]] | None:
+        try:
+            ok, pixels = self._capture.retrieve()
+        except cv2.error:
+            ok, pixels = False, None
+        if not ok or pixels is None:
+            self.problem = "a frame cannot be decoded; the frames before it are done"
+            return None
+        if pixels.shape[:2] != (self.height, self.width):
+            self.problem = "the frames change their size; those before are done"
+            return None
+        return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)
+
+    def _judge_end(self, read: int) -> None:
+        """Compare what came with what the file said."""
+        stated = self.frames_stated
+        short = stated is not None and stated - read > max(1, stated // _MISSING_SHARE)
+        if short or is_cut(self.path):
+            of = "" if stated is None else f" of {stated}"
+            self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
+
+
+def _check_file(path: Path) -> None:
+    """Say what is wrong with a file before FFmpeg says less."""
+    try:
+        with path.open("rb") as file:
+            empty = not file.read(1)
+    except FileNotFoundError:
+        what = "is a broken link" if path.is_symlink() else "is missing: no such file"
+        raise InputError(f"{path} {what}") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder; name a video in it") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    if empty:
+        raise InputError(f"{path} is empty")
+
+
+def _opened(path: Path) -> cv2.VideoCapture:
+    # An absolute name cannot be taken for a protocol of FFmpeg's.
+    name = os.path.abspath(path)  # noqa: PTH100 - links stay as named
+    try:
+        name.encode()
+        capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
+    except UnicodeEncodeError:
+        raise InputError(f"{path} has a name that is not UTF-8; rename it") from None
+    except cv2.error:
+        capture = cv2.VideoCapture()
+    if not capture.isOpened():
+        raise InputError(
+            f"{path} holds no video that can be read: damaged, cut off, without a video stream, "
+            "or of a codec that FFmpeg does not have here"
+        )
+    return capture
+
+
+def _count(frames: float) -> int | None:
+    return int(frames) if 0 < frames < _MOST_FRAMES else None

@@ -1,0 +1,86 @@
+"""Which frames of a video are wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A place in a video, or a distance.
+
+    Attributes:
+        value: seconds from the first frame, or a frame number from 0; not negative.
+        in_frames: whether it is a frame number.
+    """
+
+    value: Fraction
+    in_frames: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A part of a video.
+
+    Attributes:
+        start: its first frame is the first at or after this point.
+        end: the first frame at or after this point is left out; None for the end of the video.
+        every: distance from one frame to the next; in seconds, the first frame at or after each
+            multiple is taken.
+    """
+
+    start: Point = Point(Fraction(0))
+    end: Point | None = None
+    every: Point = Point(Fraction(1), in_frames=True)
+
+    def rate(self, rate: Fraction) -> Fraction:
+        """Frames a second of what is picked from a video of ``rate`` frames a second."""
+        if self.every.in_frames:
+            return rate / self.every.value
+        return min(rate, 1 / self.every.value)
+
+    def count(self, frames: int, rate: Fraction) -> int:
+        """How many frames are picked from a video of ``frames`` evenly spaced ones."""
+        start, end = (self._frame(point, rate) for point in (self.start, self.end))
+        last = frames if end is None else min(frames, -(-end // 1))
+        first = -(-(start or Fraction(0)) // 1)
+        step = max(Fraction(1), self._frame(self.every, rate) or Fraction(1))
+        return max(0, int(-((first - last) // step)))
+
+    def picks(self, frames: Iterable[tuple[int, Fraction]]) -> Iterator[bool]:
+        """Whether each frame is wanted; ends where the span does.
+
+        Args:
+            frames: number and time in seconds of each frame, in order.
+        """
+        due: Fraction | None = None
+        for index, time_s in frames:
+            if self.end is not None and _at(self.end, index, time_s) >= self.end.value:
+                return
+            now = _at(self.every, index, time_s)
+            started = _at(self.start, index, time_s) >= self.start.value
+            if not started or (due is not None and now < due):
+                yield False
+                continue
+            first = now if due is None else due
+            due = first + ((now - first) // self.every.value + 1) * self.every.value
+            yield True
+
+    @staticmethod
+    def _frame(point: Point | None, rate: Fraction) -> Fraction | None:
+        if point is None:
+            return None
+        return point.value if point.in_frames else point.value * rate
+
+
+WHOLE = Span()
+"""Every frame."""
+
+
+def _at(point: Point, index: int, time_s: Fraction) -> Fraction:
+    return Fraction(index) if point.in_frames else time_s
