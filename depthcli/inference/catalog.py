@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from depthcli.errors import ModelError
 from depthcli.inference import onnx_file
 from depthcli.inference.card import METADATA_KEY, ModelCard
+from depthcli.io.user_folders import data_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -86,10 +87,10 @@ def locate(name_or_path: str | os.PathLike[str] | None = None) -> Place:
         raise ModelError("the model's name is empty; see 'depthcli models list'")
     if not _is_path(name):
         for root in roots():
-            place = _place(root / name) or _place(root / f"{name}{_ONNX_SUFFIX}")
+            place = place_at(root / name) or place_at(root / f"{name}{_ONNX_SUFFIX}")
             if place:
                 return place
-    place = _place(Path(name))
+    place = place_at(Path(name))
     if place:
         return place
     if _is_path(name):
@@ -98,13 +99,17 @@ def locate(name_or_path: str | os.PathLike[str] | None = None) -> Place:
 
 
 def roots() -> tuple[Path, ...]:
-    """Folders that hold models: the variable's, the bundled ones, a source checkout's."""
+    """Folders that hold models: the variable's, the user's, the bundled ones, a checkout's."""
     package = Path(__file__).resolve().parents[1]
-    folders = [Path(part) for part in os.environ.get(MODELS_VARIABLE, "").split(os.pathsep) if part]
-    folders.append(package / "_bundled")
+    folders = [*_variable_roots(), data_folder() / "models", package / "_bundled"]
     if (package.parent / "pyproject.toml").is_file():
         folders.append(package.parent / "models")
     return tuple(folders)
+
+
+def user_root() -> Path:
+    """The folder that takes models of one's own: the variable's first, else the user's."""
+    return next(iter(_variable_roots()), data_folder() / "models")
 
 
 def list_places() -> Iterator[tuple[str, Place]]:
@@ -113,7 +118,7 @@ def list_places() -> Iterator[tuple[str, Place]]:
     for root in roots():
         children = sorted(root.iterdir()) if root.is_dir() else []
         for child in children:
-            place = _place(child)
+            place = None if child.name.startswith(".") else place_at(child)
             if place:
                 found.setdefault(child.name.removesuffix(_ONNX_SUFFIX), place)
     yield from sorted(found.items())
@@ -130,7 +135,7 @@ def read_model(place: Place) -> Model:
     data = _read(path, _MAX_BYTES)
     sha256 = hashlib.sha256(data).hexdigest()
     if card:
-        _check(card, path, data, sha256)
+        check_file(card, path, len(data), sha256)
     onnx_file.refuse_external_data(data, str(path))
     embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
     if card is None:
@@ -143,12 +148,38 @@ def read_model(place: Place) -> Model:
     return Model(path=path, card=card, sha256=sha256, data=data)
 
 
+def read_onnx(path: Path) -> bytes:
+    """The bytes of a complete ONNX file whose weights are all inside.
+
+    Raises:
+        ModelError: it is not one.
+    """
+    data = _read(path, _MAX_BYTES)
+    onnx_file.refuse_external_data(data, str(path))
+    onnx_file.metadata(data, str(path))
+    return data
+
+
+def read_card(path: Path) -> bytes:
+    """The text of a card's file.
+
+    Raises:
+        ModelError: it cannot be read, or is too large for a card.
+    """
+    return _read(path, _MAX_CARD_BYTES)
+
+
+def _variable_roots() -> list[Path]:
+    return [Path(part) for part in os.environ.get(MODELS_VARIABLE, "").split(os.pathsep) if part]
+
+
 def _is_path(name: str) -> bool:
     separators = {os.sep, os.altsep or os.sep}
     return name.endswith(_ONNX_SUFFIX) or name in {".", ".."} or any(s in name for s in separators)
 
 
-def _place(path: Path) -> Place | None:
+def place_at(path: Path) -> Place | None:
+    """The model at a path, a folder with a card or an ONNX file; None if there is none."""
     if (path / CARD_NAME).is_file():
         return Place(onnx=None, card=path / CARD_NAME)
     if path.suffix == _ONNX_SUFFIX and path.is_file():
@@ -166,7 +197,7 @@ def _onnx_path(place: Place, card: ModelCard | None) -> Path:
 
 
 def _read_card(path: Path) -> ModelCard:
-    return ModelCard.from_json(_read(path, _MAX_CARD_BYTES), where=str(path))
+    return ModelCard.from_json(read_card(path), where=str(path))
 
 
 def _read(path: Path, max_bytes: int) -> bytes:
@@ -180,10 +211,20 @@ def _read(path: Path, max_bytes: int) -> bytes:
         raise ModelError(f"cannot read {path}: {error.strerror}; restore the model") from error
 
 
-def _check(card: ModelCard, path: Path, data: bytes, sha256: str) -> None:
-    """Compare a file with what its card promises."""
+def check_file(card: ModelCard, path: Path, size: int, sha256: str) -> None:
+    """Compare a file with what its card promises.
+
+    Args:
+        card: promises of size and checksum count, if it makes them.
+        path: what messages call the file.
+        size: in bytes.
+        sha256: 64 hex digits.
+
+    Raises:
+        ModelError: it is another file.
+    """
     again = "download or export the model again"
-    if card.size_bytes is not None and card.size_bytes != len(data):
-        raise ModelError(f"{path} has {len(data)} bytes, its card says {card.size_bytes}; {again}")
+    if card.size_bytes is not None and card.size_bytes != size:
+        raise ModelError(f"{path} has {size} bytes, its card says {card.size_bytes}; {again}")
     if card.sha256 is not None and card.sha256 != sha256:
         raise ModelError(f"{path} has another checksum than its card says; {again}")

@@ -14,7 +14,9 @@ from depthcli.errors import ModelError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_GRAPH, _METADATA = 7, 14
+_IR_VERSION, _GRAPH, _OPSETS, _METADATA = 1, 7, 8, 14
+_OPSET_DOMAIN, _OPSET_VERSION = 1, 2
+_ONNX_DOMAINS = {b"", b"ai.onnx"}
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _FIXED_SIZES = {_FIXED64: 8, _FIXED32: 4}
 _MAX_VARINT_BITS = 64
@@ -50,6 +52,33 @@ def metadata(data: bytes, where: str) -> dict[str, str]:
     return entries
 
 
+def versions(data: bytes, where: str) -> tuple[int, int]:
+    """Opset of the standard operators and IR version of an ONNX file.
+
+    Args:
+        data: the whole file.
+        where: what messages call it.
+
+    Raises:
+        ModelError: the bytes are not a complete ONNX file, or it states neither.
+    """
+    opset = ir = 0
+    try:
+        for number, start, end in _fields(data, 0, len(data)):
+            if number == _IR_VERSION:
+                ir = _varint(data, start)[0]
+            elif number == _OPSETS:
+                parts = {field: (a, b) for field, a, b in _fields(data, start, end)}
+                domain = data[slice(*parts.get(_OPSET_DOMAIN, (0, 0)))]
+                if domain in _ONNX_DOMAINS and _OPSET_VERSION in parts:
+                    opset = _varint(data, parts[_OPSET_VERSION][0])[0]
+    except (IndexError, ValueError):
+        opset = 0
+    if not (opset and ir):
+        raise ModelError(f"{where} is damaged or not an ONNX file; download or export it again")
+    return opset, ir
+
+
 def refuse_external_data(data: bytes, where: str) -> None:
     """Refuse a model whose weights lie in other files, which no checksum covers.
 
@@ -58,8 +87,8 @@ def refuse_external_data(data: bytes, where: str) -> None:
     """
     if _EXTERNAL_MARK in data:
         raise ModelError(
-            f"{where} keeps weights in a second file; export it again as one file "
-            "(external_data=False)"
+            f"{where} keeps weights in a second file, which no checksum covers; save it as one, "
+            "with onnx.save(onnx.load('IN.onnx'), 'OUT.onnx') in Python say"
         )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import onnxruntime as ort
 
 from depthcli.errors import ModelError, ProviderError
+from depthcli.inference.card import TensorLayout
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -46,6 +47,7 @@ class Session:
         model: the model behind it.
         provider: name of the provider that really runs it.
         warnings: one-line texts, if ``auto`` had to settle for less than was there.
+        fixed_size: (height, width) that the graph states, in pixels; None where it is dynamic.
     """
 
     def __init__(self, model: Model, *, provider: str = AUTO, threads: int | None = None) -> None:
@@ -65,7 +67,8 @@ class Session:
         self._session = _load(model, wanted, threads)
         self.provider = _short_name(self._session.get_providers()[0])
         self.warnings = _provider_warnings(provider, wanted, self.provider)
-        self._input = _image_input(self._session, model)
+        self._input, shape = _image_input(self._session, model)
+        self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
     def run(self, batch: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Run the network.
@@ -79,20 +82,29 @@ class Session:
         Raises:
             ModelError: onnxruntime failed, or the output is not one map for each picture.
         """
+        if self._batch_size == 1 and len(batch) > 1:  # exported without a dynamic batch
+            return np.concatenate([self.run(batch[i : i + 1]) for i in range(len(batch))])
+        if self.model.card.input.layout is TensorLayout.NHWC:
+            batch = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         try:
             raw = self._session.run(None, {self._input: batch})[0]
         except Exception as error:
             raise ModelError(
                 f"{self.model.path} failed on an input of {batch.shape}: {_first_line(error)}"
             ) from error
-        if raw.ndim == _IMAGE_RANK and raw.shape[1] == 1:
-            raw = raw[:, 0]
-        if raw.ndim != _IMAGE_RANK - 1 or len(raw) != len(batch):
+        return self._maps(raw, len(batch))
+
+    def _maps(self, raw: npt.NDArray[Any], count: int) -> npt.NDArray[np.float32]:
+        """An output of (N, h, w), (N, 1, h, w) or (N, h, w, 1) as (N, h, w) float32."""
+        maps = raw
+        if raw.ndim == _IMAGE_RANK:
+            maps = raw[:, 0] if raw.shape[1] == 1 else raw[..., 0] if raw.shape[3] == 1 else raw
+        if maps.ndim != _IMAGE_RANK - 1 or len(maps) != count:
             raise ModelError(
                 f"{self.model.path} gives {raw.shape}, not one depth map a picture; "
                 "use a depth model"
             )
-        return np.asarray(raw, np.float32)
+        return np.asarray(maps, np.float32)
 
 
 def _wanted(provider: str) -> tuple[str, ...]:
@@ -151,21 +163,37 @@ def _short_name(full: str) -> str:
     return next((name for name, value in PROVIDERS.items() if value == full), full)
 
 
-def _image_input(session: ort.InferenceSession, model: Model) -> str:
-    """The name of the one (N, C, H, W) float32 input."""
+def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:
+    """Name and (N, C, H, W) of the one float32 input; None where a length is dynamic."""
     inputs: list[Any] = session.get_inputs()
-    channels = model.card.input.colour.channels
-    first = inputs[0]
+    first, spec = inputs[0], model.card.input
     if len(inputs) != 1 or len(first.shape) != _IMAGE_RANK or first.type != "tensor(float)":
         raise ModelError(
             f"{model.path} has no single float32 (N, C, H, W) input; use a depth model"
         )
-    if isinstance(first.shape[1], int) and first.shape[1] != channels:
+    lengths = [length if isinstance(length, int) else None for length in first.shape]
+    is_last = spec.layout is TensorLayout.NHWC
+    channels = lengths.pop(3 if is_last else 1)
+    if channels not in {None, spec.colour.channels}:
+        raise ModelError(_channels_problem(model, first.shape, channels))
+    if lengths[0] not in {None, 1}:
         raise ModelError(
-            f"{model.path} takes {first.shape[1]} channels, its card says {channels}; "
-            "correct the card's input.colour"
+            f"{model.path} takes {lengths[0]} pictures at once; export it with a batch of one, "
+            "or a dynamic one"
         )
-    return str(first.name)
+    return str(first.name), (lengths[0], channels, *lengths[1:])
+
+
+def _channels_problem(model: Model, shape: list[Any], channels: int | None) -> str:
+    spec = model.card.input
+    others = {TensorLayout.NCHW: TensorLayout.NHWC, TensorLayout.NHWC: TensorLayout.NCHW}
+    other = others[spec.layout]
+    if shape[3 if other is TensorLayout.NHWC else 1] == spec.colour.channels:
+        return f"{model.path} takes {shape}; set input.layout to {other.value} in the card"
+    return (
+        f"{model.path} takes {channels} channels, its card says {spec.colour.channels}; "
+        "correct the card's input.colour"
+    )
 
 
 def _first_line(error: Exception) -> str:

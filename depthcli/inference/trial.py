@@ -31,8 +31,19 @@ def try_model(model: Model, *, provider: str = AUTO) -> Session:
         ModelError: it does not load or run, or gives no finite depth.
     """
     session = Session(model, provider=provider)
-    size = (model.card.input.height, model.card.input.width)
-    depth = Pipeline(session).predict(Frame(np.full((*size, 3), _GRAY, np.uint8)))
-    if not np.isfinite(depth.values).any():
-        raise ModelError(f"{model.path} gives no depth for a gray picture; export the model again")
+    try_session(session)
     return session
+
+
+def try_session(session: Session) -> None:
+    """Run a loaded model on a gray picture of its own size.
+
+    Raises:
+        ModelError: it does not run, or gives no finite depth.
+    """
+    card = session.model.card
+    frame = Frame(np.full((card.input.height, card.input.width, 3), _GRAY, np.uint8))
+    if not np.isfinite(Pipeline(session).predict(frame).values).any():
+        raise ModelError(
+            f"{session.model.path} gives no depth for a gray picture; export the model again"
+        )

@@ -1,0 +1,33 @@
+"""Where a user's own models and profiles lie."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+_PROGRAM = "depthcli"
+
+
+def data_folder() -> Path:
+    """Models: ``XDG_DATA_HOME``, else the platform's folder for an application's data."""
+    return _folder("XDG_DATA_HOME", "LOCALAPPDATA", ".local/share")
+
+
+def config_folder() -> Path:
+    """Profiles: ``XDG_CONFIG_HOME``, else the platform's folder for an application's settings."""
+    return _folder("XDG_CONFIG_HOME", "APPDATA", ".config")
+
+
+def _folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
+    stated = os.environ.get(variable, "")
+    if os.path.isabs(stated):  # noqa: PTH117 - the XDG specification has relative ones ignored
+        return Path(stated) / _PROGRAM
+    # Without a home, expanduser leaves the tilde: a folder that is not there, and no error.
+    home = Path(os.path.expanduser("~"))  # noqa: PTH111 - Path.home() raises where there is none
+    if sys.platform == "win32":
+        base = os.environ.get(windows_variable)
+        return (Path(base) if base else home) / _PROGRAM
+    if sys.platform == "darwin":
+        return home / "Library" / "Application Support" / _PROGRAM
+    return home / elsewhere / _PROGRAM
