@@ -14,7 +14,10 @@ from depthcli.inference.card import ModelCard
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "models" / "default"
-REFERENCE = Path(__file__).parent / "reference" / "default-room.npy"
+REFERENCES = {
+    "bilinear": Path(__file__).parent / "reference" / "default-room.npy",
+    "guided": Path(__file__).parent / "reference" / "default-room-guided.npy",
+}
 ROOM_TRUE_MEDIAN_M = 3.692  # printed by docs/render_room.py
 
 
@@ -24,9 +27,16 @@ def depth() -> depthcli.DepthMap:
     return pipeline.predict(depthcli.read_image(ROOT / "docs" / "room.jpg"))
 
 
-def test_reproduces_its_stored_output(depth: depthcli.DepthMap) -> None:
-    stored = np.load(REFERENCE)
-    assert np.abs(depth.values[::8, ::8] - stored).max() < 0.02
+@pytest.mark.parametrize("upsampling", sorted(REFERENCES))
+def test_reproduces_its_stored_output(upsampling: str) -> None:
+    pipeline = depthcli.load(FOLDER, provider="cpu", upsampling=upsampling)
+    depth = pipeline.predict(depthcli.read_image(ROOT / "docs" / "room.jpg"))
+    assert np.abs(depth.values[::8, ::8] - np.load(REFERENCES[upsampling])).max() < 0.02
+
+
+def test_the_picture_guides_unless_told_otherwise(depth: depthcli.DepthMap) -> None:
+    assert np.abs(depth.values[::8, ::8] - np.load(REFERENCES["guided"])).max() < 0.02
+    assert np.abs(depth.values[::8, ::8] - np.load(REFERENCES["bilinear"])).max() > 0.1
 
 
 def test_sees_the_rendered_room(depth: depthcli.DepthMap) -> None:

@@ -36,6 +36,13 @@ def luma(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     return gray.reshape(pixels.shape[:2])
 
 
+def brightness(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+    """Luma to the precision of the pixels' own type, which is much faster than :func:`luma`."""
+    if pixels.ndim == 2:  # noqa: PLR2004
+        return unit(pixels)
+    return unit(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY))  # type: ignore[arg-type]
+
+
 def rgb(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     """Three channels (H, W, 3) float32 in [0, 1]; gray is repeated."""
     values = unit(pixels)

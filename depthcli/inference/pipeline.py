@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.core import scaling
+from depthcli.core.choices import Upsampling
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.inference.catalog import find_model
-from depthcli.inference.postprocess import finish
+from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
 from depthcli.inference.session import AUTO, Session
 
@@ -26,10 +27,23 @@ class Pipeline:
 
     Attributes:
         session: the loaded model.
+        upsampling: how depth gets from the network's size to the picture's.
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(
+        self, session: Session, *, upsampling: Upsampling | str = Upsampling.GUIDED
+    ) -> None:
+        """Take a loaded model.
+
+        Args:
+            session: the model.
+            upsampling: ``guided`` by the picture or ``bilinear``.
+
+        Raises:
+            UsageError: there is no such upsampling.
+        """
         self.session = session
+        self.upsampling = _upsampling(upsampling)
 
     @property
     def card(self) -> ModelCard:
@@ -60,7 +74,8 @@ class Pipeline:
         focal = self._focal_px(frame, focal_px, hfov_deg)
         batch, place = prepare(self.card.input, frame)
         raw = self.session.run(batch)[0]
-        values = finish(self.card.output, raw, place, frame.width, frame.height)
+        coarse = coarse_depth(self.card.output, raw, place)
+        values = full_size(self.card.output, coarse, frame, self.upsampling)
         if focal is not None and self.card.camera is not None:
             learned = scaling.focal_px(self.card.camera.hfov_deg, frame.width)
             values = values * np.float32(focal / learned)
@@ -96,6 +111,7 @@ def load(
     *,
     provider: str = AUTO,
     threads: int | None = None,
+    upsampling: Upsampling | str = Upsampling.GUIDED,
 ) -> Pipeline:
     """Find a model and make it ready.
 
@@ -103,9 +119,19 @@ def load(
         model: a name in the catalog, a folder, or an ``.onnx`` file; None for the default model.
         provider: ``auto``, or a name such as ``cpu`` or ``cuda`` that has to be there.
         threads: threads within one operator; None for onnxruntime's choice.
+        upsampling: ``guided`` by the picture or ``bilinear``.
 
     Raises:
         ModelError: the model is not there or is damaged.
         ProviderError: the named provider is not available.
+        UsageError: there is no such upsampling.
     """
-    return Pipeline(Session(find_model(model), provider=provider, threads=threads))
+    session = Session(find_model(model), provider=provider, threads=threads)
+    return Pipeline(session, upsampling=upsampling)
+
+
+def _upsampling(name: Upsampling | str) -> Upsampling:
+    try:
+        return Upsampling(name)
+    except ValueError:
+        raise UsageError(f"upsampling is {' or '.join(Upsampling)}, not {name!r}") from None

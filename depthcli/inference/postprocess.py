@@ -6,38 +6,68 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from depthcli.core.choices import Upsampling
 from depthcli.core.resize import resize_bilinear
 from depthcli.core.types import DepthKind
+from depthcli.core.upsample import upsample_guided
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from depthcli.core.types import Frame
     from depthcli.inference.card import OutputSpec
     from depthcli.inference.preprocess import Layout
 
 
-def finish(
-    spec: OutputSpec, raw: npt.NDArray[np.float32], place: Layout, width: int, height: int
+def coarse_depth(
+    spec: OutputSpec, raw: npt.NDArray[np.float32], place: Layout
 ) -> npt.NDArray[np.float32]:
-    """Depth of one picture.
+    """Depth of one picture at the network's size.
 
     Args:
         spec: the card's output.
         raw: (h, w) float32, the network's output for the whole input.
         place: where the picture lies in that input.
-        width: columns of the picture.
-        height: rows of the picture.
 
     Returns:
-        (height, width) float32 of the card's kind: metres within the card's range if metric.
+        (h, w) float32 of the card's kind, the picture alone. Without infinities, which a resize
+        would turn into NaN.
     """
     depth = _finite(spec, spec.codec.decode(raw))
-    if place.is_padded:
-        depth = _crop(depth, place)
-    depth = resize_bilinear(depth, width, height)
-    if spec.kind is DepthKind.METRIC:
-        depth = np.clip(depth, np.float32(spec.min_m), np.float32(spec.max_m))
-    return depth
+    return _crop(depth, place) if place.is_padded else depth
+
+
+def full_size(
+    spec: OutputSpec, coarse: npt.NDArray[np.float32], frame: Frame, upsampling: Upsampling
+) -> npt.NDArray[np.float32]:
+    """Depth at the picture's size.
+
+    Args:
+        spec: the card's output.
+        coarse: (h, w) float32 of the whole picture.
+        frame: the picture.
+        upsampling: how its pixels get their depth.
+
+    Returns:
+        (H, W) float32 of the card's kind: metres within the card's range if metric.
+    """
+    if upsampling is Upsampling.BILINEAR:
+        return in_range(spec, resize_bilinear(coarse, frame.width, frame.height))
+    return in_range(
+        spec, upsample_guided(in_range(spec, coarse), frame, in_log=blends_in_log(spec))
+    )
+
+
+def blends_in_log(spec: OutputSpec) -> bool:
+    """Whether depth of this kind is above 0, so that it has a logarithm."""
+    return spec.kind is DepthKind.METRIC and spec.min_m is not None and spec.min_m > 0
+
+
+def in_range(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Metres within the card's range; other kinds have none."""
+    if spec.kind is not DepthKind.METRIC:
+        return depth
+    return np.clip(depth, np.float32(spec.min_m), np.float32(spec.max_m))
 
 
 def _finite(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -45,7 +75,7 @@ def _finite(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.
     if not np.isinf(depth).any():
         return depth
     if spec.kind is DepthKind.METRIC:
-        return np.clip(depth, np.float32(spec.min_m), np.float32(spec.max_m))
+        return in_range(spec, depth)
     return np.where(np.isinf(depth), np.float32(np.nan), depth)
 
 

@@ -29,9 +29,9 @@ RATIOS = tuple(np.linspace(1.05, 1.25, 10).tolist())
 
 _SIGMA_PX = math.sqrt(2)
 _RADIUS_PX = 4
-# A step of 15 % of depth is an edge, and so is one of half that which continues an edge. A floor
-# seen from eye height stays below both out to 10 m.
-_STRONG_STEP = math.log(1.15)
+# A step of 10 % of depth is an edge, and so is one of half that which continues an edge. A floor
+# seen from 1.2 m above stays below both out to 8 m.
+_STRONG_STEP = math.log(1.1)
 _WEAK_STEP = _STRONG_STEP / 2
 # Canny takes 16-bit gradients; the steepest possible, 1 mm beside 10 m, still fits.
 _GRADIENT_SCALE = 8192.0

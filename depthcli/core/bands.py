@@ -1,0 +1,49 @@
+"""Large pictures a few rows at a time, so that no second copy of them is ever whole in memory."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.core.resize import resize_area
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    import numpy.typing as npt
+
+BAND_PIXELS = 100_000
+"""Pixels of a band: its few planes of floats fit a processor's second cache."""
+
+
+def row_bands(width: int, height: int) -> Iterator[slice]:
+    """Rows of a picture from top to bottom, about :data:`BAND_PIXELS` pixels at a time."""
+    count = max(1, BAND_PIXELS // width)
+    for top in range(0, height, count):
+        yield slice(top, min(top + count, height))
+
+
+def shrink_bands(
+    pixels: npt.NDArray[np.generic],
+    plane: Callable[[npt.NDArray[np.generic]], npt.NDArray[np.float32]],
+    width: int,
+    height: int,
+) -> npt.NDArray[np.float32]:
+    """What ``resize_area(plane(pixels), width, height)`` gives, up to rounding.
+
+    Args:
+        pixels: (H, W) or (H, W, 3), of a frame.
+        plane: what to take of the pixels, each by itself, as in :mod:`depthcli.core.colour`.
+        width: columns of the result, px.
+        height: rows of the result, px.
+
+    Returns:
+        (height, width) or (height, width, C) float32, as ``plane`` gives.
+    """
+    rows, columns = pixels.shape[:2]
+    narrow = [
+        resize_area(plane(pixels[band]), width, band.stop - band.start)
+        for band in row_bands(columns, rows)
+    ]
+    return resize_area(np.concatenate(narrow), width, height)
