@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -54,6 +55,9 @@ _Devices = Annotated[
     int, typer.Option(min=1, help="GPUs, or processes on a CPU, that share each batch.")
 ]
 _Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; default: all cores.")]
+_TensorBoard = Annotated[
+    bool, typer.Option("--tensorboard", help="Also write event files to OUT/tensorboard.")
+]
 _Json = Annotated[bool, typer.Option("--json", help="One JSON object per epoch.")]
 _Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 
@@ -75,6 +79,7 @@ def train(
     accelerator: _Accelerator = "auto",
     devices: _Devices = 1,
     threads: _Threads = None,
+    tensorboard: _TensorBoard = False,
     as_json: _Json = False,
     quiet: _Quiet = False,
 ) -> int:
@@ -92,7 +97,7 @@ def train(
     if data is None:
         raise typer.BadParameter("give the data set with --data")
     from depthcli.cli.train_devices import launched, open_fabric
-    from depthcli.cli.train_progress import progress_for
+    from depthcli.cli.train_progress import progress_for, with_board
     from depthcli.datasets.nyu import open_nyu
     from depthcli.training.interrupt import Interrupt
     from depthcli.training.loop import Limits
@@ -104,7 +109,10 @@ def train(
         _set_threads(threads)
         first = fabric.is_global_zero
         interrupt = Interrupt(signal.SIGINT, signal.SIGTERM)
-        with progress_for(as_json=as_json, quiet=quiet or not first) as watcher:
+        with ExitStack() as stack:
+            watcher = stack.enter_context(progress_for(as_json=as_json, quiet=quiet or not first))
+            if tensorboard and first:
+                watcher = stack.enter_context(with_board(watcher, out, resolved))
             limits = Limits(minutes=math.inf if max_minutes is None else max_minutes)
             done = run(resolved, dataset, out, fabric, watcher, limits, interrupt)
     if not first:

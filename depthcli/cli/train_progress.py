@@ -12,10 +12,12 @@ from depthcli.cli import console
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from rich.progress import Progress as Bar
 
     from depthcli.training.checkpoint import Progress
+    from depthcli.training.config import TrainConfig
     from depthcli.training.loop import Watcher
 
 _SHOWN = ("abs_rel", "rmse", "d1")
@@ -36,6 +38,39 @@ def progress_for(*, as_json: bool, quiet: bool) -> Iterator[Watcher]:
             yield Lines(bar)
     else:
         yield Lines(None)
+
+
+@contextmanager
+def with_board(watcher: Watcher, folder: Path, config: TrainConfig) -> Iterator[Watcher]:
+    """Also write event files for TensorBoard.
+
+    Raises:
+        TrainingError: its package is not installed.
+    """
+    from depthcli.training.board import Board
+
+    board = Board(folder, config)
+    try:
+        yield Both(watcher, board)
+    finally:
+        board.close()
+
+
+class Both:
+    """Two watchers in one."""
+
+    def __init__(self, first: Watcher, second: Watcher) -> None:
+        self._watchers = first, second
+
+    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+        """Tell both."""
+        for watcher in self._watchers:
+            watcher.step(progress, steps, losses)
+
+    def epoch(self, progress: Progress) -> None:
+        """Tell both."""
+        for watcher in self._watchers:
+            watcher.epoch(progress)
 
 
 class Silent:

@@ -40,10 +40,15 @@ def write_samples(
             known = validation.store.known[row, 0].numpy().astype(np.uint8)
             shown[-1][cv2.resize(known, size, interpolation=cv2.INTER_NEAREST) == 0] = 0
         lines.append(np.hstack(shown))
-    target = folder / "samples"
-    target.mkdir(exist_ok=True)
+    target = sample_path(folder, epoch)
+    target.parent.mkdir(exist_ok=True)
     encoded = cv2.imencode(".jpg", np.vstack(lines))[1]
-    (target / f"epoch-{epoch:04d}.jpg").write_bytes(encoded.tobytes())
+    target.write_bytes(encoded.tobytes())
+
+
+def sample_path(folder: Path, epoch: int) -> Path:
+    """Where the sample pictures of an epoch are."""
+    return folder / "samples" / f"epoch-{epoch:04d}.jpg"
 
 
 def _coloured(depth_m: npt.ArrayLike, nearest_m: float, farthest_m: float) -> npt.NDArray[np.uint8]:
