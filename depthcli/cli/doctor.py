@@ -96,7 +96,7 @@ def _model(name: str | None, provider: str) -> Check:
     import onnxruntime
 
     from depthcli.inference.catalog import find_model
-    from depthcli.inference.session import available_providers
+    from depthcli.inference.providers import available_providers
     from depthcli.inference.trial import try_model
 
     model = find_model(name)

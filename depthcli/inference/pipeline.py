@@ -13,7 +13,8 @@ from depthcli.errors import UsageError
 from depthcli.inference.catalog import find_model
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
-from depthcli.inference.session import AUTO, Session
+from depthcli.inference.providers import AUTO
+from depthcli.inference.session import Session
 
 if TYPE_CHECKING:
     import os

@@ -2,42 +2,28 @@
 
 from __future__ import annotations
 
+import threading
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import onnxruntime as ort
 
 from depthcli.errors import ModelError, ProviderError
+from depthcli.inference import providers
 from depthcli.inference.card import TensorLayout
+from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from contextlib import AbstractContextManager
+
     import numpy.typing as npt
 
     from depthcli.inference.catalog import Model
 
-AUTO = "auto"
-PROVIDERS = {
-    "cuda": "CUDAExecutionProvider",
-    "tensorrt": "TensorrtExecutionProvider",
-    "rocm": "ROCMExecutionProvider",
-    "migraphx": "MIGraphXExecutionProvider",
-    "directml": "DmlExecutionProvider",
-    "coreml": "CoreMLExecutionProvider",
-    "openvino": "OpenVINOExecutionProvider",
-    "cpu": "CPUExecutionProvider",
-}
-"""Name on the command line -> name in onnxruntime."""
-# In the order of what usually is fastest; TensorRT is left out because it builds an engine for
-# minutes before the first picture.
-_AUTO_ORDER = ("cuda", "rocm", "migraphx", "directml", "coreml", "cpu")
 _FATAL_ONLY = 4
 _IMAGE_RANK = 4
-
-
-def available_providers() -> tuple[str, ...]:
-    """Names of the providers that this onnxruntime was built with, best first."""
-    built = set(ort.get_available_providers())
-    return tuple(name for name, full in PROVIDERS.items() if full in built)
 
 
 class Session:
@@ -50,23 +36,39 @@ class Session:
         fixed_size: (height, width) that the graph states, in pixels; None where it is dynamic.
     """
 
-    def __init__(self, model: Model, *, provider: str = AUTO, threads: int | None = None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        *,
+        provider: str = AUTO,
+        threads: int | None = None,
+        provider_options: Mapping[str, str] | None = None,
+    ) -> None:
         """Load a model.
 
         Args:
             model: from the catalog.
             provider: ``auto`` for the best that works, or a name of ``PROVIDERS``.
             threads: threads within one operator; None for onnxruntime's choice.
+            provider_options: for a provider asked for by name, as onnxruntime documents them.
 
         Raises:
+            UsageError: options are given, and the provider takes none.
             ProviderError: the named provider is unknown, not built in, or does not start.
             ModelError: onnxruntime cannot load the model, or it is not an image-to-depth model.
         """
         self.model = model
-        wanted = _wanted(provider)
-        self._session = _load(model, wanted, threads)
-        self.provider = _short_name(self._session.get_providers()[0])
-        self.warnings = _provider_warnings(provider, wanted, self.provider)
+        wanted = providers.wanted_providers(provider)
+        options = provider_options or {}
+        providers.check_options(provider, options)
+        self._session = _start(model, wanted, threads, options)
+        self.provider = providers.short_name(self._session.get_providers()[0])
+        self.warnings = providers.settled(provider, wanted[0], self.provider)
+        # DirectML allows one run at a time in a session:
+        # https://onnxruntime.ai/docs/execution-providers/DirectML-ExecutionProvider.html
+        self._turn: AbstractContextManager[Any] = (
+            threading.Lock() if self.provider == DIRECTML else nullcontext()
+        )
         self._input, shape = _image_input(self._session, model)
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
@@ -87,7 +89,8 @@ class Session:
         if self.model.card.input.layout is TensorLayout.NHWC:
             batch = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         try:
-            raw = self._session.run(None, {self._input: batch})[0]
+            with self._turn:
+                raw = self._session.run(None, {self._input: batch})[0]
         except Exception as error:
             raise ModelError(
                 f"{self.model.path} failed on an input of {batch.shape}: {_first_line(error)}"
@@ -107,22 +110,24 @@ class Session:
         return np.asarray(maps, np.float32)
 
 
-def _wanted(provider: str) -> tuple[str, ...]:
-    available = available_providers()
-    if provider == AUTO:
-        return tuple(name for name in _AUTO_ORDER if name in available)
-    if provider not in PROVIDERS:
-        names = ", ".join((AUTO, *PROVIDERS))
-        raise ProviderError(f"no provider is called {provider!r}; give one of {names}")
-    if provider not in available:
-        raise ProviderError(
-            f"provider {provider!r} is not in this onnxruntime (it has {', '.join(available)}); "
-            "install the onnxruntime build for it, or give --provider auto"
-        )
-    return (provider,)
+def _start(
+    model: Model, wanted: tuple[str, ...], threads: int | None, options: Mapping[str, str]
+) -> ort.InferenceSession:
+    """A session on the first of the providers that starts."""
+    for worse in range(1, len(wanted)):
+        try:
+            return _load(model, wanted[worse - 1 :], threads, options)
+        except ProviderError:
+            continue  # the caller says that it had to settle for less
+    return _load(model, wanted[-1:], threads, options)
 
 
-def _load(model: Model, wanted: tuple[str, ...], threads: int | None) -> ort.InferenceSession:
+def _load(
+    model: Model,
+    wanted: tuple[str, ...],
+    threads: int | None,
+    provider_options: Mapping[str, str],
+) -> ort.InferenceSession:
     options = ort.SessionOptions()
     options.log_severity_level = _FATAL_ONLY
     if threads is not None:
@@ -132,35 +137,24 @@ def _load(model: Model, wanted: tuple[str, ...], threads: int | None) -> ort.Inf
         # other cores: without, the first picture is there in half the time, and the next ones are
         # as fast. That holds for onnxruntime's own pinned threads, not for a number of them.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    if DIRECTML in wanted:  # it knows neither memory patterns nor parallel operators
+        options.enable_mem_pattern = False
+        options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
+    stated = [(PROVIDERS[name], dict(provider_options)) for name in wanted]
     try:
-        return ort.InferenceSession(model.data, options, [PROVIDERS[name] for name in wanted])
+        # onnxruntime's own way to the CPU would announce itself on standard output.
+        return ort.InferenceSession(model.data, options, stated, enable_fallback=0)
     except Exception as error:
         raise _load_error(model, wanted, error) from error
 
 
 def _load_error(model: Model, wanted: tuple[str, ...], error: Exception) -> ModelError:
-    if wanted[0] != "cpu" and "CPUExecutionProvider" not in str(error):
+    if wanted[0] != CPU and "CPUExecutionProvider" not in str(error):
         return ProviderError(f"provider {wanted[0]!r} does not start: {_first_line(error)}")
     return ModelError(
         f"onnxruntime {ort.__version__} cannot load {model.path} "
         f"(opset {model.card.onnx.opset}, IR {model.card.onnx.ir}): {_first_line(error)}"
     )
-
-
-def _provider_warnings(asked: str, wanted: tuple[str, ...], active: str) -> tuple[str, ...]:
-    if active == wanted[0]:
-        return ()
-    # onnxruntime falls back to the CPU by itself; asked for by name, that is an error.
-    if asked != AUTO:
-        raise ProviderError(
-            f"provider {asked!r} does not start here, onnxruntime fell back to {active!r}; "
-            "see 'depthcli doctor', or give --provider auto"
-        )
-    return (f"provider {wanted[0]!r} does not start here, running on {active!r}",)
-
-
-def _short_name(full: str) -> str:
-    return next((name for name, value in PROVIDERS.items() if value == full), full)
 
 
 def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:

@@ -9,7 +9,8 @@ import numpy as np
 from depthcli.core.types import Frame
 from depthcli.errors import ModelError
 from depthcli.inference.pipeline import Pipeline
-from depthcli.inference.session import AUTO, Session
+from depthcli.inference.providers import AUTO
+from depthcli.inference.session import Session
 
 if TYPE_CHECKING:
     from depthcli.inference.catalog import Model

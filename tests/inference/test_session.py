@@ -14,7 +14,8 @@ from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError, ProviderError
 from depthcli.inference.catalog import find_model
-from depthcli.inference.session import Session, _provider_warnings, available_providers
+from depthcli.inference.providers import available_providers, settled
+from depthcli.inference.session import Session
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -107,9 +108,9 @@ def test_loading_prints_nothing_and_sets_no_environment(model_folder: Path) -> N
 
 def test_a_silent_fall_back_is_an_error_if_the_provider_was_named() -> None:
     with pytest.raises(ProviderError, match="'cuda' does not start here"):
-        _provider_warnings("cuda", ("cuda",), "cpu")
+        settled("cuda", "cuda", "cpu")
 
 
 def test_a_silent_fall_back_is_a_warning_with_auto() -> None:
-    (warning,) = _provider_warnings("auto", ("cuda", "cpu"), "cpu")
+    (warning,) = settled("auto", "cuda", "cpu")
     assert "'cuda' does not start here, running on 'cpu'" in warning

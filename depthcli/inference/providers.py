@@ -1,0 +1,100 @@
+"""What runs a network: onnxruntime's execution providers, by the names of the command line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import onnxruntime as ort
+
+from depthcli.errors import ProviderError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+AUTO = "auto"
+CPU = "cpu"
+DIRECTML = "directml"
+PROVIDERS = {
+    "cuda": "CUDAExecutionProvider",
+    "tensorrt": "TensorrtExecutionProvider",
+    "rocm": "ROCMExecutionProvider",
+    "migraphx": "MIGraphXExecutionProvider",
+    DIRECTML: "DmlExecutionProvider",
+    "coreml": "CoreMLExecutionProvider",
+    "openvino": "OpenVINOExecutionProvider",
+    CPU: "CPUExecutionProvider",
+}
+"""Name on the command line -> name in onnxruntime."""
+SLOW_TO_START = "tensorrt"
+"""Builds an engine for minutes before the first picture, so ``auto`` never takes it."""
+# In the order of what usually is fastest.
+_AUTO_ORDER = tuple(name for name in PROVIDERS if name != SLOW_TO_START)
+
+
+def available_providers() -> tuple[str, ...]:
+    """Names of the providers that this onnxruntime was built with, best first."""
+    built = set(ort.get_available_providers())
+    return tuple(name for name, full in PROVIDERS.items() if full in built)
+
+
+def wanted_providers(provider: str) -> tuple[str, ...]:
+    """What to try, best first.
+
+    Args:
+        provider: ``auto`` or a name of ``PROVIDERS``.
+
+    Raises:
+        ProviderError: there is no such provider, or this onnxruntime has it not.
+    """
+    available = available_providers()
+    if provider == AUTO:
+        return tuple(name for name in _AUTO_ORDER if name in available)
+    if provider not in PROVIDERS:
+        names = ", ".join((AUTO, *PROVIDERS))
+        raise ProviderError(f"no provider is called {provider!r}; give one of {names}")
+    if provider not in available:
+        raise ProviderError(
+            f"provider {provider!r} is not in this onnxruntime (it has {', '.join(available)}); "
+            "install the onnxruntime build for it, or give --provider auto"
+        )
+    return (provider,)
+
+
+def check_options(provider: str, options: Mapping[str, str]) -> None:
+    """Refuse options that nothing would read.
+
+    Raises:
+        UsageError: there are options, and no provider is named or it takes none.
+    """
+    if options and provider in {AUTO, CPU}:
+        raise UsageError(
+            f"provider {provider!r} takes no options; name one such as cuda with --provider, or "
+            "leave --provider-option out"
+        )
+
+
+def settled(asked: str, best: str, active: str) -> tuple[str, ...]:
+    """Warnings, one line each, about a provider that is not the best one.
+
+    Args:
+        asked: ``auto`` or a name.
+        best: the one that was tried first.
+        active: the one that runs.
+
+    Raises:
+        ProviderError: another one than was asked for by name runs.
+    """
+    if active == best:
+        return ()
+    # onnxruntime falls back to the CPU by itself; asked for by name, that is an error.
+    if asked != AUTO:
+        raise ProviderError(
+            f"provider {asked!r} does not start here, onnxruntime fell back to {active!r}; "
+            "see 'depthcli doctor', or give --provider auto"
+        )
+    return (f"provider {best!r} does not start here, running on {active!r}",)
+
+
+def short_name(full: str) -> str:
+    """The command line's name for onnxruntime's."""
+    return next((name for name, value in PROVIDERS.items() if value == full), full)
