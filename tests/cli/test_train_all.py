@@ -1,0 +1,181 @@
+"""``depthcli train --all``: several methods under one budget, as a user runs them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
+from rooms import write_rooms
+
+from depthcli.training.checkpoint import Checkpoint
+
+ROOT = Path(__file__).parents[2]
+TINY = """
+[generator]
+width = 4
+blocks = 1
+
+[data]
+width = 32
+height = 32
+holdout_every = 4
+holdout_offset = 1
+
+[optim]
+epochs_constant = 1
+epochs_decay = 0
+width_discriminator = 2
+"""
+
+
+def _command(*arguments: str) -> list[str]:
+    common = ["--data", "data", "--out", "runs", "--config", "tiny.toml"]
+    common += ["--threads", "1", "--accelerator", "cpu"]
+    return [sys.executable, "-m", "depthcli", "train", *common, *arguments]
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": ""}
+
+
+def _train(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        _command(*arguments),
+        cwd=folder,
+        env=_environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A data set and a file of settings."""
+    write_rooms(tmp_path / "data")
+    (tmp_path / "tiny.toml").write_text(TINY)
+    return tmp_path
+
+
+def _progress(folder: Path, run: str) -> tuple[str, int, int]:
+    saved = Checkpoint.load(folder / "runs" / run / "last.ckpt")
+    return saved.config.method, saved.config.seed, saved.progress.epoch
+
+
+def test_methods_and_seeds_are_trained_and_then_skipped(folder: Path) -> None:
+    done = _train(folder, "--methods", "cyclegan, fastcut", "--seeds", "0,2", "--set", "seed=5")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    for run in ("cyclegan-seed0", "cyclegan-seed2", "fastcut-seed0", "fastcut-seed2"):
+        method, seed = run.split("-seed")
+        assert _progress(folder, run) == (method, int(seed), 1)
+        assert f"{run}: finished, epoch 1 of 1" in done.stderr
+    assert done.stderr.splitlines()[-1] == "4 of 4 runs finished"
+    before = {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/*")}
+    again = _train(folder, "--methods", "cyclegan,fastcut", "--seeds", "0,2", "--json")
+    assert again.returncode == 0, again.stderr
+    assert again.stderr == ""
+    lines = [json.loads(line) for line in again.stdout.splitlines()]
+    assert [line["state"] for line in lines] == ["finished"] * 4
+    assert {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/*")} == before
+
+
+def test_a_failing_method_stops_no_other(folder: Path) -> None:
+    broken = folder / "runs" / "cut-seed0"
+    broken.mkdir(parents=True)
+    (broken / "last.ckpt").write_bytes(b"no checkpoint")
+    in_the_way = folder / "runs" / "cyclegan-seed0"
+    in_the_way.write_text("a file where a folder should be")
+    done = _train(folder, "--methods", "cut,cyclegan,fastcut", "--json")
+    assert done.returncode == 1
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    ends = {line["run"]: line["state"] for line in lines if "state" in line}
+    assert ends == {"cut-seed0": "failed", "cyclegan-seed0": "failed", "fastcut-seed0": "finished"}
+    epochs = [line for line in lines if "state" not in line]
+    assert [(line["run"], line["epoch"]) for line in epochs] == [("fastcut-seed0", 1)]
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("depthcli: error: 2 of 3 runs failed: cut-seed0 (")
+    assert "cyclegan-seed0 (exit code 3" in last
+    assert (broken / "last.ckpt").read_bytes() == b"no checkpoint"
+
+
+def test_a_budget_is_shared_and_those_behind_go_first(folder: Path) -> None:
+    long = ("--set", "optim.epochs_constant=100000", "--set", "validate_every=100000")
+    arguments = ("--methods", "fastcut,cut", *long)
+    first = _train(folder, *arguments, "--max-minutes", "0.02")
+    assert first.returncode == 0, first.stderr
+    names = [line.split(":")[0] for line in first.stderr.splitlines() if ": training" in line]
+    assert names[0] == "fastcut-seed0"  # 1.2 s are over before the second one starts, or nearly
+    assert first.stderr.splitlines()[-1].startswith("0 of 2 runs finished, 2 to continue")
+    if len(names) == 1:
+        second = _train(folder, *arguments, "--max-minutes", "0.02")
+        names += [line.split(":")[0] for line in second.stderr.splitlines() if "training" in line]
+    assert names[:2] == ["fastcut-seed0", "cut-seed0"]
+    seconds = [
+        Checkpoint.load(folder / "runs" / run / "last.ckpt").progress.seconds for run in names[:2]
+    ]
+    assert min(seconds) > 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_run_at_hand_cleanly_and_all_others(folder: Path, number: int) -> None:
+    arguments = ("--methods", "fastcut,cut", "--set", "optim.epochs_constant=100000", "--json")
+    with subprocess.Popen(
+        _command(*arguments),
+        cwd=folder,
+        env=_environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline())["run"] == "fastcut-seed0"
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 128 + number, err
+    assert json.loads(out.splitlines()[-1])["state"] == "stopped"
+    assert not (folder / "runs" / "cut-seed0").exists()
+    step = Checkpoint.load(folder / "runs" / "fastcut-seed0" / "last.ckpt").progress.step
+    assert step >= 5
+    time.sleep(0.2)
+    log = (folder / "runs" / "fastcut-seed0" / "metrics.jsonl").read_text()
+    assert json.loads(log.splitlines()[-1])["step"] <= step
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("cut", "--all"), "not both"),
+        (("--all", "--show-config"), "--show-config"),
+        (("--methods", "cut,pix2pix"), "no method 'pix2pix'"),
+        (("--methods", ","), "take a list"),
+        (("--all", "--seeds", "one"), "not 'one'"),
+        (("--all", "--set", "loss.similarity=1"), "cyclegan has no loss.similarity"),
+        (("cut", "--seeds", "0"), "--seeds goes with"),
+        ((), "METHOD"),
+    ],
+)
+def test_wrong_use_is_one_line_before_anything_is_trained(
+    folder: Path, arguments: tuple[str, ...], reason: str
+) -> None:
+    done = _train(folder, *arguments)
+    assert done.returncode == 2
+    assert reason in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (folder / "runs").exists()
+
+
+def test_missing_data_are_said_once(folder: Path) -> None:
+    done = _train(folder, "--all", "--data", "nowhere")
+    assert done.returncode == 3
+    assert done.stderr.count("\n") == 1
+    assert "nowhere" in done.stderr
