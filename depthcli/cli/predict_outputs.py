@@ -1,10 +1,10 @@
-"""Which files ``depthcli predict`` writes, and how each format looks."""
+"""Which files ``depthcli predict`` writes."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.cli.predict_choices import Format
 from depthcli.errors import UsageError
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from depthcli.core.types import DepthMap, Frame
-    from depthcli.inference.card import ModelCard
     from depthcli.io.writers.base import Writer
 
 STANDARD = "-"
@@ -29,73 +28,6 @@ FORMAT_OF_SUFFIX = {
     ".ply": Format.PLY,
     ".json": Format.JSON,
 }
-
-
-class Looks(NamedTuple):
-    """Options of the formats; see the writers.
-
-    Attributes:
-        png_scale: steps a metre in 16-bit PNG.
-        png_normalize: stretch each 16-bit PNG to its whole range.
-        exr_channel: name of the channel in EXR.
-        half: 16-bit floats in EXR.
-        colormap: colours of the preview.
-        near: the colormap's end that is near.
-        vmin: depth at the near end; None for a percentile.
-        vmax: depth at the far end; None for a percentile.
-        legend: a scale beside the preview.
-        side_by_side: the picture beside its preview.
-    """
-
-    png_scale: float
-    png_normalize: bool
-    exr_channel: str
-    half: bool
-    colormap: str
-    near: Literal["warm", "white", "black"]
-    vmin: float | None
-    vmax: float | None
-    legend: bool
-    side_by_side: bool
-
-    def writer(self, name: Format, card: ModelCard) -> Writer:
-        """The writer of a format, for depth of a model."""
-        # Imported one by one: OpenEXR alone takes longer than writing a PNG.
-        match name:
-            case Format.PNG16:
-                from depthcli.io.writers.png16 import Png16Writer
-
-                return Png16Writer(self.png_scale, self.png_normalize)
-            case Format.EXR:
-                from depthcli.io.writers.exr import ExrWriter
-
-                return ExrWriter(self.exr_channel, self.half)
-            case Format.NPY:
-                from depthcli.io.writers.npy import NpyWriter
-
-                return NpyWriter()
-            case Format.PREVIEW:
-                return self._preview()
-            case Format.PLY:
-                from depthcli.io.writers.ply import PlyWriter
-
-                return PlyWriter(card.camera.hfov_deg) if card.camera else PlyWriter()
-            case Format.JSON:
-                from depthcli.io.writers.sidecar import SidecarWriter
-
-                return SidecarWriter(None if self.png_normalize else self.png_scale)
-
-    def _preview(self) -> Writer:
-        from depthcli.io.writers.preview import PreviewWriter
-
-        return PreviewWriter(
-            colormap=self.colormap,
-            near=self.near,
-            vmin=self.vmin,
-            vmax=self.vmax,
-            legend=self.legend,
-            side_by_side=self.side_by_side,
-        )
 
 
 class Job(NamedTuple):

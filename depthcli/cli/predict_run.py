@@ -9,32 +9,20 @@ from typing import TYPE_CHECKING, NamedTuple
 from depthcli.cli import console
 from depthcli.cli.outcome import Done, Failed
 from depthcli.cli.predict_outputs import STANDARD, write_output
-from depthcli.errors import ExitCode, InputError, OutputError, UsageError
+from depthcli.errors import ExitCode, InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.sources.image import read_image
+from depthcli.io.writers.registry import writer_class
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from depthcli.cli.anchors import Anchor
     from depthcli.cli.background import Background
-    from depthcli.cli.predict_outputs import Job, Looks
+    from depthcli.cli.camera import Camera
+    from depthcli.cli.looks import Looks
+    from depthcli.cli.predict_outputs import Job
     from depthcli.core.types import DepthMap, Frame
     from depthcli.inference.session import Session
-
-
-class Camera(NamedTuple):
-    """What the user knows of the camera and the scene.
-
-    Attributes:
-        focal_px: focal length in pixels of the picture.
-        hfov_deg: horizontal field of view in degrees.
-        anchors: points of known depth.
-    """
-
-    focal_px: float | None
-    hfov_deg: float | None
-    anchors: tuple[Anchor, ...]
 
 
 class Voice(NamedTuple):
@@ -89,6 +77,8 @@ class Predictor(NamedTuple):
             ModelError: the model cannot be used.
             UsageError: the model takes no focal length.
         """
+        for name in {name for job in jobs for name in job.outputs}:
+            writer_class(name)  # imported while the model loads
         failed = []
         for job in jobs:
             try:
@@ -123,14 +113,7 @@ class Predictor(NamedTuple):
     def _depth(self, pipeline: Pipeline, frame: Frame) -> DepthMap:
         camera = self.camera
         depth = pipeline.predict(frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg)
-        if not camera.anchors:
-            return depth
-        from depthcli.core.scaling import fit_anchors
-
-        try:
-            return fit_anchors(depth, camera.anchors)
-        except UsageError as error:  # an anchor that does not fit this picture may fit the next
-            raise InputError(str(error)) from error
+        return camera.fitted(depth)
 
 
 def _read(job: Job, max_pixels: int) -> Frame:

@@ -1,0 +1,94 @@
+"""Options that several commands have: declared once, so that they mean the same everywhere."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from depthcli.cli.numbers import field_of_view, finite, positive
+from depthcli.cli.predict_choices import Colormap, ExrChannel, Format, Near
+
+MAX_PIXELS = 250_000_000
+"""As depthcli.io.decode has it, which would load OpenCV for the help."""
+
+ModelOption = Annotated[
+    str | None,
+    typer.Option(help="Name ('depthcli models list'), .onnx file, or folder with a card.json."),
+]
+ProviderOption = Annotated[
+    str,
+    typer.Option(
+        help="auto, cpu, cuda, tensorrt, rocm, migraphx, directml, coreml or openvino. One "
+        "asked for by name has to be there."
+    ),
+]
+FormatOption = Annotated[
+    list[Format] | None,
+    typer.Option(
+        "--format",
+        help="What to write; repeatable. Default: what -o's suffix says, else png16 and preview.",
+    ),
+]
+PngScaleOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=positive,
+        help="Steps a metre in png16: 1000 (default, mm), 256 (KITTI), 5000 (TUM), "
+        "4000 (Matterport).",
+    ),
+]
+PngNormalizeOption = Annotated[
+    bool, typer.Option("--png-normalize", help="Stretch each png16 to 1-65535; no unit.")
+]
+ExrChannelOption = Annotated[ExrChannel, typer.Option(help="Name of the channel in EXR.")]
+HalfOption = Annotated[bool, typer.Option("--half", help="16-bit floats in EXR.")]
+ColormapOption = Annotated[Colormap, typer.Option(help="Colours of the preview.")]
+NearOption = Annotated[
+    Near, typer.Option(help="What near looks like: warm, or for gray white or black.")
+]
+VminOption = Annotated[
+    float | None,
+    typer.Option(callback=finite, help="Depth at the preview's near end. Default: percentile 2."),
+]
+VmaxOption = Annotated[
+    float | None,
+    typer.Option(callback=finite, help="Depth at the preview's far end. Default: percentile 98."),
+]
+LegendOption = Annotated[bool, typer.Option("--legend", help="Draw a scale beside the preview.")]
+SideBySideOption = Annotated[
+    bool, typer.Option("--side-by-side", help="Put the picture beside its preview.")
+]
+SidecarOption = Annotated[
+    bool, typer.Option("--sidecar", help="Also write a .json with unit, scale, kind, model.")
+]
+FocalPxOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=positive,
+        help="Focal length of the camera in pixels of the picture; scales metres.",
+    ),
+]
+HfovOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=field_of_view,
+        help="Horizontal field of view in degrees, in place of --focal-px. Default: the "
+        "picture's EXIF, else the model's own camera.",
+    ),
+]
+AnchorOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="X,Y,METRES",
+        help="A point whose depth is known; repeatable. One fits the scale, two or more scale "
+        "and shift.",
+    ),
+]
+MaxPixelsOption = Annotated[
+    int, typer.Option(min=1, help="Refuse pictures with more pixels than this.")
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="One JSON object a line for each input, on stdout.")
+]
+QuietOption = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
