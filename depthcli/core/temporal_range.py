@@ -1,0 +1,44 @@
+"""The range of a video's preview, held steady over time."""
+
+from __future__ import annotations
+
+import math
+
+
+class RangeLock:
+    """The two ends of a colour range, each an exponential mean over time.
+
+    Without it every frame would be stretched to its own percentiles, and one near object passing
+    by would change the colour of everything else. Ends of positive values are averaged as
+    logarithms.
+    """
+
+    def __init__(self) -> None:
+        self._ends: tuple[float, float] | None = None
+
+    def step(
+        self, low: float, high: float, kept: float, *, is_cut: bool = False
+    ) -> tuple[float, float]:
+        """The range of the next frame.
+
+        Args:
+            low: the frame's own low end.
+            high: the frame's own high end, at least ``low``.
+            kept: the past's share, 0 to 1, as ``exp(-interval / time constant)``.
+            is_cut: whether another scene begins, for which the past means nothing.
+
+        Returns:
+            The low and the high end.
+        """
+        if self._ends is None or is_cut:
+            self._ends = (low, high)
+        else:
+            before_low, before_high = self._ends
+            self._ends = (_mean(before_low, low, kept), _mean(before_high, high, kept))
+        return self._ends
+
+
+def _mean(before: float, now: float, kept: float) -> float:
+    if before > 0 and now > 0:
+        return math.exp(kept * math.log(before) + (1 - kept) * math.log(now))
+    return kept * before + (1 - kept) * now
