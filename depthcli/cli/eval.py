@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli import console
+from depthcli.core.choices import Upsampling
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.choices import Crop, Mask
@@ -85,6 +86,12 @@ def nyu(
     trivial: Annotated[
         bool, typer.Option(help="Include the rows that never look at the picture.")
     ] = True,
+    boundary: Annotated[
+        bool, typer.Option("--boundary", help="Score edges too: dbe_acc, dbe_comp, edge_f1.")
+    ] = False,
+    upsample: Annotated[
+        Upsampling, typer.Option(help="How the models' depth gets to the picture's size.")
+    ] = Upsampling.GUIDED,
     limit: Annotated[
         int | None,
         typer.Option(metavar="N", min=1, help="Only N images, evenly over the split."),
@@ -108,7 +115,11 @@ def nyu(
     task = plan_nyu(open_nyu(data), split, limit)
     predictors = [
         *_open_models(
-            model, bundled=not (no_model or predictions), provider=provider, threads=threads
+            model,
+            bundled=not (no_model or predictions),
+            provider=provider,
+            threads=threads,
+            upsampling=upsample,
         ),
         *_open_predictions(predictions or [], task, predictions_kind),
     ]
@@ -117,6 +128,7 @@ def nyu(
         crop=crop,
         mask=mask,
         compare_px=None if compare_at is None else (compare_at, compare_at),
+        boundary=boundary,
     )
     with stages(quiet=quiet or as_json) as stage:
         report = evaluate_nyu(
@@ -143,14 +155,22 @@ def _check_options(
 
 
 def _open_models(
-    names: Sequence[str] | None, *, bundled: bool, provider: str, threads: int | None
+    names: Sequence[str] | None,
+    *,
+    bundled: bool,
+    provider: str,
+    threads: int | None,
+    upsampling: Upsampling,
 ) -> list[Predictor]:
     wanted: Sequence[str | None] = names or ([None] if bundled else [])
     if not wanted:
         return []
     from depthcli.evaluation.models import open_model
 
-    models = [open_model(name, provider=provider, threads=threads) for name in wanted]
+    models = [
+        open_model(name, provider=provider, threads=threads, upsampling=upsampling)
+        for name in wanted
+    ]
     for warning in dict.fromkeys(text for model in models for text in model.warnings):
         console.warn(warning)
     return [*models]

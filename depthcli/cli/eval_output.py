@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.cli import console
 from depthcli.io.atomic import atomic_path
+from depthcli.metrics.boundary import HIGHER_IS_BETTER
 from depthcli.metrics.depth import METRICS
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from depthcli.evaluation.nyu import Stage
     from depthcli.evaluation.report import Report, Row
 
-_DECIMALS = {"silog": 2}
+_DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
 _TEXT_COLUMNS = 2
 
 
@@ -62,7 +63,7 @@ def show(report: Report, *, as_json: bool) -> None:
     console.out(report.title)
     console.out(report.protocol.description)
     console.out("")
-    for line in _aligned([_header(), *(_cells(row) for row in report.rows)]):
+    for line in _aligned([_header(report), *(_cells(row, report) for row in report.rows)]):
         console.out(line)
     console.out("")
     for note in _footnotes(report):
@@ -79,15 +80,15 @@ def write_csv(report: Report, path: Path) -> None:
         temporary.write_text(report.to_csv(), encoding="utf-8")
 
 
-def _header() -> list[str]:
-    return ["row", "align", "images", *METRICS]
+def _header(report: Report) -> list[str]:
+    return ["row", "align", "images", *report.columns]
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: Row, report: Report) -> list[str]:
     name = console.one_line(row.name) + ("*" if row.note else "")
     scores = [
         "-" if math.isnan(value) else f"{value:.{_DECIMALS.get(metric, 4)}f}"
-        for metric, value in row.scores.items()
+        for metric, value in row.items(boundary=report.protocol.boundary)
     ]
     return [name, row.alignment or "-", str(row.image_count), *scores]
 
@@ -107,7 +108,8 @@ def _footnotes(report: Report) -> list[str]:
     marked = [f"* {row.note}" for row in report.rows if row.note]
     empty = sorted({row.empty_count for row in report.rows} - {0})
     left_out = [f"{count} images have no valid pixel and are left out" for count in empty]
-    direction = ", ".join(name for name, metric in METRICS.items() if metric.higher_is_better)
+    upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
+    direction = ", ".join(c for c in report.columns if c in upward | HIGHER_IS_BETTER)
     return [
         f"higher is better for {direction}, lower for the others",
         *marked,

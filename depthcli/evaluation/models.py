@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from depthcli.core.choices import Upsampling
 from depthcli.evaluation.choices import Source
 from depthcli.inference.pipeline import load
 
@@ -44,14 +45,18 @@ class ModelPredictor:
 
 
 def open_model(
-    name_or_path: str | None, *, provider: str = "auto", threads: int | None = None
+    name_or_path: str | None,
+    *,
+    provider: str = "auto",
+    threads: int | None = None,
+    upsampling: Upsampling = Upsampling.GUIDED,
 ) -> ModelPredictor:
     """Find a model by name or path and load it.
 
     Raises:
         ModelError: it is not there or cannot be used.
     """
-    pipeline = load(name_or_path, provider=provider, threads=threads)
+    pipeline = load(name_or_path, provider=provider, threads=threads, upsampling=upsampling)
     return ModelPredictor(
         name=name_or_path or pipeline.card.name,
         kind=pipeline.card.output.kind,

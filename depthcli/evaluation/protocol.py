@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ from depthcli.core.types import DepthKind
 from depthcli.errors import DatasetError
 from depthcli.evaluation.choices import Crop, Mask
 from depthcli.metrics.alignment import align
+from depthcli.metrics.boundary import boundary_scores
 from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from depthcli.core.types import DepthMap
+    from depthcli.metrics.boundary import BoundaryScores
 
 EIGEN_ROWS = slice(45, 471)
 EIGEN_COLUMNS = slice(41, 601)
@@ -54,6 +56,7 @@ class Protocol:
         full_size_px: (width, height) that the truth must have; None for any.
         min_m: nearest depth that counts, metres; predictions are clamped to it.
         max_m: farthest depth that counts, metres; predictions are clamped to it.
+        boundary: score edges too. No other number changes by it, so neither does the name.
     """
 
     averaging: Averaging = Averaging.IMAGE
@@ -63,6 +66,7 @@ class Protocol:
     full_size_px: tuple[int, int] | None = FULL_SIZE_PX
     min_m: float = MIN_DEPTH_M
     max_m: float = MAX_DEPTH_M
+    boundary: bool = field(default=False, compare=False)
 
     @property
     def is_headline(self) -> bool:
@@ -141,6 +145,16 @@ class Protocol:
         predicted = values[truth.valid].astype(np.float64)
         predicted_m = align(predicted, truth.depth_m, alignment, depth.kind)
         return DepthPixels.of(truth.depth_m, predicted_m, min_m=self.min_m, max_m=self.max_m)
+
+
+def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
+    """Scores of the edges, for what :meth:`Protocol.compare` gave for the same truth."""
+    maps = []
+    for values in (pixels.truth_m, pixels.predicted_m):
+        depth_m = np.ones(truth.valid.shape)
+        depth_m[truth.valid] = values
+        maps.append(depth_m)
+    return boundary_scores(maps[0], maps[1], truth.valid)
 
 
 def _size(size_px: tuple[int, int] | None) -> str:

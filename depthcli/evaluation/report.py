@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY
 from depthcli.metrics.depth import METRICS
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from depthcli.evaluation.choices import Source
     from depthcli.evaluation.protocol import Protocol
     from depthcli.metrics.accumulate import Scores
+    from depthcli.metrics.boundary import BoundaryScores
     from depthcli.metrics.choices import Alignment
 
 
@@ -25,6 +27,7 @@ class ImageScores:
 
     id: str
     scores: Scores
+    boundary: BoundaryScores | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +44,7 @@ class Row:
         note: a footnote.
         model_sha256: checksum of the model, if it is one.
         images: scores per image, if they were asked for.
+        boundary: scores of the edges, if they were asked for.
     """
 
     name: str
@@ -52,6 +56,11 @@ class Row:
     note: str = ""
     model_sha256: str | None = None
     images: tuple[ImageScores, ...] = ()
+    boundary: BoundaryScores | None = None
+
+    def items(self, *, boundary: bool) -> tuple[tuple[str, float], ...]:
+        """(name, value) of every score, in the order of the table's columns."""
+        return (*self.scores.items(), *((self.boundary or NO_BOUNDARY).items() if boundary else ()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +95,11 @@ class Report:
             count = f"{self.image_count} of {self.split_count} images"
         return f"{self.dataset} · {self.split} split, {count} · {self.protocol.name} protocol"
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the scores."""
+        return (*METRICS, *(BOUNDARY_NAMES if self.protocol.boundary else ()))
+
     def to_json(self) -> str:
         """The report as JSON; values that do not exist are null."""
         protocol = self.protocol
@@ -119,10 +133,11 @@ class Report:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(
-            ["name", "source", "align", "dataset", "split", "images", "protocol", *METRICS]
+            ["name", "source", "align", "dataset", "split", "images", "protocol", *self.columns]
         )
         for row in self.rows:
-            scores = ["" if math.isnan(value) else repr(value) for value in row.scores.values]
+            values = row.items(boundary=self.protocol.boundary)
+            scores = ["" if math.isnan(value) else repr(value) for _, value in values]
             align = row.alignment or ""
             origin = [self.dataset, self.split, row.image_count, self.protocol.name]
             writer.writerow([row.name, row.source, align, *origin, *scores])
@@ -136,16 +151,17 @@ def _row_json(row: Row) -> dict[str, Any]:
         "align": row.alignment,
         "images": row.image_count,
         "images_without_valid_pixel": row.empty_count,
-        "scores": _scores_json(row.scores),
+        "scores": _scores_json(row),
     }
     if row.note:
         entry["note"] = row.note
     if row.model_sha256:
         entry["model_sha256"] = row.model_sha256
     if row.images:
-        entry["per_image"] = [{"id": i.id, **_scores_json(i.scores)} for i in row.images]
+        entry["per_image"] = [{"id": i.id, **_scores_json(i)} for i in row.images]
     return entry
 
 
-def _scores_json(scores: Scores) -> dict[str, float | None]:
-    return {name: None if math.isnan(value) else value for name, value in scores.items()}
+def _scores_json(scored: Row | ImageScores) -> dict[str, float | None]:
+    named = [*scored.scores.items(), *(scored.boundary.items() if scored.boundary else ())]
+    return {name: None if math.isnan(value) else value for name, value in named}

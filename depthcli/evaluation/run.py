@@ -9,10 +9,11 @@ from depthcli.datasets.base import HasRawDepth
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.choices import Mask
 from depthcli.evaluation.predictors import Sample
-from depthcli.evaluation.protocol import Protocol
+from depthcli.evaluation.protocol import Protocol, compare_boundaries
 from depthcli.evaluation.report import ImageScores, Row
 from depthcli.metrics.accumulate import Accumulator
 from depthcli.metrics.alignment import SUITABLE
+from depthcli.metrics.boundary import BoundaryAccumulator
 from depthcli.metrics.choices import Alignment
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors import Predictor
     from depthcli.evaluation.protocol import Truth
+    from depthcli.metrics.depth import DepthPixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +57,20 @@ class _OpenRow:
     alignment: Alignment
     total: Accumulator
     images: list[ImageScores] = field(default_factory=list)
+    edges: BoundaryAccumulator | None = None
+
+    @classmethod
+    def of(cls, predictor: Predictor, alignment: Alignment, protocol: Protocol) -> _OpenRow:
+        edges = BoundaryAccumulator() if protocol.boundary else None
+        return cls(predictor, alignment, Accumulator(protocol.averaging), edges=edges)
+
+    def add(self, sample: Sample, pixels: DepthPixels, truth: Truth, *, keep: bool) -> None:
+        scores, boundary = self.total.update(pixels), None
+        if self.edges is not None:
+            boundary = compare_boundaries(pixels, truth)
+            self.edges.update(boundary)
+        if keep:
+            self.images.append(ImageScores(sample.id, scores, boundary))
 
     def close(self) -> Row:
         return Row(
@@ -66,6 +82,7 @@ class _OpenRow:
             empty_count=self.total.empty_count,
             model_sha256=self.predictor.model_sha256,
             images=tuple(self.images),
+            boundary=self.edges.compute() if self.edges else None,
         )
 
 
@@ -94,8 +111,8 @@ def evaluate(
     """
     protocol = protocol or Protocol()
     rows = [
-        [_OpenRow(e.predictor, a, Accumulator(protocol.averaging)) for a in e.alignments]
-        for e in entries
+        [_OpenRow.of(entry.predictor, alignment, protocol) for alignment in entry.alignments]
+        for entry in entries
     ]
     for position in test:
         sample = Sample(dataset, position)
@@ -103,9 +120,8 @@ def evaluate(
         for entry, open_rows in zip(entries, rows, strict=True):
             depth = entry.predictor.predict(sample)
             for row in open_rows:
-                scores = row.total.update(protocol.compare(depth, truth, row.alignment))
-                if per_image:
-                    row.images.append(ImageScores(sample.id, scores))
+                pixels = protocol.compare(depth, truth, row.alignment)
+                row.add(sample, pixels, truth, keep=per_image)
         progress()
     return tuple(row.close() for open_rows in rows for row in open_rows)
 
