@@ -18,9 +18,13 @@ from depthcli.inference.session import Session
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
 
     from depthcli.core.types import Frame
     from depthcli.inference.card import ModelCard
+    from depthcli.inference.preprocess import Layout
 
 
 class Pipeline:
@@ -72,15 +76,63 @@ class Pipeline:
             ModelError: the network failed.
             UsageError: a focal length is given, and the model's metres belong to no known camera.
         """
-        focal = self._focal_px(frame, focal_px, hfov_deg)
-        batch, place = prepare(self.card.input, frame)
-        raw = self.session.run(batch)[0]
+        return self.predict_many((frame,), focal_px=focal_px, hfov_deg=hfov_deg)[0]
+
+    def predict_many(
+        self,
+        frames: Sequence[Frame],
+        *,
+        focal_px: float | None = None,
+        hfov_deg: float | None = None,
+    ) -> list[DepthMap]:
+        """Depth of several pictures, those of one network size in one run of the network.
+
+        Args:
+            frames: the pictures, of any sizes.
+            focal_px: as in :meth:`predict`, for each picture.
+            hfov_deg: as in :meth:`predict`, for each picture.
+
+        Returns:
+            What :meth:`predict` gives for each, in their order.
+
+        Raises:
+            ModelError: the network failed.
+            UsageError: a focal length is given, and the model's metres belong to no known camera.
+        """
+        focals = [self._focal_px(frame, focal_px, hfov_deg) for frame in frames]
+        prepared = [prepare(self.card.input, frame) for frame in frames]
+        raws = self._run([single for single, _ in prepared])
+        return [
+            self._finish(frame, raw, place, focal)
+            for frame, raw, (_, place), focal in zip(frames, raws, prepared, focals, strict=True)
+        ]
+
+    def _finish(
+        self,
+        frame: Frame,
+        raw: npt.NDArray[np.float32],
+        place: Layout,
+        focal_px: float | None,
+    ) -> DepthMap:
         coarse = coarse_depth(self.card.output, raw, place)
         values = full_size(self.card.output, coarse, frame, self.upsampling)
-        if focal is not None and self.card.camera is not None:
-            learned = scaling.focal_px(self.card.camera.hfov_deg, frame.width)
-            values = values * np.float32(focal / learned)
-        return DepthMap(values, self.card.output.kind, self._provenance(batch.shape, focal))
+        if focal_px is not None and self.card.camera is not None:
+            learned_px = scaling.focal_px(self.card.camera.hfov_deg, frame.width)
+            values = values * np.float32(focal_px / learned_px)
+        source = self._provenance((place.width, place.height), focal_px)
+        return DepthMap(values, self.card.output.kind, source)
+
+    def _run(self, inputs: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:
+        """The network's (h, w) output for each (1, C, H, W) input; equal sizes run together."""
+        sizes: dict[tuple[int, ...], list[int]] = {}
+        for i, single in enumerate(inputs):
+            sizes.setdefault(single.shape, []).append(i)
+        outputs: dict[int, npt.NDArray[np.float32]] = {}
+        for members in sizes.values():
+            together = [inputs[i] for i in members]
+            batch = together[0] if len(together) == 1 else np.concatenate(together)
+            outputs |= zip(members, self.session.run(batch), strict=True)
+        return [outputs[i] for i in range(len(inputs))]
 
     def _focal_px(
         self, frame: Frame, focal_px: float | None, hfov_deg: float | None
@@ -102,9 +154,9 @@ class Pipeline:
             return scaling.focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
         return None
 
-    def _provenance(self, shape: tuple[int, ...], focal_px: float | None) -> Provenance:
+    def _provenance(self, size_px: tuple[int, int], focal_px: float | None) -> Provenance:
         model = self.session.model
-        return Provenance(self.card.name, model.sha256, (shape[3], shape[2]), focal_px)
+        return Provenance(self.card.name, model.sha256, size_px, focal_px)
 
 
 def load(

@@ -131,3 +131,32 @@ def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
     model = find_model(write_model(tmp_path, proto.SerializeToString()))
     with pytest.raises(ModelError, match="gives no depth"):
         try_model(model)
+
+
+def test_many_pictures_give_what_each_gives_alone(kinect: Pipeline) -> None:
+    noise = np.random.default_rng(3).integers(0, 256, (7, 24, 32), np.uint8)
+    wide = np.random.default_rng(4).integers(0, 256, (20, 90), np.uint8)
+    frames = [Frame(noise[0]), Frame(wide, focal_35mm=50.0), *map(Frame, noise[1:])]
+    for words in ({}, {"focal_px": 40.0}, {"hfov_deg": 50.0}):
+        together = kinect.predict_many(frames, **words)
+        alone = [kinect.predict(frame, **words) for frame in frames]
+        for one, other in zip(together, alone, strict=True):
+            np.testing.assert_array_equal(one.values, other.values)
+            assert (one.kind, one.provenance) == (other.kind, other.provenance)
+    assert kinect.predict_many([]) == []
+
+
+def test_pictures_of_one_network_size_run_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipeline = load(write_model(tmp_path, input__fit="keep-aspect"))
+    run, shapes = pipeline.session.run, []
+
+    def noted(batch: np.ndarray) -> np.ndarray:
+        shapes.append(batch.shape)
+        return run(batch)
+
+    monkeypatch.setattr(pipeline.session, "run", noted)
+    maps = pipeline.predict_many([gray(0), gray(51, 30, 90), gray(255), gray(0, 60, 80)])
+    assert shapes == [(3, 1, 12, 16), (1, 1, 8, 24)]
+    assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 2.6, 9, 1])
