@@ -22,7 +22,7 @@ _GC_THRESHOLD = 50_000
 _LEAVE_AT_ONCE = frozenset({"predict"})
 COMMANDS = {
     "predict": ("depthcli.cli.predict", "Depth of pictures: 16-bit PNG, EXR, NPY, preview, PLY."),
-    "models": ("depthcli.cli.models", "The models that are here: list, show a card, verify."),
+    "models": ("depthcli.cli.models", "The models that are here; add your own."),
     "convert": ("depthcli.cli.convert", "A depth file to another format, with the error it costs."),
     "info": ("depthcli.cli.info", "Unit, scale and range of a depth file."),
     "probe": ("depthcli.cli.probe", "Depth at one pixel of a depth file."),

@@ -1,12 +1,13 @@
-"""``depthcli models``: what is here, its card, its checksum."""
+"""``depthcli models``: what is here, its card, its checksum; models of one's own."""
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import console
+from depthcli.cli import console, models_own
 from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:
@@ -21,7 +22,14 @@ app = typer.Typer(
 )
 
 _Json = Annotated[bool, typer.Option("--json", help="JSON instead of text.")]
-_Name = Annotated[str, typer.Argument(help="Name, .onnx file or folder with a card.json.")]
+_Name = Annotated[
+    str, typer.Argument(help="Name, .onnx file, folder with a card.json, or a ready card.")
+]
+
+
+app.command()(models_own.add)
+app.command()(models_own.remove)
+app.command()(models_own.cards)
 
 
 @app.callback()
@@ -35,7 +43,8 @@ def _group(context: typer.Context) -> None:
 def list_models(as_json: _Json = False) -> int:
     """List the models that --model finds by name.
 
-    They are looked for in the folders of DEPTHCLI_MODELS, then among the bundled ones.
+    They are looked for in the folders of DEPTHCLI_MODELS, then among those that were added with
+    'depthcli models add', then among the bundled ones.
     """
     from depthcli.inference.catalog import list_places
 
@@ -52,10 +61,14 @@ def list_models(as_json: _Json = False) -> int:
 
 @app.command()
 def show(model: _Name = "default") -> int:
-    """Show a model's card, as JSON."""
-    from depthcli.inference.catalog import find_model
+    """Show a model's card, or a ready card, as JSON."""
+    from depthcli.inference.catalog import find_model, list_places
+    from depthcli.inference.ready_cards import ready_fields, ready_names
 
-    console.out(find_model(model).card.to_json().rstrip())
+    if model in ready_names() and model not in dict(list_places()):
+        console.out(json.dumps(ready_fields(model), indent=2, ensure_ascii=False))
+    else:
+        console.out(find_model(model).card.to_json().rstrip())
     return ExitCode.OK
 
 
