@@ -1,0 +1,302 @@
+"""``depthcli train`` when something goes wrong: one line, and nothing that was there is lost."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
+from rooms import write_rooms
+
+ROOT = Path(__file__).parents[2]
+SMALL = """
+validate_every = 999
+
+[generator]
+width = 8
+blocks = 1
+
+[data]
+width = 32
+height = 32
+holdout_every = 4
+holdout_offset = 1
+
+[optim]
+epochs_constant = 2
+epochs_decay = 2
+width_discriminator = 4
+pool_size = 2
+"""
+"""Twenty steps in four epochs."""
+
+
+def _command(*settings: str, data: str = "data", out: str = "run") -> list[str]:
+    command = [sys.executable, "-m", "depthcli", "train", "proposed", "--data", data, "--out", out]
+    command += ["--config", "small.toml", "--accelerator", "cpu", "--threads", "1", "--quiet"]
+    for setting in settings:
+        command += ["--set", setting]
+    return command
+
+
+def _run(folder: Path, *settings: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    limit = options.pop("limit", None)
+    return subprocess.run(
+        _command(*settings, **options),
+        cwd=folder,
+        env=_environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        preexec_fn=limit,
+    )
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": ""}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A data set and a file of settings."""
+    write_rooms(tmp_path / "data")
+    (tmp_path / "small.toml").write_text(SMALL)
+    return tmp_path
+
+
+def _saved(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = torch.load(folder / "last.ckpt", weights_only=True)
+    return content
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, torch.Tensor):
+        return torch.equal(a, b)
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(_same(a[k], b[k]) for k in a)
+    if isinstance(a, (list, tuple)):
+        return len(a) == len(b) and all(_same(x, y) for x, y in zip(a, b, strict=True))
+    return bool(a == b)
+
+
+LONGER = ("optim.epochs_constant=6", "optim.epochs_decay=6")
+
+
+@pytest.fixture(scope="module")
+def unbroken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The last checkpoint of an unbroken run of sixty steps."""
+    folder = tmp_path_factory.mktemp("unbroken")
+    write_rooms(folder / "data")
+    (folder / "small.toml").write_text(SMALL)
+    assert _run(folder, *LONGER).returncode == 0
+    return _saved(folder / "run")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_saves_the_step_and_the_run_goes_on_exactly(
+    folder: Path, unbroken: dict[str, Any], number: int
+) -> None:
+    log = folder / "run" / "metrics.jsonl"
+    process = subprocess.Popen(
+        _command(*LONGER), cwd=folder, env=_environment(), stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 60
+    while not log.exists() and time.monotonic() < deadline:
+        time.sleep(0.002)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (128 + number, "")
+    assert sorted(p.name for p in (folder / "run").iterdir()) == ["last.ckpt", "metrics.jsonl"]
+    stopped = _saved(folder / "run")["progress"]["step"]
+    assert 5 <= stopped < 60
+    assert _run(folder, *LONGER).returncode == 0
+    whole = _saved(folder / "run")
+    for name in ("method", "optimizers", "extra", "rng"):
+        assert _same(whole[name], unbroken[name]), name
+
+
+def _limit_files() -> None:
+    """No file grows beyond a fraction of the checkpoint: the disk is full."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+
+
+def test_full_disk_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
+    stopped = subprocess.run(
+        [*_command(), "--max-minutes", "0"], cwd=folder, env=_environment(), check=True
+    )
+    assert stopped.returncode == 0
+    before = _snapshot(folder / "run")
+    done = _run(folder, limit=_limit_files)
+    assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
+    assert "cannot write run/last.ckpt" in done.stderr
+    assert "free some space" in done.stderr
+    after = _snapshot(folder / "run")
+    assert after.pop("metrics.jsonl", b"")  # an epoch was logged that is not in the checkpoint
+    assert after == before
+    assert _run(folder).returncode == 0
+    log = (folder / "run" / "metrics.jsonl").read_text().splitlines()
+    assert len(log) == 4  # each epoch once
+    assert _saved(folder / "run")["progress"]["step"] == 20
+
+
+@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("mount"), reason="mounts a small disk")
+def test_full_file_system_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
+    assert _run(folder, out="size").returncode == 0
+    checkpoint = (folder / "size" / "last.ckpt").stat().st_size
+    (folder / "disk").mkdir()
+    room = checkpoint * 3 // 2  # for one checkpoint, not for two
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", str(folder / "disk")]
+    if subprocess.run(mount, check=False, capture_output=True).returncode:
+        pytest.skip("mounting is not allowed here")
+    try:
+        done = _run(folder, out="disk/run")
+        assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
+        assert "free some space" in done.stderr
+        assert _saved(folder / "disk" / "run")["progress"]["step"] == 5
+        assert not [p for p in (folder / "disk" / "run").iterdir() if p.name.startswith(".")]
+    finally:
+        subprocess.run(["umount", str(folder / "disk")], check=True)
+
+
+def _snapshot(folder: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
+
+
+def test_diverging_run_stops_at_the_last_good_checkpoint(folder: Path) -> None:
+    wild = "optim.learning_rate=1e30"
+    first = subprocess.run(
+        [*_command(wild), "--max-minutes", "0"], cwd=folder, env=_environment(), check=True
+    )
+    assert first.returncode == 0
+    before = _snapshot(folder / "run")
+    done = _run(folder, wild)
+    assert (done.returncode, done.stderr.count("\n")) == (3, 1)
+    assert "the loss term '" in done.stderr
+    assert _snapshot(folder / "run") == before
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "not a whole checkpoint"),
+        (b"half", "not a whole checkpoint"),
+        (b"foreign", "was not made by"),
+    ],
+)
+def test_damaged_checkpoint_is_refused_and_kept(folder: Path, content: bytes, reason: str) -> None:
+    path = folder / "run" / "last.ckpt"
+    path.parent.mkdir()
+    if content == b"foreign":
+        torch.save({"state_dict": {}}, path)
+    elif content:
+        torch.save({"weights": torch.zeros(1000)}, path)
+        path.write_bytes(path.read_bytes()[:2000])
+    else:
+        path.touch()
+    (folder / "run" / "metrics.jsonl").write_text('{"epoch": 1, "step": 5}\n')
+    before = _snapshot(folder / "run")
+    done = _run(folder)
+    assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
+    assert reason in done.stderr
+    assert _snapshot(folder / "run") == before
+
+
+def _write_depth(folder: Path, change: Any) -> None:
+    for path in sorted((folder / "data" / "depth").iterdir()):
+        stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        assert cv2.imwrite(str(path), change(stored))
+
+
+def _rename(folder: Path, old: str, new: str) -> None:
+    (folder / "data" / old).rename(folder / "data" / new)
+
+
+def _empty(folder: Path, part: str) -> None:
+    for path in (folder / "data" / part).iterdir():
+        path.unlink()
+
+
+def _as_tiff(folder: Path) -> None:
+    """Metres as floating point."""
+    for path in sorted((folder / "data" / "depth").iterdir()):
+        metres = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(np.float32) / 1000
+        assert cv2.imwrite(str(path.with_suffix(".tiff")), metres)
+        path.unlink()
+
+
+TROUBLE: dict[str, tuple[Any, str]] = {
+    "missing": (lambda f: shutil.rmtree(f / "data"), "data does not exist"),
+    "empty": (lambda f: [shutil.rmtree(f / "data"), (f / "data").mkdir()], "data/rgb is missing"),
+    "no depth folder": (lambda f: _rename(f, "depth", "depths"), "data/depth is missing"),
+    "no picture": (lambda f: _empty(f, "rgb"), "data/rgb holds no"),
+    "no depth": (lambda f: _empty(f, "depth"), "data/depth holds no"),
+    "picture without depth": (
+        lambda f: (f / "data/depth/0004.png").unlink(),
+        "6 pictures and 5 depth images, 1 without a partner (first: 0004)",
+    ),
+    "depth without picture": (
+        lambda f: (f / "data/rgb/0001.png").unlink(),
+        "5 pictures and 6 depth images, 1 without a partner (first: 0001)",
+    ),
+    "8 bit": (lambda f: _write_depth(f, lambda d: (d // 32).astype(np.uint8)), "is 8-bit gray"),
+    "colour": (lambda f: _write_depth(f, lambda d: np.dstack([d] * 3)), "16-bit colour"),
+    "float": (_as_tiff, "data/depth holds no .png file"),
+    "whole metres": (lambda f: _write_depth(f, lambda d: d // 1000), "check the unit"),
+    "times 5000": (
+        lambda f: _write_depth(f, lambda d: (d.astype(int) * 5).astype(np.uint16)),
+        "check the unit",
+    ),
+    "all zero": (lambda f: _write_depth(f, lambda d: d * 0), "check the unit"),
+    "one all zero": (
+        lambda f: cv2.imwrite(str(f / "data/depth/0003.png"), np.zeros((48, 64), np.uint16)),
+        "pair 0003 has almost no depth",
+    ),
+    "truncated picture": (
+        lambda f: (f / "data/rgb/0003.png").write_bytes(b"\x89PNG\r\n"),
+        "0003.png cannot be decoded",
+    ),
+    "truncated depth": (
+        lambda f: (f / "data/depth/0003.png").write_bytes(
+            (f / "data/depth/0003.png").read_bytes()[:80]
+        ),
+        "0003.png cannot be decoded",
+    ),
+    "all held out": (
+        lambda f: (f / "small.toml").write_text(
+            SMALL.replace("every = 4", "every = 1").replace("offset = 1", "offset = 0")
+        ),
+        "no pair to train on",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TROUBLE)
+def test_bad_data_is_one_line(folder: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    from depthcli.cli.shell import run  # noqa: PLC0415 - the whole command, in this process
+
+    spoil, reason = TROUBLE[name]
+    spoil(folder)
+    words = _command(data=str(folder / "data"), out=str(folder / "run"))[3:]
+    words[words.index("small.toml")] = str(folder / "small.toml")
+    handler = signal.getsignal(signal.SIGTERM)
+    try:
+        code = run(words)
+    finally:
+        signal.signal(signal.SIGTERM, handler)
+    errors = capsys.readouterr().err
+    assert (code, errors.count("\n")) == (3, 1), errors
+    assert reason in errors
+    assert not (folder / "run" / "last.ckpt").exists()
