@@ -76,12 +76,15 @@ def fit_anchors(depth: DepthMap, points: Sequence[KnownPoint]) -> DepthMap:
         A metric map of the same size; NaN where the fit puts a pixel at or behind the camera.
 
     Raises:
-        UsageError: a point is outside, has no depth, or the points do not determine the fit.
+        UsageError: a point is outside, has no depth, the points do not determine the fit, or the
+            best fit puts one of them at or behind the camera.
     """
     values = np.array([_value(depth, p) for p in points], np.float64)
     truth_m = np.array([p.depth_m for p in points], np.float64)
     inverse = depth.kind is DepthKind.INVERSE
     scale, shift = _line(values, 1 / truth_m if inverse else truth_m)
+    if (values * scale + shift <= 0).any():
+        raise UsageError("the anchors fit no depth ahead of the camera; check their metres")
     fitted = depth.values * np.float32(scale) + np.float32(shift)
     if inverse:
         with np.errstate(divide="ignore", invalid="ignore"):

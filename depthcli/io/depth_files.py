@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from io import BytesIO
 from pathlib import Path
@@ -80,7 +81,18 @@ def _npy(path: Path) -> DepthMap:
     if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu" or not values.size:
         raise InputError(f"{path} is {values.shape} {values.dtype}; depth is one (H, W) of numbers")
     with np.errstate(over="ignore"):  # a double beyond float32 is infinitely far
-        return DepthMap(np.ascontiguousarray(values, np.float32))
+        return DepthMap(np.ascontiguousarray(values, np.float32), _kind(_sidecar_kind(path)))
+
+
+def _sidecar_kind(path: Path) -> str | None:
+    """The kind that our own sidecar states beside a file that cannot state it itself."""
+    try:
+        facts = json.loads(path.with_suffix(".json").read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    if not isinstance(facts, dict) or not str(facts.get("software")).startswith("depthcli "):
+        return None
+    return str(facts.get("kind"))
 
 
 def _exr(path: Path) -> DepthMap:

@@ -22,8 +22,12 @@ class NpyWriter:
     ENDINGS: ClassVar[tuple[str, ...]] = (".npy",)
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write the values as they are."""
+        """Write the values as they are; the format has no place for their kind."""
         del frame
         with path.open("wb") as file:
             np.save(file, np.ascontiguousarray(depth.values), allow_pickle=False)
-        return ()
+        if depth.is_metric:
+            return ()
+        return (
+            f"{depth.kind} depth has no unit, which npy cannot say; a --sidecar beside it does",
+        )
