@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, PAPER
+from lightning_fabric.plugins.precision.amp import MixedPrecision
+from rooms import EFFICIENT, PAPER, rooms
 
+from depthcli.cli.train_progress import Silent
 from depthcli.training.batches import Batch
+from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.config import TrainConfig, updated
+from depthcli.training.loop import CHECKPOINT, Limits, train
 from depthcli.training.run import Run
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 0}}
 """Nothing is drawn by chance."""
@@ -56,3 +64,38 @@ def test_networks_without_instance_norm_are_channels_last() -> None:
     run = Run(EFFICIENT, Fabric(accelerator="cpu", devices=1), 5)
     kernel = run.method.generator.state_dict()["stages.0.0.body.0.0.weight"]
     assert kernel.is_contiguous(memory_format=torch.channels_last)
+
+
+def _half(config: TrainConfig) -> Fabric:
+    """Half precision with a scaler that changes at every step, on a CPU."""
+    scaler = torch.amp.GradScaler("cpu", init_scale=64.0, growth_interval=1)
+    plugin = MixedPrecision("16-mixed", "cpu", scaler)
+    assert config.precision == "16-mixed"
+    return Fabric(accelerator="cpu", devices=1, plugins=[plugin])
+
+
+def test_half_precision_resumes_with_its_scale(tmp_path: Path) -> None:
+    config = replace(EFFICIENT, precision="16-mixed")
+    for steps, out in ((4, "whole"), (2, "parts"), (2, "parts")):
+        train(config, rooms(), tmp_path / out, _half(config), Silent(), Limits(steps=steps))
+    whole, parts = (Checkpoint.load(tmp_path / out / CHECKPOINT) for out in ("whole", "parts"))
+    assert whole.precision["scale"] == 64 * 2**4
+    assert parts.precision == whole.precision
+    for name, weight in whole.method.items():
+        assert torch.equal(weight, parts.method[name]), name
+
+
+def test_checkpoint_of_before_is_continued(tmp_path: Path) -> None:
+    """Without the entries that came later."""
+    for steps, out in ((4, "whole"), (2, "parts"), (2, "parts")):
+        path = tmp_path / out / CHECKPOINT
+        if path.exists():
+            content = torch.load(path, weights_only=True)
+            del content["precision"], content["others"]
+            torch.save(content, path)
+        fabric = Fabric(accelerator="cpu", devices=1)
+        train(EFFICIENT, rooms(), tmp_path / out, fabric, Silent(), Limits(steps=steps))
+    whole, parts = (Checkpoint.load(tmp_path / out / CHECKPOINT) for out in ("whole", "parts"))
+    assert parts.progress.step == 4
+    for name, weight in whole.method.items():
+        assert torch.equal(weight, parts.method[name]), name

@@ -1,0 +1,75 @@
+"""The metrics log: each epoch once, whatever happened in between."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lightning_fabric import Fabric
+from rooms import EFFICIENT, rooms
+
+from depthcli.cli.train_progress import Silent
+from depthcli.training import metrics_log
+from depthcli.training.checkpoint import Progress
+from depthcli.training.loop import CHECKPOINT, METRICS_LOG, Limits, train
+from depthcli.training.run import Run
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def _steps(path: Path) -> list[int]:
+    return [json.loads(line)["step"] for line in path.read_text().splitlines()]
+
+
+def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
+    path = tmp_path / METRICS_LOG
+    metrics_log.cut(path, 0)
+    assert not path.exists()
+    for step in (2, 4, 6):
+        metrics_log.append(path, Progress(step=step), {"l1": 0.5})
+    for step, kept in ((9, [2, 4, 6]), (6, [2, 4, 6]), (5, [2, 4]), (0, [])):
+        metrics_log.cut(path, step)
+        assert _steps(path) == kept
+    assert [p.name for p in tmp_path.iterdir()] == [METRICS_LOG]
+
+
+@settings(max_examples=30, deadline=None)
+@given(share=st.floats(0, 1))
+def test_torn_line_is_dropped_and_the_next_is_whole(
+    tmp_path_factory: pytest.TempPathFactory, share: float
+) -> None:
+    path = tmp_path_factory.mktemp("log") / METRICS_LOG
+    metrics_log.append(path, Progress(step=2), {"l1": 0.5})
+    whole = path.read_bytes()
+    path.write_bytes(whole + whole[: int(share * (len(whole) - 1))])
+    metrics_log.cut(path, 2)
+    metrics_log.append(path, Progress(step=4), {"l1": 0.5})
+    assert _steps(path)[0] == 2
+    assert _steps(path)[-1] == 4
+
+
+def test_crash_between_line_and_checkpoint_does_not_repeat_the_epoch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def crash(run: Run, path: Path) -> None:
+        if run.progress.step == 4:
+            raise KeyboardInterrupt
+        save(run, path)
+
+    def go_on() -> None:
+        fabric = Fabric(accelerator="cpu", devices=1)
+        train(EFFICIENT, rooms(), tmp_path, fabric, Silent(), Limits(steps=5))
+
+    save = Run.save
+    with monkeypatch.context() as patch:
+        patch.setattr(Run, "save", crash)
+        with pytest.raises(KeyboardInterrupt):
+            go_on()
+    assert _steps(tmp_path / METRICS_LOG) == [2, 4]
+    go_on()
+    assert _steps(tmp_path / METRICS_LOG) == [2, 4, 6]
+    assert (tmp_path / CHECKPOINT).exists()
