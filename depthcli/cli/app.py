@@ -22,6 +22,7 @@ _GC_THRESHOLD = 50_000
 _LEAVE_AT_ONCE = frozenset({"predict"})
 COMMANDS = {
     "predict": ("depthcli.cli.predict", "Depth of pictures: 16-bit PNG, EXR, NPY, preview, PLY."),
+    "video": ("depthcli.cli.video", "Depth of a video: lossless 16-bit, preview, PNG or EXR."),
     "models": ("depthcli.cli.models", "The models that are here; add your own."),
     "convert": ("depthcli.cli.convert", "A depth file to another format, with the error it costs."),
     "info": ("depthcli.cli.info", "Unit, scale and range of a depth file."),
@@ -91,7 +92,8 @@ def _leave(code: int) -> NoReturn:
     """
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):  # said by the command that wrote, or nobody listens
-            stream.flush()
+            if stream is not None:
+                stream.flush()
     os._exit(code)
 
 

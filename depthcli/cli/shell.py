@@ -72,7 +72,8 @@ def run(arguments: Sequence[str]) -> int:
         result = get_command(app)(
             args=list(arguments), prog_name=PROGRAM, standalone_mode=False, obj=state
         )
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except KeyboardInterrupt:
         return ExitCode.INTERRUPTED
     except BrokenPipeError:

@@ -134,8 +134,8 @@ def _load(
         options.intra_op_num_threads = threads
     else:
         # Threads that spin between operators take time from loading, decoding and encoding on the
-        # other cores: without, the first picture is there in half the time, and the next ones are
-        # as fast. That holds for onnxruntime's own pinned threads, not for a number of them.
+        # other cores: without, the first picture is there sooner, and the next ones are as fast.
+        # That holds for onnxruntime's own pinned threads, not for a number of them.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     if DIRECTML in wanted:  # it knows neither memory patterns nor parallel operators
         options.enable_mem_pattern = False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -427,3 +428,34 @@ def test_only_what_is_needed_is_imported(cli: Cli) -> None:
     modules = {line.rsplit("|", 1)[-1].strip() for line in error_lines(done)}
     assert {"cv2", "onnxruntime"} <= modules
     assert not modules & {"OpenEXR", "rich", "torch", "importlib.metadata", "concurrent.futures"}
+
+
+@pytest.mark.parametrize(
+    ("redirection", "code", "complaint"),
+    [(">&-", 0, b""), (">/dev/full", 3, b"No space left"), (">&- 2>&-", 0, b"")],
+)
+def test_a_stdout_that_takes_nothing(
+    cli: Cli, redirection: str, code: int, complaint: bytes
+) -> None:
+    room(cli)
+    words = shlex.join(cli.command("predict", "room.png", "-o", "depth.png"))
+    done = subprocess.run(
+        ["sh", "-c", f"{words} {redirection}"],
+        capture_output=True,
+        check=False,
+        cwd=cli.folder,
+        env=cli.environment,
+    )
+    assert done.returncode == code
+    assert complaint in done.stderr
+    assert len(done.stderr.splitlines()) == bool(complaint)
+    assert (cli.folder / "depth.png").is_file()
+
+
+@pytest.mark.parametrize("count", [1, 200])
+def test_every_line_is_out_when_the_process_ends(cli: Cli, count: int) -> None:
+    room(cli)
+    done = cli("predict", *(f"absent-{i}.png" for i in range(count)), "room.png", "--json")
+    assert done.returncode == 1
+    assert len(done.stdout.splitlines()) == count + 1
+    assert len(done.stderr.splitlines()) == count + 1
