@@ -24,6 +24,7 @@ COMMANDS = {
     "predict": ("depthcli.cli.predict", "Depth of pictures: 16-bit PNG, EXR, NPY, preview, PLY."),
     "video": ("depthcli.cli.video", "Depth of a video: lossless 16-bit, preview, PNG or EXR."),
     "models": ("depthcli.cli.models", "The models that are here; add your own."),
+    "profile": ("depthcli.cli.profile", "Options that are saved under a name, for --profile."),
     "convert": ("depthcli.cli.convert", "A depth file to another format, with the error it costs."),
     "info": ("depthcli.cli.info", "Unit, scale and range of a depth file."),
     "probe": ("depthcli.cli.probe", "Depth at one pixel of a depth file."),
@@ -33,6 +34,8 @@ COMMANDS = {
     "doctor": ("depthcli.cli.doctor", "What runs here: provider, model, codecs, conflicts."),
 }
 """Name -> (module whose ``app`` is the command, one line of help)."""
+PROFILED = frozenset({"predict", "batch", "video"})
+"""Commands that take ``--profile``."""
 
 _HELP = """\
 Usage: depthcli COMMAND [OPTIONS] [ARGUMENTS]...

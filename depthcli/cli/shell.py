@@ -14,7 +14,7 @@ from typer.main import get_command
 
 from depthcli import __version__
 from depthcli.cli import console
-from depthcli.cli.app import COMMANDS, PROGRAM, help_text
+from depthcli.cli.app import COMMANDS, PROFILED, PROGRAM, help_text
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class LazyGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401 - typer's own types
         """One command, or None while a shell completes an unknown one."""
         if cmd_name in COMMANDS:
-            return _load(cmd_name)
+            return load_command(cmd_name)
         if ctx.resilient_parsing:
             return None
         raise UsageError(f"no command is called {cmd_name!r}{_suggestion(cmd_name)}")
@@ -133,13 +133,37 @@ def _reader_left() -> int:
     return ExitCode.SOME_FAILED
 
 
-def _load(name: str) -> Any:  # noqa: ANN401 - typer's own types
-    command = get_command(importlib.import_module(COMMANDS[name][0]).app)
+def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
+    """One command, its module imported now."""
+    module = importlib.import_module(COMMANDS[name][0])
+    command = get_command(module.app)
     command.name = name
     # Completion is installed for the program, not for each of its commands.
     command.params = [p for p in command.params if p.name not in _COMPLETION]
+    if name in PROFILED:
+        command.params.append(_profile_option())
+    if hasattr(module, "prepare"):
+        module.prepare(command)
     _add_debug(command)
     return command
+
+
+def _profile_option() -> TyperOption:
+    return TyperOption(
+        param_decls=["--profile"],
+        metavar="NAME",
+        expose_value=False,
+        callback=_apply_profile,
+        is_eager=True,
+        help="Options saved with 'depthcli profile save'; those given here win.",
+    )
+
+
+def _apply_profile(ctx: Any, parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
+    if name is not None:
+        from depthcli.cli.profile_values import apply
+
+        apply(ctx, parameter, name)
 
 
 def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types

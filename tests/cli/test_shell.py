@@ -76,7 +76,7 @@ def test_version_is_the_package_s(cli: Cli) -> None:
 def test_every_command_is_there_and_every_option_has_help(name: str) -> None:
     from depthcli.cli import shell  # noqa: PLC0415 - typer is not needed by the other tests
 
-    pending = [shell._load(name)]
+    pending = [shell.load_command(name)]
     while pending:
         command = pending.pop()
         pending.extend(getattr(command, "commands", {}).values())
