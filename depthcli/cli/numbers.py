@@ -23,6 +23,13 @@ def positive(value: float | None) -> float | None:
     return value
 
 
+def not_negative(value: float | None) -> float | None:
+    """Refuse what is not a number from 0 up."""
+    if value is not None and not 0 <= value < math.inf:
+        raise typer.BadParameter("has to be 0 or above")
+    return value
+
+
 def field_of_view(value: float | None) -> float | None:
     """Refuse what is not an angle between 0 and 180 degrees."""
     if value is not None and not 0 < value < _STRAIGHT_ANGLE_DEG:

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Generator, Iterable
     from concurrent.futures import Future
 
 _Item = TypeVar("_Item")
@@ -20,7 +20,7 @@ def ordered_map(
     *,
     workers: int,
     ahead: int | None = None,
-) -> Iterator[_Result]:
+) -> Generator[_Result, None, None]:
     """``map`` by threads: results come in the order of the items, however long each takes.
 
     Items are pulled by the thread that iterates, so an iterator over a video need not be safe for

@@ -42,7 +42,9 @@ class Change:
         The largest change among the nine neighbours counts, since depth changes around a moving
         edge before brightness does.
         """
-        return 1 - np.clip(_largest_near(self.difference) / np.float32(_MOVED), 0, 1)
+        moved = np.clip(_largest_near(self.difference) / np.float32(_MOVED), 0, 1)
+        still: npt.NDArray[np.float32] = 1 - moved
+        return still
 
     @property
     def is_still(self) -> npt.NDArray[np.bool_]:

@@ -122,4 +122,5 @@ def sample(values: npt.NDArray[np.float32], shape: tuple[int, ...]) -> npt.NDArr
         ((np.arange(n) + 0.5) * size / n).astype(int)
         for n, size in zip(shape, values.shape, strict=True)
     )
-    return values[rows[:, np.newaxis], columns]
+    sampled: npt.NDArray[np.float32] = values[rows[:, np.newaxis], columns]
+    return sampled

@@ -35,7 +35,7 @@ def atomic_sequence(folder: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Pa
     try:
         temporary.mkdir(parents=True)
         yield temporary
-        names = sorted(os.listdir(temporary))
+        names = sorted(path.name for path in temporary.iterdir())
         for name in names:
             _check(folder / name, inputs)
         for name in names:

@@ -1,0 +1,81 @@
+"""Words that ``depthcli video`` takes, kept apart so that its help needs no numpy."""
+
+from __future__ import annotations
+
+import re
+from enum import StrEnum
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from depthcli.io.sources.video_span import Point, Span
+
+_POINT = re.compile(r"(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)", re.ASCII)
+_MINUTE = 60
+
+
+class VideoFormat(StrEnum):
+    """What to write."""
+
+    MKV = "mkv"
+    """Lossless 16-bit video."""
+    MP4 = "mp4"
+    """A preview in colours."""
+    PNG16 = "png16"
+    """A 16-bit PNG for each frame."""
+    EXR = "exr"
+    """An EXR for each frame."""
+    NPY = "npy"
+    """A NumPy file for each frame."""
+    JSON = "json"
+    """What the numbers of the others mean."""
+
+
+def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
+    """The part of a video that ``--start``, ``--end`` and ``--every`` describe.
+
+    Raises:
+        UsageError: one is no such place, or nothing lies between them.
+    """
+    from depthcli.io.sources.video_span import Span
+
+    first = parse_point(start or "0", "--start")
+    last = None if end is None else parse_point(end, "--end")
+    step = parse_point(every or "1", "--every", bare_is_frames=True)
+    if not step.value:
+        raise UsageError("--every 0 would never move on; give 1 or more")
+    if last and first.in_frames == last.in_frames and last.value <= first.value:
+        raise UsageError(f"--end {end} is not after --start {start or 0}; nothing lies between")
+    return Span(first, last, step)
+
+
+def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
+    """Read ``12.5``, ``12.5s``, ``1:02.5``, ``1:00:00`` or ``300f``.
+
+    Args:
+        word: as written.
+        option: what messages call it.
+        bare_is_frames: what a number without a letter is: frames, or else seconds.
+
+    Raises:
+        UsageError: the word is none of these.
+    """
+    from depthcli.io.sources.video_span import Point
+
+    match = _POINT.fullmatch(word.strip())
+    if match is None:
+        raise UsageError(
+            f"{option} {word!r} is no place in a video; give seconds (12.5s), minutes (1:02.5) or "
+            "a frame number (300f)"
+        )
+    outer, inner, number, letter = match.groups()
+    parts = [int(part) for part in (outer, inner) if part is not None]
+    in_frames = letter == "f" or (not letter and not parts and bare_is_frames)
+    value = Fraction(number if number[-1] != "." else number[:-1])
+    if in_frames and (parts or value.denominator > 1):
+        raise UsageError(f"{option} {word!r} is no frame number; frames are whole, 300f say")
+    for power, part in enumerate(reversed(parts), start=1):
+        value += part * _MINUTE**power
+    return Point(value, in_frames)

@@ -1,0 +1,164 @@
+"""Which files ``depthcli video`` writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli.cli.predict_choices import Format
+from depthcli.cli.video_choices import VideoFormat
+from depthcli.errors import UsageError
+from depthcli.io.naming import is_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from contextlib import AbstractContextManager
+    from fractions import Fraction
+
+    from depthcli.cli.looks import Looks
+    from depthcli.inference.card import ModelCard
+    from depthcli.io.writers.video import VideoOutput
+
+DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
+FORMAT_OF_SUFFIX = {
+    ".mkv": VideoFormat.MKV,
+    ".mp4": VideoFormat.MP4,
+    ".json": VideoFormat.JSON,
+}
+SUFFIXES = {
+    VideoFormat.MKV: ".depth.mkv",
+    VideoFormat.MP4: ".preview.mp4",
+    VideoFormat.PNG16: ".depth.%06d.png",
+    VideoFormat.EXR: ".depth.%06d.exr",
+    VideoFormat.NPY: ".depth.%06d.npy",
+    VideoFormat.JSON: ".depth.json",
+}
+"""Ends of the output names; of a sequence, with the place of the frame's number."""
+SEQUENCES = {
+    VideoFormat.PNG16: Format.PNG16,
+    VideoFormat.EXR: Format.EXR,
+    VideoFormat.NPY: Format.NPY,
+}
+
+
+class VideoJob(NamedTuple):
+    """One video and its outputs.
+
+    Attributes:
+        name: the video as the user wrote it.
+        source: the file.
+        folder: where the outputs go.
+        names: file name of each format; a sequence's holds ``%06d`` once, behind the stem.
+    """
+
+    name: str
+    source: Path
+    folder: Path
+    names: dict[VideoFormat, str]
+
+    def path(self, which: VideoFormat) -> Path:
+        """Where a format goes."""
+        return self.folder / self.names[which]
+
+    def open(
+        self, which: VideoFormat, looks: Looks, rate: Fraction, card: ModelCard
+    ) -> AbstractContextManager[VideoOutput]:
+        """The output of one format, with nothing written yet."""
+        from depthcli.io.writers import video
+        from depthcli.io.writers.preview import PreviewWriter
+
+        inputs = (self.source,)
+        if which is VideoFormat.MKV:
+            return video.depth_video(self.path(which), rate, looks.png_scale, inputs)
+        if which is VideoFormat.MP4:
+            writer = looks.writer(Format.PREVIEW, card)
+            if not isinstance(writer, PreviewWriter):
+                raise TypeError(type(writer))
+            return video.preview_video(self.path(which), rate, writer, inputs)
+        stem, _, suffix = self.names[which].rpartition("%06d")
+        writer = looks.writer(SEQUENCES[which], card)
+        return video.frame_sequence(
+            self.folder, lambda index: f"{stem}{index:06d}{suffix}", writer, inputs
+        )
+
+
+def choose_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:
+    """What to write: what was asked for, else what the output's suffix says, else the default.
+
+    Raises:
+        UsageError: the output is a file whose suffix says nothing, or there is nothing but JSON.
+    """
+    if asked:
+        chosen = tuple(dict.fromkeys(asked))
+    elif output is None or _is_folder(output):
+        chosen = DEFAULT_FORMATS
+    elif Path(output).suffix.lower() in FORMAT_OF_SUFFIX:
+        chosen = (FORMAT_OF_SUFFIX[Path(output).suffix.lower()],)
+    else:
+        raise UsageError(
+            f"--out {output} says no format; end it in .mkv or .mp4, or name a folder ({output}/) "
+            "and give --format"
+        )
+    if set(chosen) == {VideoFormat.JSON}:
+        raise UsageError("json only describes other outputs; give another --format with it")
+    return chosen
+
+
+def plan_video(
+    name: str, output: str | None, formats: Sequence[VideoFormat], *, sidecar: bool = False
+) -> VideoJob:
+    """Name every output before anything is read.
+
+    Args:
+        name: the video.
+        output: a file for one format, or a stem that several share; a folder, which exists, ends
+            in ``/`` or has no suffix; None for the video's own folder.
+        formats: what to write.
+        sidecar: write the JSON as well.
+
+    Raises:
+        UsageError: a sequence is to go into one file, or an output is the video itself.
+    """
+    source = Path(name)
+    wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if sidecar else formats))
+    if output is None or _is_folder(output):
+        folder = source.parent if output is None else Path(output)
+        names = {which: source.stem + SUFFIXES[which] for which in wanted}
+    else:
+        folder = Path(output).parent
+        names = _file_names(Path(output), formats, wanted)
+    job = VideoJob(name, source, folder, names)
+    for which in names:
+        if _same(job.path(which), source):
+            raise UsageError(f"{job.path(which)} is the input; choose another --out")
+    return job
+
+
+def _file_names(
+    output: Path, formats: Sequence[VideoFormat], wanted: Sequence[VideoFormat]
+) -> dict[VideoFormat, str]:
+    """Names for an output that is one file, or the stem of several."""
+    main = [which for which in formats if which is not VideoFormat.JSON]
+    if len(main) > 1:
+        return {which: output.stem + SUFFIXES[which] for which in wanted}
+    if main[0] in SEQUENCES:
+        raise UsageError(
+            f"--out {output} is one file and {main[0]} writes one a frame; name a folder"
+        )
+    if FORMAT_OF_SUFFIX.get(output.suffix.lower()) is not main[0]:
+        raise UsageError(f"--out {output} does not end in .{main[0]}; a player would not know it")
+    names: dict[VideoFormat, str] = {main[0]: output.name}
+    if VideoFormat.JSON in wanted:
+        names[VideoFormat.JSON] = output.stem + ".json"
+    return names
+
+
+def _is_folder(output: str) -> bool:
+    return is_folder(output) or not Path(output).suffix
+
+
+def _same(path: Path, source: Path) -> bool:
+    try:
+        return path.samefile(source)
+    except OSError:
+        return path.absolute() == source.absolute()
