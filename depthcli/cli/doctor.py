@@ -17,6 +17,17 @@ app = typer.Typer(rich_markup_mode=None)
 
 _PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "typer", "rich", "torch", "onnx")
 _OPTIONAL = {"torch", "onnx"}
+_BUILDS = {
+    "gpu",
+    "directml",
+    "openvino",
+    "rocm",
+    "migraphx",
+    "training",
+    "silicon",
+    "qnn",
+    "gpu-cu12",
+}
 
 
 class Check(NamedTuple):
@@ -55,8 +66,9 @@ def doctor(
 
 def _checks(model: str | None, provider: str) -> Iterator[Check]:
     yield from _versions()
-    yield _runtime_packages()
+    yield from _families()
     yield _guarded("model", lambda: _model(model, provider))
+    yield from _providers(model)
     yield from _codecs()
     yield _guarded("codec .exr", _exr)
 
@@ -76,20 +88,31 @@ def _versions() -> Iterator[Check]:
                 yield Check(package, "warning", "not installed under this name")
 
 
-def _runtime_packages() -> Check:
-    """Two onnxruntime packages overwrite each other's files, and the GPU is silently lost."""
+def _families() -> Iterator[Check]:
+    """Packages that hold the same module overwrite each other's files, whichever comes last.
+
+    Of two onnxruntime packages, the GPU is silently lost; of two OpenCV packages, a codec.
+    """
     from importlib.metadata import distributions
 
     names = {str(dist.metadata["Name"]).lower().replace("_", "-") for dist in distributions()}
-    found = sorted(name for name in names if name.split("-")[0] == "onnxruntime")
-    detail = ", ".join(found) or "not installed as a package"
-    if len(found) > 1:
-        return Check(
-            "onnxruntime packages",
-            "failed",
-            f"{detail} overwrite each other; uninstall all of them, then install one",
-        )
-    return Check("onnxruntime packages", "ok", detail)
+    for title, module in (("onnxruntime packages", "onnxruntime"), ("OpenCV packages", "opencv")):
+        found = sorted(name for name in names if _holds(module, name))
+        detail = ", ".join(found) or "not installed as a package"
+        if len(found) < 2:  # noqa: PLR2004 - two are a conflict
+            yield Check(title, "ok", detail)
+            continue
+        advice = "overwrite each other; uninstall all of them, then install one"
+        yield Check(title, "failed", f"{detail} {advice}")
+
+
+def _holds(module: str, package: str) -> bool:
+    """Whether a package brings this module: the plain one or a build of it."""
+    if module == "opencv":
+        return package.startswith(("opencv-python", "opencv-contrib-python"))
+    return package == module or (
+        package.startswith(f"{module}-") and package.removeprefix(f"{module}-") in _BUILDS
+    )
 
 
 def _model(name: str | None, provider: str) -> Check:
@@ -107,6 +130,25 @@ def _model(name: str | None, provider: str) -> Check:
     )
     status = "warning" if session.warnings else "ok"
     return Check("model", status, "; ".join((detail, *session.warnings)))
+
+
+def _providers(name: str | None) -> Iterator[Check]:
+    """Whether each provider of this onnxruntime runs the model, but for one that takes minutes."""
+    from depthcli.inference.catalog import find_model
+    from depthcli.inference.providers import SLOW_TO_START, available_providers
+    from depthcli.inference.trial import try_model
+
+    for provider in available_providers():
+        title = f"provider {provider}"
+        if provider == SLOW_TO_START:
+            yield Check(title, "ok", "built in; builds an engine before its first run, not tried")
+            continue
+        try:
+            try_model(find_model(name), provider=provider)
+        except DepthcliError as error:
+            yield Check(title, "warning", str(error))
+        else:
+            yield Check(title, "ok", "runs the model")
 
 
 def _codecs() -> Iterator[Check]:

@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.cli.background import Background
+from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from depthcli.inference.session import Session
 
 
@@ -17,11 +20,13 @@ class Engine(NamedTuple):
         model: name or path; None for the default.
         provider: ``auto`` or a name.
         threads: None for onnxruntime's choice.
+        settings: options of the provider, as ``KEY=VALUE`` words.
     """
 
     model: str | None
     provider: str
     threads: int | None
+    settings: Sequence[str] = ()
 
     def start(self) -> Background[Session]:
         """Begin to find and load the model; what is wrong with it comes with the result.
@@ -30,11 +35,25 @@ class Engine(NamedTuple):
         file is checked while onnxruntime is imported here, and loaded while the caller imports all
         that reads pictures.
         """
+        options = _provider_options(self.settings)
         from depthcli.inference.catalog import find_model
 
         checking = Background(lambda: find_model(self.model))
         from depthcli.inference.session import Session
 
         return Background(
-            lambda: Session(checking.result(), provider=self.provider, threads=self.threads)
+            lambda: Session(
+                checking.result(),
+                provider=self.provider,
+                threads=self.threads,
+                provider_options=options,
+            )
         )
+
+
+def _provider_options(words: Sequence[str]) -> dict[str, str]:
+    pairs = [word.partition("=") for word in words]
+    for (key, equals, _), word in zip(pairs, words, strict=True):
+        if not (key and equals):
+            raise UsageError(f"--provider-option {word!r} is not KEY=VALUE; write device_id=1, say")
+    return {key: value for key, _, value in pairs}

@@ -23,6 +23,14 @@ ProviderOption = Annotated[
         "asked for by name has to be there."
     ),
 ]
+ProviderSettingsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--provider-option",
+        metavar="KEY=VALUE",
+        help="An option of the provider that --provider names, such as device_id=1; repeatable.",
+    ),
+]
 FormatOption = Annotated[
     list[Format] | None,
     typer.Option(

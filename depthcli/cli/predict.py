@@ -31,6 +31,7 @@ def predict(
     formats: options.FormatOption = None,
     model: options.ModelOption = None,
     provider: options.ProviderOption = "auto",
+    provider_option: options.ProviderSettingsOption = None,
     threads: Annotated[
         int | None, typer.Option(min=1, help="Threads of the network. Default: all cores.")
     ] = None,
@@ -81,7 +82,7 @@ def predict(
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = choose_formats(output, formats or ())
     jobs = plan_jobs(images, output, chosen, sidecar=sidecar)
-    loading = Engine(model, provider, threads).start()
+    loading = Engine(model, provider, threads, provider_option or ()).start()
     from depthcli.cli.predict_run import Predictor, Voice
 
     predictor = Predictor(

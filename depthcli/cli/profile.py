@@ -90,16 +90,38 @@ def prepare(group: Any) -> None:  # noqa: ANN401 - typer's own types
 
     command = group.commands["save"]
     known = {word for parameter in command.params for word in parameter.opts}
+    found: dict[str, list[Any]] = {}
     for profiled in profiled_commands():
         for key, parameter in options_of(profiled).items():
-            if known.isdisjoint(parameter.opts):
-                command.params.append(_saved(key, parameter))
-                known.update(parameter.opts)
+            found.setdefault(key, []).append(parameter)
+    for key, variants in found.items():
+        if known.isdisjoint(variants[0].opts):
+            command.params.append(_saved(key, variants))
+            known.update(variants[0].opts)
 
 
-def _saved(key: str, parameter: Any) -> Any:  # noqa: ANN401 - typer's own types
+class _AnyType:
+    """The type of an option that commands have with other choices: what suits one of them."""
+
+    def __init__(self, variants: list[Any]) -> None:
+        self._types = [parameter.type for parameter in variants]
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever the first type has
+        return getattr(self._types[0], name)
+
+    def __call__(self, value: Any, **place: Any) -> Any:  # noqa: ANN401 - as typer's types have it
+        for kind in self._types[1:]:
+            try:
+                return kind(value, **place)
+            except Exception as error:  # noqa: BLE001 - typer's own; the first type's counts
+                del error
+        return self._types[0](value, **place)
+
+
+def _saved(key: str, variants: list[Any]) -> Any:  # noqa: ANN401 - typer's own types
     """A copy of an option that remembers what it was given."""
-    option, check = copy.copy(parameter), parameter.callback
+    option, check = copy.copy(variants[0]), variants[0].callback
+    option.type = _AnyType(variants)
 
     def remember(context: Any, used: Any, value: Any) -> Any:  # noqa: ANN401 - typer's own types
         value = check(context, used, value) if check else value
