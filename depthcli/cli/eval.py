@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003 - typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from depthcli.cli import console
+from depthcli.cli.eval_runs import runs
 from depthcli.core.choices import Upsampling
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
@@ -17,6 +18,7 @@ from depthcli.metrics.choices import Alignment, Averaging
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from depthcli.evaluation.figures import Figure
     from depthcli.evaluation.nyu import NyuTask
     from depthcli.evaluation.predictors import Predictor
 
@@ -26,6 +28,9 @@ app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare mod
 @app.callback()
 def _group() -> None:
     """Compare models on a data set."""
+
+
+app.command()(runs)
 
 
 @app.command()
@@ -103,16 +108,30 @@ def nyu(
         bool, typer.Option("--per-image", help="With --json: the scores of each image too.")
     ] = False,
     csv: Annotated[Path | None, typer.Option(help="Write the table as CSV as well.")] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write sheets of sample pictures, gray and in colour."),
+    ] = None,
+    ids: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Show these pictures in the sheets.")
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write table and sheets as one HTML file.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
     """Depth metrics on NYU Depth v2 under one named protocol."""
-    from depthcli.cli.eval_output import show, stages, write_csv
+    from depthcli.cli.eval_figures import figures_of, positions_of, write_figures, write_page
+    from depthcli.cli.eval_output import cells, footnotes, show, stages, write_text
     from depthcli.datasets.nyu import open_nyu
     from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
     from depthcli.evaluation.protocol import Protocol
 
     _check_options(models=model, no_model=no_model, per_image=per_image, as_json=as_json)
+    if ids and not (figures or html):
+        raise UsageError("--ids is about the sheets: add --figures DIR or --html FILE")
     task = plan_nyu(open_nyu(data), split, limit)
+    positions = positions_of(task, ids)
     predictors = [
         *_open_models(
             model,
@@ -140,9 +159,18 @@ def nyu(
             per_image=per_image,
             stage=stage,
         )
+        sheets: tuple[Figure, ...] = ()
+        if figures or html:
+            titles = [Path(p.name).name for p in predictors]
+            sheets = figures_of(task, positions, predictors, titles, stage)
     show(report, as_json=as_json)
     if csv is not None:
-        write_csv(report, csv)
+        write_text(report.to_csv(), csv)
+    if figures is not None:
+        write_figures(sheets, figures, quiet=quiet or as_json)
+    if html is not None:
+        description = report.protocol.description
+        write_page(html, report.title, description, cells(report), footnotes(report), sheets)
 
 
 def _check_options(

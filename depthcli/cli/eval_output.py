@@ -63,21 +63,26 @@ def show(report: Report, *, as_json: bool) -> None:
     console.out(report.title)
     console.out(report.protocol.description)
     console.out("")
-    for line in _aligned([_header(report), *(_cells(row, report) for row in report.rows)]):
+    for line in aligned(cells(report)):
         console.out(line)
     console.out("")
-    for note in _footnotes(report):
+    for note in footnotes(report):
         console.out(note)
 
 
-def write_csv(report: Report, path: Path) -> None:
-    """Write a report as CSV.
+def write_text(text: str, path: Path) -> None:
+    """Write a file.
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputError: it cannot be written.
     """
     with atomic_path(path) as temporary:
-        temporary.write_text(report.to_csv(), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8")
+
+
+def cells(report: Report) -> list[list[str]]:
+    """The table as text, header first."""
+    return [_header(report), *(_cells(row, report) for row in report.rows)]
 
 
 def _header(report: Report) -> list[str]:
@@ -93,7 +98,7 @@ def _cells(row: Row, report: Report) -> list[str]:
     return [name, row.alignment or "-", str(row.image_count), *scores]
 
 
-def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
+def aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
     """Lines with text to the left and numbers to the right."""
     widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
     for cells in table:
@@ -104,7 +109,8 @@ def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join(padded).rstrip()
 
 
-def _footnotes(report: Report) -> list[str]:
+def footnotes(report: Report) -> list[str]:
+    """What stands under the table."""
     marked = [f"* {row.note}" for row in report.rows if row.note]
     empty = sorted({row.empty_count for row in report.rows} - {0})
     left_out = [f"{count} images have no valid pixel and are left out" for count in empty]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors import Predictor
+    from depthcli.evaluation.report import Row
 
 Stage: TypeAlias = Callable[[str, int], Callable[[], None]]
 """Called with what begins and its number of steps; returns what to call after each step."""
@@ -50,6 +51,13 @@ class NyuTask:
         """Ids of the images that are compared."""
         return tuple(self.dataset.ids[i] for i in self.test)
 
+    def thinned(self, limit: int | None) -> NyuTask:
+        """The same with at most so many images, evenly over the split."""
+        if limit is None or limit >= len(self.test):
+            return self
+        chosen = np.linspace(0, len(self.test) - 1, limit).round().astype(int)
+        return replace(self, test=tuple(self.test[i] for i in chosen))
+
 
 def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) -> NyuTask:
     """Choose the images.
@@ -63,11 +71,7 @@ def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) 
         DatasetError: the split has no test image here.
     """
     divided = split_nyu(dataset, split)
-    test = divided.test
-    if limit is not None and limit < len(test):
-        chosen = np.linspace(0, len(test) - 1, limit).round().astype(int)
-        test = tuple(test[i] for i in chosen)
-    return NyuTask(dataset, divided, test)
+    return NyuTask(dataset, divided, divided.test).thinned(limit)
 
 
 def evaluate_nyu(
@@ -97,17 +101,14 @@ def evaluate_nyu(
         UsageError: no alignment suits a predictor.
     """
     protocol = protocol or Protocol()
-    entries = [enter(predictor, alignments) for predictor in predictors]
-    train = task.split.train if trivial else ()
-    if train:
-        entries = [*_trivial_entries(task, protocol, alignments, stage), *entries]
-    compared = evaluate(
-        task.dataset,
-        task.test,
-        entries,
-        protocol,
+    rows = score_nyu(
+        task,
+        predictors,
+        protocol=protocol,
+        alignments=alignments,
+        trivial=trivial,
         per_image=per_image,
-        progress=stage("comparing", len(task.test)),
+        stage=stage,
     )
     comparable = task.split.name is SplitName.PAPER and protocol.is_headline
     return Report(
@@ -115,10 +116,34 @@ def evaluate_nyu(
         split=task.split.name,
         image_count=len(task.test),
         split_count=task.split.test_count,
-        train_count=len(train),
+        train_count=len(task.split.train) if trivial else 0,
         protocol=protocol,
-        rows=(*(PUBLISHED if comparable else ()), *compared),
+        rows=(*(PUBLISHED if comparable else ()), *rows),
         notes=tuple(_notes(task.split, comparable=comparable, trivial=trivial)),
+    )
+
+
+def score_nyu(
+    task: NyuTask,
+    predictors: Sequence[Predictor],
+    *,
+    protocol: Protocol,
+    alignments: Sequence[Alignment] = (Alignment.NONE,),
+    trivial: bool = True,
+    per_image: bool = False,
+    stage: Stage = _silent,
+) -> tuple[Row, ...]:
+    """The rows that are measured here; arguments and errors as in :func:`evaluate_nyu`."""
+    entries = [enter(predictor, alignments) for predictor in predictors]
+    if trivial and task.split.train:
+        entries = [*_trivial_entries(task, protocol, alignments, stage), *entries]
+    return evaluate(
+        task.dataset,
+        task.test,
+        entries,
+        protocol,
+        per_image=per_image,
+        progress=stage("comparing", len(task.test)),
     )
 
 
@@ -143,11 +168,14 @@ def _notes(split: Split, *, comparable: bool, trivial: bool) -> list[str]:
         notes.append(
             "the paper's rows belong to the paper split and the headline protocol: left out here"
         )
-    if trivial and not split.train:
-        notes.append("no training pair of this split is here: trivial rows left out")
-    elif trivial and len(split.train) != split.train_count:
-        notes.append(
-            f"trivial rows know {len(split.train)} of the split's {split.train_count} "
-            "training pairs"
-        )
-    return notes
+    return [*notes, *(trivial_notes(split) if trivial else ())]
+
+
+def trivial_notes(split: Split) -> list[str]:
+    """What the trivial rows lack of their split's training pairs."""
+    if not split.train:
+        return ["no training pair of this split is here: trivial rows left out"]
+    if len(split.train) != split.train_count:
+        known = f"{len(split.train)} of the split's {split.train_count} training pairs"
+        return [f"trivial rows know {known}"]
+    return []

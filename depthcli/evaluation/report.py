@@ -102,7 +102,6 @@ class Report:
 
     def to_json(self) -> str:
         """The report as JSON; values that do not exist are null."""
-        protocol = self.protocol
         document = {
             "schema": 1,
             "dataset": self.dataset,
@@ -112,18 +111,8 @@ class Report:
                 "images_of_complete_split": self.split_count,
                 "training_pairs_of_trivial_rows": self.train_count,
             },
-            "protocol": {
-                "name": protocol.name,
-                "description": protocol.description,
-                "averaging": protocol.averaging,
-                "crop": protocol.crop,
-                "mask": protocol.mask,
-                "compare_px": protocol.compare_px,
-                "full_size_px": protocol.full_size_px,
-                "min_m": protocol.min_m,
-                "max_m": protocol.max_m,
-            },
-            "rows": [_row_json(row) for row in self.rows],
+            "protocol": protocol_json(self.protocol),
+            "rows": [row_json(row) for row in self.rows],
             "notes": self.notes,
         }
         return json.dumps(document, indent=2)
@@ -144,24 +133,45 @@ class Report:
         return text.getvalue()
 
 
-def _row_json(row: Row) -> dict[str, Any]:
+def protocol_json(protocol: Protocol) -> dict[str, Any]:
+    """A protocol with all its choices."""
+    return {
+        "name": protocol.name,
+        "description": protocol.description,
+        "averaging": protocol.averaging,
+        "crop": protocol.crop,
+        "mask": protocol.mask,
+        "compare_px": protocol.compare_px,
+        "full_size_px": protocol.full_size_px,
+        "min_m": protocol.min_m,
+        "max_m": protocol.max_m,
+    }
+
+
+def row_json(row: Row) -> dict[str, Any]:
+    """A row with its scores, and those of each image if they were kept."""
     entry: dict[str, Any] = {
         "name": row.name,
         "source": row.source,
         "align": row.alignment,
         "images": row.image_count,
         "images_without_valid_pixel": row.empty_count,
-        "scores": _scores_json(row),
+        "scores": _all_scores_json(row),
     }
     if row.note:
         entry["note"] = row.note
     if row.model_sha256:
         entry["model_sha256"] = row.model_sha256
     if row.images:
-        entry["per_image"] = [{"id": i.id, **_scores_json(i)} for i in row.images]
+        entry["per_image"] = [{"id": i.id, **_all_scores_json(i)} for i in row.images]
     return entry
 
 
-def _scores_json(scored: Row | ImageScores) -> dict[str, float | None]:
-    named = [*scored.scores.items(), *(scored.boundary.items() if scored.boundary else ())]
-    return {name: None if math.isnan(value) else value for name, value in named}
+def _all_scores_json(scored: Row | ImageScores) -> dict[str, float | None]:
+    boundary = scores_json(scored.boundary) if scored.boundary else {}
+    return scores_json(scored.scores) | boundary
+
+
+def scores_json(scores: Scores | BoundaryScores) -> dict[str, float | None]:
+    """Scores by name; a value that does not exist is null."""
+    return {name: None if math.isnan(value) else value for name, value in scores.items()}

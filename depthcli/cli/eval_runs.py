@@ -1,0 +1,167 @@
+"""``depthcli eval runs``: Table I of the runs that ``depthcli train`` made."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from depthcli.cli import console
+from depthcli.core.choices import Upsampling
+from depthcli.datasets.splits import SplitName
+from depthcli.errors import DepthcliError, ExitCode, UsageError
+from depthcli.metrics.choices import Alignment
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.evaluation.figures import Figure
+    from depthcli.evaluation.nyu import Stage
+    from depthcli.evaluation.trained import Trained
+    from depthcli.export.trained import TrainedRun
+
+
+def runs(
+    *,
+    folder: Annotated[
+        Path, typer.Argument(metavar="RUNS", help="The --out folder of depthcli train.")
+    ],
+    data: Annotated[
+        Path,
+        typer.Option(envvar="DEPTHCLI_NYU", help="The data set that the runs were trained on."),
+    ],
+    split: Annotated[
+        SplitName,
+        typer.Option(
+            help="val: the scenes that the runs held out. paper, official: test part of a split, "
+            "if no run was trained on it."
+        ),
+    ] = SplitName.VAL,
+    align: Annotated[
+        list[Alignment] | None,
+        typer.Option(
+            help="Fit to the truth per image: none, median, depth or disparity; repeatable, one "
+            "row each. Default: none."
+        ),
+    ] = None,
+    trivial: Annotated[
+        bool, typer.Option(help="Include the rows that never look at the picture.")
+    ] = True,
+    published: Annotated[bool, typer.Option(help="Include the paper's rows.")] = True,
+    limit: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Only N images, evenly over the split."),
+    ] = None,
+    provider: Annotated[str, typer.Option(help="Execution provider of the models.")] = "auto",
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads of the models.")] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write sheets of sample pictures, gray and in colour."),
+    ] = None,
+    ids: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Show these pictures in the sheets.")
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write table and sheets as one HTML file.")
+    ] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write the table as CSV as well.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+) -> int:
+    """Compare trained runs on pictures that none of them was trained on.
+
+    Runs whose folders differ only in -seedK are one row: mean and standard deviation.
+    """
+    from depthcli.cli.eval_figures import figures_of, positions_of, write_figures, write_page
+    from depthcli.cli.eval_output import stages, write_text
+    from depthcli.cli.eval_runs_output import cells, notes, show
+    from depthcli.datasets.nyu import open_nyu
+    from depthcli.evaluation.runs_report import to_csv
+    from depthcli.evaluation.runs_table import evaluate_runs
+    from depthcli.evaluation.trained import grouped, plan_runs
+
+    if ids and not (figures or html):
+        raise UsageError("--ids is about the sheets: add --figures DIR or --html FILE")
+    dataset = open_nyu(data)
+    quiet = quiet or as_json
+    with tempfile.TemporaryDirectory() as spare, stages(quiet=quiet) as stage:
+        opened, failed = _open_runs(folder, Path(spare), stage)
+        task = plan_runs(dataset, opened, split, limit)
+        positions = positions_of(task, ids)
+        models = _loaded(opened, provider, threads)
+        groups = grouped(models)
+        report = evaluate_runs(
+            task,
+            models,
+            alignments=align or [Alignment.NONE],
+            trivial=trivial,
+            published=published,
+            stage=stage,
+        )
+        sheets: tuple[Figure, ...] = ()
+        if figures or html:
+            order = [line.row.name for line in report.rows if line.row.name in groups]
+            names = list(dict.fromkeys(order))
+            firsts = [groups[name][0].predictor for name in names]
+            sheets = figures_of(task, positions, firsts, names, stage)
+    show(report, as_json=as_json)
+    if csv is not None:
+        write_text(to_csv(report), csv)
+    if figures is not None:
+        write_figures(sheets, figures, quiet=quiet)
+    if html is not None:
+        description = report.protocol.description
+        write_page(html, report.title, description, cells(report), notes(report), sheets)
+    if failed:
+        console.error(f"{len(failed)} runs are left out: {'; '.join(failed)}")
+    return ExitCode.SOME_FAILED if failed else ExitCode.OK
+
+
+def _open_runs(folder: Path, spare: Path, stage: Stage) -> tuple[list[TrainedRun], list[str]]:
+    """The runs that can be used, and why others cannot.
+
+    Raises:
+        DepthcliError: none can.
+    """
+    try:
+        from depthcli.export.trained import find_runs, open_run
+    except ImportError as error:
+        raise DepthcliError(
+            f"reading checkpoints needs {error.name}: pip install 'depthcli[train]'"
+        ) from error
+    opened, failed = [], []
+    folders = find_runs(folder)
+    done = stage("exporting", len(folders))
+    for run in folders:
+        try:
+            opened.append(open_run(run, spare))
+        except DepthcliError as error:
+            failed.append(f"{run.name} ({error})")
+        done()
+    if not opened:
+        raise DepthcliError(f"no run of {folder} can be used: {'; '.join(failed)}")
+    return opened, failed
+
+
+def _loaded(opened: Sequence[TrainedRun], provider: str, threads: int | None) -> list[Trained]:
+    from depthcli.evaluation.latency import measure_ms
+    from depthcli.evaluation.models import open_model
+    from depthcli.evaluation.trained import Trained
+
+    models = [
+        # The headline protocol resizes bilinearly: what is compared is the network alone.
+        open_model(
+            str(run.model), provider=provider, threads=threads, upsampling=Upsampling.BILINEAR
+        )
+        for run in opened
+    ]
+    for warning in dict.fromkeys(text for model in models for text in model.warnings):
+        console.warn(warning)
+    times_ms = measure_ms([model.pipeline for model in models])
+    return [
+        Trained(run, replace(model, name=run.name), ms)
+        for run, model, ms in zip(opened, models, times_ms, strict=True)
+    ]

@@ -1,0 +1,209 @@
+"""Table I of trained runs: mean and deviation over seeds, cost, and what they stand against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from depthcli.datasets.splits import SplitName
+from depthcli.evaluation.nyu import Stage, score_nyu, trivial_notes
+from depthcli.evaluation.protocol import Protocol
+from depthcli.evaluation.published import PUBLISHED, PUBLISHED_COUNT
+from depthcli.evaluation.report import Row
+from depthcli.evaluation.trained import Trained, grouped, mean_and_spread
+from depthcli.metrics.accumulate import Scores
+from depthcli.metrics.choices import Alignment
+from depthcli.metrics.depth import METRICS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.evaluation.nyu import NyuTask
+
+_TABLE_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]
+
+
+@dataclass(frozen=True, slots=True)
+class Training:
+    """How a row came to be; a tuple has an entry per seed.
+
+    Attributes:
+        seeds: of the runs.
+        paired: whether pictures and depth maps of one scene point were shown together.
+        parameters: weights of the generator.
+        latency_ms: mean over the seeds of the median time of the network alone for one picture.
+        epochs: done.
+        epochs_planned: of the whole schedule.
+        steps: optimisation steps done.
+        minutes: of training.
+    """
+
+    seeds: tuple[int, ...]
+    paired: bool
+    parameters: int
+    latency_ms: float
+    epochs: tuple[int, ...]
+    epochs_planned: int
+    steps: tuple[int, ...]
+    minutes: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RunsRow:
+    """One line of the table.
+
+    Attributes:
+        row: name, source, alignment, number of images and mean scores.
+        spread: sample standard deviation over the seeds; None for fewer than two.
+        training: how it came to be; None if nothing was trained here.
+        runs: the rows of the seeds.
+    """
+
+    row: Row
+    spread: Scores | None = None
+    training: Training | None = None
+    runs: tuple[Row, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RunsReport:
+    """Table I of trained runs.
+
+    Attributes:
+        split: which division of NYU Depth v2; ``val`` is what the runs themselves held out.
+        image_count: test images that were compared.
+        split_count: test images that the split has.
+        train_count: training pairs behind the trivial rows.
+        protocol: how prediction and truth were compared.
+        rows: the lines.
+        notes: what a reader has to know besides.
+    """
+
+    split: SplitName
+    image_count: int
+    split_count: int
+    train_count: int
+    protocol: Protocol
+    rows: tuple[RunsRow, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Data set, split, number of images and protocol in one line."""
+        which = "scenes that the runs held out" if self.split is SplitName.VAL else self.split
+        count = f"{self.image_count} images"
+        if self.image_count != self.split_count:
+            count = f"{self.image_count} of {self.split_count} images"
+        return f"NYU Depth v2 · {which}, {count} · {self.protocol.name} protocol"
+
+
+def evaluate_runs(
+    task: NyuTask,
+    models: Sequence[Trained],
+    *,
+    alignments: Sequence[Alignment] = (Alignment.NONE,),
+    trivial: bool = True,
+    published: bool = True,
+    stage: Stage,
+) -> RunsReport:
+    """Make the table.
+
+    Args:
+        task: pictures that no run was trained on, from ``plan_runs``.
+        models: the runs.
+        alignments: one row for each.
+        trivial: include the rows that never look at the picture.
+        published: include the paper's rows.
+        stage: told of progress.
+
+    Raises:
+        DatasetError: a pair cannot be read or does not fit the protocol.
+        UsageError: runs of one name differ in more than their seed.
+    """
+    groups = grouped(models)
+    protocol = Protocol()
+    scored = score_nyu(
+        task,
+        [model.predictor for model in models],
+        protocol=protocol,
+        alignments=alignments,
+        trivial=trivial,
+        stage=stage,
+    )
+    names = {model.run.name for model in models}
+    rows = [RunsRow(row) for row in scored if row.name not in names]
+    rows += [
+        _folded(name, groups[name], scored, alignment)
+        for name in sorted(groups, key=_place)
+        for alignment in dict.fromkeys(alignments)
+    ]
+    rows += [RunsRow(row) for row in PUBLISHED if published]
+    return RunsReport(
+        split=task.split.name,
+        image_count=len(task.test),
+        split_count=task.split.test_count,
+        train_count=len(task.split.train) if trivial else 0,
+        protocol=protocol,
+        rows=tuple(rows),
+        notes=tuple(_notes(task, models, trivial=trivial, published=published)),
+    )
+
+
+def _place(name: str) -> tuple[int, str]:
+    """The paper's order, then by name."""
+    known = name in _TABLE_ORDER
+    return (_TABLE_ORDER.index(name) if known else len(_TABLE_ORDER), name)
+
+
+def _folded(
+    name: str, members: Sequence[Trained], scored: Sequence[Row], alignment: Alignment
+) -> RunsRow:
+    """The seeds of one method as one line."""
+    names = {member.run.name for member in members}
+    rows = [row for row in scored if row.name in names and row.alignment is alignment]
+    columns = {metric: [row.scores[metric] for row in rows] for metric in METRICS}
+    folded = {metric: mean_and_spread(values) for metric, values in columns.items()}
+    spreads = {metric: spread for metric, (_, spread) in folded.items() if spread is not None}
+    mean = Row(
+        name=name,
+        source=rows[0].source,
+        alignment=alignment,
+        image_count=rows[0].image_count,
+        scores=Scores.of(**{metric: mean for metric, (mean, _) in folded.items()}),
+        empty_count=rows[0].empty_count,
+    )
+    return RunsRow(mean, Scores.of(**spreads) if spreads else None, _training(members), tuple(rows))
+
+
+def _training(members: Sequence[Trained]) -> Training:
+    runs = [member.run for member in members]
+    return Training(
+        seeds=tuple(run.seed for run in runs),
+        paired=runs[0].paired,
+        parameters=runs[0].parameters,
+        latency_ms=mean_and_spread([member.latency_ms for member in members])[0],
+        epochs=tuple(run.epochs for run in runs),
+        epochs_planned=runs[0].epochs_planned,
+        steps=tuple(run.steps for run in runs),
+        minutes=tuple(run.minutes for run in runs),
+    )
+
+
+def _notes(
+    task: NyuTask, models: Sequence[Trained], *, trivial: bool, published: bool
+) -> list[str]:
+    notes = ["± is the sample standard deviation over the seeds"]
+    providers = sorted({model.predictor.pipeline.session.provider for model in models})
+    notes.append(
+        f"ms: median of the network alone for one picture, onnxruntime on {', '.join(providers)}, "
+        "measured in turns in this run"
+    )
+    short = [m.run.name for m in models if m.run.epochs < m.run.epochs_planned]
+    if short:
+        notes.append(f"stopped before their schedule's end: {', '.join(short)}")
+    if published and task.split.name is not SplitName.PAPER:
+        notes.append(
+            f"the paper's rows are of its own {PUBLISHED_COUNT} test pictures, not of these: "
+            "no digit of theirs is comparable"
+        )
+    return [*notes, *(trivial_notes(task.split) if trivial else ())]

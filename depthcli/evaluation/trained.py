@@ -1,0 +1,172 @@
+"""Trained runs as rows: on which pictures they may be compared, and which of them are one row."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from depthcli.datasets.splits import Split, SplitName
+from depthcli.errors import DatasetError, UsageError
+from depthcli.evaluation.nyu import NyuTask, plan_nyu
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.evaluation.models import ModelPredictor
+
+_SEED = re.compile(r"-seed\d+$")
+
+
+class Run(Protocol):
+    """What is known of a run besides its model."""
+
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+        ...
+
+    @property
+    def seed(self) -> int:
+        """Seed of weights, order and augmentation."""
+        ...
+
+    @property
+    def settings(self) -> str:
+        """All settings but the seed; equal text, equal settings."""
+        ...
+
+    @property
+    def paired(self) -> bool:
+        """Whether pictures and depth maps of one scene point were shown together."""
+        ...
+
+    @property
+    def parameters(self) -> int:
+        """Weights of the generator."""
+        ...
+
+    @property
+    def epochs(self) -> int:
+        """Whole epochs done."""
+        ...
+
+    @property
+    def epochs_planned(self) -> int:
+        """Epochs of the whole schedule."""
+        ...
+
+    @property
+    def steps(self) -> int:
+        """Optimisation steps done."""
+        ...
+
+    @property
+    def minutes(self) -> float:
+        """Training time."""
+        ...
+
+    @property
+    def train_ids(self) -> tuple[str, ...]:
+        """Pairs that it was trained on."""
+        ...
+
+    @property
+    def held_out_ids(self) -> tuple[str, ...]:
+        """Pairs that it was validated on."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Trained:
+    """A run and its model.
+
+    Attributes:
+        run: how it came to be.
+        predictor: its model, named as the run.
+        latency_ms: median time of the network alone for one picture, milliseconds.
+    """
+
+    run: Run
+    predictor: ModelPredictor
+    latency_ms: float
+
+
+def plan_runs(
+    dataset: DepthDataset,
+    runs: Sequence[Run],
+    split: SplitName = SplitName.VAL,
+    limit: int | None = None,
+) -> NyuTask:
+    """Choose pictures that none of the runs was trained on.
+
+    Args:
+        dataset: the labelled set or a part of it.
+        runs: what is compared.
+        split: ``val`` stands for the pairs that the runs themselves held out.
+        limit: at most so many images, evenly over the split.
+
+    Raises:
+        DatasetError: a pair that the runs name is not here, or the split has no test image.
+        UsageError: the runs hold out different pairs, or one was trained on the test images.
+    """
+    whole = _held_out(dataset, runs) if split is SplitName.VAL else plan_nyu(dataset, split)
+    task = whole.thinned(limit)
+    for run in runs:
+        seen = set(run.train_ids) & set(task.ids)
+        if seen:
+            raise UsageError(
+                f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test pictures: "
+                "choose another --split, or leave it out"
+            )
+    return task
+
+
+def _held_out(dataset: DepthDataset, runs: Sequence[Run]) -> NyuTask:
+    first = runs[0]
+    for run in runs:
+        if (run.held_out_ids, run.train_ids) != (first.held_out_ids, first.train_ids):
+            raise UsageError(
+                f"{first.name} and {run.name} were trained on or hold out different pairs: "
+                "compare them apart, or on another --split"
+            )
+    if not first.held_out_ids:
+        raise UsageError(f"{first.name} held out no pair: compare on another --split")
+    places = {name: i for i, name in enumerate(dataset.ids)}
+    missing = [i for i in (*first.held_out_ids, *first.train_ids) if i not in places]
+    if missing:
+        raise DatasetError(
+            f"{len(missing)} pairs of the runs are not here (first: {missing[0]}): "
+            "give the data set that they were trained on"
+        )
+    train = tuple(places[i] for i in first.train_ids)
+    test = tuple(places[i] for i in first.held_out_ids)
+    return NyuTask(dataset, Split(SplitName.VAL, train, test, len(train), len(test)), test)
+
+
+def grouped(models: Sequence[Trained]) -> dict[str, tuple[Trained, ...]]:
+    """Runs that differ in their seed alone, by the name that they share.
+
+    ``cut-seed0`` and ``cut-seed1`` are seeds of ``cut``.
+
+    Raises:
+        UsageError: runs of one name differ in more than the seed, or not even in that.
+    """
+    groups: dict[str, list[Trained]] = {}
+    for model in models:
+        groups.setdefault(_SEED.sub("", model.run.name), []).append(model)
+    for members in groups.values():
+        runs = [m.run for m in members]
+        if len({run.settings for run in runs}) > 1 or len({r.seed for r in runs}) < len(runs):
+            names = ", ".join(run.name for run in runs)
+            raise UsageError(f"{names} are no seeds of one configuration: rename their folders")
+    return {name: tuple(members) for name, members in groups.items()}
+
+
+def mean_and_spread(values: Sequence[float]) -> tuple[float, float | None]:
+    """Mean and sample standard deviation; no deviation of a single value."""
+    spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
+    return float(np.mean(values)), spread

@@ -1,0 +1,131 @@
+"""Folders of training runs as models to evaluate: each is exported once per checkpoint."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from depthcli.errors import CheckpointError, ModelError, OutputError
+from depthcli.export.onnx import ExportOptions, export_checkpoint
+from depthcli.inference.catalog import Place, read_model
+from depthcli.training.checkpoint import Checkpoint, load_generator
+from depthcli.training.loop import CHECKPOINT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from torch import nn
+
+CACHE_NAME = "evaluated.onnx"
+_HASH_LENGTH = 16
+
+
+@dataclass(frozen=True, slots=True)
+class TrainedRun:
+    """What a run's checkpoint says; see :class:`depthcli.evaluation.trained.Run`.
+
+    Attributes:
+        name: of its folder.
+        model: its ONNX file.
+        seed: of weights, order and augmentation.
+        settings: all settings but the seed, as JSON.
+        paired: whether the configuration shows pictures and depth of one scene point together.
+        parameters: weights of the generator.
+        epochs: whole epochs done.
+        epochs_planned: epochs of the whole schedule.
+        steps: optimisation steps done.
+        minutes: training time.
+        train_ids: pairs it was trained on.
+        held_out_ids: pairs it was validated on.
+    """
+
+    name: str
+    model: Path
+    seed: int
+    settings: str
+    paired: bool
+    parameters: int
+    epochs: int
+    epochs_planned: int
+    steps: int
+    minutes: float
+    train_ids: tuple[str, ...]
+    held_out_ids: tuple[str, ...]
+
+
+def find_runs(folder: Path) -> tuple[Path, ...]:
+    """The folder itself or those in it that hold a checkpoint, by name.
+
+    Raises:
+        CheckpointError: there is none.
+    """
+    if (folder / CHECKPOINT).is_file():
+        return (folder,)
+    found = tuple(sorted(path.parent for path in folder.glob(f"*/{CHECKPOINT}")))
+    if not found:
+        raise CheckpointError(f"{folder} holds no run: give the --out folder of `depthcli train`")
+    return found
+
+
+def open_run(folder: Path, spare: Path) -> TrainedRun:
+    """Read a run's checkpoint and export it, unless that was done already.
+
+    The model is kept in the run's folder under a name of its own, or in ``spare`` if that folder
+    cannot be written.
+
+    Raises:
+        CheckpointError: the checkpoint cannot be used.
+        ParityError: the exported model is not the network.
+    """
+    path = folder / CHECKPOINT
+    generator, saved = load_generator(path)
+    name = folder.resolve().name
+    version = f"{saved.config.method}-{_sha256(path)[:_HASH_LENGTH]}"
+    return _described(name, _exported(path, folder, spare / name, version), saved, generator)
+
+
+def _exported(checkpoint: Path, folder: Path, spare: Path, version: str) -> Path:
+    cached = folder / CACHE_NAME
+    if _version(cached) == version:
+        return cached
+    options = ExportOptions(name=folder.resolve().name, version=version)
+    try:
+        return export_checkpoint(checkpoint, cached, options).path
+    except OutputError:
+        return export_checkpoint(checkpoint, spare / CACHE_NAME, options).path
+
+
+def _version(model: Path) -> str | None:
+    """The version in the card inside an ONNX file; None if there is no whole file."""
+    if not model.is_file():
+        return None
+    try:
+        return read_model(Place(onnx=model, card=None)).card.version
+    except ModelError:
+        return None
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _described(name: str, model: Path, saved: Checkpoint, generator: nn.Module) -> TrainedRun:
+    config, progress = saved.config, saved.progress
+    return TrainedRun(
+        name=name,
+        model=model,
+        seed=config.seed,
+        settings=json.dumps(dataclasses.asdict(dataclasses.replace(config, seed=0))),
+        paired=config.data.paired,
+        parameters=sum(weights.numel() for weights in generator.parameters()),
+        epochs=progress.epoch,
+        epochs_planned=config.optim.epochs,
+        steps=progress.step,
+        minutes=progress.seconds / 60,
+        train_ids=progress.train_ids,
+        held_out_ids=progress.held_out_ids,
+    )
