@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from depthcli.core.choices import Detail, Upsampling
     from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
     from depthcli.errors import (
         CheckpointError,
@@ -34,7 +35,9 @@ if TYPE_CHECKING:
     from depthcli.inference.pipeline import Pipeline, load
     from depthcli.inference.session import Session
     from depthcli.io.depth_files import read_depth
+    from depthcli.io.depth_videos import DepthVideo
     from depthcli.io.sources.image import read_image
+    from depthcli.io.sources.video import VideoSource
 
 __version__ = "0.1.0"
 
@@ -43,7 +46,9 @@ __all__ = [
     "DatasetError",
     "DepthKind",
     "DepthMap",
+    "DepthVideo",
     "DepthcliError",
+    "Detail",
     "Frame",
     "InputError",
     "Model",
@@ -56,7 +61,9 @@ __all__ = [
     "ProviderError",
     "Session",
     "TrainingError",
+    "Upsampling",
     "UsageError",
+    "VideoSource",
     "__version__",
     "find_model",
     "load",
@@ -65,6 +72,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "depthcli.core.choices": ("Detail", "Upsampling"),
     "depthcli.core.types": ("DepthKind", "DepthMap", "Frame", "Provenance"),
     "depthcli.errors": tuple(name for name in __all__ if name.endswith("Error")),
     "depthcli.inference.card": ("ModelCard",),
@@ -72,7 +80,9 @@ _HOMES = {
     "depthcli.inference.pipeline": ("Pipeline", "load"),
     "depthcli.inference.session": ("Session",),
     "depthcli.io.depth_files": ("read_depth",),
+    "depthcli.io.depth_videos": ("DepthVideo",),
     "depthcli.io.sources.image": ("read_image",),
+    "depthcli.io.sources.video": ("VideoSource",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -16,7 +16,9 @@ app = typer.Typer(rich_markup_mode=None)
 
 @app.command()
 def info(
-    file: Annotated[str, typer.Argument(help="A depth file: 16-bit PNG, EXR or NPY.")],
+    file: Annotated[
+        str, typer.Argument(help="A depth file: 16-bit PNG, EXR, NPY, or a depth video (.mkv).")
+    ],
     png_scale: Annotated[
         float | None,
         typer.Option(
@@ -34,6 +36,10 @@ def info(
     from depthcli.io.depth_files import read_depth
 
     path = Path(file)
+    if path.suffix.lower() == ".mkv":
+        from depthcli.cli.video_info import video_facts
+
+        return _tell(video_facts(path, png_scale), as_json=as_json)
     depth = read_depth(path, png_scale=png_scale)
     facts: dict[str, object] = {
         "file": file,
@@ -45,6 +51,10 @@ def info(
         **Range.of(depth)._asdict(),
         "stated": stated_facts(path),
     }
+    return _tell(facts, as_json=as_json)
+
+
+def _tell(facts: dict[str, object], *, as_json: bool) -> int:
     if as_json:
         console.out_json(facts)
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,9 +11,9 @@ import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
-from depthcli.io.ffmpeg_log import silent_ffmpeg
 from depthcli.io.frame_rate import exact_rate
 from depthcli.io.mkv_finish import mkv_labels
+from depthcli.io.video_capture import open_capture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -49,16 +50,14 @@ class DepthVideo:
             InputError: missing, damaged, or not 16-bit gray.
         """
         self.path = Path(path)
-        if not self.path.is_file():
-            raise InputError(f"{path} is missing: no such file")
-        self.labels = mkv_labels(self.path)
-        kind = self.labels.get("kind")
-        self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
-        stated = self.labels.get("scale", str(_MILLIMETRES))
-        self.scale = scale or (None if stated == "normalized" else float(stated))
         capture = self._opened()
         self.rate: Fraction | None = exact_rate(capture.get(cv2.CAP_PROP_FPS))
         capture.release()
+        self.labels = mkv_labels(self.path)
+        kind = self.labels.get("kind")
+        self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
+        stated = self.labels.get("scale")
+        self.scale = scale or (None if stated == "normalized" else _number(stated, _MILLIMETRES))
         next(self.steps(), None)
 
     def __iter__(self) -> Iterator[DepthMap]:
@@ -80,7 +79,9 @@ class DepthVideo:
             InputError: a frame is not 16-bit gray.
         """
         capture = self._opened()
-        width, height = (int(self.labels.get(name, _TOP + 1)) for name in ("width", "height"))
+        width, height = (
+            int(_number(self.labels.get(name), _TOP + 1)) for name in ("width", "height")
+        )
         try:
             while True:
                 ok, pixels = capture.read()
@@ -94,9 +95,15 @@ class DepthVideo:
             capture.release()
 
     def _opened(self) -> cv2.VideoCapture:
-        with silent_ffmpeg():
-            capture = cv2.VideoCapture(str(self.path.absolute()), cv2.CAP_FFMPEG)
-        if not capture.isOpened():
-            raise InputError(f"{self.path} holds no video that can be read; is it whole?")
+        capture = open_capture(self.path)
         capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
         return capture
+
+
+def _number(text: str | None, otherwise: float) -> float:
+    """A label as a number; another program may have written anything."""
+    try:
+        value = float(text or "")
+    except ValueError:
+        return otherwise
+    return value if 0 < value < math.inf else otherwise

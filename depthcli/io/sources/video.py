@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -13,9 +12,9 @@ import numpy as np
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.decode import MAX_PIXELS
-from depthcli.io.ffmpeg_log import silent_ffmpeg
 from depthcli.io.frame_rate import exact_rate
 from depthcli.io.sources.video_span import WHOLE
+from depthcli.io.video_capture import open_capture
 from depthcli.io.video_end import is_cut
 
 if TYPE_CHECKING:
@@ -56,9 +55,8 @@ class VideoSource:
             InputError: missing, empty, no video, no video stream in it, or too large.
         """
         self.path = Path(path)
-        _check_file(self.path)
-        with silent_ffmpeg():
-            self._capture = _opened(self.path)
+        self._capture = open_capture(self.path)
+        self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
         self.width = round(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
         self.height = round(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
         if self.width * self.height > max_pixels:
@@ -160,41 +158,6 @@ class VideoSource:
         if short or is_cut(self.path):
             of = "" if stated is None else f" of {stated}"
             self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
-
-
-def _check_file(path: Path) -> None:
-    """Say what is wrong with a file before FFmpeg says less."""
-    try:
-        with path.open("rb") as file:
-            empty = not file.read(1)
-    except FileNotFoundError:
-        what = "is a broken link" if path.is_symlink() else "is missing: no such file"
-        raise InputError(f"{path} {what}") from None
-    except IsADirectoryError:
-        raise InputError(f"{path} is a folder; name a video in it") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    if empty:
-        raise InputError(f"{path} is empty")
-
-
-def _opened(path: Path) -> cv2.VideoCapture:
-    # An absolute name cannot be taken for a protocol of FFmpeg's.
-    name = os.path.abspath(path)  # noqa: PTH100 - links stay as named
-    try:
-        name.encode()
-        capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
-        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
-    except UnicodeEncodeError:
-        raise InputError(f"{path} has a name that is not UTF-8; rename it") from None
-    except cv2.error:
-        capture = cv2.VideoCapture()
-    if not capture.isOpened():
-        raise InputError(
-            f"{path} holds no video that can be read: damaged, cut off, without a video stream, "
-            "or of a codec that FFmpeg does not have here"
-        )
-    return capture
 
 
 def _count(frames: float) -> int | None:
