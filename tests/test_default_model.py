@@ -29,7 +29,8 @@ def depth() -> depthcli.DepthMap:
 
 @pytest.mark.parametrize("upsampling", sorted(REFERENCES))
 def test_reproduces_its_stored_output(upsampling: str) -> None:
-    pipeline = depthcli.load(FOLDER, provider="cpu", upsampling=upsampling)
+    detail = depthcli.Detail(depthcli.Upsampling(upsampling))
+    pipeline = depthcli.load(FOLDER, provider="cpu", detail=detail)
     depth = pipeline.predict(depthcli.read_image(ROOT / "docs" / "room.jpg"))
     assert np.abs(depth.values[::8, ::8] - np.load(REFERENCES[upsampling])).max() < 0.02
 

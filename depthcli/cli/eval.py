@@ -9,7 +9,7 @@ import typer
 
 from depthcli.cli import console
 from depthcli.cli.eval_runs import runs
-from depthcli.core.choices import Upsampling
+from depthcli.core.choices import Detail, Upsampling
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.choices import Crop, Mask
@@ -138,7 +138,7 @@ def nyu(
             bundled=not (no_model or predictions),
             provider=provider,
             threads=threads,
-            upsampling=upsample,
+            detail=Detail(upsample),
         ),
         *_open_predictions(predictions or [], task, predictions_kind),
     ]
@@ -188,7 +188,7 @@ def _open_models(
     bundled: bool,
     provider: str,
     threads: int | None,
-    upsampling: Upsampling,
+    detail: Detail,
 ) -> list[Predictor]:
     wanted: Sequence[str | None] = names or ([None] if bundled else [])
     if not wanted:
@@ -196,8 +196,7 @@ def _open_models(
     from depthcli.evaluation.models import open_model
 
     models = [
-        open_model(name, provider=provider, threads=threads, upsampling=upsampling)
-        for name in wanted
+        open_model(name, provider=provider, threads=threads, detail=detail) for name in wanted
     ]
     for warning in dict.fromkeys(text for model in models for text in model.warnings):
         console.warn(warning)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli import console
-from depthcli.core.choices import Upsampling
+from depthcli.core.choices import Detail, Upsampling
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 from depthcli.metrics.choices import Alignment
@@ -154,7 +154,7 @@ def _loaded(opened: Sequence[TrainedRun], provider: str, threads: int | None) ->
     models = [
         # The headline protocol resizes bilinearly: what is compared is the network alone.
         open_model(
-            str(run.model), provider=provider, threads=threads, upsampling=Upsampling.BILINEAR
+            str(run.model), provider=provider, threads=threads, detail=Detail(Upsampling.BILINEAR)
         )
         for run in opened
     ]

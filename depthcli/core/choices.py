@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
+
+from depthcli.errors import UsageError
 
 
 class Upsampling(StrEnum):
@@ -12,3 +15,40 @@ class Upsampling(StrEnum):
     """Edges follow those of the picture."""
     BILINEAR = "bilinear"
     """Between neighbours, without a look at the picture."""
+
+
+AUTO_TILE = 0
+"""Width of tiles that stands for half the picture, where that is no less than the network takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Detail:
+    """How a network's depth becomes that of a full-size picture.
+
+    Attributes:
+        upsampling: how depth gets to the picture's size.
+        tile_px: width of tiles in pixels of the picture; None for no tiles, 0 for half the picture.
+        max_memory_bytes: most memory for one picture: its pixels, its depth and all that is
+            between, without the model and the files; None for no limit.
+    """
+
+    upsampling: Upsampling = Upsampling.GUIDED
+    tile_px: int | None = None
+    max_memory_bytes: int | None = None
+
+    def __post_init__(self) -> None:
+        """Take plain words too.
+
+        Raises:
+            UsageError: a value means nothing.
+        """
+        if self.upsampling not in tuple(Upsampling):
+            names = " or ".join(Upsampling)
+            raise UsageError(f"upsampling is {names}, not {self.upsampling!r}")
+        object.__setattr__(self, "upsampling", Upsampling(self.upsampling))
+        if self.tile_px is not None and self.tile_px < 0:
+            raise UsageError(f"tiles of {self.tile_px} pixels cannot be; give their width")
+
+
+PLAIN = Detail()
+"""Guided, in one piece, without a limit."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from depthcli.core.choices import Upsampling
+from depthcli.core.choices import PLAIN
 from depthcli.evaluation.choices import Source
 from depthcli.inference.pipeline import load
 
 if TYPE_CHECKING:
+    from depthcli.core.choices import Detail
     from depthcli.core.types import DepthKind, DepthMap
     from depthcli.evaluation.predictors import Sample
     from depthcli.inference.pipeline import Pipeline
@@ -49,14 +50,14 @@ def open_model(
     *,
     provider: str = "auto",
     threads: int | None = None,
-    upsampling: Upsampling = Upsampling.GUIDED,
+    detail: Detail = PLAIN,
 ) -> ModelPredictor:
     """Find a model by name or path and load it.
 
     Raises:
         ModelError: it is not there or cannot be used.
     """
-    pipeline = load(name_or_path, provider=provider, threads=threads, upsampling=upsampling)
+    pipeline = load(name_or_path, provider=provider, threads=threads, detail=detail)
     return ModelPredictor(
         name=name_or_path or pipeline.card.name,
         kind=pipeline.card.output.kind,

@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.core import scaling
-from depthcli.core.choices import Upsampling
+from depthcli.core.choices import PLAIN
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.inference.catalog import find_model
+from depthcli.inference.memory import tile_width_px
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
 from depthcli.inference.providers import AUTO
 from depthcli.inference.session import Session
+from depthcli.inference.tiles import refine
 
 if TYPE_CHECKING:
     import os
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from depthcli.core.choices import Detail
     from depthcli.core.types import Frame
     from depthcli.inference.card import ModelCard
     from depthcli.inference.preprocess import Layout
@@ -32,23 +35,12 @@ class Pipeline:
 
     Attributes:
         session: the loaded model.
-        upsampling: how depth gets from the network's size to the picture's.
+        detail: how its depth becomes that of a full-size picture.
     """
 
-    def __init__(
-        self, session: Session, *, upsampling: Upsampling | str = Upsampling.GUIDED
-    ) -> None:
-        """Take a loaded model.
-
-        Args:
-            session: the model.
-            upsampling: ``guided`` by the picture or ``bilinear``.
-
-        Raises:
-            UsageError: there is no such upsampling.
-        """
+    def __init__(self, session: Session, detail: Detail = PLAIN) -> None:
         self.session = session
-        self.upsampling = _upsampling(upsampling)
+        self.detail = detail
 
     @property
     def card(self) -> ModelCard:
@@ -73,6 +65,7 @@ class Pipeline:
             (H, W) at the picture's size, of the card's kind.
 
         Raises:
+            InputError: the picture needs more memory than the detail's limit.
             ModelError: the network failed.
             UsageError: a focal length is given, and the model's metres belong to no known camera.
         """
@@ -96,9 +89,12 @@ class Pipeline:
             What :meth:`predict` gives for each, in their order.
 
         Raises:
+            InputError: a picture needs more memory than the detail's limit.
             ModelError: the network failed.
             UsageError: a focal length is given, and the model's metres belong to no known camera.
         """
+        for frame in frames:
+            tile_width_px(self.card.input, frame, self.detail)
         focals = [self._focal_px(frame, focal_px, hfov_deg) for frame in frames]
         prepared = [prepare(self.card.input, frame) for frame in frames]
         raws = self._run([single for single, _ in prepared])
@@ -115,12 +111,19 @@ class Pipeline:
         focal_px: float | None,
     ) -> DepthMap:
         coarse = coarse_depth(self.card.output, raw, place)
-        values = full_size(self.card.output, coarse, frame, self.upsampling)
+        tile_px = tile_width_px(self.card.input, frame, self.detail)
+        if tile_px is not None:
+            coarse = refine(self.card.output, coarse, frame, tile_px, self._coarse)
+        values = full_size(self.card.output, coarse, frame, self.detail.upsampling)
         if focal_px is not None and self.card.camera is not None:
             learned_px = scaling.focal_px(self.card.camera.hfov_deg, frame.width)
-            values = values * np.float32(focal_px / learned_px)
+            values *= np.float32(focal_px / learned_px)
         source = self._provenance((place.width, place.height), focal_px)
         return DepthMap(values, self.card.output.kind, source)
+
+    def _coarse(self, frame: Frame) -> npt.NDArray[np.float32]:
+        batch, place = prepare(self.card.input, frame)
+        return coarse_depth(self.card.output, self.session.run(batch)[0], place)
 
     def _run(self, inputs: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:
         """The network's (h, w) output for each (1, C, H, W) input; equal sizes run together."""
@@ -164,7 +167,7 @@ def load(
     *,
     provider: str = AUTO,
     threads: int | None = None,
-    upsampling: Upsampling | str = Upsampling.GUIDED,
+    detail: Detail = PLAIN,
 ) -> Pipeline:
     """Find a model and make it ready.
 
@@ -172,19 +175,11 @@ def load(
         model: a name in the catalog, a folder, or an ``.onnx`` file; None for the default model.
         provider: ``auto``, or a name such as ``cpu`` or ``cuda`` that has to be there.
         threads: threads within one operator; None for onnxruntime's choice.
-        upsampling: ``guided`` by the picture or ``bilinear``.
+        detail: how its depth becomes that of a full-size picture.
 
     Raises:
         ModelError: the model is not there or is damaged.
         ProviderError: the named provider is not available.
-        UsageError: there is no such upsampling.
     """
     session = Session(find_model(model), provider=provider, threads=threads)
-    return Pipeline(session, upsampling=upsampling)
-
-
-def _upsampling(name: Upsampling | str) -> Upsampling:
-    try:
-        return Upsampling(name)
-    except ValueError:
-        raise UsageError(f"upsampling is {' or '.join(Upsampling)}, not {name!r}") from None
+    return Pipeline(session, detail)

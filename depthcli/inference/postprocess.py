@@ -53,9 +53,8 @@ def full_size(
     """
     if upsampling is Upsampling.BILINEAR:
         return in_range(spec, resize_bilinear(coarse, frame.width, frame.height))
-    return in_range(
-        spec, upsample_guided(in_range(spec, coarse), frame, in_log=blends_in_log(spec))
-    )
+    coarse = in_range(spec, coarse)
+    return in_range(spec, upsample_guided(coarse, frame, in_log=blends_in_log(spec)))
 
 
 def blends_in_log(spec: OutputSpec) -> bool:
@@ -64,10 +63,11 @@ def blends_in_log(spec: OutputSpec) -> bool:
 
 
 def in_range(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Metres within the card's range; other kinds have none."""
+    """Bring metres into the card's range, in place; other kinds have none."""
     if spec.kind is not DepthKind.METRIC:
         return depth
-    return np.clip(depth, np.float32(spec.min_m), np.float32(spec.max_m))
+    # A large picture's depth has no room for a copy.
+    return np.clip(depth, np.float32(spec.min_m), np.float32(spec.max_m), out=depth)
 
 
 def _finite(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.core import colour
+from depthcli.core.bands import shrink_bands
 from depthcli.core.resize import resize_area, resize_bilinear, resize_cubic
 from depthcli.inference.card import Colour, Fit, Resize
 
@@ -28,6 +29,7 @@ _RESIZES = {
     Resize.LINEAR: resize_bilinear,
     Resize.CUBIC: resize_cubic,
 }
+_LARGE_PIXELS = 4_000_000  # whose planes of floats are no longer held at once
 _MOST_PIXELS = 16  # times the nominal pixel count, for a picture that is one long strip
 
 
@@ -87,14 +89,21 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Lay
         (1, C, H, W) float32, normalised, and where the picture lies in it.
     """
     place = layout(spec, frame.width, frame.height)
-    planes = _PLANES[spec.colour](frame.pixels)
-    small = _RESIZES[spec.resize](planes, place.inner_width, place.inner_height)
+    small = _shrunk(spec, frame, place)
     small = small.reshape(place.inner_height, place.inner_width, spec.colour.channels)
     if place.is_padded:
         small = _pad(small, place)
     normalised = (small - np.asarray(spec.mean, np.float32)) / np.asarray(spec.std, np.float32)
     batch = normalised.astype(np.float32, copy=False).transpose(2, 0, 1)[np.newaxis]
     return np.ascontiguousarray(batch), place
+
+
+def _shrunk(spec: InputSpec, frame: Frame, place: Layout) -> npt.NDArray[np.float32]:
+    planes = _PLANES[spec.colour]
+    size = place.inner_width, place.inner_height
+    if spec.resize is Resize.AREA and frame.width * frame.height > _LARGE_PIXELS:
+        return shrink_bands(frame.pixels, planes, *size)
+    return _RESIZES[spec.resize](planes(frame.pixels), *size)
 
 
 def _bounded(spec: InputSpec, width: int, height: int) -> Layout:

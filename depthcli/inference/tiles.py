@@ -1,0 +1,167 @@
+"""Large pictures in overlapping tiles, each fitted to a pass over the whole picture.
+
+A network sees a tile at a higher resolution, but not the room around it: its depth is off by a
+factor and drifts. So each tile is brought to the whole picture's depth by scale and shift, what
+remains of the difference is taken out where it is smooth, and tiles are faded into each other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from depthcli.core.resize import resize_bilinear
+from depthcli.inference.postprocess import blends_in_log, in_range
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    import numpy.typing as npt
+
+    from depthcli.core.types import Frame
+    from depthcli.inference.card import OutputSpec
+
+_OVERLAP = 0.25
+# The drift of a tile is smooth over a tenth of its longer side.
+_DRIFT = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class TileGrid:
+    """Where the tiles of a picture lie, all sides in cells, which are pixels of the coarse map.
+
+    Attributes:
+        width: columns of the whole map.
+        height: rows of the whole map.
+        tile_width: columns of a tile.
+        tile_height: rows of a tile.
+    """
+
+    width: int
+    height: int
+    tile_width: int
+    tile_height: int
+
+    @classmethod
+    def plan(cls, frame_width: int, tile_px: int, coarse_shape: tuple[int, ...]) -> TileGrid:
+        """Tiles of the picture's own aspect, so that the network sees them as it sees pictures.
+
+        Args:
+            frame_width: columns of the picture, px.
+            tile_px: columns of a tile in pixels of the picture, at most ``frame_width``.
+            coarse_shape: (h, w) of the network's depth for one picture.
+        """
+        rows, columns = coarse_shape
+        zoom = frame_width / tile_px
+        return cls(round(columns * zoom), round(rows * zoom), columns, rows)
+
+    @property
+    def tile_size(self) -> tuple[int, int]:
+        """(columns, rows) of a tile."""
+        return self.tile_width, self.tile_height
+
+    def __iter__(self) -> Iterator[tuple[slice, slice]]:
+        """(rows, columns) of each tile, from the top left."""
+        for top in _starts(self.height, self.tile_height):
+            for left in _starts(self.width, self.tile_width):
+                yield slice(top, top + self.tile_height), slice(left, left + self.tile_width)
+
+    def __len__(self) -> int:
+        down, across = (
+            len(_starts(self.height, self.tile_height)),
+            len(_starts(self.width, self.tile_width)),
+        )
+        return down * across
+
+
+def refine(
+    spec: OutputSpec,
+    overall: npt.NDArray[np.float32],
+    frame: Frame,
+    tile_px: int,
+    predict: Callable[[Frame], npt.NDArray[np.float32]],
+) -> npt.NDArray[np.float32]:
+    """A finer map of a picture.
+
+    Tiles are fitted and faded in log depth if the model is metric, else in the model's own values.
+
+    Args:
+        spec: the card's output.
+        overall: (h, w) float32 of the card's kind, of the whole picture.
+        frame: the picture.
+        tile_px: width of a tile in pixels of the picture.
+        predict: a tile to its depth at the network's size.
+
+    Returns:
+        float32 of the card's kind, as many times finer than ``overall`` as tiles are narrower than
+        the picture. ``overall`` itself if it has holes.
+    """
+    if not np.isfinite(overall).all():
+        return overall
+    grid = TileGrid.plan(frame.width, tile_px, overall.shape)
+    if not blends_in_log(spec):
+        return _joined(overall, frame, grid, predict)
+
+    def predict_log(tile: Frame) -> npt.NDArray[np.float32]:
+        return np.log(in_range(spec, predict(tile)))
+
+    return np.exp(_joined(np.log(in_range(spec, overall)), frame, grid, predict_log))
+
+
+def _joined(
+    overall: npt.NDArray[np.float32],
+    frame: Frame,
+    grid: TileGrid,
+    predict: Callable[[Frame], npt.NDArray[np.float32]],
+) -> npt.NDArray[np.float32]:
+    """(grid.height, grid.width); tiles are added in their order, so that rounding never varies."""
+    whole = resize_bilinear(overall, grid.width, grid.height)
+    fade = _fade(grid.tile_height, grid.tile_width)
+    total, weight = np.zeros_like(whole), np.zeros_like(whole)
+    for tile in grid:
+        found = resize_bilinear(predict(_cut(frame, grid, tile)), *grid.tile_size)
+        # A tile with holes has nothing to add.
+        good = np.isfinite(found).all()
+        total[tile] += fade * (_fitted(found, whole[tile]) if good else whole[tile])
+        weight[tile] += fade
+    return total / weight
+
+
+def _starts(size: int, tile: int) -> list[int]:
+    """First cells of tiles that overlap by at least a quarter, evenly spread."""
+    count = 1 + math.ceil(max(0, size - tile) / (tile - max(1, round(tile * _OVERLAP))))
+    return [round(start) for start in np.linspace(0, size - tile, count)]
+
+
+def _cut(frame: Frame, grid: TileGrid, tile: tuple[slice, slice]) -> Frame:
+    rows, columns = (
+        slice(round(part.start * size / cells), round(part.stop * size / cells))
+        for part, size, cells in zip(
+            tile, (frame.height, frame.width), (grid.height, grid.width), strict=True
+        )
+    )
+    return replace(frame, pixels=frame.pixels[rows, columns])
+
+
+def _fade(height: int, width: int) -> npt.NDArray[np.float32]:
+    """Weights that rise smoothly from the tile's border to its middle and are never 0."""
+    down, across = (np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2 for n in (height, width))
+    return np.asarray(np.outer(down, across) + 1e-6, np.float32)
+
+
+def _fitted(
+    found: npt.NDArray[np.float32], wanted: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """Scale and shift in the least-squares sense, then without what drifts."""
+    x, y = found - found.mean(dtype=np.float64), wanted - wanted.mean(dtype=np.float64)
+    spread = float((x * x).sum())
+    # A tile that contradicts the whole, or is flat, has no detail to give.
+    scale = max(0.0, float((x * y).sum()) / spread) if spread > 0 else 0.0
+    aligned = np.asarray(scale * x + wanted.mean(dtype=np.float64), np.float32)
+    sigma = _DRIFT * max(found.shape)
+    drift = cv2.GaussianBlur(wanted - aligned, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+    return aligned + drift
