@@ -95,8 +95,12 @@ def nyu(
         bool, typer.Option("--boundary", help="Score edges too: dbe_acc, dbe_comp, edge_f1.")
     ] = False,
     upsample: Annotated[
-        Upsampling, typer.Option(help="How the models' depth gets to the picture's size.")
-    ] = Upsampling.GUIDED,
+        Upsampling,
+        typer.Option(
+            help="How the models' depth gets to the picture's size: bilinear as the protocol has "
+            "it, or guided as predict does."
+        ),
+    ] = Upsampling.BILINEAR,
     limit: Annotated[
         int | None,
         typer.Option(metavar="N", min=1, help="Only N images, evenly over the split."),
@@ -147,6 +151,7 @@ def nyu(
         crop=crop,
         mask=mask,
         compare_px=None if compare_at is None else (compare_at, compare_at),
+        upsampling=upsample,
         boundary=boundary,
     )
     with stages(quiet=quiet or as_json) as stage:

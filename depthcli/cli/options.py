@@ -8,6 +8,7 @@ import typer
 
 from depthcli.cli.numbers import field_of_view, finite, positive
 from depthcli.cli.predict_choices import Colormap, ExrChannel, Format, Near
+from depthcli.core.choices import Upsampling
 
 MAX_PIXELS = 250_000_000
 """As depthcli.io.decode has it, which would load OpenCV for the help."""
@@ -91,6 +92,27 @@ AnchorOption = Annotated[
         metavar="X,Y,METRES",
         help="A point whose depth is known; repeatable. One fits the scale, two or more scale "
         "and shift.",
+    ),
+]
+UpsampleOption = Annotated[
+    Upsampling,
+    typer.Option(
+        help="How depth gets to the picture's size: along the picture's edges, or bilinear."
+    ),
+]
+TileOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="auto|PIXELS",
+        help="Refine large pictures in tiles of this width; auto is half the picture.",
+    ),
+]
+MaxMemoryOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SIZE",
+        help="Most memory for one picture's pixels and depth, 800M or 2G say; what needs more is "
+        "refused.",
     ),
 ]
 MaxPixelsOption = Annotated[

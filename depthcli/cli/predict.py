@@ -8,6 +8,7 @@ import typer
 
 from depthcli.cli import options
 from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
+from depthcli.core.choices import Upsampling
 from depthcli.errors import UsageError
 
 app = typer.Typer(rich_markup_mode=None)
@@ -49,6 +50,9 @@ def predict(
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
     anchor: options.AnchorOption = None,
+    upsample: options.UpsampleOption = Upsampling.GUIDED,
+    tile: options.TileOption = None,
+    max_memory: options.MaxMemoryOption = None,
     max_pixels: options.MaxPixelsOption = options.MAX_PIXELS,
     as_json: options.JsonOption = False,
     quiet: options.QuietOption = False,
@@ -60,6 +64,7 @@ def predict(
     Exit code 0 if all was done, 1 if some inputs failed, 2 for wrong usage, 3 if the model failed.
     """
     from depthcli.cli.camera import choose_camera
+    from depthcli.cli.detail import choose_detail
     from depthcli.cli.engine import Engine
     from depthcli.cli.looks import choose_looks
     from depthcli.cli.predict_outputs import STANDARD, choose_formats, plan_jobs
@@ -80,6 +85,7 @@ def predict(
         side_by_side=side_by_side,
     )
     camera = choose_camera(focal_px, hfov, anchor)
+    detail = choose_detail(upsample, tile, max_memory)
     chosen = choose_formats(output, formats or ())
     jobs = plan_jobs(images, output, chosen, sidecar=sidecar)
     loading = Engine(model, provider, threads, provider_option or ()).start()
@@ -89,6 +95,7 @@ def predict(
         loading=loading,
         camera=camera,
         looks=looks,
+        detail=detail,
         max_pixels=max_pixels,
         voice=Voice(as_json=as_json, quiet=quiet, to_stderr=to_stdout),
     )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from depthcli.cli.camera import Camera
     from depthcli.cli.looks import Looks
     from depthcli.cli.predict_outputs import Job
+    from depthcli.core.choices import Detail
     from depthcli.core.types import DepthMap, Frame
     from depthcli.inference.session import Session
 
@@ -57,6 +58,7 @@ class Predictor(NamedTuple):
         loading: the model.
         camera: what is known of the camera.
         looks: options of the formats.
+        detail: how depth becomes that of a full-size picture.
         max_pixels: pictures with more are refused.
         voice: what is said.
     """
@@ -64,6 +66,7 @@ class Predictor(NamedTuple):
     loading: Background[Session]
     camera: Camera
     looks: Looks
+    detail: Detail
     max_pixels: int
     voice: Voice
 
@@ -95,7 +98,7 @@ class Predictor(NamedTuple):
     def _one(self, job: Job) -> Done:
         start = time.perf_counter()
         frame = _read(job, self.max_pixels)
-        pipeline = Pipeline(self.loading.result())
+        pipeline = Pipeline(self.loading.result(), self.detail)
         depth = self._depth(pipeline, frame)
         warnings = list(pipeline.session.warnings)
         for name, path in job.outputs.items():

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from depthcli.core.choices import Upsampling
 from depthcli.core.resize import resize_bilinear
 from depthcli.core.types import DepthKind
 from depthcli.errors import DatasetError
@@ -56,6 +57,7 @@ class Protocol:
         full_size_px: (width, height) that the truth must have; None for any.
         min_m: nearest depth that counts, metres; predictions are clamped to it.
         max_m: farthest depth that counts, metres; predictions are clamped to it.
+        upsampling: how the models' depth gets to the picture's size.
         boundary: score edges too. No other number changes by it, so neither does the name.
     """
 
@@ -66,6 +68,7 @@ class Protocol:
     full_size_px: tuple[int, int] | None = FULL_SIZE_PX
     min_m: float = MIN_DEPTH_M
     max_m: float = MAX_DEPTH_M
+    upsampling: Upsampling = Upsampling.BILINEAR
     boundary: bool = field(default=False, compare=False)
 
     @property
@@ -85,6 +88,7 @@ class Protocol:
             (self.full_size_px != headline.full_size_px, f"truth {_size(self.full_size_px)}"),
             (self.min_m != headline.min_m, f"min {self.min_m:g} m"),
             (self.max_m != headline.max_m, f"max {self.max_m:g} m"),
+            (self.upsampling != headline.upsampling, f"{self.upsampling} upsampling"),
         ]
         return ", ".join(text for differs, text in changes if differs) or "headline"
 

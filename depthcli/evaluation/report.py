@@ -142,6 +142,7 @@ def protocol_json(protocol: Protocol) -> dict[str, Any]:
         "crop": protocol.crop,
         "mask": protocol.mask,
         "compare_px": protocol.compare_px,
+        "upsampling": protocol.upsampling,
         "full_size_px": protocol.full_size_px,
         "min_m": protocol.min_m,
         "max_m": protocol.max_m,

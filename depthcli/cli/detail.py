@@ -1,0 +1,44 @@
+"""How a network's depth becomes that of a full-size picture, as the command line says it."""
+
+from __future__ import annotations
+
+import re
+
+from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
+from depthcli.errors import UsageError
+
+_UNITS = {"": 1, "K": 1_000, "M": 1_000_000, "G": 1_000_000_000}
+_SIZE = re.compile(r"(\d+(?:\.\d+)?) ?([KMG]?)B?", re.IGNORECASE | re.ASCII)
+
+
+def choose_detail(upsampling: Upsampling, tile: str | None, max_memory: str | None) -> Detail:
+    """What the options describe.
+
+    Args:
+        upsampling: how depth gets to the picture's size.
+        tile: ``auto`` or a width in pixels.
+        max_memory: a number of bytes, or one with K, M or G.
+
+    Raises:
+        UsageError: an option is no number.
+    """
+    return Detail(upsampling, _tile_px(tile), _bytes(max_memory))
+
+
+def _tile_px(text: str | None) -> int | None:
+    if text is None:
+        return None
+    if text == "auto":
+        return AUTO_TILE
+    if not (text.isascii() and text.isdigit()) or int(text) == 0:
+        raise UsageError(f"--tile is auto or a width in pixels, not {text!r}")
+    return int(text)
+
+
+def _bytes(text: str | None) -> int | None:
+    if text is None:
+        return None
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
+        raise UsageError(f"--max-memory is a number of bytes such as 800M or 2G, not {text!r}")
+    return int(float(match[1]) * _UNITS[match[2].upper()])
