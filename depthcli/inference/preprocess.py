@@ -114,17 +114,22 @@ def _bounded(spec: InputSpec, width: int, height: int) -> Layout:
     """
     lower = spec.fit is Fit.LOWER_BOUND
     scale = (max if lower else min)(spec.height / height, spec.width / width)
-    # A strip of 1 x 5000 pixels would otherwise need 100 GB.
-    most = math.sqrt(_MOST_PIXELS * spec.width * spec.height / (width * height))
-    if lower and scale > most:
-        return _filled(
-            _multiple(most * width, spec.multiple_of), _multiple(most * height, spec.multiple_of)
-        )
+    if lower and scale**2 * width * height > _MOST_PIXELS * spec.width * spec.height:
+        return _strip(spec, width, height)
     bound = _at_least if lower else _at_most
     return _filled(
         bound(scale * width, spec.multiple_of, spec.width),
         bound(scale * height, spec.multiple_of, spec.height),
     )
+
+
+def _strip(spec: InputSpec, width: int, height: int) -> Layout:
+    """A picture so long that its lower bound would not fit into memory: 100 GB for 1 x 5000."""
+    most = _MOST_PIXELS * spec.width * spec.height
+    scale = math.sqrt(most / (width * height))
+    sizes = [_multiple(scale * length, spec.multiple_of) for length in (width, height)]
+    tallest, widest = (most // length // spec.multiple_of * spec.multiple_of for length in sizes)
+    return _filled(min(sizes[0], widest), min(sizes[1], tallest))
 
 
 def _at_least(size: float, step: int, least: int) -> int:

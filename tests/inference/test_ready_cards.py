@@ -1,0 +1,251 @@
+"""Ready cards: each runs a network of the signature that its model is exported with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from depthcli.core.types import DepthKind, Frame
+from depthcli.errors import UsageError
+from depthcli.inference.card import Fit
+from depthcli.inference.catalog import find_model
+from depthcli.inference.install import add_model
+from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.preprocess import layout, prepare
+from depthcli.inference.ready_cards import ready_card, ready_names
+from depthcli.inference.session import Session
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
+
+
+@dataclass(frozen=True)
+class Signature:
+    """How a model's ONNX file presents itself; None is a dynamic length.
+
+    ``rank`` is that of the output, ``stride`` its step against the input, ``top`` what the network
+    gives for a white picture.
+    """
+
+    input_name: str
+    output_name: str
+    size: tuple[int, int] | None
+    batch: int | None
+    rank: int
+    stride: int = 1
+    top: float = 1.0
+
+
+MIDAS = Signature("0", "797", (256, 256), 1, 3)
+MIDAS_TORCH = Signature("input", "depth", (256, 256), 1, 3)
+ANYTHING = Signature("image", "depth", None, None, 3)
+ANYTHING_FIXED = Signature("image", "depth", (518, 518), 1, 3)
+HUB = Signature("pixel_values", "predicted_depth", None, None, 3)
+METER = Signature("image", "depth", (192, 256), 1, 4, stride=4, top=900)
+FASTDEPTH = Signature("input.1", "424", (224, 224), 1, 4)
+FASTDEPTH_WIDE = Signature("input.1", "424", (256, 320), 1, 4)
+
+SIGNATURES = {
+    "midas-small": [MIDAS],
+    "midas-small-torch": [MIDAS_TORCH, Signature("input", "depth", None, None, 3)],
+    "meter-nyu": [METER],
+    "fastdepth": [FASTDEPTH, FASTDEPTH_WIDE],
+}
+CASES = [
+    (name, signature)
+    for name in ready_names()
+    for signature in SIGNATURES.get(name, [ANYTHING, ANYTHING_FIXED, HUB])
+]
+
+
+def write_network(path: Path, signature: Signature, mean: float = 0.0) -> Path:
+    """``top`` times the mean of the channels, plus ``mean``, with a model's names and axes."""
+    height, width = signature.size or ("height", "width")
+    step = signature.stride
+    weight = np.full((1, 3, step, step), signature.top / (3 * step**2), np.float32)
+    names = [signature.input_name, "weight", "bias"]
+    last = "map" if signature.rank == 3 else signature.output_name
+    nodes = [helper.make_node("Conv", names, [last], strides=[step, step])]
+    if signature.rank == 3:
+        nodes.append(helper.make_node("Squeeze", ["map", "one"], [signature.output_name]))
+    batch = signature.batch or "batch"
+    shape = [batch, 3, height, width]
+    graph = helper.make_graph(
+        nodes,
+        "made",
+        [helper.make_tensor_value_info(signature.input_name, TensorProto.FLOAT, shape)],
+        [helper.make_tensor_value_info(signature.output_name, TensorProto.FLOAT, None)],
+        [
+            numpy_helper.from_array(weight, "weight"),
+            numpy_helper.from_array(np.float32([mean]), "bias"),
+            numpy_helper.from_array(np.int64([1]), "one"),
+        ],
+    )
+    opsets = [helper.make_opsetid("", 13)]
+    path.write_bytes(
+        helper.make_model(graph, opset_imports=opsets, ir_version=7).SerializeToString()
+    )
+    return path
+
+
+@pytest.fixture(autouse=True)
+def own_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Models are added to a folder of the test's own."""
+    folder = tmp_path / "own"
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(folder))
+    return folder
+
+
+def ramp(height: int, width: int) -> np.ndarray:
+    """(H, W, 3) uint8: bright to the right."""
+    row = np.linspace(0, 255, width).astype(np.uint8)
+    return np.ascontiguousarray(np.broadcast_to(row[None, :, None], (height, width, 3)))
+
+
+@pytest.mark.parametrize(("name", "signature"), CASES)
+def test_a_network_of_its_signature_runs(tmp_path: Path, name: str, signature: Signature) -> None:
+    file = write_network(tmp_path / "download.onnx", signature)
+    model = add_model(file, name)
+    pipeline = Pipeline(Session(model, provider="cpu"))
+    maps = [pipeline.predict(Frame(ramp(*size))) for size in ((48, 64), (64, 48))]
+    assert model.card.name == name
+    assert (model.card.onnx.opset, model.card.onnx.ir) == (13, 7)
+    assert model.card.size_bytes == file.stat().st_size
+    assert [m.values.shape for m in maps] == [(48, 64), (64, 48)]
+    assert all(m.kind is model.card.output.kind for m in maps)
+    left, right = maps[0].values[:, 8].mean(), maps[0].values[:, -8].mean()
+    assert left < right
+
+
+@pytest.mark.parametrize(("name", "signature"), CASES)
+def test_several_pictures_at_once_are_the_same(
+    tmp_path: Path, name: str, signature: Signature
+) -> None:
+    session = Session(add_model(write_network(tmp_path / "m.onnx", signature), name))
+    spec = session.model.card.input
+    batches = [prepare(spec, Frame(ramp(30, 40) // part))[0] for part in (1, 2, 4)]
+    together = session.run(np.concatenate(batches))
+    np.testing.assert_array_equal(together, np.concatenate([session.run(b) for b in batches]))
+
+
+@pytest.mark.parametrize("name", ready_names())
+def test_a_card_states_its_sources_and_licence(name: str) -> None:
+    card = ready_card(name)
+    assert card.name == name
+    assert card.license in {"MIT", "Apache-2.0", "CC-BY-NC-4.0"}
+    assert all(url.startswith("https://") for url in card.training["sources"])
+    assert card.training["notes"]
+
+
+@pytest.mark.parametrize("name", ready_names())
+def test_only_metric_models_have_metres(name: str) -> None:
+    output = ready_card(name).output
+    is_metric = "metric" in name or name in {"meter-nyu", "fastdepth"}
+    assert output.kind is (DepthKind.METRIC if is_metric else DepthKind.INVERSE)
+    assert (output.max_m is not None) == is_metric
+
+
+def test_centimetres_become_metres(tmp_path: Path) -> None:
+    model = add_model(write_network(tmp_path / "m.onnx", METER), "meter-nyu")
+    white = Frame(np.full((20, 30, 3), 255, np.uint8))
+    np.testing.assert_allclose(Pipeline(Session(model)).predict(white).values, 9, rtol=1e-5)
+
+
+def test_the_graph_s_own_size_is_taken(tmp_path: Path) -> None:
+    wide = add_model(write_network(tmp_path / "m.onnx", FASTDEPTH_WIDE), "fastdepth").card.input
+    fixed = add_model(
+        write_network(tmp_path / "n.onnx", ANYTHING_FIXED), "depth-anything-v2-small"
+    ).card.input
+    assert (wide.height, wide.width, wide.dynamic) == (256, 320, False)
+    assert (fixed.height, fixed.width, fixed.dynamic, fixed.fit) == (518, 518, False, Fit.STRETCH)
+
+
+def test_an_unknown_card_is_refused() -> None:
+    with pytest.raises(UsageError, match="no ready card is called 'midas'"):
+        ready_card("midas")
+
+
+def reference_size(
+    width: int, height: int, target: int, step: int, *, lower: bool
+) -> tuple[int, int]:
+    """(width, height) of MiDaS's and Depth Anything's resize, in NumPy's own rounding."""
+    scale = max(target / width, target / height) if lower else min(target / width, target / height)
+
+    def constrained(length: float) -> int:
+        rounded = int(np.round(length / step) * step)
+        if lower and rounded < target:
+            return int(np.ceil(length / step) * step)
+        if not lower and rounded > target:
+            return int(np.floor(length / step) * step)
+        return rounded
+
+    return constrained(scale * width), constrained(scale * height)
+
+
+SIZES = [(640, 480), (480, 640), (1920, 1080), (1241, 376), (518, 518), (100, 100), (333, 999)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(
+    ("name", "lower"), [("depth-anything-v2-small", True), ("midas-small-torch", False)]
+)
+def test_preprocessing_is_the_original_s(name: str, lower: bool, size: tuple[int, int]) -> None:
+    spec = ready_card(name).input
+    pixels = np.random.default_rng(3).integers(0, 256, (size[1], size[0], 3), np.uint8)
+    expected = cv2.resize(
+        pixels / 255.0,  # double, as the original has it
+        reference_size(*size, spec.width, spec.multiple_of, lower=lower),
+        interpolation=cv2.INTER_CUBIC,
+    )
+    expected = (expected - IMAGENET[0]) / IMAGENET[1]
+    batch, place = prepare(spec, Frame(pixels))
+    assert not place.is_padded
+    np.testing.assert_allclose(batch[0].transpose(1, 2, 0), expected, atol=5e-4)
+
+
+def test_the_midas_release_gets_plain_colours() -> None:
+    pixels = np.random.default_rng(3).integers(0, 256, (48, 64, 3), np.uint8)
+    expected = cv2.resize(pixels / 255.0, (256, 256), interpolation=cv2.INTER_CUBIC)
+    batch, _ = prepare(ready_card("midas-small").input, Frame(pixels))
+    np.testing.assert_allclose(batch[0].transpose(1, 2, 0), expected, atol=2e-6)
+
+
+@pytest.mark.parametrize("size", [(100_000, 1), (1, 5000), (2000, 100)])
+def test_a_long_strip_does_not_fill_the_memory(size: tuple[int, int]) -> None:
+    spec = ready_card("depth-anything-v2-small").input
+    place = layout(spec, *size)
+    assert place.width * place.height < 20 * spec.width * spec.height
+    assert place.width % 14 == place.height % 14 == 0
+
+
+def test_channels_last_is_a_matter_of_the_card(tmp_path: Path, own_models: Path) -> None:
+    """TensorFlow's converters write (N, H, W, C) in and (N, H, W, 1) out."""
+    nodes = [helper.make_node("ReduceMean", ["image"], ["depth"], axes=[3], keepdims=1)]
+    shape = [1, 256, 256, 3]
+    graph = helper.make_graph(
+        nodes,
+        "last",
+        [helper.make_tensor_value_info("image", TensorProto.FLOAT, shape)],
+        [helper.make_tensor_value_info("depth", TensorProto.FLOAT, [1, 256, 256, 1])],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=7)
+    file = tmp_path / "last.onnx"
+    onnx.save(model, file)
+    with pytest.raises(Exception, match=r"set input\.layout to nhwc"):
+        add_model(file, "midas-small")
+    assert not list(own_models.glob("*"))
+    card = tmp_path / "card.json"
+    text = ready_card("midas-small").to_json()
+    card.write_text(text.replace('"resize"', '"layout": "nhwc", "resize"'))
+    added = add_model(file, str(card))
+    assert find_model("midas-small").card == added.card
+    depth = Pipeline(Session(added)).predict(Frame(ramp(256, 256))).values
+    np.testing.assert_allclose(depth, ramp(256, 256)[..., 0] / 255, atol=1e-6)
