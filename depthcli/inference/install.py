@@ -206,7 +206,7 @@ def _moved_away(folder: Path) -> Iterator[None]:
     folder.rename(aside)
     try:
         yield
-    except OSError:
+    except BaseException:
         aside.rename(folder)
         raise
     shutil.rmtree(aside, ignore_errors=True)

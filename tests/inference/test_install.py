@@ -1,0 +1,266 @@
+"""Models of one's own: complete or not there at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import onnx
+import pytest
+from onnx import external_data_helper
+from tiny import card_with, tiny_onnx, write_model
+
+from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
+from depthcli.inference import catalog, install
+from depthcli.inference.catalog import find_model, list_places, roots, user_root
+from depthcli.inference.install import add_model, remove_model
+from depthcli.inference.onnx_file import versions
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder that takes models."""
+    folder = tmp_path / "own"
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(folder))
+    return folder
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """An ONNX file without a card."""
+    path = tmp_path / "download.onnx"
+    path.write_bytes(tiny_onnx())
+    return path
+
+
+def write_card(path: Path, **changes: object) -> str:
+    """The tiny card without what a file would add."""
+    card = card_with({name.replace("__", "."): value for name, value in changes.items()})
+    del card["onnx"]
+    path.write_text(json.dumps(card))
+    return str(path)
+
+
+def test_the_card_is_completed_from_the_file(own: Path, file: Path, tmp_path: Path) -> None:
+    model = add_model(file, write_card(tmp_path / "c.json"))
+    card = json.loads((own / "tiny" / "card.json").read_text())
+    assert card["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest() == model.sha256
+    assert card["bytes"] == file.stat().st_size
+    assert card["onnx"] == {"opset": 17, "ir": 8}
+    assert (own / "tiny" / card["file"]).read_bytes() == file.read_bytes()
+    assert find_model("tiny").card == model.card
+    assert "tiny" in dict(list_places())
+
+
+def test_the_name_can_be_chosen(own: Path, file: Path, tmp_path: Path) -> None:
+    add_model(file, write_card(tmp_path / "c.json"), name="mine")
+    assert find_model("mine").card.name == "mine"
+    assert [p.name for p in own.iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize("name", ["", "../x", "a/b", ".hidden", "a.onnx", "ä", "x" * 101, "a\n"])
+def test_a_name_that_is_no_file_name_is_refused(own: Path, file: Path, name: str) -> None:
+    card = write_card(file.with_name("c.json"))
+    with pytest.raises(DepthcliError, match="name"):
+        add_model(file, card, name=name)
+    assert not own.exists()
+
+
+def test_the_card_inside_or_beside_is_enough(own: Path, tmp_path: Path) -> None:
+    inside, beside = tmp_path / "inside.onnx", tmp_path / "beside.onnx"
+    inside.write_bytes(tiny_onnx(card=json.dumps(card_with({"name": "in"}))))
+    beside.write_bytes(tiny_onnx())
+    write_card(tmp_path / "beside.card.json", name="by")
+    assert add_model(inside).card.name == "in"
+    assert add_model(beside).card.name == "by"
+    assert sorted(p.name for p in own.iterdir()) == ["by", "in"]
+
+
+def test_no_card_is_an_error_that_names_the_ready_ones(own: Path, file: Path) -> None:
+    with pytest.raises(UsageError, match="'depthcli models cards'"):
+        add_model(file)
+    assert not own.exists()
+
+
+def test_a_taken_name_needs_force(own: Path, file: Path, tmp_path: Path) -> None:
+    card = write_card(tmp_path / "c.json")
+    add_model(file, card)
+    (own / "tiny" / "card.json").touch()
+    before = find_model("tiny")
+    file.write_bytes(tiny_onnx(stride=2))
+    with pytest.raises(UsageError, match="is called 'tiny' already"):
+        add_model(file, card)
+    assert find_model("tiny").sha256 == before.sha256
+    after = add_model(file, card, force=True)
+    assert after.sha256 != before.sha256
+    assert find_model("tiny").sha256 == after.sha256
+    assert [p.name for p in own.iterdir()] == ["tiny"]
+
+
+def test_a_bundled_model_is_hidden_only_with_force(own: Path, file: Path, tmp_path: Path) -> None:
+    card = write_card(tmp_path / "c.json")
+    bundled = find_model("default").sha256
+    with pytest.raises(UsageError, match="already"):
+        add_model(file, card, name="default")
+    add_model(file, card, name="default", force=True)
+    assert find_model().sha256 != bundled
+    remove_model("default")
+    assert find_model().sha256 == bundled
+    assert not list(own.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"input__colour": "rgb"}, "takes 1 channels, its card says 3"),
+        ({"input__width": 0}, "input.width"),
+        ({"sha256": "0" * 64}, "checksum"),
+        ({"bytes": 7}, "its card says 7"),
+        ({"surprise": 1}, "surprise"),
+        ({"output__scale": -1.0, "output__transform": "reciprocal"}, "no depth"),
+    ],
+)
+def test_what_does_not_fit_leaves_nothing(
+    own: Path, file: Path, tmp_path: Path, changes: dict[str, object], problem: str
+) -> None:
+    changes = {"output__kind": "relative"} | changes
+    changes |= {"output__min_m": None, "output__max_m": None}
+    card = write_card(tmp_path / "c.json", **changes)
+    with pytest.raises(ModelError, match=problem):
+        add_model(file, card)
+    assert not own.exists() or not list(own.iterdir())
+
+
+def test_a_fixed_graph_needs_its_size_in_the_card(own: Path, file: Path, tmp_path: Path) -> None:
+    file.write_bytes(tiny_onnx(size=(24, 32)))
+    with pytest.raises(ModelError, match=r"set input\.width to 32, input.height to 24"):
+        add_model(file, write_card(tmp_path / "c.json"))
+    card = write_card(tmp_path / "c.json", input__width=32, input__height=24, input__dynamic=False)
+    assert add_model(file, card).card.input.width == 32
+    assert (own / "tiny").is_dir()
+
+
+def test_weights_in_a_second_file_are_refused(own: Path, tmp_path: Path) -> None:
+    proto = onnx.load_from_string(tiny_onnx(channels=3, stride=32))
+    file = tmp_path / "two.onnx"
+    external_data_helper.convert_model_to_external_data(
+        proto, location="../outside.data", size_threshold=0
+    )
+    for tensor in proto.graph.initializer:
+        tensor.raw_data = tensor.raw_data or np.zeros(1, np.float32).tobytes()
+    file.write_bytes(proto.SerializeToString())
+    with pytest.raises(ModelError, match="second file"):
+        add_model(file, "midas-small")
+    assert not own.exists()
+
+
+@pytest.mark.parametrize("data", [b"", b"no onnx", tiny_onnx()[:-9]])
+def test_damaged_files_are_refused(own: Path, file: Path, data: bytes) -> None:
+    file.write_bytes(data)
+    with pytest.raises(ModelError):
+        add_model(file, "midas-small")
+    assert not own.exists()
+
+
+def test_a_missing_file_is_refused(own: Path, tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="cannot read"):
+        add_model(tmp_path / "none.onnx", "midas-small")
+    assert not own.exists()
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "null"])
+def test_a_card_that_is_no_object_is_refused(own: Path, file: Path, text: str) -> None:
+    card = file.with_name("c.json")
+    card.write_text(text)
+    with pytest.raises(ModelError, match=r"c\.json"):
+        add_model(file, str(card))
+    assert not own.exists()
+
+
+def test_a_folder_that_cannot_be_made_is_an_error(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "wall").write_text("a file, not a folder")
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path / "wall" / "models"))
+    with pytest.raises(OutputError, match="cannot write"):
+        add_model(file, write_card(tmp_path / "c.json"))
+
+
+def test_an_old_model_stays_if_the_new_one_cannot_take_its_place(
+    own: Path, file: Path, tmp_path: Path
+) -> None:
+    card = write_card(tmp_path / "c.json")
+    before = add_model(file, card).sha256
+    with pytest.raises(OutputError), install._moved_away(own / "tiny"):  # noqa: PT012
+        assert not (own / "tiny").exists()
+        raise OutputError("full")
+    assert find_model("tiny").sha256 == before
+    assert [p.name for p in own.iterdir()] == ["tiny"]
+
+
+def test_only_own_models_are_removed(own: Path, tmp_path: Path) -> None:
+    write_model(own / "mine")
+    for name in ("default", "nowhere"):
+        with pytest.raises(UsageError, match="not among the models"):
+            remove_model(name)
+    with pytest.raises(UsageError, match="cannot be a model's name"):
+        remove_model("../own/mine")
+    assert remove_model("mine") == own / "mine"
+    assert not (own / "mine").exists()
+    assert tmp_path.exists()
+
+
+def test_a_model_of_one_file_is_removed_with_its_card(own: Path) -> None:
+    own.mkdir()
+    (own / "flat.onnx").write_bytes(tiny_onnx())
+    write_card(own / "flat.card.json")
+    (own / "other.txt").write_text("stays")
+    remove_model("flat")
+    assert [p.name for p in own.iterdir()] == ["other.txt"]
+
+
+def test_a_link_is_removed_and_not_what_it_leads_to(own: Path, tmp_path: Path) -> None:
+    elsewhere = write_model(tmp_path / "elsewhere")
+    own.mkdir()
+    (own / "linked").symlink_to(elsewhere)
+    remove_model("linked")
+    assert not list(own.iterdir())
+    assert (elsewhere / "card.json").is_file()
+
+
+def test_the_user_s_folder_follows_the_variables(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DEPTHCLI_MODELS", raising=False)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert user_root() == tmp_path / "data" / "depthcli" / "models"
+    assert user_root() in roots()
+    monkeypatch.setenv("XDG_DATA_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert (tmp_path / "home") in user_root().parents
+    monkeypatch.setenv("DEPTHCLI_MODELS", f"{tmp_path / 'a'}:{tmp_path / 'b'}")
+    assert user_root() == tmp_path / "a"
+
+
+def test_what_is_half_written_is_not_listed(own: Path) -> None:
+    write_model(own / ".depthcli-0123")
+    assert not any(name.startswith(".") for name, _ in list_places())
+
+
+def test_opset_and_ir_are_read_from_the_bytes() -> None:
+    proto = onnx.load_from_string(tiny_onnx())
+    proto.opset_import.append(onnx.helper.make_opsetid("com.microsoft", 1))
+    proto.ir_version = 300  # two bytes
+    assert versions(proto.SerializeToString(), "x") == (17, 300)
+    with pytest.raises(ModelError, match="damaged"):
+        versions(b"", "x")
+
+
+def test_a_place_is_a_folder_or_a_file(tmp_path: Path) -> None:
+    assert catalog.place_at(tmp_path) is None
+    assert catalog.place_at(write_model(tmp_path / "m")) is not None
