@@ -56,7 +56,7 @@ def augment(
     rgb = F.grid_sample(rgb, grid, padding_mode="border", align_corners=False)
     depth_m = F.grid_sample(depth_m, grid, padding_mode="border", align_corners=False)
     metric_zoom = zoom if not data.crop_286 else zoom / _CROP_286
-    depth_m = depth_m / metric_zoom.view(-1, 1, 1, 1).to(depth_m.device)
+    depth_m.div_(metric_zoom.view(-1, 1, 1, 1).to(depth_m.device))
     if known is not None:
         share = F.grid_sample(known.float(), grid, padding_mode="border", align_corners=False)
         known = share > _WHOLLY
@@ -109,11 +109,11 @@ def _relit(rgb: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
         rgb = rgb * torch.exp(normal(count, 3, 1, 1) * data.colour_jitter)
     gray = _gray(rgb, data)
     if data.gamma:
-        gray = gray.clamp(min=1e-4) ** torch.exp(normal(count, 1, 1, 1) * data.gamma)
+        gray = gray.clamp(min=1e-4).pow_(torch.exp(normal(count, 1, 1, 1) * data.gamma))
     if data.brightness:
         gain = torch.exp(normal(count, 1, 1, 1) * data.brightness)
         gray = gray * gain + normal(count, 1, 1, 1) * (data.brightness / 4)
     if data.noise:
         strength = torch.rand(count, 1, 1, 1, generator=random).to(rgb.device) * data.noise
-        gray = gray + normal(*gray.shape) * strength
-    return gray.clamp(0, 1) * 2 - 1
+        gray = normal(*gray.shape).mul_(strength).add_(gray)
+    return gray.clamp(0, 1).mul_(2).sub_(1)

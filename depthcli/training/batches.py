@@ -148,8 +148,8 @@ class Batches:
         return order[index * self.batch_size : (index + 1) * self.batch_size]
 
     def _augmented(self, rows: Tensor, random: torch.Generator) -> Views:
-        rgb = self.store.rgb[rows].to(self.device).float() / 255
-        depth_m = self.store.depth_m[rows].to(self.device).float()
+        rgb = self.store.rgb.index_select(0, rows).to(self.device).float().div_(255)
+        depth_m = self.store.depth_m.index_select(0, rows).to(self.device).float()
         known = self.store.known
         known = None if known is None else known[rows].to(self.device)
         return augment(rgb, depth_m, self.data, random, known)
