@@ -137,17 +137,29 @@ class Pipeline:
             outputs |= zip(members, self.session.run(batch), strict=True)
         return [outputs[i] for i in range(len(inputs))]
 
+    @property
+    def _knows_camera(self) -> bool:
+        return self.card.camera is not None and self.card.output.kind is DepthKind.METRIC
+
+    def check_focal(self, focal_px: float | None, hfov_deg: float | None) -> None:
+        """Refuse a focal length that would change nothing.
+
+        Raises:
+            UsageError: one is given, and the model's metres belong to no known camera.
+        """
+        stated = focal_px is not None or hfov_deg is not None
+        if stated and not self._knows_camera:
+            raise UsageError(
+                f"model {self.card.name!r} gives no metres of a known camera, so a focal "
+                "length does not apply; leave --focal-px and --hfov out"
+            )
+
     def _focal_px(
         self, frame: Frame, focal_px: float | None, hfov_deg: float | None
     ) -> float | None:
         """The picture's focal length, if metres are to be rescaled by it."""
-        stated = focal_px is not None or hfov_deg is not None
-        if self.card.camera is None or self.card.output.kind is not DepthKind.METRIC:
-            if stated:
-                raise UsageError(
-                    f"model {self.card.name!r} gives no metres of a known camera, so a focal "
-                    "length does not apply; leave --focal-px and --hfov out"
-                )
+        self.check_focal(focal_px, hfov_deg)
+        if not self._knows_camera:
             return None
         if focal_px is not None:
             return focal_px
