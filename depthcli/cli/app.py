@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 PROGRAM = "depthcli"
 _GC_THRESHOLD = 50_000
-_LEAVE_AT_ONCE = frozenset({"predict"})
+_LEAVE_AT_ONCE = frozenset({"predict", "batch"})
 COMMANDS = {
     "predict": ("depthcli.cli.predict", "Depth of pictures: 16-bit PNG, EXR, NPY, preview, PLY."),
+    "batch": ("depthcli.cli.batch", "Depth of a folder tree of pictures and videos; resumes."),
     "video": ("depthcli.cli.video", "Depth of a video: lossless 16-bit, preview, PNG or EXR."),
     "models": ("depthcli.cli.models", "The models that are here; add your own."),
     "profile": ("depthcli.cli.profile", "Options that are saved under a name, for --profile."),

@@ -1,0 +1,171 @@
+"""``depthcli batch``: the command and its options."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from depthcli.cli import options
+from depthcli.cli.predict_choices import Colormap, ExrChannel, Format, Near
+from depthcli.core.choices import Upsampling
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.cli.batch_plan import Plan
+
+app = typer.Typer(rich_markup_mode=None)
+
+GPU_BATCH = 8
+
+
+@app.command()
+def batch(
+    folder: Annotated[
+        str | None,
+        typer.Argument(metavar="[DIR]", help="A folder; everything below it is taken."),
+    ] = None,
+    output: Annotated[
+        str,
+        typer.Option(
+            "-o", "--out", "--output", metavar="OUT", help="The folder for outputs, in DIR's tree."
+        ),
+    ] = "",
+    files: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="A file with one path a line, from DIR or the working directory, in place of "
+            "what is in DIR; '-' for stdin.",
+        ),
+    ] = None,
+    include: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="GLOB", help="Take only files like this ('*.jpg', 'left/**'); repeatable."
+        ),
+    ] = None,
+    exclude: Annotated[
+        list[str] | None,
+        typer.Option(metavar="GLOB", help="Leave files or folders like this; repeatable."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be done, and write nothing.")
+    ] = False,
+    formats: Annotated[
+        list[Format] | None,
+        typer.Option("--format", help="What to write; repeatable. Default: png16."),
+    ] = None,
+    model: options.ModelOption = None,
+    provider: options.ProviderOption = "auto",
+    provider_option: options.ProviderSettingsOption = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Pictures worked on at the same time. Default: one a core."),
+    ] = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(min=1, help="Threads of the network for one run. Default: cores/workers."),
+    ] = None,
+    batch_size: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Pictures of one size in one run of the network. Default: 1 on the CPU, 8 "
+            "elsewhere.",
+        ),
+    ] = None,
+    png_scale: options.PngScaleOption = None,
+    png_normalize: options.PngNormalizeOption = False,
+    exr_channel: options.ExrChannelOption = ExrChannel.Z,
+    half: options.HalfOption = False,
+    colormap: options.ColormapOption = Colormap.INFERNO,
+    near: options.NearOption = Near.WARM,
+    vmin: options.VminOption = None,
+    vmax: options.VmaxOption = None,
+    legend: options.LegendOption = False,
+    side_by_side: options.SideBySideOption = False,
+    sidecar: options.SidecarOption = False,
+    focal_px: options.FocalPxOption = None,
+    hfov: options.HfovOption = None,
+    anchor: options.AnchorOption = None,
+    upsample: options.UpsampleOption = Upsampling.GUIDED,
+    tile: options.TileOption = None,
+    max_memory: options.MaxMemoryOption = None,
+    max_pixels: options.MaxPixelsOption = options.MAX_PIXELS,
+    as_json: options.JsonOption = False,
+    quiet: options.QuietOption = False,
+) -> int:
+    """Depth of all pictures and videos below a folder, or of a list.
+
+    Goes on where an earlier run stopped. Writes OUT/manifest.jsonl, a row for each input.
+
+    Exit code 0 if all was done, 1 if some inputs failed, 2 for wrong usage, 3 if the model failed.
+    """
+    from depthcli.cli.camera import choose_camera
+    from depthcli.cli.cores import usable_cores
+    from depthcli.cli.detail import choose_detail
+    from depthcli.cli.engine import Engine
+    from depthcli.cli.looks import choose_looks
+
+    looks = choose_looks(
+        png_scale=png_scale,
+        png_normalize=png_normalize,
+        exr_channel=exr_channel,
+        half=half,
+        colormap=colormap,
+        near=near,
+        vmin=vmin,
+        vmax=vmax,
+        legend=legend,
+        side_by_side=side_by_side,
+    )
+    camera = choose_camera(focal_px, hfov, anchor)
+    detail = choose_detail(upsample, tile, max_memory)
+    plan = _plan(folder, output, files, include or (), exclude or ())
+    cores = usable_cores()
+    at_once = workers or cores
+    threads = threads or max(1, cores // at_once)
+    loading = Engine(model, provider, threads, provider_option or ()).start()
+    from depthcli.cli.batch_recipe import Recipe
+    from depthcli.cli.batch_run import Batch
+    from depthcli.cli.batch_voice import Voice
+    from depthcli.inference.pipeline import Pipeline
+
+    chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
+    recipe = Recipe(tuple(dict.fromkeys(chosen)), looks, camera, max_pixels)
+    pipeline = Pipeline(loading.result(), detail)
+    if dry_run:
+        from depthcli.cli.batch_dry import dry_run as say
+
+        return say(plan, recipe, pipeline, as_json=as_json)
+    return Batch(
+        plan=plan,
+        recipe=recipe,
+        pipeline=pipeline,
+        workers=at_once,
+        batch_size=batch_size or (1 if pipeline.session.provider == "cpu" else GPU_BATCH),
+        voice=Voice(as_json=as_json, quiet=quiet),
+    ).run()
+
+
+def _plan(
+    folder: str | None,
+    output: str,
+    files: str | None,
+    include: Sequence[str],
+    exclude: Sequence[str],
+) -> Plan:
+    from depthcli.cli.batch_plan import plan_files, plan_folder
+    from depthcli.io.globs import NameFilter
+
+    if not output:
+        raise UsageError("name the folder for outputs: --out OUT")
+    wanted = NameFilter.of(include, exclude)
+    if files is not None:
+        return plan_files(files, folder or ".", output, wanted)
+    if folder is None:
+        raise UsageError("name a folder, or give --files with a list")
+    return plan_folder(folder, output, wanted)

@@ -1,0 +1,59 @@
+"""What ``depthcli batch --dry-run`` says: what a batch would do, without a trace."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from depthcli.cli import console
+from depthcli.cli.batch_recipe import Targets
+from depthcli.cli.batch_work import read_input
+from depthcli.errors import ExitCode, InputError
+from depthcli.io.journal import known_rows
+from depthcli.io.sources.folder import is_video
+
+if TYPE_CHECKING:
+    from depthcli.cli.batch_plan import Plan
+    from depthcli.cli.batch_recipe import Recipe
+    from depthcli.inference.pipeline import Pipeline
+    from depthcli.io.sources.folder import Found
+
+
+def dry_run(plan: Plan, recipe: Recipe, pipeline: Pipeline, *, as_json: bool) -> int:
+    """Say what would become of each input. Inputs are read and outputs are checked.
+
+    Returns:
+        The exit code.
+    """
+    targets = Targets(plan, recipe, recipe.origin(pipeline), known_rows(plan.out))
+    counts = {"do": 0, "keep": 0, "fail": 0}
+    for found in plan.inputs:
+        what, problem = _verdict(targets, found)
+        counts[what] += 1
+        outputs = targets.of_video(found) if is_video(found.name) else targets.of_picture(found)
+        paths = [str(path) for path in outputs.values()]
+        if as_json:
+            console.out_json(
+                {"input": found.name, "would": what, "outputs": paths, "error": problem}
+            )
+        else:
+            target = problem or ", ".join(paths)
+            console.out(console.one_line(f"{what:<4}  {found.name} -> {target}"))
+    console.note(
+        f"would do {counts['do']}, keep {counts['keep']} that were done before, fail "
+        f"{counts['fail']}; {plan.skipped_count} other files left alone"
+    )
+    return ExitCode.OK
+
+
+def _verdict(targets: Targets, found: Found) -> tuple[str, str | None]:
+    try:
+        if found.problem is None and is_video(found.name):
+            with Path(found.path).open("rb") as file:
+                sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        else:
+            sha256 = hashlib.sha256(read_input(found)).hexdigest()
+    except (InputError, OSError) as error:
+        return "fail", str(error)
+    return ("keep" if targets.kept(found, sha256) else "do"), None

@@ -1,0 +1,107 @@
+"""What the outputs of a batch follow from, and which of them are right already."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli import __version__
+from depthcli.cli.predict_choices import Format
+from depthcli.cli.video_choices import VideoFormat
+from depthcli.io.manifest import Origin, is_intact
+from depthcli.io.sources.folder import is_video
+from depthcli.io.writers.registry import SUFFIXES
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.cli.batch_plan import Plan
+    from depthcli.cli.camera import Camera
+    from depthcli.cli.looks import Looks
+    from depthcli.inference.pipeline import Pipeline
+    from depthcli.io.journal import Rows
+    from depthcli.io.manifest import Row
+    from depthcli.io.sources.folder import Found
+
+COUNTERPART = {
+    Format.PNG16: VideoFormat.MKV,
+    Format.PREVIEW: VideoFormat.MP4,
+    Format.EXR: VideoFormat.EXR,
+    Format.NPY: VideoFormat.NPY,
+    Format.JSON: VideoFormat.JSON,
+}
+"""What a video gets where pictures get this."""
+
+
+class Recipe(NamedTuple):
+    """The options of a batch.
+
+    Attributes:
+        formats: what to write.
+        looks: options of the formats.
+        camera: what is known of the camera.
+        max_pixels: pictures with more are refused.
+    """
+
+    formats: tuple[Format, ...]
+    looks: Looks
+    camera: Camera
+    max_pixels: int
+
+    def origin(self, pipeline: Pipeline) -> Origin:
+        """What outputs follow from, besides their input."""
+        # Providers differ in the last digits; threads, workers and batch sizes do not.
+        decisive = (
+            tuple(format_.value for format_ in self.formats),
+            tuple(self.looks),
+            tuple(self.camera),
+            repr(pipeline.detail),
+            pipeline.session.provider,
+        )
+        checksum = hashlib.sha256(repr(decisive).encode()).hexdigest()
+        model = pipeline.session.model
+        return Origin(checksum, model.card.name, model.sha256, __version__)
+
+
+class Targets(NamedTuple):
+    """The outputs that a batch is after.
+
+    Attributes:
+        plan: all inputs.
+        recipe: the options.
+        origin: what follows from the recipe and the model.
+        rows: what earlier batches did.
+    """
+
+    plan: Plan
+    recipe: Recipe
+    origin: Origin
+    rows: Rows
+
+    def of_picture(self, found: Found) -> dict[Format, Path]:
+        """Where the outputs of a picture go."""
+        base = self.plan.names.base(found.name)
+        return {f: self.plan.out / (base + SUFFIXES[f]) for f in self.recipe.formats}
+
+    def of_video(self, found: Found) -> dict[VideoFormat, Path]:
+        """Where the outputs of a video go; a sequence's name holds ``%06d``."""
+        from depthcli.cli.video_outputs import SUFFIXES as VIDEO_SUFFIXES
+
+        base = self.plan.names.base(found.name)
+        chosen = [COUNTERPART[f] for f in self.recipe.formats if f in COUNTERPART]
+        return {which: self.plan.out / (base + VIDEO_SUFFIXES[which]) for which in chosen}
+
+    def kept(self, found: Found, sha256: str) -> Row | None:
+        """The row of an earlier batch, if its outputs are still there and still right."""
+        row = self.rows.row(found.name)
+        if row is None or not row.holds(self._names(found, row), sha256, self.origin):
+            return None
+        return row if all(is_intact(self.plan.out, file) for file in row.outputs) else None
+
+    def _names(self, found: Found, row: Row) -> list[str]:
+        if not is_video(found.name):
+            paths = self.of_picture(found).values()
+            return [path.relative_to(self.plan.out).as_posix() for path in paths]
+        # How many frames there are is known only once they are written.
+        base = self.plan.names.base(found.name)
+        return [file.path for file in row.outputs if file.path.startswith(f"{base}.")]

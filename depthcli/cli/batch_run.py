@@ -1,0 +1,115 @@
+"""What ``depthcli batch`` does: all inputs by several workers, and an account of them."""
+
+from __future__ import annotations
+
+from contextlib import closing, contextmanager
+from itertools import islice
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+
+from depthcli.cli.batch_progress import Tally, progress_for
+from depthcli.cli.batch_recipe import Targets
+from depthcli.cli.batch_work import Worker
+from depthcli.core.ordered_map import ordered_map
+from depthcli.errors import ExitCode
+from depthcli.io.journal import Journal, remove_leftovers
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from depthcli.cli.batch_plan import Plan
+    from depthcli.cli.batch_recipe import Recipe
+    from depthcli.cli.batch_voice import Voice
+    from depthcli.cli.batch_work import Result
+    from depthcli.inference.pipeline import Pipeline
+    from depthcli.io.sources.folder import Found
+
+_AHEAD = 64
+"""Chunks a worker may be ahead of one that takes long; they hold names only."""
+
+
+class Batch(NamedTuple):
+    """One run of the command.
+
+    Attributes:
+        plan: inputs and names.
+        recipe: options of the outputs.
+        pipeline: the model.
+        workers: pictures, or chunks of them, at the same time.
+        batch_size: pictures in one run of the network.
+        voice: what is said.
+    """
+
+    plan: Plan
+    recipe: Recipe
+    pipeline: Pipeline
+    workers: int
+    batch_size: int
+    voice: Voice
+
+    def run(self) -> int:
+        """Work off all inputs; a bad one never stops the others.
+
+        Returns:
+            The exit code.
+
+        Raises:
+            ModelError: the network failed.
+            OutputError: the output folder cannot be written.
+            UsageError: another batch writes there.
+        """
+        camera = self.recipe.camera
+        self.pipeline.check_focal(camera.focal_px, camera.hfov_deg)
+        journal = Journal(self.plan.out)
+        if journal.was_cut_short:
+            remove_leftovers(self.plan.folders())
+        tally = Tally(len(self.plan.inputs))
+        try:
+            silent = self.voice.quiet or self.voice.as_json
+            with _one_thread_each(self.workers), progress_for(tally, silent=silent) as tick:
+                for result in self._results(journal):
+                    tally.add(result)
+                    self.voice.tell(result)
+                    tick()
+        finally:
+            journal.finish(found.name for found in self.plan.inputs)
+            self.voice.sum_up(self.plan, tally)
+        return ExitCode.SOME_FAILED if tally.failures else ExitCode.OK
+
+    def _results(self, journal: Journal) -> Iterator[Result]:
+        targets = Targets(self.plan, self.recipe, self.recipe.origin(self.pipeline), journal)
+        worker = Worker(targets, self.pipeline, journal)
+        chunks = _chunks(self.plan.pictures, self.batch_size)
+        ahead = _AHEAD * self.workers
+        with closing(
+            ordered_map(worker.work, chunks, workers=self.workers, ahead=ahead)
+        ) as results:
+            for chunk in results:
+                yield from chunk
+        if any(True for _ in self.plan.videos):
+            from depthcli.cli.batch_video import VideoWorker
+
+            videos = VideoWorker(targets, self.pipeline, journal, self.workers)
+            yield from map(videos.work, self.plan.videos)
+
+
+def _chunks(inputs: Iterable[Found], size: int) -> Iterator[tuple[Found, ...]]:
+    remaining = iter(inputs)
+    while chunk := tuple(islice(remaining, size)):
+        yield chunk
+
+
+@contextmanager
+def _one_thread_each(workers: int) -> Iterator[None]:
+    """Keep OpenCV's own threads, and its messages, out of the workers' way."""
+    threads, log = cv2.getNumThreads(), cv2.utils.logging
+    level = log.getLogLevel()
+    log.setLogLevel(log.LOG_LEVEL_SILENT)
+    if workers > 1:
+        cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+        log.setLogLevel(level)

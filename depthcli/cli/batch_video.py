@@ -1,0 +1,122 @@
+"""The videos of a batch, one after another; each keeps all cores busy by itself."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli.cli.batch_work import Result, reason
+from depthcli.cli.video_choices import VideoFormat
+from depthcli.cli.video_outputs import SEQUENCES, VideoJob
+from depthcli.cli.video_run import VideoSettings, run_video
+from depthcli.errors import InputError, ModelError
+from depthcli.io.manifest import FAILED, OK, Row, written
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from depthcli.cli.batch_recipe import Targets
+    from depthcli.inference.pipeline import Pipeline
+    from depthcli.io.journal import Journal
+    from depthcli.io.sources.folder import Found
+
+
+class VideoWorker(NamedTuple):
+    """Does videos.
+
+    Attributes:
+        targets: the outputs to make.
+        pipeline: the model.
+        journal: where rows go.
+        workers: frames at the same time.
+    """
+
+    targets: Targets
+    pipeline: Pipeline
+    journal: Journal
+    workers: int
+
+    def work(self, found: Found) -> Result:
+        """Do one video.
+
+        Raises:
+            ModelError: the network failed.
+            OutputError: the journal cannot be written.
+        """
+        start = time.perf_counter()
+        sha256 = None
+        try:
+            sha256 = _checksum(found)
+            kept = self.targets.kept(found, sha256)
+            if kept is not None:
+                return Result(kept, is_kept=True)
+            row = self._row(found, sha256)
+        except ModelError:
+            raise
+        except Exception as error:  # noqa: BLE001 - no file may stop the others
+            row = Row(
+                input=found.name,
+                status=FAILED,
+                origin=self.targets.origin,
+                seconds=time.perf_counter() - start,
+                input_sha256=sha256,
+                error=reason(error),
+            )
+        self.journal.add(row)
+        return Result(row, is_kept=False)
+
+    def _row(self, found: Found, sha256: str) -> Row:
+        recipe, outputs = self.targets.recipe, self.targets.of_video(found)
+        if not set(outputs) - {VideoFormat.JSON}:
+            raise InputError(
+                f"{found.path} is a video, which this format cannot hold; add --format png16"
+            )
+        if recipe.camera.anchors:
+            raise InputError(f"{found.path} is a video, to which --anchor does not apply")
+        folder = (self.targets.plan.out / found.name).parent
+        job = VideoJob(
+            found.name, Path(found.path), folder, {w: p.name for w, p in outputs.items()}
+        )
+        settings = VideoSettings(
+            looks=recipe.looks,
+            workers=self.workers,
+            focal_px=recipe.camera.focal_px,
+            hfov_deg=recipe.camera.hfov_deg,
+            max_pixels=recipe.max_pixels,
+        )
+        done = run_video(job, self.pipeline, settings)
+        files = tuple(written(self.targets.plan.out, path) for path in _files(outputs, done.frames))
+        return Row(
+            input=found.name,
+            status=FAILED if done.problem else OK,
+            origin=self.targets.origin,
+            outputs=files,
+            seconds=done.seconds,
+            input_sha256=sha256,
+            error=done.problem,
+            warnings=done.warnings,
+        )
+
+
+def _files(outputs: dict[VideoFormat, Path], frames: int) -> Iterator[Path]:
+    for which, path in outputs.items():
+        if which not in SEQUENCES:
+            yield path
+            continue
+        start, _, end = path.name.rpartition("%06d")
+        for number in range(frames):
+            yield path.with_name(f"{start}{number:06d}{end}")
+
+
+def _checksum(found: Found) -> str:
+    """Of a file that may not fit into memory."""
+    path = Path(found.path)
+    if not path.is_file():
+        raise InputError(f"{path} is missing, or no file")
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None

@@ -1,0 +1,64 @@
+"""What a batch says: of each input, and at its end."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli.cli import console
+from depthcli.io.manifest import MANIFEST_NAME
+
+if TYPE_CHECKING:
+    from depthcli.cli.batch_plan import Plan
+    from depthcli.cli.batch_progress import Tally
+    from depthcli.cli.batch_work import Result
+
+
+class Voice(NamedTuple):
+    """What is said, and where.
+
+    Attributes:
+        as_json: one JSON object a line for each input, on standard output.
+        quiet: errors only.
+    """
+
+    as_json: bool
+    quiet: bool
+
+    def tell(self, result: Result) -> None:
+        """What became of one input."""
+        if self.as_json:
+            console.out_json(result.row.as_json() | {"kept": result.is_kept})
+        elif not self.quiet and not result.is_kept:
+            for warning in result.row.warnings:
+                console.warn(f"{result.row.input}: {warning}")
+
+    def sum_up(self, plan: Plan, tally: Tally) -> None:
+        """The failures, then what was done."""
+        for name, reason in tally.failures:
+            console.error(reason if name in reason else f"{name}: {reason}")
+        if tally.failures and self.quiet:
+            console.note(f"{len(tally.failures)} of {tally.total} inputs failed")
+        if self.quiet:
+            return
+        for loop in plan.loops:
+            console.warn(f"{loop} leads back to a folder that it is in; left out")
+        say = console.note if self.as_json else console.out
+        say(", ".join(_account(plan, tally)) + f"; {_speed(tally)}")
+        if tally.passed < tally.total:
+            console.note("stopped early; the same command goes on from here")
+        say(console.one_line(f"manifest: {plan.out / MANIFEST_NAME}"))
+
+
+def _account(plan: Plan, tally: Tally) -> list[str]:
+    parts = [f"{tally.done - len(tally.failures)} of {tally.total} inputs done"]
+    if tally.kept:
+        parts.append(f"{tally.kept} were done before")
+    if tally.failures:
+        parts.append(f"{len(tally.failures)} failed")
+    if plan.skipped_count:
+        parts.append(f"{plan.skipped_count} other files left alone")
+    return parts
+
+
+def _speed(tally: Tally) -> str:
+    return f"{tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s"

@@ -1,0 +1,132 @@
+"""What became of each input of a batch: one row each, in a file beside the outputs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from depthcli.errors import OutputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+MANIFEST_NAME = "manifest.jsonl"
+OK = "ok"
+FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class OutputFile:
+    """One file that was written.
+
+    Attributes:
+        path: from the output folder, with ``/`` between its parts.
+        bytes: its size.
+        sha256: its checksum, 64 hex digits.
+    """
+
+    path: str
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """What the outputs of a whole batch follow from, besides their inputs.
+
+    Attributes:
+        options_sha256: checksum of the options that the outputs depend on.
+        model: name of the model.
+        model_sha256: checksum of its file.
+        version: of depthcli.
+    """
+
+    options_sha256: str
+    model: str
+    model_sha256: str
+    version: str
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What became of one input.
+
+    Attributes:
+        input: its name, with ``/`` between its parts.
+        status: ``ok`` or ``failed``.
+        origin: model and options.
+        outputs: what was written.
+        seconds: from opening the input to the last output.
+        input_sha256: checksum of the input; None if it could not be read.
+        error: why it failed; None if it did not.
+        warnings: one-line texts.
+    """
+
+    input: str
+    status: str
+    origin: Origin
+    outputs: tuple[OutputFile, ...] = ()
+    seconds: float = 0.0
+    input_sha256: str | None = None
+    error: str | None = None
+    warnings: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, object]:
+        """The fields of one line."""
+        flat = asdict(self)
+        flat |= flat.pop("origin")
+        return flat | {"seconds": round(self.seconds, 6)}
+
+    def as_line(self) -> bytes:
+        """One line; names with bytes that are not UTF-8 are escaped as Python does."""
+        return json.dumps(self.as_json(), ensure_ascii=True).encode() + b"\n"
+
+    def holds(self, outputs: Sequence[str], input_sha256: str, origin: Origin) -> bool:
+        """Whether doing the input again could only give the same names."""
+        same = (self.status, self.input_sha256, self.origin) == (OK, input_sha256, origin)
+        return same and [file.path for file in self.outputs] == list(outputs)
+
+
+def parse_row(line: bytes) -> Row | None:
+    """A row from its line; None if it is cut short or somebody else's."""
+    try:
+        fields: dict[str, Any] = json.loads(line)
+        origin = Origin(**{name: str(fields.pop(name)) for name in Origin.__slots__})
+        outputs = tuple(OutputFile(**file) for file in fields.pop("outputs"))
+        warnings = tuple(fields.pop("warnings"))
+        return Row(**fields, origin=origin, outputs=outputs, warnings=warnings)
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return None
+
+
+def checksum(path: Path) -> OutputFile | None:
+    """Size and checksum of a file as it is on disk, under its own path; None if it is not there."""
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return OutputFile(os.fspath(path), file.tell(), digest)
+    except OSError:
+        return None
+
+
+def is_intact(folder: Path, file: OutputFile) -> bool:
+    """Whether a file still is what was written."""
+    path = folder / file.path
+    found = checksum(path)
+    return found is not None and (found.bytes, found.sha256) == (file.bytes, file.sha256)
+
+
+def written(folder: Path, path: Path) -> OutputFile:
+    """The entry of a file just written.
+
+    Raises:
+        OutputError: it is gone.
+    """
+    found = checksum(path)
+    if found is None:
+        raise OutputError(f"{path} vanished after it was written; leave the folder alone meanwhile")
+    return OutputFile(path.relative_to(folder).as_posix(), found.bytes, found.sha256)
