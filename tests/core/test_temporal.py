@@ -1,0 +1,205 @@
+"""Cuts, stillness, smoothing, flicker and range lock, against plain loops and known cases."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from depthcli.core.temporal import GUIDE_PX, Change, Changes, box_mean, guide
+from depthcli.core.temporal_depth import (
+    FlickerMeter,
+    Smoother,
+    from_steps,
+    kept_share,
+    sample,
+    to_steps,
+)
+from depthcli.core.temporal_range import RangeLock
+from depthcli.core.types import DepthKind, DepthMap
+
+Array = np.ndarray[Any, np.dtype[np.float32]]
+
+
+def noise(seed: int, shape: tuple[int, ...] = (12, 16)) -> Array:
+    return np.random.default_rng(seed).random(shape, np.float32)
+
+
+def at(values: Array, row: int, column: int) -> float:
+    """A pixel, or the nearest one of the edge."""
+    height, width = values.shape
+    return float(values[min(max(row, 0), height - 1), min(max(column, 0), width - 1)])
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000), st.integers(1, 9), st.integers(1, 9))
+def test_the_mean_of_a_box_is_that_of_a_loop(seed: int, height: int, width: int) -> None:
+    values = noise(seed, (height, width))
+    expected = [
+        [
+            np.mean([at(values, y + j, x + i) for j in range(-2, 3) for i in range(-2, 3)])
+            for x in range(width)
+        ]
+        for y in range(height)
+    ]
+    np.testing.assert_allclose(box_mean(values), expected, atol=1e-6)
+
+
+def test_stillness_takes_the_largest_change_nearby() -> None:
+    difference = noise(3) * np.float32(0.06)
+    still = Change(difference, is_cut=False).stillness
+    for y in range(12):
+        for x in range(16):
+            near = max(at(difference, y + j, x + i) for j in (-1, 0, 1) for i in (-1, 0, 1))
+            assert still[y, x] == pytest.approx(1 - min(near / 0.06, 1), abs=1e-5)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_a_guide_is_brightness_at_a_bounded_size(dtype: type) -> None:
+    top = 1 if dtype is np.float32 else np.iinfo(dtype).max
+    pixels = np.full((300, 600, 3), top, dtype)
+    small = guide(pixels)
+    assert small.shape == (GUIDE_PX // 2, GUIDE_PX)
+    np.testing.assert_allclose(small, 1, atol=1e-5)
+    assert guide(pixels[:7, :9, 0]).shape == (7, 9)
+
+
+def test_a_new_scene_is_a_cut_and_motion_is_not() -> None:
+    changes = Changes()
+    scene = noise(0)
+    assert changes.step(scene).is_cut  # the first picture
+    assert not changes.step(scene).is_cut
+    for shift in range(1, 6):
+        wave = 0.5 + 0.05 * np.sin(np.arange(16) / 3 + shift)
+        moving = np.tile(wave, (12, 1)).astype(np.float32)
+        assert changes.step(moving).is_cut == (shift == 1 and abs(scene.mean() - 0.5) > 0.08)
+    assert changes.step(np.zeros((12, 16), np.float32)).is_cut
+    assert not changes.step(np.zeros((12, 16), np.float32)).is_cut
+
+
+def test_steady_large_changes_are_not_all_cuts() -> None:
+    changes = Changes()
+    levels = [0.0, 0.12, 0.24, 0.36, 0.48, 0.6]
+    cuts = [changes.step(np.full((8, 8), level, np.float32)).is_cut for level in levels]
+    assert cuts[:2] == [True, True]
+    slow = Changes()
+    levels = [0.0, 0.03, 0.08, 0.16, 0.25, 0.34]
+    cuts = [slow.step(np.full((8, 8), level, np.float32)).is_cut for level in levels]
+    assert sum(cuts[1:]) <= 2
+
+
+STILL = Change(np.zeros((12, 16), np.float32), is_cut=False)
+
+
+def test_smoothing_a_still_picture_is_an_exponential_mean() -> None:
+    smoother, kept = Smoother(), kept_share(1 / 30, 0.2)
+    expected = noise(0).astype(np.float64)
+    smoother.step(noise(0), STILL, kept)
+    for seed in range(1, 8):
+        now = noise(seed)
+        for y in range(12):
+            for x in range(16):
+                expected[y, x] = kept * expected[y, x] + (1 - kept) * now[y, x]
+        np.testing.assert_allclose(smoother.step(now, STILL, kept), expected, atol=1e-5)
+
+
+def test_smoothing_stops_where_the_picture_moves_and_at_cuts() -> None:
+    difference = np.zeros((12, 16), np.float32)
+    difference[:, 8:] = 0.5
+    smoother = Smoother()
+    smoother.step(np.zeros((12, 16), np.float32), STILL, 0.9)
+    ones = np.ones((12, 16), np.float32)
+    half = smoother.step(ones, Change(difference, is_cut=False), 0.9)
+    np.testing.assert_allclose(half[:, :7], 0.1, atol=1e-6)
+    np.testing.assert_array_equal(half[:, 8:], 1)
+    np.testing.assert_array_equal(smoother.step(ones * 5, Change(difference, is_cut=True), 0.9), 5)
+
+
+def test_holes_stay_holes_and_spread_to_nothing() -> None:
+    smoother = Smoother()
+    first, second = noise(0), noise(1)
+    first[0, 0] = second[1, 1] = np.nan
+    smoother.step(first, STILL, 0.9)
+    smoothed = smoother.step(second, STILL, 0.9)
+    assert np.isnan(smoothed[1, 1])
+    assert smoothed[0, 0] == second[0, 0]
+    assert np.isfinite(smoother.step(noise(2), STILL, 0.9)).all()
+
+
+def test_flicker_is_the_mean_change_of_still_pixels() -> None:
+    meter = FlickerMeter(DepthKind.METRIC)
+    difference = noise(9) * np.float32(0.04)
+    steps = [noise(seed) for seed in range(4)]
+    changes = [Change(difference, is_cut=i in (0, 2)) for i in range(4)]
+    for values, change in zip(steps, changes, strict=True):
+        meter.step(values, change)
+    found = [
+        abs(float(steps[i][y, x]) - float(steps[i - 1][y, x]))
+        for i in (1, 3)
+        for y in range(12)
+        for x in range(16)
+        if difference[y, x] < 0.02
+    ]
+    assert found
+    assert meter.value == pytest.approx(math.fsum(found) / len(found), abs=1e-6)
+
+
+def test_flicker_of_one_frame_is_unknown_and_of_no_unit_is_scaled() -> None:
+    meter = FlickerMeter(DepthKind.INVERSE)
+    meter.step(noise(0), STILL)
+    assert meter.value is None
+    scaled = FlickerMeter(DepthKind.INVERSE)
+    scaled.step(noise(0) * 100, STILL)
+    for seed in range(3):
+        meter.step(noise(seed), STILL)
+        scaled.step(noise(seed) * 100, STILL)
+    assert meter.value is not None
+    assert scaled.value == pytest.approx(meter.value, rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", list(DepthKind))
+def test_steps_go_there_and_back(kind: DepthKind) -> None:
+    values = noise(0) + np.float32(0.1)
+    values[0] = np.nan
+    back = from_steps(to_steps(DepthMap(values, kind)), kind)
+    np.testing.assert_allclose(back, values, rtol=1e-6)
+
+
+def test_no_depth_has_no_logarithm() -> None:
+    values = np.array([[0, -1, np.inf, np.nan]], np.float32)
+    assert np.isnan(to_steps(DepthMap(values))).all()
+
+
+def test_a_sample_is_the_middle_of_each_cell() -> None:
+    values = np.arange(48, dtype=np.float32).reshape(6, 8)
+    np.testing.assert_array_equal(sample(values, (2, 2)), [[10, 14], [34, 38]])
+    np.testing.assert_array_equal(sample(values, (6, 8)), values)
+
+
+def test_the_range_is_an_exponential_mean_of_logarithms() -> None:
+    lock, kept = RangeLock(), 0.8
+    low, high = lock.step(1.0, 10.0, kept)
+    assert (low, high) == (1, 10)
+    for own_low, own_high in [(2.0, 8.0), (0.5, 20.0), (1.0, 9.0)]:
+        expected = low**kept * own_low ** (1 - kept), high**kept * own_high ** (1 - kept)
+        low, high = lock.step(own_low, own_high, kept)
+        assert (low, high) == pytest.approx(expected)
+    assert lock.step(3.0, 4.0, kept, is_cut=True) == (3, 4)
+
+
+def test_a_range_that_passes_zero_is_averaged_as_it_is() -> None:
+    lock = RangeLock()
+    lock.step(-1.0, 1.0, 0.5)
+    assert lock.step(1.0, 2.0, 0.5) == pytest.approx((0, math.sqrt(2)))
+
+
+def test_without_a_time_constant_nothing_is_kept() -> None:
+    assert kept_share(0.1, 0) == 0
+    assert kept_share(0.1, 0.1) == pytest.approx(math.exp(-1))
+    lock = RangeLock()
+    lock.step(1.0, 2.0, 0)
+    assert lock.step(5.0, 7.0, 0) == pytest.approx((5, 7))
