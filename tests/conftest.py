@@ -59,7 +59,9 @@ class Cli:
     @property
     def environment(self) -> dict[str, str]:
         """The wheel first; the tests' own folder is never on the path."""
-        return {**os.environ, "PYTHONPATH": str(self.site), "DEPTHCLI_MODELS": str(self.models)}
+        home = str(self.folder.parent / "home")  # the tester's own models and profiles stay out
+        own = {"DEPTHCLI_MODELS": str(self.models), "XDG_DATA_HOME": home, "XDG_CONFIG_HOME": home}
+        return {**os.environ, "PYTHONPATH": str(self.site), **own}
 
     def __call__(
         self, *arguments: str | os.PathLike[str], stdin: bytes = b"", **environment: str

@@ -122,7 +122,10 @@ def test_a_bundled_model_is_hidden_only_with_force(own: Path, file: Path, tmp_pa
         ({"sha256": "0" * 64}, "checksum"),
         ({"bytes": 7}, "its card says 7"),
         ({"surprise": 1}, "surprise"),
-        ({"output__scale": -1.0, "output__transform": "reciprocal"}, "no depth"),
+        (
+            {"output__scale": -1.0, "output__shift": 0.0, "output__transform": "reciprocal"},
+            "no depth",
+        ),
     ],
 )
 def test_what_does_not_fit_leaves_nothing(

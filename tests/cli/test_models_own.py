@@ -1,0 +1,194 @@
+"""``depthcli models add``, ``remove`` and ``cards``, and what such models' outputs are called."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from tiny import tiny_onnx, write_model, write_picture
+
+if TYPE_CHECKING:
+    from conftest import Cli
+
+FORMATS = ("png16", "exr", "npy", "preview", "json")
+
+
+@pytest.fixture
+def download(cli: Cli) -> Path:
+    """An ONNX file as somebody downloads it."""
+    file = cli.folder / "download.onnx"
+    file.write_bytes(tiny_onnx(channels=3, size=(256, 256)))
+    return file
+
+
+def test_added_listed_shown_used_and_removed(cli: Cli, download: Path, picture: Path) -> None:
+    added = cli("models", "add", download.name, "--card", "midas-small")
+    assert added.returncode == 0
+    assert added.stdout.startswith(b"midas-small: inverse depth, no unit, in ")
+    assert b"\tinverse\t" in cli("models", "list").stdout
+    shown = json.loads(cli("models", "show", "midas-small").stdout)
+    assert (shown["file"], shown["bytes"]) == ("model.onnx", download.stat().st_size)
+    assert cli("models", "verify", "midas-small").returncode == 0
+    used = cli("predict", picture, "--model", "midas-small", "-o", "x.npy")
+    assert used.returncode == 0
+    removed = cli("models", "remove", "midas-small")
+    assert removed.stdout.startswith(b"removed ")
+    assert [p.name for p in cli.models.iterdir()] == ["default"]
+    assert cli("predict", picture, "--model", "midas-small").returncode == 3
+
+
+def test_a_taken_name_is_refused_without_force(cli: Cli, download: Path) -> None:
+    add = ("models", "add", download, "--card", "midas-small", "--name", "mine")
+    assert cli(*add, "--json").returncode == 0
+    again = cli(*add)
+    assert (again.returncode, again.stdout) == (2, b"")
+    assert b"is called 'mine' already" in again.stderr
+    forced = cli(*add, "--force", "--json")
+    told = json.loads(forced.stdout)
+    assert (forced.returncode, told["name"]) == (0, "mine")
+    assert Path(told["path"]) == cli.models / "mine"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "problem"),
+    [
+        (("download.onnx",), 2, "'depthcli models cards'"),
+        (("download.onnx", "--card", "midas"), 2, "no ready card is called 'midas'"),
+        (("none.onnx", "--card", "midas-small"), 3, "cannot read"),
+        (("download.onnx", "--card", "none.json"), 3, "cannot read none.json"),
+        (("download.onnx", "--card", "midas-small", "--name", "../x"), 2, "name"),
+    ],
+)
+def test_what_is_wrong_is_one_line(
+    cli: Cli, download: Path, words: tuple[str, ...], code: int, problem: str
+) -> None:
+    assert download.is_file()
+    done = cli("models", "add", *words)
+    (line,) = done.stderr.decode().splitlines()
+    assert done.returncode == code
+    assert problem in line
+    assert [p.name for p in cli.models.iterdir()] == ["default"]
+
+
+def test_without_the_variable_models_lie_in_the_data_folder(cli: Cli, download: Path) -> None:
+    places = {"DEPTHCLI_MODELS": "", "XDG_DATA_HOME": str(cli.folder / "data")}
+    add = cli("models", "add", download, "--card", "midas-small", **places)
+    assert add.returncode == 0
+    assert (cli.folder / "data/depthcli/models/midas-small/card.json").is_file()
+    listed = cli("models", "list", **places).stdout.decode()
+    assert "midas-small\t" in listed
+    assert "default\t" in listed
+
+
+def test_the_ready_cards_ship_in_the_wheel(cli: Cli) -> None:
+    cards = [json.loads(line) for line in cli("models", "cards", "--json").stdout.splitlines()]
+    names = {card["name"] for card in cards}
+    assert {"midas-small", "meter-nyu", "fastdepth", "depth-anything-v2-small"} <= names
+    assert all(card["license"] and card["sources"] for card in cards)
+    header, *rows = cli("models", "cards").stdout.decode().splitlines()
+    assert header.split("\t")[0] == "card"
+    assert len(rows) == len(cards)
+
+
+def test_a_ready_card_can_be_shown_and_used_as_a_file(cli: Cli, download: Path) -> None:
+    (cli.folder / "mine.json").write_bytes(cli("models", "show", "midas-small").stdout)
+    done = cli("models", "add", download, "--card", "mine.json", "--name", "mine")
+    assert done.returncode == 0
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root writes everywhere")
+def test_a_read_only_folder_is_one_line(cli: Cli, download: Path) -> None:
+    cli.models.chmod(0o555)
+    done = cli("models", "add", download, "--card", "midas-small")
+    cli.models.chmod(0o755)
+    assert done.returncode == 1
+    assert b"cannot write" in done.stderr
+
+
+@pytest.mark.parametrize("kind", ["relative", "inverse"])
+def test_nothing_says_metres_of_what_has_none(cli: Cli, picture: Path, kind: str) -> None:
+    changes = {"output__kind": kind, "output__min_m": None, "output__max_m": None}
+    write_model(cli.models / "others", **changes)
+    formats = [word for name in FORMATS for word in ("--format", name)]
+    done = cli("predict", picture, "--model", "others", "-o", "out/", "--legend", *formats)
+    said = done.stdout.decode()
+    assert done.returncode == 0
+    assert said.strip().endswith(f"({kind}, no unit)")
+    assert " m\n" not in said
+    for warning in ("png is normalized", "npy cannot say"):
+        assert warning in done.stderr.decode()
+    sidecar = json.loads((cli.folder / "out/room.depth.json").read_text())
+    assert (sidecar["kind"], sidecar["unit"], sidecar["png16_scale"]) == (kind, None, None)
+    for name in ("png", "exr", "npy"):
+        file = f"out/room.depth.{name}"
+        facts = json.loads(cli("info", file, "--json").stdout)
+        assert (facts["kind"], facts["unit"]) == (kind, None)
+        assert b"(no unit)" in cli("probe", file, "3,4").stdout
+    told = cli("predict", picture, "--model", "others", "-o", "one.exr", "--json")
+    assert json.loads(told.stdout)["unit"] is None
+
+
+@pytest.mark.parametrize(("kind", "near_is_right"), [("relative", False), ("inverse", True)])
+def test_near_is_warm_in_every_preview(cli: Cli, kind: str, near_is_right: bool) -> None:
+    write_model(cli.models / "others", output__kind=kind, output__min_m=None)
+    ramp = np.tile(np.linspace(0, 255, 64).astype(np.uint8), (48, 1))
+    picture = write_picture(cli.folder / "ramp.png", ramp)
+    done = cli("predict", picture, "--model", "others", "-o", "out/", "--format", "preview")
+    assert done.returncode == 0
+    preview = cv2.imread(str(cli.folder / "out/ramp.preview.png"))
+    left, right = (int(preview[24, x].sum()) for x in (4, -4))  # inferno: warm is bright
+    assert (right > left) is near_is_right
+
+
+@pytest.mark.parametrize("kind", ["relative", "inverse"])
+def test_anchors_give_metres(cli: Cli, kind: str) -> None:
+    write_model(cli.models / "others", output__kind=kind, output__min_m=None)
+    ramp = np.tile(np.linspace(0, 255, 64).astype(np.uint8), (48, 1))
+    picture = write_picture(cli.folder / "ramp.png", ramp)
+    far, near = (60, 4) if kind == "relative" else (4, 60)
+    points = ("--anchor", f"{far},20,4.0", "--anchor", f"{near},20,1.6")
+    done = cli("predict", picture, "--model", "others", "-o", "x.npy", *points, "--json")
+    told = json.loads(done.stdout)
+    depth = np.load(cli.folder / "x.npy")
+    assert (told["kind"], told["unit"], told["warnings"]) == ("metric", "m", [])
+    assert (depth[20, far], depth[20, near]) == pytest.approx((4, 1.6), rel=1e-4)
+    middle = 0.5 * (4 + 1.6) if kind == "relative" else 2 / (1 / 4 + 1 / 1.6)
+    assert depth[20, 32] == pytest.approx(middle, rel=0.02)
+    swapped = ("--anchor", f"{far},20,1.6", "--anchor", f"{near},20,4.0")
+    refused = cli("predict", picture, "--model", "others", "-o", "y.npy", *swapped)
+    assert refused.returncode == 1
+    assert b"contradict" in refused.stderr
+    assert not (cli.folder / "y.npy").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (("--provider", "cuda"), "cuda"),
+        (("--provider", "cuda", "--provider-option", "device_id=1"), "cuda"),
+        (("--provider", "gpu"), "no provider is called 'gpu'"),
+    ],
+)
+def test_a_provider_that_is_not_there_is_exit_3(
+    cli: Cli, picture: Path, words: tuple[str, ...], problem: str
+) -> None:
+    done = cli("predict", picture, *words)
+    if done.returncode == 0 and "gpu" not in words:
+        pytest.skip("this machine has CUDA")
+    (line,) = done.stderr.decode().splitlines()
+    assert done.returncode == 3
+    assert problem in line
+
+
+@pytest.mark.parametrize("words", [("--provider-option", "a"), ("--provider-option", "a=1")])
+def test_provider_options_without_a_provider_are_exit_2(
+    cli: Cli, picture: Path, words: tuple[str, ...]
+) -> None:
+    done = cli("predict", picture, *words)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1

@@ -1,0 +1,234 @@
+"""``depthcli profile`` and ``--profile``."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tiny import write_model
+
+from depthcli.cli import shell
+from depthcli.cli.app import COMMANDS, PROFILED
+from depthcli.cli.profile_files import _toml
+
+if TYPE_CHECKING:
+    from conftest import Cli
+
+
+class Home:
+    """The command line with a settings folder of its own."""
+
+    def __init__(self, cli: Cli) -> None:
+        self.cli = cli
+        self.folder = cli.folder / "config" / "depthcli" / "profiles"
+
+    def run(self, *words: str | Path) -> tuple[int, str, str]:
+        """Exit code, standard output and standard error."""
+        done = self.cli(*words, XDG_CONFIG_HOME=str(self.cli.folder / "config"))
+        return done.returncode, done.stdout.decode(), done.stderr.decode()
+
+    def write(self, name: str, text: str) -> None:
+        """A profile as somebody writes it by hand."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / f"{name}.toml").write_text(text)
+
+
+@pytest.fixture
+def home(cli: Cli) -> Home:
+    """The installed command line, whose model learned a camera."""
+    write_model(cli.models / "default", camera={"hfov_deg": 90.0})
+    return Home(cli)
+
+
+def told(stdout: str) -> dict[str, object]:
+    """The one line of ``--json``."""
+    (line,) = stdout.splitlines()
+    found: dict[str, object] = json.loads(line)
+    return found
+
+
+def test_saved_options_are_used(home: Home, picture: Path) -> None:
+    options = ("--hfov", "60", "--format", "npy", "--format", "exr", "--anchor", "3,4,2.5")
+    code, out, _ = home.run("profile", "save", "kitti", *options, "--model", "default", "--half")
+    assert (code, out.startswith("saved ")) == (0, True)
+    code, out, _ = home.run("profile", "show", "kitti")
+    assert tomllib.loads(out) == {
+        "hfov": 60.0,
+        "format": ["npy", "exr"],
+        "anchor": ["3,4,2.5"],
+        "model": "default",
+        "half": True,
+    }
+    code, out, _ = home.run("predict", picture, "--profile", "kitti", "-o", "out/", "--json")
+    facts = told(out)
+    assert code == 0
+    assert facts["focal_px"] == pytest.approx(64 / 2 / np.tan(np.radians(30)))
+    assert facts["outputs"] == ["out/room.depth.npy", "out/room.depth.exr"]
+    assert np.load(home.cli.folder / "out/room.depth.npy")[4, 3] == pytest.approx(2.5)
+
+
+def test_what_is_given_wins(home: Home, picture: Path) -> None:
+    home.write("p", 'hfov = 60\nformat = ["npy"]\npng-scale = 256\nanchor = ["3,4,2.5"]\n')
+    run = ("predict", picture, "--profile", "p", "--json", "-o")
+    same = told(home.run(*run, "out/", "--hfov", "60.0", "--anchor", "3,4,1")[1])
+    wide = told(home.run(*run, "out/", "--hfov", "90")[1])
+    pixels = told(home.run(*run, "out/", "--focal-px", "77")[1])
+    assert (wide["focal_px"], pixels["focal_px"]) == pytest.approx((32, 77))
+    assert np.load(home.cli.folder / "out/room.depth.npy")[4, 3] == pytest.approx(2.5)
+    assert same["focal_px"] == pytest.approx(55.4256)
+    assert told(home.run(*run, "x.exr")[1])["outputs"] == ["x.exr"]
+    assert told(home.run(*run, "out/", "--format", "exr")[1])["outputs"] == ["out/room.depth.exr"]
+    code, _, problem = home.run(*run, "y.png", "--png-normalize")
+    assert (code, problem) == (0, "")
+
+
+def test_the_place_of_the_option_does_not_matter(home: Home, picture: Path) -> None:
+    home.write("p", "hfov = 60\n")
+    for words in (("--profile", "p", "--focal-px", "77"), ("--focal-px", "77", "--profile", "p")):
+        assert told(home.run("predict", *words, "--json", picture)[1])["focal_px"] == 77
+
+
+def test_without_the_option_no_profile_is_read(home: Home, picture: Path) -> None:
+    home.write("default", "hfov = 60\n")
+    assert told(home.run("predict", picture, "--json")[1])["focal_px"] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("hfovv = 60", "no option is called 'hfovv'; did you mean 'hfov'?"),
+        ("output = 'x.png'", "no option is called 'output'"),
+        ("debug = true", "no option is called 'debug'"),
+        ("profile = 'q'", "no option is called 'profile'"),
+        ("focal_px = 60", "did you mean 'focal-px'?"),
+        ("hfov = 300", "hfov = 300: has to be between 0 and 180"),
+        ("hfov = 'wide'", "hfov = 'wide'"),
+        ("colormap = 'jet'", "'jet' is not one of"),
+        ("format = ['png16', 'jpg']", "'jpg' is not one of"),
+        ("threads = 0", "threads = 0"),
+        ("hfov =", "is not TOML"),
+        ("[camera]\nhfov = 60", "camera has to be text, a number"),
+        ("hfov = [1, [2]]", "hfov has to be text, a number"),
+        ("anchor = [1979-05-27]", "anchor has to be text, a number"),
+    ],
+)
+def test_what_is_wrong_in_a_profile_is_one_line(
+    home: Home, picture: Path, text: str, problem: str
+) -> None:
+    home.write("p", text)
+    code, out, err = home.run("predict", picture, "--profile", "p")
+    (line,) = err.splitlines()
+    assert (code, out) == (2, "")
+    assert problem in line
+    assert "'p'" in line or "p.toml" in line
+    assert [p.name for p in picture.parent.iterdir()] == ["room.png"]
+
+
+def test_a_profile_that_is_not_there_names_those_that_are(home: Home, picture: Path) -> None:
+    home.write("kitti", "hfov = 60")
+    code, _, err = home.run("predict", picture, "--profile", "kity")
+    assert code == 2
+    assert "no profile is called 'kity'; there are: kitti" in err
+
+
+def test_a_profile_can_be_a_file(home: Home, picture: Path) -> None:
+    (home.cli.folder / "mine.toml").write_text("focal-px = 77\n")
+    found = told(home.run("predict", picture, "--profile", "mine.toml", "--json")[1])
+    assert found["focal_px"] == 77
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (("save", "p"), "give the options to save"),
+        (("save", "../p", "--half"), "cannot be a profile's name"),
+        (("save", "p", "--hfov", "300"), "between 0 and 180"),
+        (("save", "p", "--format", "jpg"), "'jpg' is not one of"),
+        (("save", "p", "--output", "x.png"), "--output"),
+        (("save", "there", "--half"), "is there already"),
+        (("show", "nothing"), "no profile is called 'nothing'"),
+        (("remove", "nothing"), "no profile is called 'nothing'"),
+    ],
+)
+def test_what_is_wrong_on_the_command_line_is_one_line(
+    home: Home, words: tuple[str, ...], problem: str
+) -> None:
+    home.write("there", "hfov = 60\n")
+    code, out, err = home.run("profile", *words)
+    (line,) = err.splitlines()
+    assert (code, out) == (2, "")
+    assert problem in line
+    assert [p.name for p in home.folder.iterdir()] == ["there.toml"]
+    assert (home.folder / "there.toml").read_text() == "hfov = 60\n"
+
+
+def test_list_force_and_remove(home: Home) -> None:
+    assert home.run("profile") == (0, "", "")
+    home.run("profile", "save", "b", "--half")
+    home.run("profile", "save", "a", "--hfov", "60")
+    home.run("profile", "save", "a", "--hfov", "70", "--force")
+    assert home.run("profile", "list") == (0, "a: hfov = 70.0\nb: half = true\n", "")
+    assert home.run("profile")[1] == home.run("profile", "list")[1]
+    rows = [json.loads(line) for line in home.run("profile", "list", "--json")[1].splitlines()]
+    assert [(row["name"], row["options"]) for row in rows] == [
+        ("a", {"hfov": 70.0}),
+        ("b", {"half": True}),
+    ]
+    code, out, _ = home.run("profile", "remove", "a", "b")
+    assert (code, out.count("removed")) == (0, 2)
+    assert not list(home.folder.iterdir())
+
+
+def test_a_model_s_path_is_found_from_everywhere(home: Home, picture: Path) -> None:
+    write_model(home.cli.folder / "here" / "mine", name="mine")
+    home.run("profile", "save", "p", "--model", "here/mine")
+    values = tomllib.loads((home.folder / "p.toml").read_text())
+    assert Path(str(values["model"])) == home.cli.folder / "here" / "mine"
+    assert told(home.run("predict", picture, "--profile", "p", "--json")[1])["model"] == "mine"
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name in PROFILED])
+def test_every_such_command_takes_profiles_and_its_options_are_saved(name: str) -> None:
+    command = shell.load_command(name)
+    saved = {word for p in shell.load_command("profile").commands["save"].params for word in p.opts}
+    assert any("--profile" in p.opts for p in command.params)
+    left_out = {"--out", "--output", "--profile", "--debug", "--help"}
+    for parameter in command.params:
+        words = {word for word in parameter.opts if word.startswith("--")}
+        assert not words or words & left_out or words & saved, words
+
+
+def test_an_option_of_another_command_is_passed_over(home: Home, picture: Path) -> None:
+    def keys(name: str) -> set[str]:
+        params = shell.load_command(name).params
+        return {word for p in params for word in p.opts if word.startswith("--")}
+
+    others = set().union(*(keys(name) for name in PROFILED & COMMANDS.keys() - {"predict"}))
+    only = sorted(others - keys("predict") - {"--out"})
+    if not only:
+        pytest.skip("predict is the only such command")
+    home.write("p", f"focal-px = 77\n{only[0].removeprefix('--')} = 1\n")
+    assert told(home.run("predict", picture, "--profile", "p", "--json")[1])["focal_px"] == 77
+
+
+@given(
+    st.dictionaries(
+        st.from_regex(r"[a-z][a-z-]{0,9}", fullmatch=True),
+        st.one_of(
+            st.text(st.characters(exclude_categories=["Cs"])),
+            st.integers(-(2**53), 2**53),
+            st.floats(allow_nan=False, allow_infinity=False),
+            st.booleans(),
+            st.lists(st.text(st.characters(exclude_categories=["Cs"]))),
+        ),
+    )
+)
+def test_what_is_saved_is_read_back(values: dict[str, object]) -> None:
+    text = "".join(f"{key} = {_toml(value)}\n" for key, value in values.items())  # type: ignore[arg-type]
+    assert tomllib.loads(text) == values

@@ -1,0 +1,170 @@
+"""Providers: what is tried, what is refused, what is said of it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import onnxruntime as ort
+import pytest
+
+from depthcli.errors import ModelError, ProviderError, UsageError
+from depthcli.inference import providers, session
+from depthcli.inference.catalog import find_model
+from depthcli.inference.session import Session
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+REAL = ort.InferenceSession
+
+
+def built_with(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """Let this onnxruntime look like a build that has these providers."""
+    full = [providers.PROVIDERS[name] for name in names]
+    monkeypatch.setattr(ort, "get_available_providers", lambda: full)
+
+
+def starting(monkeypatch: pytest.MonkeyPatch, broken: str) -> list[list[str]]:
+    """Let sessions be real ones on the CPU, but fail where one provider is among the wanted.
+
+    Returns:
+        What is wanted of each session.
+    """
+    wanted: list[list[str]] = []
+
+    def start(data: bytes, options: Any, stated: list[Any], **others: Any) -> Any:
+        wanted.append([name for name, _ in stated])
+        if providers.PROVIDERS[broken] in wanted[-1]:
+            raise RuntimeError("no such device\nsecond line")
+        return REAL(data, options, ["CPUExecutionProvider"], **others)
+
+    monkeypatch.setattr(session.ort, "InferenceSession", start)
+    return wanted
+
+
+@pytest.mark.parametrize(
+    ("there", "expected"),
+    [
+        (("cpu",), ("cpu",)),
+        (("cpu", "tensorrt", "cuda"), ("cuda", "cpu")),
+        (("openvino", "cpu"), ("openvino", "cpu")),
+        (("directml", "cpu"), ("directml", "cpu")),
+        (("coreml", "cpu"), ("coreml", "cpu")),
+    ],
+)
+def test_auto_tries_the_best_first_and_never_tensorrt(
+    monkeypatch: pytest.MonkeyPatch, there: tuple[str, ...], expected: tuple[str, ...]
+) -> None:
+    built_with(monkeypatch, *there)
+    assert providers.wanted_providers("auto") == expected
+
+
+@pytest.mark.parametrize("name", [n for n in providers.PROVIDERS if n != "cpu"])
+def test_a_named_provider_that_is_absent_is_an_error(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    built_with(monkeypatch, "cpu")
+    with pytest.raises(ProviderError, match=rf"'{name}' is not in this onnxruntime \(it has cpu\)"):
+        providers.wanted_providers(name)
+
+
+@pytest.mark.parametrize("name", providers.PROVIDERS)
+def test_a_named_provider_is_tried_alone(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    built_with(monkeypatch, *providers.PROVIDERS)
+    assert providers.wanted_providers(name) == (name,)
+
+
+def test_auto_settles_for_less_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, model_folder: Path
+) -> None:
+    built_with(monkeypatch, "cuda", "cpu")
+    wanted = starting(monkeypatch, "cuda")
+    loaded = Session(find_model(model_folder))
+    assert wanted == [["CUDAExecutionProvider", "CPUExecutionProvider"], ["CPUExecutionProvider"]]
+    assert loaded.provider == "cpu"
+    assert loaded.warnings == ("provider 'cuda' does not start here, running on 'cpu'",)
+
+
+def test_a_named_provider_that_does_not_start_is_an_error(
+    monkeypatch: pytest.MonkeyPatch, model_folder: Path
+) -> None:
+    built_with(monkeypatch, "cuda", "cpu")
+    wanted = starting(monkeypatch, "cuda")
+    with pytest.raises(ProviderError, match=r"'cuda' does not start: no such device$"):
+        Session(find_model(model_folder), provider="cuda")
+    assert wanted == [["CUDAExecutionProvider"]]
+
+
+def test_a_broken_model_is_no_matter_of_the_provider(
+    monkeypatch: pytest.MonkeyPatch, model_folder: Path
+) -> None:
+    built_with(monkeypatch, "cuda", "cpu")
+    starting(monkeypatch, "cpu")
+    with pytest.raises(ModelError, match="cannot load"):
+        Session(find_model(model_folder), provider="cpu")
+
+
+@pytest.mark.parametrize("name", ["auto", "cpu"])
+def test_options_need_a_provider_that_takes_them(model_folder: Path, name: str) -> None:
+    with pytest.raises(UsageError, match="takes no options"):
+        Session(find_model(model_folder), provider=name, provider_options={"device_id": "1"})
+
+
+def test_options_reach_the_provider(monkeypatch: pytest.MonkeyPatch, model_folder: Path) -> None:
+    built_with(monkeypatch, "cuda", "cpu")
+    seen: list[Any] = []
+
+    def start(_data: bytes, _options: Any, stated: list[Any], **_others: Any) -> Any:
+        seen.extend(stated)
+        raise RuntimeError("seen")
+
+    monkeypatch.setattr(session.ort, "InferenceSession", start)
+    with pytest.raises(ProviderError, match="seen"):
+        Session(find_model(model_folder), provider="cuda", provider_options={"device_id": "1"})
+    assert seen == [("CUDAExecutionProvider", {"device_id": "1"})]
+
+
+class Dml:
+    """A real session that calls itself DirectML and counts how many run at once."""
+
+    def __init__(self, data: bytes, options: Any, _stated: list[Any], **others: Any) -> None:
+        self.options = options
+        self._inner = REAL(data, options, ["CPUExecutionProvider"], **others)
+        self._running = 0
+        self.most = 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+    def get_providers(self) -> list[str]:
+        return ["DmlExecutionProvider", "CPUExecutionProvider"]
+
+    def run(self, *arguments: Any) -> Any:
+        self._running += 1
+        self.most = max(self.most, self._running)
+        time.sleep(0.01)
+        result = self._inner.run(*arguments)
+        self._running -= 1
+        return result
+
+
+def test_directml_runs_in_order_and_one_at_a_time(
+    monkeypatch: pytest.MonkeyPatch, model_folder: Path
+) -> None:
+    built_with(monkeypatch, "directml", "cpu")
+    monkeypatch.setattr(session.ort, "InferenceSession", Dml)
+    loaded = Session(find_model(model_folder))
+    assert (loaded.provider, loaded.warnings) == ("directml", ())
+    inner: Any = loaded._session
+    assert inner.options.enable_mem_pattern is False
+    assert inner.options.execution_mode == ort.ExecutionMode.ORT_SEQUENTIAL
+    batch = np.zeros((1, 1, 4, 4), np.float32)
+    threads = [threading.Thread(target=loaded.run, args=(batch,)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert inner.most == 1
