@@ -70,6 +70,7 @@ def video(
     ] = 1.0,
     model: options.ModelOption = None,
     provider: options.ProviderOption = "auto",
+    provider_option: options.ProviderSettingsOption = None,
     workers: Annotated[
         int | None,
         typer.Option(min=1, help="Frames worked on at the same time. Default: one a core."),
@@ -127,7 +128,8 @@ def video(
     job = plan_video(file, output, choose_formats(output, formats or ()), sidecar=sidecar)
     cores = available_cores()
     at_once = workers or cores
-    loading = Engine(model, provider, threads or max(1, cores // at_once)).start()
+    share = threads or max(1, cores // at_once)
+    loading = Engine(model, provider, share, provider_option or ()).start()
     from depthcli.cli.video_run import VideoSettings
     from depthcli.cli.video_tell import run_and_tell
 
