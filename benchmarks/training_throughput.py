@@ -1,0 +1,161 @@
+"""What loop, data and logging cost: the whole run against its networks alone.
+
+Pictures a second of ``train`` (batches, augmentation, losses, TensorBoard, watcher; the log and the
+checkpoint of each epoch, no validation) against bare forward, backward and optimiser steps, with
+the recipe's clipping and average, of the same networks on batches made before. One after the other
+in turn, in one process. Figure of merit: the overhead, bare ÷ loop − 1; it is to be at most 5 %.
+Run: ``python benchmarks/training_throughput.py [--data DIR] [--rounds N]``
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import statistics
+import tempfile
+import time
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+
+from depthcli.cli.train_progress import Both, Silent
+from depthcli.datasets.nyu import open_nyu
+from depthcli.training.batches import Batch, Batches, PairStore
+from depthcli.training.board import Board
+from depthcli.training.config import resolve
+from depthcli.training.loop import Limits, train
+from depthcli.training.methods.registry import default_config
+from depthcli.training.preset_files import preset_file
+from depthcli.training.run import Run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.training.config import TrainConfig
+
+NO_VALIDATION = ["data.holdout_every=0", "optim.epochs_constant=1000", "optim.epochs_decay=1000"]
+
+
+class Noise:
+    """Pairs of random pictures, in memory, as many as the training part of NYU has."""
+
+    def __init__(self, count: int = 866) -> None:
+        self.ids = tuple(f"{i:04d}" for i in range(count))
+        self.scenes, self.official_split = ("room_1",) * count, ("",) * count
+        rng = np.random.default_rng(0)
+        self._image = rng.integers(0, 256, (240, 320, 3), np.uint8)
+        self._depth_m = rng.uniform(1, 9, (240, 320)).astype(np.float32)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def image(self, i: int) -> npt.NDArray[np.uint8]:
+        """A picture."""
+        return np.roll(self._image, i, 1)
+
+    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """Its depth."""
+        return np.roll(self._depth_m, i, 1)
+
+
+class Stopwatch(Silent):
+    """Notes when each step of the loop ends."""
+
+    def __init__(self) -> None:
+        self.ends: list[float] = []
+
+    def step(self, *_: object) -> None:
+        """Note the time."""
+        self.ends.append(time.perf_counter())
+
+
+def bare(run: Run, batches: list[Batch], steps: int) -> list[float]:
+    """Seconds of each step of the networks and optimisers alone."""
+    seconds = []
+    for step in range(steps):
+        start = time.perf_counter()
+        for phase, optimizer in run.optimizers.items():
+            terms = run.module(batches[step % len(batches)], phase)
+            optimizer.zero_grad()
+            run.fabric.backward(torch.stack(list(terms.values())).sum())
+            if run.config.optim.clip_norm and phase == "generator":
+                run.fabric.clip_gradients(run.module, optimizer, max_norm=1.0)
+            optimizer.step()
+        if run.average:
+            run.average.update(run.method.generator, step + 1)
+        if run.fabric.device.type == "cuda":
+            torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - start)
+    return seconds
+
+
+def loop(config: TrainConfig, dataset: DepthDataset, out: Path, steps: int) -> list[float]:
+    """Seconds of each step of a run that is continued, the ends of epochs included."""
+    watch, board = Stopwatch(), Board(out, config)
+    fabric = Fabric(accelerator="auto", devices=1, precision=config.precision)
+    train(config, dataset, out, fabric, Both(watch, board), Limits(steps=steps + 1))
+    board.close()
+    return [after - before for before, after in pairwise(watch.ends)]
+
+
+def measure(name: str, config: TrainConfig, dataset: DepthDataset, steps: int, rounds: int) -> None:
+    """Print one line of the table."""
+    fabric = Fabric(accelerator="auto", devices=1, precision=config.precision)
+    store = PairStore(dataset, range(len(dataset)), config.data)
+    batches = Batches(store, config.data, config.optim.batch_size, 0, fabric.device)
+    made = [batches[step] for step in range(8)]
+    run = Run(config, fabric, batches.steps_per_epoch)
+    alone: list[float] = []
+    whole: list[float] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(rounds):
+            alone += bare(run, made, steps + 1)[1:]
+            whole += loop(config, dataset, Path(folder), steps)
+        save_s = timed(lambda: run.save(Path(folder) / "again.ckpt"))
+    bare_s, batch_s = statistics.median(alone), timed(lambda: batches[9])
+    loop_s = statistics.median(whole) + save_s / batches.steps_per_epoch
+    low, _, high = statistics.quantiles(alone, n=4)
+    size = batches.batch_size
+    print(f"{name}: bare {size / bare_s:.2f} pictures/s, loop {size / loop_s:.2f} pictures/s")
+    print(
+        f"  overhead {loop_s / bare_s - 1:+.1%}  (noise of a step ±{(high - low) / 2 / bare_s:.0%})"
+    )
+    print(f"  a batch takes {batch_s / bare_s:.1%} of a step, saving {save_s:.2f} s an epoch")
+
+
+def timed(action: Callable[[], object]) -> float:
+    """Median seconds of a few calls."""
+    seconds = []
+    for _ in range(7):
+        start = time.perf_counter()
+        action()
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds)
+
+
+def main() -> None:
+    """Measure the shipped recipe and a small CycleGAN."""
+    logging.getLogger("lightning_fabric").setLevel(logging.ERROR)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, help="NYU pairs; default: random pictures")
+    parser.add_argument("--rounds", type=int, default=4)
+    parser.add_argument("--steps", type=int, default=12)
+    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
+    options = parser.parse_args()
+    torch.set_num_threads(options.threads)
+    dataset = open_nyu(options.data) if options.data else Noise()
+    for method, preset in (("proposed", "default"), ("cyclegan", "reduced")):
+        config = resolve(default_config(method), [preset_file(preset)], NO_VALIDATION)
+        name = f"{method} --preset {preset}"
+        measure(name, config, dataset, options.steps, options.rounds)
+
+
+if __name__ == "__main__":
+    main()
