@@ -69,7 +69,8 @@ class VideoFile:
         if self._frames % _CHECK_EVERY == 0:
             self._check_disk()
         even = _even(pixels)
-        self._writer.write(even if even.ndim == 2 else cv2.cvtColor(even, cv2.COLOR_RGB2BGR))  # noqa: PLR2004
+        with silent_ffmpeg():
+            self._writer.write(even if even.ndim == 2 else cv2.cvtColor(even, cv2.COLOR_RGB2BGR))  # noqa: PLR2004
         self._frames += 1
 
     def finish(self, times_s: Sequence[float], labels: Mapping[str, str]) -> None:
@@ -100,7 +101,8 @@ class VideoFile:
     def close(self) -> None:
         """Let the file go, finished or not."""
         if self._writer is not None:
-            self._writer.release()
+            with silent_ffmpeg():
+                self._writer.release()
             self._writer = None
 
     def _opened(self) -> cv2.VideoWriter:

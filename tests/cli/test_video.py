@@ -1,0 +1,391 @@
+"""``depthcli video``, run from the built wheel as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import time
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+from tiny import write_model
+from videos import NTSC, flat_frames, write_mp4, write_video
+
+from depthcli.cli.video_choices import VideoFormat, parse_point, parse_span
+from depthcli.cli.video_outputs import SEQUENCES, SUFFIXES, choose_formats, plan_video
+from depthcli.errors import UsageError
+from depthcli.io.depth_files import read_depth
+from depthcli.io.depth_videos import DepthVideo
+from depthcli.io.sources.video_span import Point, Span
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Cli
+
+
+def here(cli: Cli) -> set[str]:
+    """Every file in the command's folder."""
+    return {str(p.relative_to(cli.folder)) for p in cli.folder.rglob("*") if p.is_file()}
+
+
+def ramp(cli: Cli, frames: int = 24) -> Path:
+    """A clip at 30000/1001 whose frames get brighter, hence farther for the tiny model."""
+    pictures = [
+        np.repeat(np.linspace(i, 64 + 7 * i, 64).astype(np.uint8)[None, :, None], 48, 0).repeat(
+            3, 2
+        )
+        for i in range(frames)
+    ]
+    return write_mp4(cli.folder / "clip.mp4", pictures)
+
+
+def noisy(path: Path, scenes: int = 2, length: int = 25) -> Path:
+    """Still scenes under noise, each of its own brightness."""
+    rng = np.random.default_rng(0)
+    columns = np.linspace(0, 60, 64)
+    frames = [
+        np.clip(columns[:, None] + 50 + 90 * scene + rng.normal(0, 9, (48, 64, 1)), 0, 255)
+        .astype(np.uint8)
+        .repeat(3, 2)
+        for scene in range(scenes)
+        for _ in range(length)
+    ]
+    return write_video(path, frames)
+
+
+def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
+    (line,) = done.stdout.decode().splitlines()
+    found: dict[str, Any] = json.loads(line)
+    return found
+
+
+def test_without_options_lossless_depth_and_a_preview_beside_the_video(cli: Cli) -> None:
+    ramp(cli)
+    done = cli("video", "clip.mp4")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert here(cli) == {"clip.mp4", "clip.depth.mkv", "clip.preview.mp4"}
+    assert b"24 frames at 30000/1001 fps" in done.stdout
+    video = DepthVideo(cli.folder / "clip.depth.mkv")
+    assert (video.rate, video.labels["model"]) == (NTSC, "tiny")
+    middles = [float(depth.values[24, 32]) for depth in video]
+    assert len(middles) == 24
+    assert (np.diff(middles[::4]) > 0).all()
+    capture = cv2.VideoCapture(str(cli.folder / "clip.preview.mp4"))
+    assert capture.get(cv2.CAP_PROP_FPS) == 30000 / 1001
+    assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 24
+
+
+def test_every_output_holds_the_same_millimetres(cli: Cli) -> None:
+    ramp(cli)
+    formats = [word for name in VideoFormat for word in ("--format", name)]
+    done = cli("video", "clip.mp4", "--out", "out", "--json", *formats)
+    assert (done.returncode, done.stderr) == (0, b"")
+    facts = report(done)
+    assert facts["outputs"] == [f"out/clip{SUFFIXES[name]}" for name in VideoFormat]
+    out = cli.folder / "out"
+    for index, steps in enumerate(DepthVideo(out / "clip.depth.mkv").steps()):
+        png = cv2.imread(str(out / f"clip.depth.{index:06d}.png"), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(steps, png)
+        for suffix in ("exr", "npy"):
+            metres = read_depth(out / f"clip.depth.{index:06d}.{suffix}").values
+            np.testing.assert_array_equal(steps, np.rint(metres * 1000))
+    assert len(here(cli)) == 1 + 3 + 24 * len(SEQUENCES)
+
+
+def test_the_report_and_the_sidecar_state_the_exact_rate(cli: Cli) -> None:
+    ramp(cli)
+    done = cli("video", "clip.mp4", "--out", "d.mkv", "--sidecar", "--json", "--every", "2")
+    facts = report(done)
+    sidecar = json.loads((cli.folder / "d.json").read_text())
+    for found in (facts, sidecar):
+        assert (found["fps"], found["source_fps"]) == ("15000/1001", "30000/1001")
+        assert (found["frames"], found["unit"], found["scale"]) == (12, "m", 1000)
+        assert found["constant_rate"] is True
+    assert facts["status"] == "ok"
+    assert facts["outputs"] == ["d.mkv", "d.json"]
+    assert here(cli) == {"clip.mp4", "d.mkv", "d.json"}
+
+
+def test_one_worker_and_several_write_the_same(cli: Cli) -> None:
+    ramp(cli)
+    for workers in ("1", "4"):
+        options = ("--workers", workers, "--smooth", "0.1")
+        assert cli("video", "clip.mp4", "--out", f"w{workers}/", *options).returncode == 0
+    one, four = (list(DepthVideo(cli.folder / f"w{n}" / "clip.depth.mkv").steps()) for n in (1, 4))
+    np.testing.assert_array_equal(one, four)
+    previews = [(cli.folder / f"w{n}" / "clip.preview.mp4").read_bytes() for n in (1, 4)]
+    assert previews[0] == previews[1]
+
+
+def test_start_end_and_every(cli: Cli) -> None:
+    ramp(cli)
+    whole = cli("video", "clip.mp4", "--out", "whole.mkv")
+    assert whole.returncode == 0
+    done = cli(
+        *("video", "clip.mp4", "--out", "part/", "--format", "png16", "--format", "mkv"),
+        *("--start", "0.2", "--end", "20f", "--every", "3", "--json"),
+    )
+    facts = report(done)
+    indices = [6, 9, 12, 15, 18]
+    assert (facts["frames"], facts["first_frame"], facts["fps"]) == (5, 6, "10000/1001")
+    assert facts["start_s"] == pytest.approx(6 * 1001 / 30000)
+    names = {f"part/clip.depth.{i:06d}.png" for i in indices}
+    assert here(cli) == {"clip.mp4", "whole.mkv", "part/clip.depth.mkv"} | names
+    steps = list(DepthVideo(cli.folder / "whole.mkv").steps())
+    part = list(DepthVideo(cli.folder / "part" / "clip.depth.mkv").steps())
+    np.testing.assert_array_equal(part, [steps[i] for i in indices])
+
+
+def test_smoothing_lowers_the_flicker_and_stops_at_a_cut(cli: Cli) -> None:
+    noisy(cli.folder / "noise.avi")
+    raw = cli("video", "noise.avi", "--out", "raw.mkv", "--json")
+    smooth = cli("video", "noise.avi", "--out", "smooth.mkv", "--json", "--smooth", "0.3")
+    before, after = report(raw), report(smooth)
+    assert before["scenes"] == after["scenes"] == 2
+    assert after["flicker_unsmoothed"] == pytest.approx(before["flicker"])
+    assert after["flicker"] < before["flicker"] / 2
+    first, second = (
+        [depth.values for depth in DepthVideo(cli.folder / name)]
+        for name in ("raw.mkv", "smooth.mkv")
+    )
+    np.testing.assert_array_equal(first[25], second[25])  # the first frame of the second scene
+    assert np.median(second[24]) < np.median(first[25]) - 1
+    noise = [
+        np.std([values[20:28] for values in maps[10:25]], axis=0).mean() for maps in (first, second)
+    ]
+    assert noise[1] < noise[0] / 2
+
+
+def colours(path: Path) -> list[np.ndarray[Any, Any]]:
+    capture = cv2.VideoCapture(str(path))
+    found = []
+    while True:
+        ok, pixels = capture.read()
+        if not ok:
+            return found
+        found.append(pixels.astype(int))
+
+
+def test_the_lock_holds_colours_and_lets_go_at_a_cut(cli: Cli) -> None:
+    background = np.repeat(np.linspace(90, 160, 64).astype(np.uint8)[None, :], 48, 0)
+    frames = []
+    for i in range(30):
+        picture = background.copy()
+        picture[:6] = picture[:6] if i < 15 else 250  # something far comes into the picture
+        frames.append(picture)
+    frames += [np.full_like(background, 20)] * 3
+    write_video(cli.folder / "a.avi", [np.repeat(f[..., None], 3, 2) for f in frames])
+    for lock in ("0", "5"):
+        options = ("--format", "mp4", "--lock", lock, "--colormap", "gray", "--near", "white")
+        assert cli("video", "a.avi", "--out", f"{lock}.mp4", *options).returncode == 0
+    free, held = (colours(cli.folder / f"{lock}.mp4") for lock in ("0", "5"))
+    jump = [abs(f[16][40, 32] - f[13][40, 32]).max() for f in (free, held)]
+    assert jump[0] > 40  # without it the change of one part repaints the rest
+    assert jump[1] < 15
+    assert abs(free[-1] - held[-1]).max() < 20
+
+
+def test_a_preview_with_legend_and_picture(cli: Cli) -> None:
+    ramp(cli, 5)
+    options = ("--legend", "--side-by-side", "--vmin", "1", "--vmax", "9")
+    assert cli("video", "clip.mp4", "--out", "a.mp4", *options).returncode == 0
+    frame = colours(cli.folder / "a.mp4")[0]
+    assert frame.shape[0] == 48
+    assert frame.shape[1] > 2 * 64 + 30
+    assert abs(frame[20:30, 2:62, 0] - frame[20:30, 2:62, 2]).mean() < 10  # the gray picture
+
+
+def test_a_cut_video_is_written_as_far_as_it_goes(cli: Cli) -> None:
+    path = write_video(cli.folder / "cut.avi", flat_frames(range(60)))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    done = cli("video", "cut.avi", "--out", "a.mkv", "--json")
+    assert done.returncode == 1
+    facts = report(done)
+    assert facts["status"] == "incomplete"
+    assert 5 < facts["frames"] < 60
+    (line,) = done.stderr.decode().splitlines()
+    assert f"ends after {facts['frames']} of 60 frames" in line
+    assert len(list(DepthVideo(cli.folder / "a.mkv").steps())) == facts["frames"]
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [(b"", "empty"), (b"no video at all" * 50, "no video"), (None, "no such file")],
+)
+def test_what_is_no_video_costs_one_line(cli: Cli, content: bytes | None, reason: str) -> None:
+    if content is not None:
+        (cli.folder / "a.mp4").write_bytes(content)
+    before = here(cli)
+    done = cli("video", "a.mp4", "--out", "out/", "--json")
+    assert done.returncode == 1
+    (line,) = done.stderr.decode().splitlines()
+    assert reason in line
+    assert report(done)["status"] == "failed"
+    assert here(cli) == before
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (("--out", "clip.mp4"), "is the input"),
+        (("--out", "a.gif"), ".mkv"),
+        (("--out", "a.mkv", "--format", "png16"), "folder"),
+        (("--out", "a.mkv", "--format", "mp4"), ".mp4"),
+        (("--format", "json"), "another --format"),
+        (("--start", "soon"), "no place"),
+        (("--start", "2", "--end", "1"), "nothing lies between"),
+        (("--every", "0"), "never move on"),
+        (("--smooth", "-1"), "0 or above"),
+        (("--focal-px", "500", "--hfov", "60"), "not both"),
+        (("--format", "mov"), "mov"),
+    ],
+)
+def test_wrong_usage(cli: Cli, options: tuple[str, ...], reason: str) -> None:
+    (cli.folder / "clip.mp4").write_bytes(b"never read")
+    done = cli("video", "clip.mp4", *options)
+    assert done.returncode == 2
+    (line,) = done.stderr.decode().splitlines()
+    assert reason in line
+    assert here(cli) == {"clip.mp4"}
+
+
+def test_a_link_to_the_input_is_not_replaced(cli: Cli) -> None:
+    path = ramp(cli, 3)
+    content = path.read_bytes()
+    (cli.folder / "link.mp4").symlink_to("clip.mp4")
+    assert cli("video", "clip.mp4", "--out", "link.mp4").returncode == 2
+    assert path.read_bytes() == content
+
+
+def test_a_span_beyond_the_end_is_one_line(cli: Cli) -> None:
+    ramp(cli)
+    done = cli("video", "clip.mp4", "--out", "a.mkv", "--start", "60")
+    assert done.returncode == 1
+    assert b"24 frames, 0.801 s" in done.stderr
+    assert here(cli) == {"clip.mp4"}
+
+
+def test_a_missing_model_is_a_failure_and_leaves_nothing(cli: Cli) -> None:
+    ramp(cli, 3)
+    done = cli("video", "clip.mp4", "--model", "nowhere.onnx")
+    assert done.returncode == 3
+    assert here(cli) == {"clip.mp4"}
+
+
+def test_depth_without_a_unit_is_written_and_named_so(cli: Cli) -> None:
+    write_model(
+        cli.folder / "inverse", output__kind="inverse", output__min_m=None, output__max_m=None
+    )
+    ramp(cli, 6)
+    done = cli("video", "clip.mp4", "--out", "a.mkv", "--model", "inverse", "--smooth", "0.2")
+    assert done.returncode == 0
+    assert b"no unit" in done.stderr
+    assert DepthVideo(cli.folder / "a.mkv").scale is None
+
+
+@pytest.mark.parametrize("formats", [("mkv", "mp4"), ("png16", "exr")])
+@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
+def test_nothing_is_left_of_an_interrupted_run(
+    cli: Cli, formats: tuple[str, ...], which: signal.Signals
+) -> None:
+    write_video(cli.folder / "long.avi", flat_frames([50] * 20_000, 16, 16))
+    options = [word for name in formats for word in ("--format", name)]
+    running = subprocess.Popen(
+        cli.command("video", "long.avi", "--out", "out/", *options),
+        cwd=cli.folder,
+        env=cli.environment,
+        stderr=subprocess.DEVNULL,
+    )
+    until = time.monotonic() + 30
+    while time.monotonic() < until and not list((cli.folder / "out").rglob("*")):
+        time.sleep(0.02)
+    time.sleep(0.2)
+    running.send_signal(which)
+    assert running.wait(timeout=30) == (130 if which is signal.SIGINT else 143)
+    assert here(cli) == {"long.avi"}
+    assert list((cli.folder / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["mkv", "mp4", "png16"])
+def test_a_full_disk_is_an_error_and_leaves_nothing(cli: Cli, name: str) -> None:
+    rng = np.random.default_rng(0)
+    pictures = [rng.integers(0, 256, (64, 96, 3), dtype=np.uint8) for _ in range(60)]
+    write_video(cli.folder / "noise.avi", pictures)
+    limited = (
+        "import resource, sys; from depthcli.cli.app import main\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (900, 900))\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    command = cli.command("video", "noise.avi", "--out", "out/", "--format", name)
+    done = subprocess.run(
+        [command[0], "-c", limited, *command[3:]],
+        cwd=cli.folder,
+        env=cli.environment,
+        capture_output=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 1, done.stderr
+    assert len(done.stderr.decode().splitlines()) == 1
+    assert here(cli) == {"noise.avi"}
+
+
+def test_quiet_says_nothing(cli: Cli) -> None:
+    ramp(cli, 3)
+    done = cli("video", "clip.mp4", "--quiet")
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+
+
+def test_info_reads_a_depth_video(cli: Cli) -> None:
+    ramp(cli, 5)
+    cli("video", "clip.mp4", "--out", "a.mkv")
+    facts = report(cli("info", "a.mkv", "--json"))
+    assert (facts["frames"], facts["fps"], facts["unit"]) == (5, "30000/1001", "m")
+    assert facts["valid"] == 5 * 48 * 64
+    assert facts["stated"]["scale"] == "1000"
+
+
+@pytest.mark.parametrize(
+    ("word", "bare", "point"),
+    [
+        ("12.5", False, Point(Fraction("12.5"))),
+        ("12.5s", True, Point(Fraction("12.5"))),
+        (".5s", False, Point(Fraction(1, 2))),
+        ("3.", False, Point(Fraction(3))),
+        ("1:02.5", False, Point(Fraction("62.5"))),
+        ("1:00:01", True, Point(Fraction(3601))),
+        ("300f", False, Point(Fraction(300), in_frames=True)),
+        ("2", True, Point(Fraction(2), in_frames=True)),
+    ],
+)
+def test_places_in_a_video(word: str, bare: bool, point: Point) -> None:
+    assert parse_point(word, "--start", bare_is_frames=bare) == point
+
+
+@pytest.mark.parametrize("word", ["", "-1", "1e3", "1.5f", "1:2f", "a", "1:2:3:4", "nan", "٣"])
+def test_what_is_no_place(word: str) -> None:
+    with pytest.raises(UsageError):
+        parse_point(word, "--start")
+
+
+def test_no_span_is_the_whole_video() -> None:
+    assert parse_span(None, None, None) == Span()
+
+
+def test_names_of_outputs(tmp_path: Path) -> None:
+    formats = (VideoFormat.MKV, VideoFormat.PNG16)
+    assert plan_video("in/a.mov", None, formats).path(VideoFormat.MKV).as_posix() == (
+        "in/a.depth.mkv"
+    )
+    assert plan_video("a.mov", "x/b.mkv", formats).names == {
+        VideoFormat.MKV: "b.depth.mkv",
+        VideoFormat.PNG16: "b.depth.%06d.png",
+    }
+    assert plan_video("a.mov", str(tmp_path), formats).folder == tmp_path
+    assert choose_formats("frames", ()) == (VideoFormat.MKV, VideoFormat.MP4)
+    assert set(SUFFIXES) == set(VideoFormat)
