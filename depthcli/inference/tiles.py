@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from depthcli.core.resize import resize_bilinear
+from depthcli.core.resize import resize_area, resize_bilinear
 from depthcli.inference.postprocess import blends_in_log, in_range
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 _OVERLAP = 0.25
 # The drift of a tile is smooth over a tenth of its longer side.
 _DRIFT = 0.1
+# Weight of a scale of one, which decides where the whole picture's map is flat.
+_PRIOR = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,11 @@ class TileGrid:
         rows, columns = coarse_shape
         zoom = frame_width / tile_px
         return cls(round(columns * zoom), round(rows * zoom), columns, rows)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(columns, rows) of the whole map."""
+        return self.width, self.height
 
     @property
     def tile_size(self) -> tuple[int, int]:
@@ -120,13 +127,14 @@ def _joined(
 ) -> npt.NDArray[np.float32]:
     """(grid.height, grid.width); tiles are added in their order, so that rounding never varies."""
     whole = resize_bilinear(overall, grid.width, grid.height)
+    small = tuple(max(1, round(n * n / m)) for n, m in zip(grid.tile_size, grid.size, strict=True))
     fade = _fade(grid.tile_height, grid.tile_width)
     total, weight = np.zeros_like(whole), np.zeros_like(whole)
     for tile in grid:
         found = resize_bilinear(predict(_cut(frame, grid, tile)), *grid.tile_size)
         # A tile with holes has nothing to add.
         good = np.isfinite(found).all()
-        total[tile] += fade * (_fitted(found, whole[tile]) if good else whole[tile])
+        total[tile] += fade * (_fitted(found, whole[tile], small) if good else whole[tile])
         weight[tile] += fade
     return total / weight
 
@@ -154,14 +162,24 @@ def _fade(height: int, width: int) -> npt.NDArray[np.float32]:
 
 
 def _fitted(
-    found: npt.NDArray[np.float32], wanted: npt.NDArray[np.float32]
+    found: npt.NDArray[np.float32], wanted: npt.NDArray[np.float32], small: tuple[int, ...]
 ) -> npt.NDArray[np.float32]:
-    """Scale and shift in the least-squares sense, then without what drifts."""
-    x, y = found - found.mean(dtype=np.float64), wanted - wanted.mean(dtype=np.float64)
-    spread = float((x * x).sum())
-    # A tile that contradicts the whole, or is flat, has no detail to give.
-    scale = max(0.0, float((x * y).sum()) / spread) if spread > 0 else 0.0
-    aligned = np.asarray(scale * x + wanted.mean(dtype=np.float64), np.float32)
+    """Scale and shift in the least-squares sense, then without what drifts.
+
+    Args:
+        found: (h, w) float32, a tile's map.
+        wanted: (h, w) float32, the whole picture's map there.
+        small: (columns, rows) of the whole picture's map there before it was enlarged. The scale
+            is fitted at this size, as detail that only the tile has would count against it.
+    """
+    mean_found, mean_wanted = found.mean(dtype=np.float64), wanted.mean(dtype=np.float64)
+    x = resize_area(found, *small) - mean_found
+    y = resize_area(wanted, *small) - mean_wanted
+    prior = _PRIOR * float(found.var(dtype=np.float64))
+    spread = float((x * x).mean()) + prior
+    # A tile that contradicts the whole has no detail to give.
+    scale = max(0.0, (float((x * y).mean()) + prior) / spread) if spread > 0 else 1.0
+    aligned = np.asarray(scale * (found - mean_found) + mean_wanted, np.float32)
     sigma = _DRIFT * max(found.shape)
     drift = cv2.GaussianBlur(wanted - aligned, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
     return aligned + drift

@@ -1,0 +1,131 @@
+"""Upsampling that looks at the picture, and large pictures band by band."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from depthcli.core import bands, colour
+from depthcli.core.bands import row_bands, shrink_bands
+from depthcli.core.resize import resize_area, resize_bilinear, resize_rows
+from depthcli.core.types import Frame
+from depthcli.core.upsample import upsample_guided
+
+
+def scene(off: int = 0) -> tuple[np.ndarray, np.ndarray, Frame]:
+    """True depth, the coarse map of it, and a picture: dark before bright, the edge 4 px a cell."""
+    true = np.full((96, 128), 3.0, np.float32)
+    true[:, : 50 + off] = 1.5
+    coarse = resize_area(true, 32, 24)
+    return true, coarse, Frame(np.where(true < 2, 60, 180).astype(np.uint8))
+
+
+@pytest.mark.parametrize("off", range(4))
+def test_edges_follow_the_picture_s(off: int) -> None:
+    true, coarse, frame = scene(off)
+    guided = upsample_guided(coarse, frame, in_log=True)
+    bilinear = resize_bilinear(coarse, 128, 96)
+    assert np.abs(guided - true).mean() < 0.4 * np.abs(bilinear - true).mean()
+    steepest = np.abs(np.diff(guided, axis=1)).argmax(axis=1)
+    assert (steepest == 50 + off - 1).all()
+
+
+def test_a_picture_without_edges_guides_nowhere() -> None:
+    _, coarse, frame = scene()
+    plain = Frame(np.full_like(frame.pixels, 128))
+    guided = upsample_guided(coarse, plain, in_log=False)
+    steps = np.abs(np.diff(guided, axis=1))
+    assert steps.max() < 0.5 * np.abs(np.diff(coarse, axis=1)).max()
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_depth_is_never_invented(seed: int, in_log: bool) -> None:
+    rng = np.random.default_rng(seed)
+    coarse = rng.uniform(0.5, 9, (6, 8)).astype(np.float32)
+    frame = Frame(rng.integers(0, 256, (30, 40, 3), dtype=np.uint8))
+    values = upsample_guided(coarse, frame, in_log=in_log)
+    rows, columns = np.mgrid[0:30, 0:40] // 5
+    for y in range(6):
+        for x in range(8):
+            near = coarse[max(0, y - 3) : y + 4, max(0, x - 3) : x + 4]
+            here = values[(rows == y) & (columns == x)]
+            assert near.min() * (1 - 1e-5) <= here.min()
+            assert here.max() <= near.max() * (1 + 1e-5)
+
+
+def test_a_constant_stays_constant() -> None:
+    frame = Frame(np.random.default_rng(0).integers(0, 256, (50, 70, 3), dtype=np.uint8))
+    values = upsample_guided(np.full((10, 14), 2.5, np.float32), frame, in_log=True)
+    np.testing.assert_allclose(values, 2.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(10, 14), (8, 200), (200, 10)])
+def test_a_picture_no_larger_than_the_map_is_bilinear(size: tuple[int, int]) -> None:
+    rng = np.random.default_rng(1)
+    coarse = rng.uniform(1, 2, (10, 14)).astype(np.float32)
+    frame = Frame(rng.integers(0, 256, size, dtype=np.uint8))
+    expected = resize_bilinear(coarse, size[1], size[0])
+    np.testing.assert_array_equal(upsample_guided(coarse, frame, in_log=True), expected)
+
+
+def test_a_hole_does_not_grow() -> None:
+    coarse = np.full((10, 14), 2.0, np.float32)
+    coarse[5, 5] = np.nan
+    values = upsample_guided(coarse, Frame(np.zeros((50, 70), np.uint8)), in_log=False)
+    np.testing.assert_array_equal(values, resize_bilinear(coarse, 70, 50))
+
+
+def test_precision_does_not_depend_on_where_depth_begins() -> None:
+    _, coarse, frame = scene()
+    near = upsample_guided(coarse, frame, in_log=False)
+    far = upsample_guided(coarse + np.float32(1000), frame, in_log=False)
+    np.testing.assert_allclose(far - 1000, near, atol=1e-3)
+
+
+def test_every_pixel_type_guides_alike() -> None:
+    _, coarse, frame = scene()
+    eight = frame.pixels
+    kinds = [eight, eight.astype(np.uint16) * 257, (eight / np.float32(255)).astype(np.float32)]
+    maps = [upsample_guided(coarse, Frame(pixels), in_log=True) for pixels in kinds]
+    maps.append(upsample_guided(coarse, Frame(np.dstack([eight] * 3)), in_log=True))
+    for values in maps[1:]:
+        np.testing.assert_allclose(values, maps[0], rtol=1e-4)
+
+
+def test_bands_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(2)
+    coarse = rng.uniform(1, 2, (6, 8)).astype(np.float32)
+    frame = Frame(rng.integers(0, 256, (61, 83, 3), dtype=np.uint8))
+    whole = upsample_guided(coarse, frame, in_log=True)
+    monkeypatch.setattr(bands, "BAND_PIXELS", 500)
+    np.testing.assert_allclose(upsample_guided(coarse, frame, in_log=True), whole, rtol=1e-5)
+
+
+@given(
+    st.tuples(st.integers(1, 20), st.integers(1, 20)),
+    st.tuples(st.integers(1, 60), st.integers(1, 60)),
+    st.data(),
+)
+def test_some_rows_are_those_of_the_whole(
+    size: tuple[int, int], out: tuple[int, int], data: st.DataObject
+) -> None:
+    values = np.random.default_rng(3).uniform(1, 2, size).astype(np.float32)
+    first = data.draw(st.integers(0, out[0] - 1))
+    rows = slice(first, data.draw(st.integers(first + 1, out[0])))
+    whole = resize_bilinear(values, out[1], out[0])
+    np.testing.assert_allclose(resize_rows(values, out[1], out[0], rows), whole[rows], rtol=1e-5)
+
+
+@pytest.mark.parametrize("plane", [colour.value_channel, colour.luma, colour.rgb])
+@pytest.mark.parametrize("size", [(16, 12), (7, 90), (300, 5)])
+def test_shrinking_by_bands_equals_shrinking(
+    monkeypatch: pytest.MonkeyPatch, plane: object, size: tuple[int, int]
+) -> None:
+    monkeypatch.setattr(bands, "BAND_PIXELS", 1000)
+    pixels = np.random.default_rng(4).integers(0, 256, (67, 101, 3), dtype=np.uint8)
+    assert len(list(row_bands(101, 67))) == 8
+    expected = resize_area(plane(pixels), *size)  # type: ignore[operator]
+    found = shrink_bands(pixels, plane, *size)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found, expected, atol=2e-6)

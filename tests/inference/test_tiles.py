@@ -1,0 +1,256 @@
+"""Large pictures in tiles: no seams, nothing lost, the same every time, within a limit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import onnx
+import pytest
+from tiny import tiny_onnx, write_model
+
+from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
+from depthcli.core.types import DepthKind, Frame
+from depthcli.errors import InputError, UsageError
+from depthcli.inference.card import OutputSpec, Transform
+from depthcli.inference.memory import tile_width_px
+from depthcli.inference.pipeline import Pipeline, load
+from depthcli.inference.tiles import TileGrid, refine
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+METRIC = OutputSpec(DepthKind.METRIC, Transform.LINEAR, 1.0, 0.0, 0.5, 10.0)
+RELATIVE = OutputSpec(DepthKind.RELATIVE, Transform.LINEAR, 1.0, 0.0, None, None)
+COARSE = (24, 32)
+Network = "Callable[[Frame], np.ndarray]"
+
+
+def ramp(height: int = 300, width: int = 400) -> Frame:
+    """A float picture that is its own smooth depth: 1 m to 7 m, curved."""
+    rows, columns = np.mgrid[0:height, 0:width]
+    depth_m = 1 + 3 * (rows / height) ** 2 + 3 * np.sin(columns / width * 1.5)
+    return Frame((depth_m / 10).astype(np.float32))
+
+
+def seen(frame: Frame) -> np.ndarray:
+    """The picture's depth at the size of a network's output."""
+    from depthcli.core.resize import resize_area  # noqa: PLC0415 - beside what uses it
+
+    return resize_area(frame.pixels.astype(np.float32) * 10, COARSE[1], COARSE[0])
+
+
+def moody(frame: Frame) -> np.ndarray:
+    """As networks are: each tile has a scale of its own, by what it shows, and bends."""
+    depth_m = seen(frame)
+    factor = np.float32(0.7 + 0.1 * depth_m.mean())
+    bend = 1 + 0.1 * np.sin(np.linspace(0, np.pi, COARSE[1]))
+    return np.clip(depth_m * factor * bend.astype(np.float32), 0.5, 10).astype(np.float32)
+
+
+def test_tiles_cover_the_picture_and_overlap() -> None:
+    grid = TileGrid.plan(1000, 300, COARSE)
+    assert (grid.width, grid.height) == (107, 80)
+    covered = np.zeros((grid.height, grid.width), int)
+    tiles = list(grid)
+    for rows, columns in tiles:
+        assert (rows.stop - rows.start, columns.stop - columns.start) == COARSE
+        covered[rows, columns] += 1
+    assert covered.min() == 1
+    assert covered[:, grid.width // 2].max() > 1
+    assert len(grid) == len(tiles) == len({(r.start, c.start) for r, c in tiles})
+    lefts = sorted({columns.start for _, columns in tiles})
+    assert np.diff(lefts).max() <= 0.75 * grid.tile_width
+
+
+@pytest.mark.parametrize("network", [seen, moody])
+@pytest.mark.parametrize("tile_px", [90, 160, 250])
+def test_no_seam_shows(network: Callable[[Frame], np.ndarray], tile_px: int) -> None:
+    frame = ramp()
+    joined = np.log(refine(METRIC, network(frame), frame, tile_px, network))
+    grid = TileGrid.plan(frame.width, tile_px, COARSE)
+    # A seam is a jump of slope: a second difference at a tile's border above those elsewhere.
+    bends = np.abs(np.diff(joined, 2, axis=1)).max(axis=0)
+    borders = {edge for _, columns in grid for edge in (columns.start, columns.stop)}
+    at_border = [i for i in range(bends.size) if {i, i + 1, i + 2} & (borders - {0, grid.width})]
+    elsewhere = np.setdiff1d(np.arange(bends.size), at_border)
+    assert len(at_border) > 2
+    assert bends[at_border].max() <= 1.2 * bends[elsewhere].max()
+    assert np.abs(np.diff(joined, axis=1)).max() < 0.2
+
+
+def test_without_fitting_a_seam_would_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    frame = ramp()
+    fitted = refine(METRIC, moody(frame), frame, 90, moody)
+    monkeypatch.setattr("depthcli.inference.tiles._fitted", lambda found, *_: found)
+    raw = refine(METRIC, moody(frame), frame, 90, moody)
+    truth = 10 * np.asarray(frame.pixels, np.float64).mean()
+    assert abs(fitted.mean() - moody(frame).mean()) < 0.02 * truth
+    assert abs(raw.mean() - moody(frame).mean()) > 0.05 * truth
+
+
+@pytest.mark.parametrize("spec", [METRIC, RELATIVE])
+def test_a_constant_stays_constant(spec: OutputSpec) -> None:
+    frame = Frame(np.full((200, 300), 0.3, np.float32))
+    joined = refine(spec, seen(frame), frame, 80, seen)
+    np.testing.assert_allclose(joined, 3.0, rtol=1e-6)
+
+
+def test_tiles_bring_detail() -> None:
+    stripes = np.tile(np.where(np.arange(400) // 5 % 2, 0.3, 0.5).astype(np.float32), (300, 1))
+    frame = Frame(stripes)
+    joined = refine(METRIC, seen(frame), frame, 100, seen)
+    assert joined.shape == (96, 128)
+    assert np.ptp(seen(frame)) < 1.7
+    assert np.percentile(joined, 95) > 4.5
+    assert np.percentile(joined, 5) < 3.5
+
+
+@pytest.mark.parametrize("kind", ["scale", "shift"])
+def test_relative_tiles_are_fitted_by_scale_and_shift(kind: str) -> None:
+    frame = ramp()
+
+    def tile(part: Frame) -> np.ndarray:
+        return 3 * seen(part) if kind == "scale" else seen(part) - 20
+
+    joined = refine(RELATIVE, seen(frame), frame, 150, tile)
+    fine = refine(RELATIVE, seen(frame), frame, 150, seen)
+    np.testing.assert_allclose(joined, fine, atol=0.01)
+
+
+def test_a_tile_of_nonsense_changes_little() -> None:
+    frame = ramp()
+
+    def upside_down(part: Frame) -> np.ndarray:
+        return 10 - seen(part)
+
+    def holes(part: Frame) -> np.ndarray:
+        return seen(part) * np.float32(np.nan)
+
+    plain = refine(RELATIVE, seen(frame), frame, 150, seen)
+    for network in (upside_down, holes):
+        joined = refine(RELATIVE, seen(frame), frame, 150, network)
+        assert np.abs(joined - plain).max() < 0.2
+
+
+def test_a_map_with_holes_is_left_as_it_is() -> None:
+    overall = np.full(COARSE, np.nan, np.float32)
+    assert refine(RELATIVE, overall, ramp(), 100, seen) is overall
+
+
+@pytest.fixture
+def camera(tmp_path: Path) -> Callable[[Detail], Pipeline]:
+    """The tiny model, 16×12, with a choice of detail."""
+    folder = write_model(tmp_path / "tiny")
+    return lambda detail: load(folder, provider="cpu", detail=detail)
+
+
+def textured(height: int = 96, width: int = 128) -> Frame:
+    rng = np.random.default_rng(0)
+    patches = rng.integers(0, 256, (height // 4, width // 4, 3), dtype=np.uint8)
+    return Frame(patches.repeat(4, 0).repeat(4, 1))
+
+
+def test_tiles_make_the_map_sharper(camera: Callable[[Detail], Pipeline]) -> None:
+    frame = textured()
+    truth = 1 + 8 / 255 * frame.pixels.max(axis=2)
+    errors = [
+        np.abs(camera(Detail(Upsampling.BILINEAR, tile)).predict(frame).values - truth).mean()
+        for tile in (None, 32)
+    ]
+    assert errors[1] < 0.6 * errors[0]
+
+
+def test_a_flat_picture_stays_flat(camera: Callable[[Detail], Pipeline]) -> None:
+    frame = Frame(np.full((96, 128), 51, np.uint8))
+    values = camera(Detail(tile_px=40)).predict(frame).values
+    np.testing.assert_allclose(values, 2.6, rtol=1e-5)
+
+
+def test_the_same_again(camera: Callable[[Detail], Pipeline]) -> None:
+    runs = [camera(Detail(tile_px=40)).predict(textured()).values for _ in range(2)]
+    np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize(
+    ("tile", "width", "expected"),
+    [
+        (None, 1000, None),
+        (AUTO_TILE, 1000, 500),
+        (AUTO_TILE, 1001, 501),
+        (AUTO_TILE, 20, 16),
+        (AUTO_TILE, 16, None),
+        (300, 1000, 300),
+        (1000, 1000, None),
+        (2000, 1000, None),
+    ],
+)
+def test_width_of_tiles(
+    camera: Callable[[Detail], Pipeline], tile: int | None, width: int, expected: int | None
+) -> None:
+    frame = Frame(np.zeros((8, width), np.uint8))
+    spec = camera(Detail()).card.input
+    assert tile_width_px(spec, frame, Detail(tile_px=tile)) == expected
+
+
+def test_memory_bounds_tiles(camera: Callable[[Detail], Pipeline]) -> None:
+    spec = camera(Detail()).card.input
+    frame = Frame(np.broadcast_to(np.uint8(0), (8000, 8000)))
+    room = Detail(tile_px=AUTO_TILE, max_memory_bytes=400_000_000)
+    assert tile_width_px(spec, frame, room) == 4000
+    with pytest.raises(InputError, match=r"give --tile \d+"):
+        tile_width_px(spec, frame, Detail(tile_px=2, max_memory_bytes=400_000_000))
+
+
+def test_a_picture_that_needs_more_is_refused(camera: Callable[[Detail], Pipeline]) -> None:
+    detail = Detail(max_memory_bytes=50_000_000)
+    frame = Frame(np.broadcast_to(np.uint8(0), (4000, 4000)))
+    with pytest.raises(InputError, match=r"4000×4000 pixels need \d+M, more than --max-memory 50M"):
+        camera(detail).predict(frame)
+
+
+@pytest.mark.parametrize("upsampling", list(Upsampling))
+def test_memory_stays_within_what_was_counted(
+    camera: Callable[[Detail], Pipeline], upsampling: Upsampling
+) -> None:
+    import tracemalloc  # noqa: PLC0415 - only here
+
+    height, width = 3000, 4000
+    frame = Frame(np.full((height, width, 3), 100, np.uint8))
+    # Pixels are there already; depth and bands are what may come on top.
+    limit = frame.pixels.nbytes + 4 * height * width + 8_000_000
+    pipeline = camera(Detail(upsampling, AUTO_TILE, limit))
+    tracemalloc.start()
+    depth = pipeline.predict(frame)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak + frame.pixels.nbytes <= limit
+    assert depth.values.shape == (height, width)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [({"upsampling": "cubic"}, "guided or bilinear"), ({"tile_px": -1}, "width")],
+)
+def test_detail_that_means_nothing(values: dict[str, object], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        Detail(**values)  # type: ignore[arg-type]
+
+
+def test_words_do_for_detail() -> None:
+    assert Detail("bilinear").upsampling is Upsampling.BILINEAR  # type: ignore[arg-type]
+
+
+def test_a_model_without_a_unit_is_tiled_too(tmp_path: Path) -> None:
+    proto = onnx.load_from_string(tiny_onnx())
+    folder = write_model(
+        tmp_path,
+        proto.SerializeToString(),
+        output__kind="inverse",
+        output__min_m=None,
+        output__max_m=None,
+    )
+    values = load(folder, detail=Detail(tile_px=32)).predict(textured()).values
+    assert values.shape == (96, 128)
+    assert np.isfinite(values).all()

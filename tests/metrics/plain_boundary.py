@@ -1,0 +1,119 @@
+"""The boundary metrics once more, pixel by pixel, sharing no code with the project."""
+
+from __future__ import annotations
+
+import math
+
+Map = list[list[float]]
+Mask = list[list[bool]]
+
+RADIUS = 4
+
+
+def edges(depth_m: Map, valid: Mask) -> Mask:
+    """Canny's detector on log depth: gradient, ridges, hysteresis."""
+    height, width = len(depth_m), len(depth_m[0])
+    logs = [
+        [math.log(d) if ok else 0.0 for d, ok in zip(*line, strict=True)]
+        for line in zip(depth_m, valid, strict=True)
+    ]
+    gradient = [[_gradient(logs, valid, y, x) for x in range(width)] for y in range(height)]
+    ridge = [[_is_ridge(gradient, y, x) for x in range(width)] for y in range(height)]
+    step = math.log(1.1) * max(_bell()) * 8192
+    weak, strong = ((step * share) ** 2 for share in (0.5, 1.0))
+    size = [[gx * gx + gy * gy for gx, gy in line] for line in gradient]
+    todo = [
+        (y, x) for y in range(height) for x in range(width) if ridge[y][x] and size[y][x] > strong
+    ]
+    found = [[False] * width for _ in range(height)]
+    while todo:
+        y, x = todo.pop()
+        if not (0 <= y < height and 0 <= x < width) or found[y][x]:
+            continue
+        if not ridge[y][x] or size[y][x] <= weak:
+            continue
+        found[y][x] = True
+        todo += [(y + dy, x + dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    return found
+
+
+def _bell() -> list[float]:
+    raw = [math.exp(-(i**2) / 4) for i in range(-RADIUS, RADIUS + 1)]
+    return [v / math.fsum(raw) for v in raw]
+
+
+def _gradient(logs: Map, valid: Mask, y: int, x: int) -> tuple[int, int]:
+    height, width = len(logs), len(logs[0])
+    bell = _bell()
+    norm = math.fsum((i - RADIUS) ** 2 * b for i, b in enumerate(bell))
+    slope = [8192 * (i - RADIUS) * b / norm for i, b in enumerate(bell)]
+    gx = gy = 0.0
+    for j in range(2 * RADIUS + 1):
+        for i in range(2 * RADIUS + 1):
+            row, column = y + j - RADIUS, x + i - RADIUS
+            if 0 <= row < height and 0 <= column < width and not valid[row][column]:
+                return 0, 0
+            value = logs[min(max(row, 0), height - 1)][min(max(column, 0), width - 1)]
+            gx += value * slope[i] * bell[j]
+            gy += value * slope[j] * bell[i]
+    return round(gx), round(gy)
+
+
+def _is_ridge(gradient: list[list[tuple[int, int]]], y: int, x: int) -> bool:
+    """Steeper than both neighbours along the gradient, its direction taken to an eighth turn."""
+
+    def size(row: int, column: int) -> int:
+        if not (0 <= row < len(gradient) and 0 <= column < len(gradient[0])):
+            return 0
+        gx, gy = gradient[row][column]
+        return gx * gx + gy * gy
+
+    gx, gy = gradient[y][x]
+    here = size(y, x)
+    if abs(gy) < abs(gx) * math.tan(math.pi / 8):
+        return here > size(y, x - 1) and here >= size(y, x + 1)
+    if abs(gy) > abs(gx) * math.tan(3 * math.pi / 8):
+        return here > size(y - 1, x) and here >= size(y + 1, x)
+    side = -1 if (gx < 0) != (gy < 0) else 1
+    return here > size(y - 1, x - side) and here > size(y + 1, x + side)
+
+
+def distances(truth: Mask, predicted: Mask) -> tuple[float, float]:
+    """(accuracy, completeness) of two sets of edges."""
+    here = [(y, x) for y, line in enumerate(truth) for x, on in enumerate(line) if on]
+    there = [(y, x) for y, line in enumerate(predicted) for x, on in enumerate(line) if on]
+    if not here:
+        return math.nan, math.nan
+    if not there:
+        return 10.0, 10.0
+    to_truth = [min(math.dist(p, q) for q in here) for p in there]
+    to_predicted = [min(math.dist(p, q) for q in there) for p in here]
+    near = [d for d in to_truth if d < 10]
+    if not near:
+        return 10.0, 10.0
+    both = [min(d, 10.0) for d in to_truth + to_predicted]
+    return math.fsum(near) / len(near), math.fsum(both) / len(both)
+
+
+def edge_f1(truth: Map, predicted: Map, valid: Mask) -> float:
+    """Weighted mean over ten ratios of 2·hits / (true + predicted)."""
+    total = weights = 0.0
+    for i in range(10):
+        ratio = 1.05 + 0.2 * i / 9
+        hits = true_count = predicted_count = 0
+        for y in range(len(truth)):
+            for x in range(len(truth[0])):
+                for row, column in ((y, x + 1), (y, x - 1), (y + 1, x), (y - 1, x)):
+                    if not (0 <= row < len(truth) and 0 <= column < len(truth[0])):
+                        continue
+                    if not (valid[y][x] and valid[row][column]):
+                        continue
+                    is_true = truth[row][column] / truth[y][x] > ratio
+                    is_predicted = predicted[row][column] / predicted[y][x] > ratio
+                    hits += is_true and is_predicted
+                    true_count += is_true
+                    predicted_count += is_predicted
+        if true_count:
+            total += ratio * 2 * hits / (true_count + predicted_count)
+            weights += ratio
+    return total / weights if weights else math.nan
