@@ -86,13 +86,14 @@ def runs(
     if ids and not (figures or html):
         raise UsageError("--ids is about the sheets: add --figures DIR or --html FILE")
     dataset = open_nyu(data)
+    opened, failed = _open_runs(folder)
+    task = plan_runs(dataset, opened, split, limit)
+    positions = positions_of(task, ids)
+    grouped(opened)  # refuses what is no seed of a row before anything is exported
     quiet = quiet or as_json
     with tempfile.TemporaryDirectory() as spare, stages(quiet=quiet) as stage:
-        opened, failed = _open_runs(folder, Path(spare), stage)
-        task = plan_runs(dataset, opened, split, limit)
-        positions = positions_of(task, ids)
-        models = _loaded(opened, provider, threads)
-        groups = grouped(models)
+        exported = _exported(opened, Path(spare), stage, failed)
+        models = _loaded(exported, provider=provider, threads=threads)
         report = evaluate_runs(
             task,
             models,
@@ -103,9 +104,10 @@ def runs(
         )
         sheets: tuple[Figure, ...] = ()
         if figures or html:
-            order = [line.row.name for line in report.rows if line.row.name in groups]
-            names = list(dict.fromkeys(order))
-            firsts = [groups[name][0].predictor for name in names]
+            names = list(dict.fromkeys(line.row.name for line in report.rows if line.runs))
+            groups = grouped([model.run for model in models])
+            by_run = {model.run.name: model.predictor for model in models}
+            firsts = [by_run[groups[name][0].name] for name in names]
             sheets = figures_of(task, positions, firsts, names, stage)
     show(report, as_json=as_json)
     if csv is not None:
@@ -120,7 +122,7 @@ def runs(
     return ExitCode.SOME_FAILED if failed else ExitCode.OK
 
 
-def _open_runs(folder: Path, spare: Path, stage: Stage) -> tuple[list[TrainedRun], list[str]]:
+def _open_runs(folder: Path) -> tuple[list[TrainedRun], list[str]]:
     """The runs that can be used, and why others cannot.
 
     Raises:
@@ -133,35 +135,54 @@ def _open_runs(folder: Path, spare: Path, stage: Stage) -> tuple[list[TrainedRun
             f"reading checkpoints needs {error.name}: pip install 'depthcli[train]'"
         ) from error
     opened, failed = [], []
-    folders = find_runs(folder)
-    done = stage("exporting", len(folders))
-    for run in folders:
+    for run in find_runs(folder):
         try:
-            opened.append(open_run(run, spare))
+            opened.append(open_run(run))
         except DepthcliError as error:
             failed.append(f"{run.name} ({error})")
-        done()
     if not opened:
         raise DepthcliError(f"no run of {folder} can be used: {'; '.join(failed)}")
     return opened, failed
 
 
-def _loaded(opened: Sequence[TrainedRun], provider: str, threads: int | None) -> list[Trained]:
+def _exported(
+    opened: Sequence[TrainedRun], spare: Path, stage: Stage, failed: list[str]
+) -> list[tuple[TrainedRun, Path]]:
+    """Every run with its model; those that cannot be exported join ``failed``.
+
+    Raises:
+        DepthcliError: none can.
+    """
+    from depthcli.export.trained import export_run
+
+    done, exported = stage("exporting", len(opened)), []
+    for run in opened:
+        try:
+            exported.append((run, export_run(run, spare)))
+        except DepthcliError as error:
+            failed.append(f"{run.name} ({error})")
+        done()
+    if not exported:
+        raise DepthcliError(f"no run can be exported: {'; '.join(failed)}")
+    return exported
+
+
+def _loaded(
+    exported: Sequence[tuple[TrainedRun, Path]], *, provider: str, threads: int | None
+) -> list[Trained]:
+    """Every run with its model, ready to predict, and the time that it takes."""
     from depthcli.evaluation.latency import measure_ms
     from depthcli.evaluation.models import open_model
     from depthcli.evaluation.trained import Trained
 
-    models = [
-        # The headline protocol resizes bilinearly: what is compared is the network alone.
-        open_model(
-            str(run.model), provider=provider, threads=threads, detail=Detail(Upsampling.BILINEAR)
-        )
-        for run in opened
-    ]
+    # The headline protocol resizes bilinearly: what is compared is the network alone.
+    detail = Detail(Upsampling.BILINEAR)
+    models = []
+    for run, path in exported:
+        model = open_model(str(path), provider=provider, threads=threads, detail=detail)
+        models.append(replace(model, name=run.name))
     for warning in dict.fromkeys(text for model in models for text in model.warnings):
         console.warn(warning)
     times_ms = measure_ms([model.pipeline for model in models])
-    return [
-        Trained(run, replace(model, name=run.name), ms)
-        for run, model, ms in zip(opened, models, times_ms, strict=True)
-    ]
+    rows = zip(exported, models, times_ms, strict=True)
+    return [Trained(run, model, ms) for (run, _), model, ms in rows]

@@ -159,7 +159,7 @@ def _row(dataset: DepthDataset, position: int, predictors: Sequence[Predictor]) 
     sample, truth_m = Sample(dataset, position), dataset.depth_m(position)
     picture = np.rint(255 * value_channel(sample.frame.pixels)).astype(np.uint8)
     maps = [_in_metres(predictor.predict(sample), truth_m) for predictor in predictors]
-    known = truth_m[truth_m > 0]
+    known = truth_m[truth_m > 0] if (truth_m > 0).any() else np.ones(1, np.float32)
     near, far = np.percentile(known, (_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT))
     truth = DepthMap(np.where(truth_m > 0, truth_m, np.float32(np.nan)))
     return _Row(np.repeat(picture[..., None], 3, 2), (*maps, truth), (float(near), float(far)))

@@ -12,24 +12,24 @@ if TYPE_CHECKING:
 
     from depthcli.inference.pipeline import Pipeline
 
-_FEWEST, _MOST = 3, 30
-_SECONDS_EACH = 1.0
+_TURNS = 3
+_SECONDS_A_TURN = 0.3
+_MOST_A_TURN = 10
 
 
 def measure_ms(pipelines: Sequence[Pipeline]) -> tuple[float, ...]:
     """Median time of each network alone for one picture of its own size, milliseconds.
 
-    The models take turns, so that whatever else the machine does meets all of them alike.
+    The models take turns, so that whatever else the machine does meets all of them alike. The
+    first picture of a turn is not counted: threads of the model before may still be awake.
     """
     batches = [_batch(pipeline) for pipeline in pipelines]
-    first_s = [_seconds(p, b) for p, b in zip(pipelines, batches, strict=True)]
-    first_s = [min(s, _seconds(p, b)) for s, p, b in zip(first_s, pipelines, batches, strict=True)]
-    rounds = [int(np.clip(_SECONDS_EACH / s, _FEWEST, _MOST)) for s in first_s]
     times_s: list[list[float]] = [[] for _ in pipelines]
-    for turn in range(max(rounds, default=0)):
-        for i, pipeline in enumerate(pipelines):
-            if turn < rounds[i]:
-                times_s[i].append(_seconds(pipeline, batches[i]))
+    for _ in range(_TURNS):
+        for times, pipeline, batch in zip(times_s, pipelines, batches, strict=True):
+            once_s = _seconds(pipeline, batch)
+            count = int(np.clip(_SECONDS_A_TURN / once_s, 1, _MOST_A_TURN))
+            times += [_seconds(pipeline, batch) for _ in range(count)]
     return tuple(1000 * float(np.median(times)) for times in times_s)
 
 

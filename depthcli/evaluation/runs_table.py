@@ -120,7 +120,11 @@ def evaluate_runs(
         DatasetError: a pair cannot be read or does not fit the protocol.
         UsageError: runs of one name differ in more than their seed.
     """
-    groups = grouped(models)
+    by_name = {model.run.name: model for model in models}
+    groups = {
+        name: [by_name[run.name] for run in members]
+        for name, members in grouped([model.run for model in models]).items()
+    }
     protocol = Protocol()
     scored = score_nyu(
         task,
@@ -130,8 +134,7 @@ def evaluate_runs(
         trivial=trivial,
         stage=stage,
     )
-    names = {model.run.name for model in models}
-    rows = [RunsRow(row) for row in scored if row.name not in names]
+    rows = [RunsRow(row) for row in scored if row.name not in by_name]
     rows += [
         _folded(name, groups[name], scored, alignment)
         for name in sorted(groups, key=_place)

@@ -147,7 +147,7 @@ def _held_out(dataset: DepthDataset, runs: Sequence[Run]) -> NyuTask:
     return NyuTask(dataset, Split(SplitName.VAL, train, test, len(train), len(test)), test)
 
 
-def grouped(models: Sequence[Trained]) -> dict[str, tuple[Trained, ...]]:
+def grouped(runs: Sequence[Run]) -> dict[str, tuple[Run, ...]]:
     """Runs that differ in their seed alone, by the name that they share.
 
     ``cut-seed0`` and ``cut-seed1`` are seeds of ``cut``.
@@ -155,13 +155,13 @@ def grouped(models: Sequence[Trained]) -> dict[str, tuple[Trained, ...]]:
     Raises:
         UsageError: runs of one name differ in more than the seed, or not even in that.
     """
-    groups: dict[str, list[Trained]] = {}
-    for model in models:
-        groups.setdefault(_SEED.sub("", model.run.name), []).append(model)
+    groups: dict[str, list[Run]] = {}
+    for run in runs:
+        groups.setdefault(_SEED.sub("", run.name), []).append(run)
     for members in groups.values():
-        runs = [m.run for m in members]
-        if len({run.settings for run in runs}) > 1 or len({r.seed for r in runs}) < len(runs):
-            names = ", ".join(run.name for run in runs)
+        settings, seeds = {run.settings for run in members}, {run.seed for run in members}
+        if len(settings) > 1 or len(seeds) < len(members):
+            names = ", ".join(run.name for run in members)
             raise UsageError(f"{names} are no seeds of one configuration: rename their folders")
     return {name: tuple(members) for name, members in groups.items()}
 

@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING
 from depthcli.errors import CheckpointError, ModelError, OutputError
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.inference.catalog import Place, read_model
-from depthcli.training.checkpoint import Checkpoint, load_generator
+from depthcli.training.checkpoint import load_generator
 from depthcli.training.loop import CHECKPOINT
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from torch import nn
 
 CACHE_NAME = "evaluated.onnx"
 _HASH_LENGTH = 16
@@ -28,8 +26,7 @@ class TrainedRun:
     """What a run's checkpoint says; see :class:`depthcli.evaluation.trained.Run`.
 
     Attributes:
-        name: of its folder.
-        model: its ONNX file.
+        folder: where it lives.
         seed: of weights, order and augmentation.
         settings: all settings but the seed, as JSON.
         paired: whether the configuration shows pictures and depth of one scene point together.
@@ -42,8 +39,7 @@ class TrainedRun:
         held_out_ids: pairs it was validated on.
     """
 
-    name: str
-    model: Path
+    folder: Path
     seed: int
     settings: str
     paired: bool
@@ -54,6 +50,11 @@ class TrainedRun:
     minutes: float
     train_ids: tuple[str, ...]
     held_out_ids: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+        return self.folder.resolve().name
 
 
 def find_runs(folder: Path) -> tuple[Path, ...]:
@@ -70,32 +71,49 @@ def find_runs(folder: Path) -> tuple[Path, ...]:
     return found
 
 
-def open_run(folder: Path, spare: Path) -> TrainedRun:
-    """Read a run's checkpoint and export it, unless that was done already.
+def open_run(folder: Path) -> TrainedRun:
+    """Read a run's checkpoint.
 
-    The model is kept in the run's folder under a name of its own, or in ``spare`` if that folder
-    cannot be written.
+    Raises:
+        CheckpointError: it cannot be used.
+    """
+    generator, saved = load_generator(folder / CHECKPOINT)
+    config, progress = saved.config, saved.progress
+    return TrainedRun(
+        folder=folder,
+        seed=config.seed,
+        settings=json.dumps(dataclasses.asdict(dataclasses.replace(config, seed=0))),
+        paired=config.data.paired,
+        parameters=sum(weights.numel() for weights in generator.parameters()),
+        epochs=progress.epoch,
+        epochs_planned=config.optim.epochs,
+        steps=progress.step,
+        minutes=progress.seconds / 60,
+        train_ids=progress.train_ids,
+        held_out_ids=progress.held_out_ids,
+    )
+
+
+def export_run(run: TrainedRun, spare: Path) -> Path:
+    """The run's model, exported unless that was done already for the same checkpoint.
+
+    Args:
+        run: its folder receives the model under a name of its own.
+        spare: receives it where that folder cannot be written.
 
     Raises:
         CheckpointError: the checkpoint cannot be used.
         ParityError: the exported model is not the network.
     """
-    path = folder / CHECKPOINT
-    generator, saved = load_generator(path)
-    name = folder.resolve().name
-    version = f"{saved.config.method}-{_sha256(path)[:_HASH_LENGTH]}"
-    return _described(name, _exported(path, folder, spare / name, version), saved, generator)
-
-
-def _exported(checkpoint: Path, folder: Path, spare: Path, version: str) -> Path:
-    cached = folder / CACHE_NAME
+    checkpoint, cached = run.folder / CHECKPOINT, run.folder / CACHE_NAME
+    version = f"checkpoint-{_sha256(checkpoint)[:_HASH_LENGTH]}"
     if _version(cached) == version:
         return cached
-    options = ExportOptions(name=folder.resolve().name, version=version)
+    options = ExportOptions(name=run.name, version=version)
     try:
         return export_checkpoint(checkpoint, cached, options).path
     except OutputError:
-        return export_checkpoint(checkpoint, spare / CACHE_NAME, options).path
+        return export_checkpoint(checkpoint, spare / run.name / CACHE_NAME, options).path
 
 
 def _version(model: Path) -> str | None:
@@ -111,21 +129,3 @@ def _version(model: Path) -> str | None:
 def _sha256(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _described(name: str, model: Path, saved: Checkpoint, generator: nn.Module) -> TrainedRun:
-    config, progress = saved.config, saved.progress
-    return TrainedRun(
-        name=name,
-        model=model,
-        seed=config.seed,
-        settings=json.dumps(dataclasses.asdict(dataclasses.replace(config, seed=0))),
-        paired=config.data.paired,
-        parameters=sum(weights.numel() for weights in generator.parameters()),
-        epochs=progress.epoch,
-        epochs_planned=config.optim.epochs,
-        steps=progress.step,
-        minutes=progress.seconds / 60,
-        train_ids=progress.train_ids,
-        held_out_ids=progress.held_out_ids,
-    )

@@ -291,3 +291,32 @@ def test_a_terminal_gets_a_bar(data: Path) -> None:
     assert b"comparing" in shown
     assert b"2/2" in shown
     assert b"comparing" not in done.stdout
+
+
+def test_sheets_and_page(
+    data: Path, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    far = write_model(models / "far", output__shift=6.0)
+    page, sheets = tmp_path / "new" / "page.html", tmp_path / "sheets"
+    arguments = ["--split", "val", "--model", "default", "--model", str(far)]
+    arguments += ["--html", str(page), "--figures", str(sheets)]
+    assert _run(data, *arguments) == ExitCode.OK
+    shown = capsys.readouterr()
+    assert f"{sheets / 'depth-gray.png'}" in shown.err
+    text = page.read_text()
+    for line in shown.out.splitlines()[4:10]:
+        for cell in line.split()[-9:]:
+            assert f"<td>{cell}</td>" in text
+    assert "headline protocol" in text
+    assert text.count("data:image/png;base64,") == 2
+    ids = split_nyu(open_nyu(data), SplitName.VAL).test
+    assert all(f"{i:04d}" in text for i in ids)
+    assert sorted(path.name for path in sheets.iterdir()) == ["depth-colour.png", "depth-gray.png"]
+
+
+def test_page_without_models_has_the_table_alone(data: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    assert _run(data, "--split", "val", "--no-model", "--html", str(page)) == ExitCode.OK
+    text = page.read_text()
+    assert "per-pixel mean" in text
+    assert "<img" not in text

@@ -1,0 +1,270 @@
+"""``depthcli eval runs`` on small runs that are really trained, exported and compared."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import shutil
+import statistics
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+from lightning_fabric import Fabric
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
+from rooms import Rooms, rooms, write_rooms
+
+from depthcli.cli.app import main
+from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.types import Frame
+from depthcli.datasets.nyu import open_nyu
+from depthcli.inference.pipeline import load
+from depthcli.training.config import TrainConfig, updated
+from depthcli.training.loop import Limits, train
+from depthcli.training.methods.registry import default_config
+from depthcli.training.networks.build import build_generator
+
+if TYPE_CHECKING:
+    from depthcli.datasets.base import DepthDataset
+
+SMALL = {
+    "generator": {"width": 4, "blocks": 1},
+    "data": {"width": 32, "height": 32, "holdout_every": 2, "holdout_offset": 1},
+    "optim": {"epochs_constant": 2, "epochs_decay": 0, "width_discriminator": 2},
+}
+HELD_OUT = ["0002", "0005"]
+COLUMNS = ("abs_rel", "sq_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3", "silog")
+
+
+class Silent:
+    def step(self, *_: object) -> None: ...
+    def epoch(self, *_: object) -> None: ...
+
+
+def _config(method: str, seed: int = 0) -> TrainConfig:
+    return replace(updated(default_config(method), SMALL), seed=seed)
+
+
+def _train(config: TrainConfig, data: DepthDataset, folder: Path, steps: float = math.inf) -> None:
+    fabric = Fabric(accelerator="cpu", devices=1)
+    train(config, data, folder, fabric, Silent(), Limits(steps=steps))
+
+
+def _large() -> Rooms:
+    """The rooms at the size that the protocol is about."""
+    small = rooms()
+    images = [cv2.resize(image, (640, 480)) for image in small.images]
+    depths_m = [cv2.resize(depth, (640, 480)) for depth in small.depths_m]
+    return Rooms(np.stack(images), np.stack(depths_m))
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_rooms(tmp_path_factory.mktemp("set") / "nyu", _large())
+
+
+@pytest.fixture(scope="module")
+def trained(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two seeds of FastCUT, one run of the proposed method that stopped early."""
+    folder = tmp_path_factory.mktemp("runs")
+    dataset = open_nyu(data)
+    for seed in (0, 1):
+        _train(_config("fastcut", seed), dataset, folder / f"fastcut-seed{seed}")
+    _train(_config("proposed"), dataset, folder / "proposed-seed0", steps=5)
+    return folder
+
+
+@pytest.fixture
+def runs(trained: Path, tmp_path: Path) -> Path:
+    """A copy that a test may change; models that are exported already stay so."""
+    return Path(shutil.copytree(trained, tmp_path / "runs"))
+
+
+def _run(runs: Path, data: Path, *arguments: str) -> int:
+    return main(["eval", "runs", str(runs), "--data", str(data), *arguments])
+
+
+def _json(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    return json.loads(capsys.readouterr().out)
+
+
+def _plainly(model: Path, data: Path) -> dict[str, float]:
+    """Two of the metrics, picture by picture and pixel by pixel."""
+    dataset = open_nyu(data)
+    pipeline = load(model, detail=Detail(Upsampling.BILINEAR))
+    abs_rel, d1 = [], []
+    for i in (dataset.ids.index(name) for name in HELD_OUT):
+        truth = dataset.depth_m(i).ravel().tolist()
+        depth = pipeline.predict(Frame(dataset.image(i))).values.ravel().tolist()
+        pairs = [(g, min(max(p, 1e-3), 10.0)) for g, p in zip(truth, depth, strict=True)]
+        pairs = [(g, p) for g, p in pairs if 1e-3 < g < 10]
+        abs_rel.append(sum(abs(g - p) / g for g, p in pairs) / len(pairs))
+        d1.append(sum(max(g / p, p / g) < 1.25 for g, p in pairs) / len(pairs))
+    return {"abs_rel": sum(abs_rel) / len(abs_rel), "d1": sum(d1) / len(d1)}
+
+
+def test_table_equals_a_plain_loop_over_seeds_and_held_out_pictures(
+    trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(trained, data, "--json") == 0
+    document = _json(capsys)
+    assert document["split"]["name"] == "val"
+    assert document["split"]["images"] == len(HELD_OUT)
+    rows = {row["name"]: row for row in document["rows"] if row["align"] in {"none", None}}
+    assert [name for name in rows if "paper" not in name] == [
+        *("constant mean", "per-pixel mean", "fastcut", "proposed")
+    ]
+    seeds = [_plainly(trained / f"fastcut-seed{k}" / "evaluated.onnx", data) for k in (0, 1)]
+    fastcut = rows["fastcut"]
+    for metric in ("abs_rel", "d1"):
+        values = [scores[metric] for scores in seeds]
+        assert fastcut["scores"][metric] == pytest.approx(sum(values) / 2, abs=1e-6)
+        spread = statistics.stdev(values)
+        assert fastcut["standard_deviation"][metric] == pytest.approx(spread, abs=1e-6)
+        each = [run["scores"][metric] for run in fastcut["runs"]]
+        assert each == pytest.approx(values, abs=1e-6)
+    (alone,) = [_plainly(trained / "proposed-seed0" / "evaluated.onnx", data)]
+    assert rows["proposed"]["scores"]["abs_rel"] == pytest.approx(alone["abs_rel"], abs=1e-6)
+    assert rows["proposed"]["standard_deviation"] is None
+
+
+def test_what_was_trained_stands_in_the_row(
+    trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(trained, data, "--json", "--no-trivial", "--no-published") == 0
+    document = _json(capsys)
+    fastcut, proposed = (row["training"] for row in document["rows"])
+    assert (fastcut["paired"], proposed["paired"]) == (False, True)
+    assert (fastcut["seeds"], proposed["seeds"]) == ([0, 1], [0])
+    assert (fastcut["epochs"], fastcut["steps"]) == ([2, 2], [8, 8])
+    assert (proposed["epochs"], proposed["steps"], proposed["epochs_planned"]) == ([1], [5], 2)
+    assert all(minutes > 0 for minutes in fastcut["minutes"])
+    assert fastcut["latency_ms"] > 0
+    generator = build_generator(_config("fastcut").generator)
+    weights = sum(parameters.numel() for parameters in generator.parameters())
+    assert fastcut["parameters"] == weights
+    assert any("proposed-seed0" in note and "before" in note for note in document["notes"])
+
+
+def test_text_csv_and_page_show_the_same_table(
+    trained: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table, page, sheets = tmp_path / "t.csv", tmp_path / "t.html", tmp_path / "sheets"
+    options = ("--csv", str(table), "--html", str(page), "--figures", str(sheets))
+    assert _run(trained, data, *options, "--align", "none", "--align", "median") == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == ("NYU Depth v2 · scenes that the runs held out, 2 images · headline protocol")
+    header = out[3].split()
+    lines = {tuple(line.split()[:2]): line.split() for line in out if line.startswith("fastcut")}
+    assert set(lines) == {("fastcut", "none"), ("fastcut", "median")}
+    cells = dict(zip(header, lines["fastcut", "none"], strict=True))
+    assert (cells["paired"], cells["seeds"], cells["epochs"]) == ("no", "2", "2/2")
+    with table.open() as file:
+        records = {(r["name"], r["align"]): r for r in csv.DictReader(file)}
+    record = records["fastcut", "none"]
+    mean, spread = float(record["abs_rel"]), float(record["abs_rel_sd"])
+    assert cells["abs_rel"] == f"{mean:.4f}±{spread:.4f}"
+    assert (record["seeds"], record["steps"]) == ("0 1", "8 8")
+    assert records["CUT (paper)", ""]["abs_rel"] == "0.345"
+    assert any("no digit of theirs is comparable" in line for line in out)
+    html = page.read_text()
+    assert cells["abs_rel"] in html
+    assert html.count("data:image/png;base64,") == 2
+    assert "http" not in html
+    assert "<script" not in html
+    assert sorted(p.name for p in sheets.iterdir()) == ["depth-colour.png", "depth-gray.png"]
+    sheet = cv2.imread(str(sheets / "depth-colour.png"))
+    assert sheet.shape[0] > 2 * 180
+    assert sheet.shape[1] > 4 * 240  # input, two methods, truth, and the legend
+
+
+def test_a_checkpoint_is_exported_once_and_again_when_it_changes(
+    runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    quiet = ("--json", "--no-trivial", "--no-published")
+    assert _run(runs, data, *quiet) == 0
+    models = sorted(runs.glob("*/evaluated.onnx"))
+    assert len(models) == 3
+    before = [model.stat().st_mtime_ns for model in models]
+    first = _json(capsys)["rows"][1]["runs"][0]["model_sha256"]
+    assert _run(runs, data, *quiet) == 0
+    assert [model.stat().st_mtime_ns for model in models] == before
+    assert _json(capsys)["rows"][1]["runs"][0]["model_sha256"] == first
+    _train(_config("proposed"), open_nyu(data), runs / "proposed-seed0")
+    assert _run(runs, data, *quiet) == 0
+    again = _json(capsys)["rows"][1]
+    assert again["training"]["steps"] == [8]
+    assert again["runs"][0]["model_sha256"] != first
+
+
+def test_runs_that_held_out_other_pictures_are_not_mixed(
+    runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = updated(_config("cut"), {"data": {"holdout_offset": 0}})
+    _train(other, open_nyu(data), runs / "cut-seed0", steps=1)
+    assert _run(runs, data) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "cut-seed0 and fastcut-seed0" in error
+    assert "different pairs" in error
+
+
+def test_pictures_that_were_trained_on_are_refused(
+    runs: Path, data: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    everything = updated(_config("cut"), {"data": {"holdout_every": 0}})
+    alone = tmp_path / "alone" / "cut-seed0"
+    _train(everything, open_nyu(data), alone, steps=1)
+    assert _run(alone.parent, data) == 2
+    assert "held out no pair" in capsys.readouterr().err
+    copy = shutil.copytree(data, tmp_path / "official")
+    index = (copy / "index.csv").read_text().replace("hall_1,train", "hall_1,test")
+    (copy / "index.csv").write_text(index)
+    assert _run(runs, copy, "--split", "official") == 2
+    assert "fastcut-seed0 was trained on 2 of the 2 test pictures" in capsys.readouterr().err
+
+
+def test_seeds_of_other_settings_are_no_row(
+    runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = updated(_config("fastcut", 2), {"optim": {"learning_rate": 0.1}})
+    _train(other, open_nyu(data), runs / "fastcut-seed2", steps=1)
+    assert _run(runs, data) == 2
+    assert "are no seeds of one configuration" in capsys.readouterr().err
+
+
+def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(
+    runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (runs / "proposed-seed0" / "last.ckpt").write_bytes(b"torn")
+    assert _run(runs, data, "--no-trivial", "--no-published") == 1
+    shown = capsys.readouterr()
+    assert "fastcut" in shown.out
+    assert shown.err.splitlines()[-1].startswith(
+        "depthcli: error: 1 runs are left out: proposed-seed0 ("
+    )
+
+
+def test_ids_choose_the_pictures(
+    runs: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "page.html"
+    assert _run(runs, data, "--ids", "0005", "--html", str(page)) == 0
+    assert "pictures 0005 from top" in page.read_text()
+    capsys.readouterr()
+    assert _run(runs, data, "--ids", "0001", "--html", str(page)) == 2
+    assert "0001 is not among the 2 pictures" in capsys.readouterr().err
+    assert _run(runs, data, "--ids", "0005") == 2
+    assert "add --figures DIR or --html FILE" in capsys.readouterr().err
+
+
+def test_folder_without_runs(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(tmp_path, data) == 3
+    assert "holds no run" in capsys.readouterr().err

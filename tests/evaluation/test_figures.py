@@ -1,0 +1,128 @@
+"""Sheets of sample pictures: which are chosen, and what stands where."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from small_set import Playback, SmallSet, noisy, small_set
+
+from depthcli.core.types import DepthKind
+from depthcli.datasets.splits import Split, SplitName
+from depthcli.errors import UsageError
+from depthcli.evaluation.figures import Figure, choose, draw_figures, scene_type
+from depthcli.evaluation.html import html_page
+from depthcli.evaluation.nyu import NyuTask
+from depthcli.io.contact_sheet import contact_sheet
+
+CELL = (240, 180)
+TITLE, GAP = 26, 4
+
+
+def _task(scenes: list[str], shape: tuple[int, int] = (12, 16)) -> NyuTask:
+    dataset = replace(small_set(len(scenes), shape=shape), scenes=tuple(scenes))
+    test = tuple(range(len(scenes)))
+    return NyuTask(dataset, Split(SplitName.VAL, (), test, 0, len(test)), test)
+
+
+def _pixels(figure: Figure) -> np.ndarray:
+    pixels = cv2.imdecode(np.frombuffer(figure.png, np.uint8), cv2.IMREAD_COLOR)
+    return pixels[..., ::-1]
+
+
+def _cell(sheet: np.ndarray, row: int, column: int) -> np.ndarray:
+    top = TITLE + row * (CELL[1] + GAP)
+    left = GAP + column * (CELL[0] + GAP)
+    return sheet[top : top + CELL[1], left : left + CELL[0]].astype(int)
+
+
+def test_every_type_of_scene_is_shown_before_any_is_shown_twice() -> None:
+    scenes = [f"kitchen_{i:04d}" for i in range(9)] + ["living_room_0001a", "office_0003"]
+    task = _task(scenes)
+    for count in (3, 4, 6):
+        chosen = choose(task, (), count)
+        assert len(chosen) == count
+        assert {scene_type(scenes[i]) for i in chosen} == {"kitchen", "living_room", "office"}
+        assert chosen == choose(task, (), count) == tuple(sorted(chosen))
+    two = choose(task, (), 2)
+    assert len({scene_type(scenes[i]) for i in two}) == 2
+    assert choose(task, (), 100) == tuple(range(len(scenes)))
+
+
+def test_named_pictures_keep_their_order_and_must_be_compared() -> None:
+    task = _task(["a_1", "b_1", "c_1"])
+    assert choose(task, ["0002", "0000"]) == (2, 0)
+    with pytest.raises(UsageError, match="0009 is not among the 3 pictures"):
+        choose(task, ["0009"])
+
+
+def test_columns_are_input_predictors_and_truth_in_one_range() -> None:
+    task = _task(["a_1", "b_1"], (120, 160))
+    dataset = task.dataset
+    assert isinstance(dataset, SmallSet)
+    ramp = np.linspace(1, 8, 160, dtype=np.float32)
+    dataset.depths_m[:] = ramp
+    exact = dict(zip(dataset.ids, dataset.depths_m, strict=True))
+    far = {name: np.full((120, 160), 9.9, np.float32) for name in dataset.ids}
+    predictors = [Playback(exact), Playback(far)]
+    gray, coloured = draw_figures(task, (0, 1), predictors, ["exact", "far"])
+    for figure in (gray, coloured):
+        sheet = _pixels(figure)
+        for row in (0, 1):
+            assert (_cell(sheet, row, 0) == row).all()  # the small set's pictures are their number
+            assert np.abs(_cell(sheet, row, 1) - _cell(sheet, row, 3)).max() == 0
+            assert np.ptp(_cell(sheet, row, 2).reshape(-1, 3), axis=0).max() == 0
+        assert "0000, 0001" in figure.caption
+    near_to_far = _cell(_pixels(gray), 0, 3)[90, :, 0]
+    assert (near_to_far[4], near_to_far[-4]) == (255, 0)
+    assert (np.diff(near_to_far) <= 0).all()
+    assert _pixels(coloured).shape[1] > _pixels(gray).shape[1]  # the legend
+    again = draw_figures(task, (0, 1), predictors, ["exact", "far"])
+    assert [figure.png for figure in again] == [gray.png, coloured.png]
+
+
+def test_depth_without_metres_is_fitted_before_it_is_shown() -> None:
+    task = _task(["a_1"], (120, 160))
+    dataset = task.dataset
+    assert isinstance(dataset, SmallSet)
+    dataset.depths_m[:] = np.linspace(1, 8, 160, dtype=np.float32)
+    inverse = {"0000": (5 / dataset.depths_m[0] + 3).astype(np.float32)}
+    gray, _ = draw_figures(task, (0,), [Playback(inverse, DepthKind.INVERSE)], ["inverse"])
+    sheet = _pixels(gray)
+    assert np.abs(_cell(sheet, 0, 1) - _cell(sheet, 0, 2)).max() <= 1
+
+
+def test_holes_of_the_truth_are_no_depth() -> None:
+    task = _task(["a_1"], (120, 160))
+    dataset = task.dataset
+    assert isinstance(dataset, SmallSet)
+    dataset.depths_m[:] = np.linspace(1, 8, 160, dtype=np.float32)
+    dataset.depths_m[0, :60] = 0
+    gray, _ = draw_figures(task, (0,), [Playback(noisy(dataset))], ["noisy"])
+    assert (_cell(_pixels(gray), 0, 2)[:80] == 96).all()
+    dataset.depths_m[:] = 0
+    empty, _ = draw_figures(task, (0,), [Playback(noisy(dataset))], ["noisy"])
+    assert (_cell(_pixels(empty), 0, 2) == 96).all()
+
+
+def test_sheet_has_titles_over_its_columns_and_pictures_where_they_belong() -> None:
+    black, blue = np.zeros((40, 60, 3), np.uint8), np.full((40, 50, 3), (0, 0, 255), np.uint8)
+    sheet = contact_sheet([[black, blue], [blue, black]], ["one", "Überlänge " * 9])
+    assert sheet.shape == (TITLE + 2 * 40 + 2 * GAP, 2 * 60 + 3 * GAP, 3)
+    assert (sheet[TITLE : TITLE + 40, GAP : GAP + 60] == 0).all()
+    assert (sheet[TITLE : TITLE + 40, 2 * GAP + 60 : 2 * GAP + 110] == (0, 0, 255)).all()
+    for left in (GAP, 2 * GAP + 60):
+        assert (sheet[:TITLE, left : left + 60] < 200).any()
+    assert (sheet[:TITLE, GAP + 60 : 2 * GAP + 60] == 255).all()
+
+
+def test_page_escapes_what_it_shows() -> None:
+    figure = Figure("x", "<b>caption</b>", b"png")
+    page = html_page("a < b", "c & d", ["row"], [["<script>"]], ["'note'"], [figure])
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+    assert "<b>caption" not in page
+    assert "a &lt; b" in page
+    assert "data:image/png;base64,cG5n" in page
