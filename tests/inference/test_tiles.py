@@ -159,7 +159,7 @@ def test_tiles_make_the_map_sharper(camera: Callable[[Detail], Pipeline]) -> Non
         np.abs(camera(Detail(Upsampling.BILINEAR, tile)).predict(frame).values - truth).mean()
         for tile in (None, 32)
     ]
-    assert errors[1] < 0.6 * errors[0]
+    assert errors[1] < 0.8 * errors[0]
 
 
 def test_a_flat_picture_stays_flat(camera: Callable[[Detail], Pipeline]) -> None:

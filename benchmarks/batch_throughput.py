@@ -1,0 +1,140 @@
+"""How near ``depthcli batch`` comes to what the machine can do, on 640×480 JPEG to 16-bit PNG.
+
+Two figures of merit, from whole processes that take turns. The share of the limit (at least 0.9),
+where the limit is cores divided by the summed CPU seconds of all stages of one picture, each
+measured alone in one thread. And the ratio to a plain script of cv2.imread, session.run and
+cv2.imwrite, one picture after another, on the same model (at least 2).
+Run: ``python benchmarks/batch_throughput.py [--pictures 500] [--rounds 3]``
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import cv2
+from made_pictures import write_pictures
+
+from depthcli.cli.cores import usable_cores
+from depthcli.inference.pipeline import load
+from depthcli.io.sources.image import read_image
+from depthcli.io.writers.png16 import Png16Writer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+_Result = TypeVar("_Result")
+
+PLAIN = """
+import os, sys, cv2, numpy as np, onnxruntime
+folder, model, out, width, height = sys.argv[1:]
+session = onnxruntime.InferenceSession(model)
+name = session.get_inputs()[0].name
+os.makedirs(out)
+for file in sorted(os.listdir(folder)):
+    image = cv2.imread(os.path.join(folder, file))
+    gray = cv2.resize(image.max(axis=2), (int(width), int(height)), interpolation=cv2.INTER_AREA)
+    batch = (gray.astype(np.float32) / 127.5 - 1)[None, None]
+    raw = session.run(None, {name: batch})[0][0, 0]
+    depth = cv2.resize(np.exp(raw), image.shape[1::-1])
+    cv2.imwrite(os.path.join(out, file + ".png"), (depth * 1000).astype(np.uint16))
+"""
+
+
+class Stages:
+    """CPU seconds of each stage over several pictures."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, list[float]] = {}
+
+    def __call__(self, name: str, action: Callable[[], _Result]) -> _Result:
+        """Measure one stage of one picture."""
+        start = time.process_time()
+        result = action()
+        self.seconds.setdefault(name, []).append(time.process_time() - start)
+        return result
+
+    @property
+    def total_s(self) -> float:
+        """CPU seconds of one picture."""
+        return sum(map(statistics.median, self.seconds.values()))
+
+
+def measure_stages(pictures: Sequence[Path], out: Path) -> Stages:
+    """Each stage of ``batch`` in one thread, after five pictures unmeasured."""
+    cv2.setNumThreads(1)
+    pipeline, writer = load(threads=1), Png16Writer()
+    for number, path in enumerate(pictures):
+        if number in {0, 5}:
+            stages = Stages()
+        data = stages("read", path.read_bytes)
+        stages("checksum of input", lambda: hashlib.sha256(data).hexdigest())
+        frame = stages("decode", lambda: read_image(path, data))
+        depth = stages("predict", lambda: pipeline.predict(frame))
+        stages("encode and write", lambda: writer.write(depth, out, frame))
+        stages("checksum of output", lambda: hashlib.sha256(out.read_bytes()).hexdigest())
+    return stages
+
+
+def timed(*command: str) -> float:
+    """Wall seconds of a process."""
+    start = time.perf_counter()
+    subprocess.run(command, check=True, capture_output=True)
+    return time.perf_counter() - start
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pictures", type=int, default=500)
+    parser.add_argument("--rounds", type=int, default=3)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        pictures = write_pictures(folder / "in", options.pictures)
+        size = statistics.mean(path.stat().st_size for path in pictures)
+        print(f"{len(pictures)} pictures of {size / 1000:.0f} KB, {usable_cores()} cores")
+        compare(folder, pictures, options.rounds)
+
+
+def compare(folder: Path, pictures: list[Path], rounds: int) -> None:
+    """Stages, batch and script in turn."""
+    model = load().session.model
+    spec = model.card.input
+    sizes = (str(spec.width), str(spec.height))
+    source, out = str(folder / "in"), str(folder / "out")
+    batch = (sys.executable, "-m", "depthcli", "batch", source, "--out", out)
+    script = (sys.executable, "-c", PLAIN, source, str(model.path), out, *sizes)
+    shares, ratios = [], []
+    for _ in range(rounds):
+        stages = measure_stages(pictures[:65], folder / "one.png")
+        walls = []
+        for command in (batch, script):
+            walls.append(timed(*command))
+            shutil.rmtree(out)
+        limit = usable_cores() / stages.total_s
+        rate, plain_rate = (len(pictures) / wall for wall in walls)
+        shares.append(rate / limit)
+        ratios.append(rate / plain_rate)
+        print(f"limit {limit:.1f}/s  batch {rate:.1f}/s  script {plain_rate:.1f}/s")
+    for name, seconds in stages.seconds.items():
+        print(f"  {name:<20} {statistics.median(seconds) * 1e3:6.2f} ms CPU")
+    print(f"share of the limit {statistics.median(shares):.3f}  ({spread(shares)})")
+    print(f"ratio to the script {statistics.median(ratios):.2f}  ({spread(ratios)})")
+
+
+def spread(values: Sequence[float]) -> str:
+    """The least and the largest."""
+    return f"{min(values):.3f} to {max(values):.3f}"
+
+
+if __name__ == "__main__":
+    main()
