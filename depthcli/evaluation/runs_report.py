@@ -55,7 +55,7 @@ def _training(training: Training) -> dict[str, Any]:
         "epochs": training.epochs,
         "epochs_planned": training.epochs_planned,
         "steps": training.steps,
-        "minutes": [round(minutes, 2) for minutes in training.minutes],
+        "minutes": [round(minutes, 4) for minutes in training.minutes],
     }
 
 

@@ -12,6 +12,7 @@ from rooms import rooms
 from tiny_methods import tiny
 
 from depthcli.cli.train_progress import Silent
+from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.inference.pipeline import load
@@ -30,7 +31,8 @@ def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> Non
     train(tiny(name), rooms(), tmp_path, fabric, Silent(), Limits(steps=2))
     done = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "model.onnx", ExportOptions())
     assert done.card.training["method"] == name
-    pipeline = load(tmp_path / "model.onnx", provider="cpu")
+    bilinear = Detail(Upsampling.BILINEAR)
+    pipeline = load(tmp_path / "model.onnx", provider="cpu", detail=bilinear)
     frame = Frame(rooms().image(0))
     depth = pipeline.predict(frame)
     assert depth.kind is DepthKind.METRIC

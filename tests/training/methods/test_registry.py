@@ -78,7 +78,7 @@ def test_the_generator_has_the_published_size() -> None:
     ("name", "term"), [("cut", "l1"), ("cyclegan", "contrast_x"), ("proposed", "similarity")]
 )
 def test_a_loss_that_the_method_has_not_is_refused(name: str, term: str) -> None:
-    config = resolve(default_config(name), [], [f"loss.{term}=2"])
+    config = resolve(default_config(name), [], [f"loss.{term}=2", "data.paired=true"])
     with pytest.raises(UsageError, match=rf"{name} has no loss\.{term}; it has loss\.adversarial"):
         check_terms(config)
 
