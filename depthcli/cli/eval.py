@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import console
+from depthcli.cli import console, options
 from depthcli.cli.eval_runs import runs
-from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.choices import Upsampling
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.choices import Crop, Mask
@@ -18,6 +18,7 @@ from depthcli.metrics.choices import Alignment, Averaging
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from depthcli.core.choices import Detail
     from depthcli.evaluation.figures import Figure
     from depthcli.evaluation.nyu import NyuTask
     from depthcli.evaluation.predictors import Predictor
@@ -101,12 +102,20 @@ def nyu(
             "it, or guided as predict does."
         ),
     ] = Upsampling.BILINEAR,
+    tile: options.TileOption = None,
     limit: Annotated[
         int | None,
         typer.Option(metavar="N", min=1, help="Only N images, evenly over the split."),
     ] = None,
     provider: Annotated[str, typer.Option(help="Execution provider of the models.")] = "auto",
-    threads: Annotated[int | None, typer.Option(min=1, help="Threads of the models.")] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Images worked on at the same time. Default: one a core."),
+    ] = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(min=1, help="Threads of the models for one image. Default: cores/workers."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     per_image: Annotated[
         bool, typer.Option("--per-image", help="With --json: the scores of each image too.")
@@ -125,6 +134,8 @@ def nyu(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
     """Depth metrics on NYU Depth v2 under one named protocol."""
+    from depthcli.cli.cores import usable_cores
+    from depthcli.cli.detail import choose_detail
     from depthcli.cli.eval_figures import figures_of, positions_of, write_figures, write_page
     from depthcli.cli.eval_output import cells, footnotes, show, stages, write_text
     from depthcli.datasets.nyu import open_nyu
@@ -134,15 +145,18 @@ def nyu(
     _check_options(models=model, no_model=no_model, per_image=per_image, as_json=as_json)
     if ids and not (figures or html):
         raise UsageError("--ids is about the sheets: add --figures DIR or --html FILE")
+    detail = choose_detail(upsample, tile, None)
     task = plan_nyu(open_nyu(data), split, limit)
     positions = positions_of(task, ids)
+    cores = usable_cores()
+    at_once = workers or cores
     predictors = [
         *_open_models(
             model,
             bundled=not (no_model or predictions),
             provider=provider,
-            threads=threads,
-            detail=Detail(upsample),
+            threads=threads or max(1, cores // at_once),
+            detail=detail,
         ),
         *_open_predictions(predictions or [], task, predictions_kind),
     ]
@@ -152,6 +166,7 @@ def nyu(
         mask=mask,
         compare_px=None if compare_at is None else (compare_at, compare_at),
         upsampling=upsample,
+        tile_px=detail.tile_px,
         boundary=boundary,
     )
     with stages(quiet=quiet or as_json) as stage:
@@ -163,6 +178,7 @@ def nyu(
             trivial=trivial,
             per_image=per_image,
             stage=stage,
+            workers=at_once,
         )
         sheets: tuple[Figure, ...] = ()
         if figures or html:

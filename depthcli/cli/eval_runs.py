@@ -75,6 +75,7 @@ def runs(
 
     Runs whose folders differ only in -seedK are one row: mean and standard deviation.
     """
+    from depthcli.cli.cores import usable_cores
     from depthcli.cli.eval_figures import figures_of, positions_of, write_figures, write_page
     from depthcli.cli.eval_output import stages, write_text
     from depthcli.cli.eval_runs_output import cells, notes, show
@@ -101,6 +102,7 @@ def runs(
             trivial=trivial,
             published=published,
             stage=stage,
+            workers=usable_cores(),
         )
         sheets: tuple[Figure, ...] = ()
         if figures or html:

@@ -83,6 +83,7 @@ def evaluate_nyu(
     trivial: bool = True,
     per_image: bool = False,
     stage: Stage = _silent,
+    workers: int = 0,
 ) -> Report:
     """Make the table.
 
@@ -95,6 +96,7 @@ def evaluate_nyu(
         trivial: whether to include the rows that never look at the picture.
         per_image: keep the scores of each image.
         stage: told of progress.
+        workers: images at the same time; 0 works in the calling thread.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.
@@ -109,6 +111,7 @@ def evaluate_nyu(
         trivial=trivial,
         per_image=per_image,
         stage=stage,
+        workers=workers,
     )
     comparable = task.split.name is SplitName.PAPER and protocol.is_headline
     return Report(
@@ -132,11 +135,12 @@ def score_nyu(
     trivial: bool = True,
     per_image: bool = False,
     stage: Stage = _silent,
+    workers: int = 0,
 ) -> tuple[Row, ...]:
     """The rows that are measured here; arguments and errors as in :func:`evaluate_nyu`."""
     entries = [enter(predictor, alignments) for predictor in predictors]
     if trivial and task.split.train:
-        entries = [*_trivial_entries(task, protocol, alignments, stage), *entries]
+        entries = [*_trivial_entries(task, protocol, alignments, stage, workers), *entries]
     return evaluate(
         task.dataset,
         task.test,
@@ -144,11 +148,16 @@ def score_nyu(
         protocol,
         per_image=per_image,
         progress=stage("comparing", len(task.test)),
+        workers=workers,
     )
 
 
 def _trivial_entries(
-    task: NyuTask, protocol: Protocol, alignments: Sequence[Alignment], stage: Stage
+    task: NyuTask,
+    protocol: Protocol,
+    alignments: Sequence[Alignment],
+    stage: Stage,
+    workers: int,
 ) -> list[Entry]:
     train = task.split.train
     means = fit_trivial(
@@ -157,6 +166,7 @@ def _trivial_entries(
         min_m=protocol.min_m,
         max_m=protocol.max_m,
         progress=stage("training mean", len(train)),
+        workers=workers,
     )
     wanted = (Alignment.NONE, Alignment.MEDIAN, *alignments)
     return [enter(mean, wanted) for mean in means]

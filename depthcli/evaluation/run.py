@@ -1,17 +1,20 @@
-"""A data set, predictors and a protocol, to a report: one image at a time."""
+"""A data set, predictors and a protocol, to a report: a few images at a time, in order."""
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from depthcli.core.opencv_threads import one_thread_each
+from depthcli.core.ordered_map import ordered_map
 from depthcli.datasets.base import HasRawDepth
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.choices import Mask
 from depthcli.evaluation.predictors import Sample
 from depthcli.evaluation.protocol import Protocol, compare_boundaries
 from depthcli.evaluation.report import ImageScores, Row
-from depthcli.metrics.accumulate import Accumulator
+from depthcli.metrics.accumulate import Accumulator, PixelSums
 from depthcli.metrics.alignment import SUITABLE
 from depthcli.metrics.boundary import BoundaryAccumulator
 from depthcli.metrics.choices import Alignment
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors import Predictor
     from depthcli.evaluation.protocol import Truth
-    from depthcli.metrics.depth import DepthPixels
+    from depthcli.metrics.boundary import BoundaryScores
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +52,14 @@ def enter(predictor: Predictor, wanted: Sequence[Alignment]) -> Entry:
     return Entry(predictor, suitable)
 
 
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """What a row makes of one image: a few numbers, so that no pixel has to wait for its turn."""
+
+    sums: PixelSums
+    boundary: BoundaryScores | None
+
+
 @dataclass(slots=True)
 class _OpenRow:
     """A row while images go by."""
@@ -64,13 +75,12 @@ class _OpenRow:
         edges = BoundaryAccumulator() if protocol.boundary else None
         return cls(predictor, alignment, Accumulator(protocol.averaging), edges=edges)
 
-    def add(self, sample: Sample, pixels: DepthPixels, truth: Truth, *, keep: bool) -> None:
-        scores, boundary = self.total.update(pixels), None
-        if self.edges is not None:
-            boundary = compare_boundaries(pixels, truth)
-            self.edges.update(boundary)
+    def add(self, image_id: str, measured: _Measured, *, keep: bool) -> None:
+        scores = self.total.add(measured.sums)
+        if self.edges is not None and measured.boundary is not None:
+            self.edges.update(measured.boundary)
         if keep:
-            self.images.append(ImageScores(sample.id, scores, boundary))
+            self.images.append(ImageScores(image_id, scores, measured.boundary))
 
     def close(self) -> Row:
         return Row(
@@ -94,8 +104,12 @@ def evaluate(
     *,
     per_image: bool = False,
     progress: Callable[[], None] = lambda: None,
+    workers: int = 0,
 ) -> tuple[Row, ...]:
     """Score every entry on the same images; each depth is read once, each picture at most once.
+
+    Every worker takes an image all the way, from reading to the sums of its pixels; those are added
+    up in the images' order, so that no digit depends on the number of workers.
 
     Args:
         dataset: where the pairs are.
@@ -104,6 +118,7 @@ def evaluate(
         protocol: how to compare; the headline protocol if None.
         per_image: keep the scores of each image in the rows.
         progress: called after each image.
+        workers: images at the same time; 0 works in the calling thread.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.
@@ -111,19 +126,38 @@ def evaluate(
     """
     protocol = protocol or Protocol()
     rows = [
-        [_OpenRow.of(entry.predictor, alignment, protocol) for alignment in entry.alignments]
+        _OpenRow.of(entry.predictor, alignment, protocol)
         for entry in entries
+        for alignment in entry.alignments
     ]
-    for position in test:
-        sample = Sample(dataset, position)
-        truth = _truth(dataset, position, protocol)
-        for entry, open_rows in zip(entries, rows, strict=True):
-            depth = entry.predictor.predict(sample)
-            for row in open_rows:
-                pixels = protocol.compare(depth, truth, row.alignment)
-                row.add(sample, pixels, truth, keep=per_image)
-        progress()
-    return tuple(row.close() for open_rows in rows for row in open_rows)
+
+    def measured(position: int) -> list[_Measured]:
+        return _measured(dataset, position, entries, protocol)
+
+    with (
+        one_thread_each(workers),
+        closing(ordered_map(measured, test, workers=workers)) as images,
+    ):
+        for position, image in zip(test, images, strict=True):
+            for row, one in zip(rows, image, strict=True):
+                row.add(dataset.ids[position], one, keep=per_image)
+            progress()
+    return tuple(row.close() for row in rows)
+
+
+def _measured(
+    dataset: DepthDataset, position: int, entries: Sequence[Entry], protocol: Protocol
+) -> list[_Measured]:
+    """One image for every row; for any thread."""
+    sample, truth = Sample(dataset, position), _truth(dataset, position, protocol)
+    found = []
+    for entry in entries:
+        depth = entry.predictor.predict(sample)
+        for alignment in entry.alignments:
+            pixels = protocol.compare(depth, truth, alignment)
+            boundary = compare_boundaries(pixels, truth) if protocol.boundary else None
+            found.append(_Measured(PixelSums.over(pixels), boundary))
+    return found
 
 
 def _truth(dataset: DepthDataset, position: int, protocol: Protocol) -> Truth:

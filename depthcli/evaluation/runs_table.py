@@ -105,6 +105,7 @@ def evaluate_runs(
     trivial: bool = True,
     published: bool = True,
     stage: Stage,
+    workers: int = 0,
 ) -> RunsReport:
     """Make the table.
 
@@ -115,6 +116,7 @@ def evaluate_runs(
         trivial: include the rows that never look at the picture.
         published: include the paper's rows.
         stage: told of progress.
+        workers: images at the same time; 0 works in the calling thread.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.
@@ -133,6 +135,7 @@ def evaluate_runs(
         alignments=alignments,
         trivial=trivial,
         stage=stage,
+        workers=workers,
     )
     rows = [RunsRow(row) for row in scored if row.name not in by_name]
     rows += [

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from depthcli.core.ordered_map import ordered_map
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.choices import Source
@@ -50,6 +52,7 @@ def fit_trivial(
     min_m: float = MIN_DEPTH_M,
     max_m: float = MAX_DEPTH_M,
     progress: Callable[[], None] = lambda: None,
+    workers: int = 0,
 ) -> tuple[TrivialPredictor, TrivialPredictor]:
     """Constant mean and per-pixel mean of the training depth, read once, in constant memory.
 
@@ -59,21 +62,22 @@ def fit_trivial(
         min_m: only depth farther than this counts.
         max_m: only depth nearer than this counts.
         progress: called after each pair.
+        workers: depth images read at the same time; 0 reads in the calling thread.
 
     Raises:
         DatasetError: no training pair, no valid pixel, or pairs of different sizes.
     """
     sums, counts = np.zeros((0, 0)), np.zeros((0, 0), np.int64)
-    for n, i in enumerate(train):
-        depth_m = dataset.depth_m(i).astype(np.float64)
-        if n == 0:
-            sums, counts = np.zeros(depth_m.shape), np.zeros(depth_m.shape, np.int64)
-        if depth_m.shape != sums.shape:
-            raise DatasetError(f"depth of {dataset.ids[i]} has another size than the others")
-        valid = (depth_m > min_m) & (depth_m < max_m)
-        np.add(sums, depth_m, out=sums, where=valid)
-        counts += valid
-        progress()
+    with closing(ordered_map(dataset.depth_m, train, workers=workers)) as maps:
+        for n, (i, depth_m) in enumerate(zip(train, maps, strict=True)):
+            if n == 0:
+                sums, counts = np.zeros(depth_m.shape), np.zeros(depth_m.shape, np.int64)
+            if depth_m.shape != sums.shape:
+                raise DatasetError(f"depth of {dataset.ids[i]} has another size than the others")
+            valid = (depth_m > min_m) & (depth_m < max_m)
+            np.add(sums, depth_m, out=sums, where=valid)
+            counts += valid
+            progress()
     if not counts.any():
         raise DatasetError(
             "no training depth to take the mean of: trivial rows need training pairs"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,22 +37,33 @@ class Scores:
 
 
 @dataclass(frozen=True, slots=True)
-class _PixelSums:
-    """Sums of every metric's terms over ``pixel_count`` pixels."""
+class PixelSums:
+    """Sums of every metric's terms, which can be taken anywhere and added up elsewhere.
+
+    Attributes:
+        pixel_count: how many pixels.
+        sums: those of each metric's terms, in the order of the table.
+    """
 
     pixel_count: int
     sums: tuple[tuple[float, ...], ...]
 
     @classmethod
-    def over(cls, pixels: DepthPixels) -> _PixelSums:
-        return cls(len(pixels), tuple(_sums(m, pixels) for m in METRICS.values()))
+    def over(cls, pixels: DepthPixels) -> PixelSums:
+        """Sums over the pixels of one image; for any thread."""
+        parts = [
+            cls(len(part), tuple(_sums(m, part) for m in METRICS.values()))
+            for part in pixels.parts()
+        ]
+        return reduce(operator.add, parts) if parts else cls(0, ())
 
-    def __add__(self, other: _PixelSums) -> _PixelSums:
+    def __add__(self, other: PixelSums) -> PixelSums:
         pairs = zip(self.sums, other.sums, strict=True)
         added = tuple(tuple(a + b for a, b in zip(x, y, strict=True)) for x, y in pairs)
-        return _PixelSums(self.pixel_count + other.pixel_count, added)
+        return PixelSums(self.pixel_count + other.pixel_count, added)
 
     def scores(self) -> Scores:
+        """Every metric over these pixels; NaN if there are none."""
         if not self.pixel_count:
             return Scores.of()
         metrics = zip(METRICS.values(), self.sums, strict=True)
@@ -58,7 +71,10 @@ class _PixelSums:
 
 
 def _sums(metric: Metric, pixels: DepthPixels) -> tuple[float, ...]:
-    return tuple(float(np.sum(term)) for term in metric.terms(pixels))
+    return tuple(
+        float(np.count_nonzero(term) if term.dtype == np.bool_ else np.sum(term))
+        for term in metric.terms(pixels)
+    )
 
 
 class Accumulator:
@@ -76,7 +92,7 @@ class Accumulator:
         self.averaging = averaging
         self.image_count = 0
         self.empty_count = 0
-        self._pixels: _PixelSums | None = None
+        self._pixels: PixelSums | None = None
         self._image_sums = (0.0,) * len(METRICS)
 
     @property
@@ -85,12 +101,15 @@ class Accumulator:
         return self._pixels.pixel_count if self._pixels else 0
 
     def update(self, pixels: DepthPixels) -> Scores:
-        """Add one image and return its own scores.
+        """Add one image and return its own scores; see :meth:`add`."""
+        return self.add(PixelSums.over(pixels))
+
+    def add(self, sums: PixelSums) -> Scores:
+        """Add the sums of one image and return its own scores.
 
         An image without a valid pixel has no scores: it is counted in ``empty_count`` and left out
         of every average.
         """
-        sums = _PixelSums.over(pixels)
         scores = sums.scores()
         if not sums.pixel_count:
             self.empty_count += 1

@@ -14,30 +14,33 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import numpy.typing as npt
 
 MIN_DEPTH_M = 1e-3
 MAX_DEPTH_M = 10.0
 
+_PART = 1 << 14
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True)  # without slots: what several metrics need is kept in the instance
 class DepthPixels:
     """The pixels that count in one comparison.
 
     Attributes:
         truth_m: (N,) float64, metres, > 0.
         predicted_m: (N,) float64, metres, > 0.
-        log_error: (N,) float64, ln(predicted) − ln(truth).
     """
 
     truth_m: npt.NDArray[np.float64]
     predicted_m: npt.NDArray[np.float64]
-    log_error: npt.NDArray[np.float64]
 
     @classmethod
     def of(
@@ -62,12 +65,43 @@ class DepthPixels:
         if truth_m.shape != predicted_m.shape:
             raise ValueError(f"truth is {truth_m.shape} but prediction is {predicted_m.shape}")
         valid = (truth_m > min_m) & (truth_m < max_m)
-        truth = truth_m[valid].astype(np.float64)
-        predicted = clamp(predicted_m[valid].astype(np.float64), min_m, max_m)
-        return cls(truth, predicted, np.log(predicted) - np.log(truth))
+        if valid.all():  # as a protocol's truth always is: a copy by mask costs more than the rest
+            truth, predicted = truth_m.ravel(), predicted_m.ravel()
+        else:
+            truth, predicted = truth_m[valid], predicted_m[valid]
+        return cls(
+            truth.astype(np.float64, copy=False),
+            clamp(predicted.astype(np.float64, copy=False), min_m, max_m),
+        )
 
     def __len__(self) -> int:
         return int(self.truth_m.size)
+
+    @cached_property
+    def error_m(self) -> npt.NDArray[np.float64]:
+        """(N,) predicted − truth."""
+        return self.predicted_m - self.truth_m
+
+    @cached_property
+    def ratio(self) -> npt.NDArray[np.float64]:
+        """(N,) predicted / truth."""
+        return self.predicted_m / self.truth_m
+
+    @cached_property
+    def log_error(self) -> npt.NDArray[np.float64]:
+        """(N,) ln(predicted) − ln(truth)."""
+        return np.log(self.ratio)
+
+    @cached_property
+    def worse_ratio(self) -> npt.NDArray[np.float64]:
+        """(N,) the larger of predicted / truth and truth / predicted."""
+        return np.maximum(self.ratio, self.truth_m / self.predicted_m)
+
+    def parts(self) -> Iterator[DepthPixels]:
+        """The same pixels in pieces whose intermediate arrays stay in the processor's cache."""
+        for start in range(0, len(self), _PART):
+            part = slice(start, start + _PART)
+            yield DepthPixels(self.truth_m[part], self.predicted_m[part])
 
 
 def clamp(
@@ -76,7 +110,8 @@ def clamp(
     max_m: float = MAX_DEPTH_M,
 ) -> npt.NDArray[np.float64]:
     """Bring a prediction of any shape into [min_m, max_m]; NaN becomes ``min_m``."""
-    return np.clip(np.nan_to_num(predicted_m, nan=min_m, posinf=max_m, neginf=min_m), min_m, max_m)
+    at_least: npt.NDArray[np.float64] = np.fmax(predicted_m, min_m)  # which passes NaN over
+    return np.minimum(at_least, max_m, out=at_least)
 
 
 PerPixel: TypeAlias = "npt.NDArray[np.floating] | npt.NDArray[np.bool_]"
@@ -130,19 +165,19 @@ def _metric(
 @_metric()
 def abs_rel(pixels: DepthPixels) -> tuple[PerPixel, ...]:
     """Mean |g − p| / g."""
-    return (np.abs(pixels.truth_m - pixels.predicted_m) / pixels.truth_m,)
+    return (np.abs(pixels.error_m) / pixels.truth_m,)
 
 
 @_metric()
 def sq_rel(pixels: DepthPixels) -> tuple[PerPixel, ...]:
     """Mean (g − p)² / g, in metres."""
-    return ((pixels.truth_m - pixels.predicted_m) ** 2 / pixels.truth_m,)
+    return (pixels.error_m**2 / pixels.truth_m,)
 
 
 @_metric(math.sqrt)
 def rmse(pixels: DepthPixels) -> tuple[PerPixel, ...]:
     """√ mean (g − p)², in metres."""
-    return ((pixels.truth_m - pixels.predicted_m) ** 2,)
+    return (pixels.error_m**2,)
 
 
 @_metric(math.sqrt)
@@ -158,8 +193,7 @@ def log10(pixels: DepthPixels) -> tuple[PerPixel, ...]:
 
 
 def _within(pixels: DepthPixels, ratio: float) -> tuple[PerPixel, ...]:
-    truth, predicted = pixels.truth_m, pixels.predicted_m
-    return (np.maximum(truth / predicted, predicted / truth) < ratio,)
+    return (pixels.worse_ratio < ratio,)
 
 
 @_metric(higher_is_better=True)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import weakref
 
 import numpy as np
@@ -150,7 +151,8 @@ def test_inverse_depth_is_aligned_in_disparity() -> None:
     assert row.scores["abs_rel"] < 1e-5
 
 
-def test_no_image_is_kept_in_memory() -> None:
+@pytest.mark.parametrize("workers", [0, 2])
+def test_no_image_is_kept_in_memory(workers: int) -> None:
     dataset = small_set(30)
     alive: weakref.WeakSet[np.ndarray] = weakref.WeakSet()
     most: list[int] = []
@@ -159,6 +161,7 @@ def test_no_image_is_kept_in_memory() -> None:
         # A view of its own memory: WeakSet needs a new object each time.
         copy = array.copy().view(_Tracked)
         alive.add(copy)
+        most.append(len(alive))
         return copy
 
     class Streamed:
@@ -171,12 +174,40 @@ def test_no_image_is_kept_in_memory() -> None:
             return fresh(dataset.image(i))
 
     entries = [Entry(Playback(noisy(dataset), look=True), tuple(Alignment))]
-    evaluate(
-        Streamed(),
-        range(30),
-        entries,
-        Protocol(full_size_px=SMALL),
-        progress=lambda: most.append(len(alive)),
+    evaluate(Streamed(), range(30), entries, Protocol(full_size_px=SMALL), workers=workers)
+    assert len(most) == 60
+    assert 1 <= max(most) <= 4 * max(1, workers)
+
+
+@pytest.mark.parametrize("averaging", Averaging)
+def test_no_digit_depends_on_the_number_of_workers(averaging: Averaging) -> None:
+    dataset = small_set(30)
+    entries = [
+        Entry(Playback(noisy(dataset, seed=seed), look=True), tuple(Alignment)) for seed in (5, 6)
+    ]
+    protocol = Protocol(averaging=averaging, full_size_px=SMALL, boundary=True)
+    alone, together = (
+        evaluate(dataset, range(30), entries, protocol, per_image=True, workers=workers)
+        for workers in (0, 3)
     )
-    assert len(most) == 30
-    assert 1 <= max(most) <= 4
+    assert alone == together
+    assert [image.id for image in together[0].images] == list(dataset.ids)
+
+
+def test_an_error_ends_all_workers() -> None:
+    dataset = small_set(30)
+    maps = noisy(dataset)
+    del maps["0007"]
+    ticks: list[int] = []
+    before = threading.active_count()
+    with pytest.raises(KeyError, match="0007"):
+        evaluate(
+            dataset,
+            range(30),
+            [Entry(Playback(maps))],
+            Protocol(full_size_px=SMALL),
+            progress=lambda: ticks.append(1),
+            workers=3,
+        )
+    assert len(ticks) == 7
+    assert threading.active_count() == before

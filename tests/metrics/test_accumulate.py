@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from depthcli.metrics import accumulate
-from depthcli.metrics.accumulate import Accumulator, Scores
+from depthcli.metrics.accumulate import Accumulator, PixelSums, Scores
 from depthcli.metrics.choices import Averaging
 from depthcli.metrics.depth import METRICS, DepthPixels
 
@@ -79,3 +79,13 @@ def test_examples_in_the_docstrings() -> None:
     result = doctest.testmod(accumulate)
     assert result.attempted > 0
     assert result.failed == 0
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_sums_of_parts_are_those_of_the_whole(name: str) -> None:
+    rng = np.random.default_rng(3)
+    truth = rng.uniform(0.5, 9.5, 100_000)
+    pixels = DepthPixels.of(truth, truth * rng.lognormal(0.1, 0.3, truth.size))
+    assert [len(part) for part in pixels.parts()][-1] < len(pixels)
+    assert sum(len(part) for part in pixels.parts()) == len(pixels)
+    assert PixelSums.over(pixels).scores()[name] == pytest.approx(METRICS[name](pixels), rel=1e-12)

@@ -1,0 +1,27 @@
+"""OpenCV's own threads, which are in the way where whole pictures are shared out among threads."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import cv2
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@contextmanager
+def one_thread_each(workers: int) -> Iterator[None]:
+    """Let OpenCV work in the calling thread alone while several workers call it.
+
+    Args:
+        workers: how many there are; OpenCV keeps its threads for fewer than two.
+    """
+    threads = cv2.getNumThreads()
+    if workers > 1:
+        cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
