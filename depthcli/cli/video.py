@@ -10,6 +10,7 @@ from depthcli.cli import options
 from depthcli.cli.numbers import not_negative
 from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
 from depthcli.cli.video_choices import VideoFormat  # noqa: TC001 - typer reads it
+from depthcli.core.choices import Upsampling
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -92,6 +93,9 @@ def video(
     sidecar: options.SidecarOption = False,
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
+    upsample: options.UpsampleOption = Upsampling.GUIDED,
+    tile: options.TileOption = None,
+    max_memory: options.MaxMemoryOption = None,
     max_pixels: options.MaxPixelsOption = options.MAX_PIXELS,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object at the end, on stdout.")
@@ -106,6 +110,7 @@ def video(
     the model failed.
     """
     from depthcli.cli.camera import choose_camera
+    from depthcli.cli.detail import choose_detail
     from depthcli.cli.engine import Engine
     from depthcli.cli.looks import choose_looks
     from depthcli.cli.video_choices import parse_span
@@ -124,6 +129,7 @@ def video(
         side_by_side=side_by_side,
     )
     choose_camera(focal_px, hfov, None)
+    detail = choose_detail(upsample, tile, max_memory)
     span = parse_span(start, end, every)
     job = plan_video(file, output, choose_formats(output, formats or ()), sidecar=sidecar)
     cores = available_cores()
@@ -143,7 +149,7 @@ def video(
         hfov_deg=hfov,
         max_pixels=max_pixels,
     )
-    return run_and_tell(job, loading, settings, as_json=as_json, quiet=quiet)
+    return run_and_tell(job, loading, settings, detail, as_json=as_json, quiet=quiet)
 
 
 def available_cores() -> int:

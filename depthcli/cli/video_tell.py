@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from depthcli.cli.video_outputs import VideoJob
     from depthcli.cli.video_report import VideoDone
     from depthcli.cli.video_run import VideoSettings
+    from depthcli.core.choices import Detail
     from depthcli.inference.session import Session
 
 
@@ -23,6 +24,7 @@ def run_and_tell(
     job: VideoJob,
     loading: Background[Session],
     settings: VideoSettings,
+    detail: Detail,
     *,
     as_json: bool,
     quiet: bool,
@@ -36,7 +38,7 @@ def run_and_tell(
         ModelError: the model cannot be used.
         UsageError: the options do not fit the model.
     """
-    pipeline = Pipeline(loading.result())
+    pipeline = Pipeline(loading.result(), detail)
     try:
         with progress_for(job.name, silent=quiet or as_json) as watch:
             done = run_video(job, pipeline, settings, watch)
