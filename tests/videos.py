@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
+from depthcli.io.ffmpeg_log import silent_ffmpeg
 from depthcli.io.mkv_finish import opencv_rate
 from depthcli.io.mp4_finish import finish_mp4
 
@@ -29,7 +30,8 @@ def write_video(
         if writer is None:
             size = (frame.shape[1], frame.shape[0])
             code = cv2.VideoWriter.fourcc(*"MJPG")
-            writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, float(rate), size)
+            with silent_ffmpeg():
+                writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, float(rate), size)
             assert writer.isOpened()
             writer.set(cv2.VIDEOWRITER_PROP_QUALITY, 100)
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
@@ -47,7 +49,9 @@ def write_mp4(
     """RGB frames as MPEG-4 with the exact rate, or with times of their own."""
     height, width = frames[0].shape[:2]
     code = cv2.VideoWriter.fourcc(*"mp4v")
-    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, opencv_rate(rate), (width, height))
+    size = (width, height)
+    with silent_ffmpeg():
+        writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, opencv_rate(rate), size)
     assert writer.isOpened()
     for frame in frames:
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
@@ -69,6 +73,17 @@ def turned(mp4: bytes) -> bytes:
     one, whole = 1 << 16, 1 << 30
     matrix = struct.pack(">9i", 0, one, 0, -one, 0, 0, 0, 0, whole)
     return mp4[:at] + matrix + mp4[at + len(matrix) :]
+
+
+def trimmed(mp4: bytes, start_s: float, length_s: float) -> bytes:
+    """The same file with an edit that shows only a part, as trimming without encoding leaves it."""
+    at = mp4.index(b"elst") + 4
+    media = mp4.index(b"mdhd") + 4
+    movie_ticks, media_ticks = (
+        int.from_bytes(mp4[clock : clock + 4]) for clock in (mp4.index(b"mvhd") + 16, media + 12)
+    )
+    edit = struct.pack(">IiI", round(length_s * movie_ticks), round(start_s * media_ticks), 1 << 16)
+    return mp4[: at + 8] + edit + mp4[at + 8 + len(edit) :]
 
 
 def header_first(mp4: bytes) -> bytes:

@@ -117,8 +117,13 @@ def plan_video(
         sidecar: write the JSON as well.
 
     Raises:
-        UsageError: a sequence is to go into one file, or an output is the video itself.
+        UsageError: a sequence is to go into one file, an output is the video itself, or a name is
+            ``-``.
     """
+    if name == "-":
+        raise UsageError("a video is not read from standard input; save it to a file first")
+    if output == "-":
+        raise UsageError("a video is not written to standard output; name a file or a folder")
     source = Path(name)
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if sidecar else formats))
     if output is None or _is_folder(output):

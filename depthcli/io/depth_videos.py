@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +19,6 @@ from depthcli.io.video_capture import open_capture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from fractions import Fraction
 
     import numpy.typing as npt
 
@@ -32,7 +33,7 @@ class DepthVideo:
 
     Attributes:
         path: the file.
-        rate: frames a second, exact.
+        rate: frames a second, exact; None if the file does not say.
         labels: what the file says of itself: scale, kind, unit, model and so on; empty for a file
             of another program.
         scale: steps per metre; None if the file is normalized and has no unit.
@@ -51,9 +52,11 @@ class DepthVideo:
         """
         self.path = Path(path)
         capture = self._opened()
-        self.rate: Fraction | None = exact_rate(capture.get(cv2.CAP_PROP_FPS))
+        fps = capture.get(cv2.CAP_PROP_FPS)
         capture.release()
         self.labels = mkv_labels(self.path)
+        # A container keeps nanoseconds a frame, which is less than some rates need.
+        self.rate = _fraction(self.labels.get("frame_rate")) or exact_rate(fps)
         kind = self.labels.get("kind")
         self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
         stated = self.labels.get("scale")
@@ -98,6 +101,11 @@ class DepthVideo:
         capture = open_capture(self.path)
         capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
         return capture
+
+
+def _fraction(text: str | None) -> Fraction | None:
+    found = re.fullmatch(r"([1-9]\d{0,14})/([1-9]\d{0,14})", text or "", re.ASCII)
+    return Fraction(int(found[1]), int(found[2])) if found else None
 
 
 def _number(text: str | None, otherwise: float) -> float:

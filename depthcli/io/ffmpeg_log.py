@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from contextlib import contextmanager
+from functools import cache
 from typing import TYPE_CHECKING
 
 import cv2
@@ -19,18 +20,25 @@ _QUIET = "-8"
 def silent_ffmpeg() -> Iterator[None]:
     """No lines of FFmpeg's and OpenCV's own about a file; its user gets one, from us.
 
-    FFmpeg's level is read from the environment when the first video of the process is opened, and
-    stays; a level that the user set is left alone.
+    A level that the user set for FFmpeg is left alone.
     """
     log = cv2.utils.logging
     level = log.getLogLevel()
-    ours = _LEVEL not in os.environ
-    if ours:
-        os.environ[_LEVEL] = _QUIET
     log.setLogLevel(log.LOG_LEVEL_SILENT)
     try:
+        _hush()
         yield
     finally:
         log.setLogLevel(level)
-        if ours:
-            os.environ.pop(_LEVEL, None)
+
+
+@cache
+def _hush() -> None:
+    """Have FFmpeg's level read, which happens when a process first opens a video, and stays."""
+    if _LEVEL in os.environ:
+        return
+    os.environ[_LEVEL] = _QUIET
+    try:
+        cv2.VideoCapture(os.devnull, cv2.CAP_FFMPEG).release()
+    finally:
+        os.environ.pop(_LEVEL, None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from typing import TYPE_CHECKING
 
 import cv2
@@ -42,6 +43,8 @@ def open_capture(path: Path) -> cv2.VideoCapture:
 def _check_file(path: Path) -> None:
     """Say what is wrong with a file before FFmpeg says less."""
     try:
+        if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
+            raise InputError(f"{path} is a pipe or a device; save the video to a file first")
         with path.open("rb") as file:
             empty = not file.read(1)
     except FileNotFoundError:

@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 from depthcli.io.ebml import element_at
+from depthcli.io.mp4_edits import shows_every_frame
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,6 +34,22 @@ def is_cut(path: Path) -> bool:
         if head.startswith(b"RIFF"):
             return int.from_bytes(head[4:8], "little") + 8 > end
     return False
+
+
+def counts_frames(path: Path) -> bool:
+    """Whether a file states how many frames it shows, so that missing ones can be noticed.
+
+    AVI does, and so do MP4 and MOV unless an edit hides some or they come in fragments. Of other
+    files, the number that OpenCV gives is a guess from their length.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        head = file.read(12)
+        if head.startswith(b"RIFF"):
+            return True
+        return head[4:8] in _MP4_STARTS and shows_every_frame(file)
 
 
 def _matroska_end(file: BinaryIO, end: int) -> int:

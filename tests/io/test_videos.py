@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -10,11 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from videos import NTSC, flat_frames, header_first, turned, write_mp4, write_video
+from videos import NTSC, flat_frames, header_first, trimmed, turned, write_mp4, write_video
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth_videos import DepthVideo
+from depthcli.io.ffmpeg_log import silent_ffmpeg
 from depthcli.io.frame_rate import exact_rate, rate_text
 from depthcli.io.mkv_finish import finish_mkv, mkv_labels
 from depthcli.io.sources.video import VideoSource
@@ -101,6 +103,7 @@ def test_a_depth_video_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Pa
     write_depth(tmp_path / "a.mkv", [np.ones((16, 16), np.float32)] * frames, rate)
     fps, times_ms = seen_times_ms(tmp_path / "a.mkv")
     assert exact_rate(fps) == rate
+    assert DepthVideo(tmp_path / "a.mkv").rate == rate
     if rate == NTSC:
         assert fps == 30000 / 1001
     assert times_ms == pytest.approx([round(float(i * 1000 / rate)) for i in range(frames)])
@@ -126,8 +129,12 @@ def test_a_late_frame_of_a_long_video_is_still_in_place(tmp_path: Path) -> None:
 
 def test_uneven_times_are_kept(tmp_path: Path) -> None:
     times_s = [0, 0.033, 0.067, 0.2, 0.233, 1.5]
-    write_depth(tmp_path / "a.mkv", [np.ones((16, 16), np.float32)] * 6, times_s=times_s)
+    maps = [np.ones((16, 16), np.float32)] * 6
+    write_depth(tmp_path / "a.mkv", maps, times_s=times_s)
     assert seen_times_ms(tmp_path / "a.mkv")[1] == pytest.approx([t * 1000 for t in times_s])
+    mean = Fraction(300_000, 91_001)  # takes more digits than nanoseconds a frame have
+    write_depth(tmp_path / "b.mkv", maps, mean, times_s=times_s)
+    assert DepthVideo(tmp_path / "b.mkv").rate == mean
     write_mp4(tmp_path / "a.mp4", flat_frames(range(6)), times_s=times_s)
     with VideoSource(tmp_path / "a.mp4") as source:
         found = [frame.timestamp_s for frame in source.frames()]
@@ -331,6 +338,66 @@ def test_a_whole_video_has_no_problem(tmp_path: Path) -> None:
         with VideoSource(path) as source:
             assert len(list(source.frames())) == 20
             assert source.problem is None
+
+
+def noise_frames(count: int) -> list[np.ndarray[Any, Any]]:
+    rng = np.random.default_rng(0)
+    return [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(count)]
+
+
+def test_a_damaged_place_costs_its_frames_and_not_the_rest(tmp_path: Path) -> None:
+    path = write_mp4(tmp_path / "a.mp4", noise_frames(60))
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + len(data) // 12] = bytes(len(data) // 12)
+    path.write_bytes(data)
+    with VideoSource(path) as source:
+        frames = list(source.frames())
+    missing = set(range(60)) - {frame.index for frame in frames}
+    assert missing
+    assert frames[-1].index == 59
+    assert max(missing) < 50
+    times_s = [float(frame.index / NTSC) for frame in frames]
+    assert [frame.timestamp_s for frame in frames] == pytest.approx(times_s, abs=0.002)
+    assert source.problem is not None
+    assert f"{len(missing)} frames cannot be decoded" in source.problem
+
+
+def test_a_trimmed_video_is_whole(tmp_path: Path) -> None:
+    path = write_mp4(tmp_path / "a.mp4", noise_frames(60))
+    path.write_bytes(trimmed(path.read_bytes(), 0.5, 0.5))
+    with VideoSource(path) as source:
+        assert source.frames_stated == 60
+        assert len(list(source.frames())) == pytest.approx(15, abs=1)
+        assert source.problem is None
+
+
+def test_a_video_with_few_frames_for_its_length_is_whole(tmp_path: Path) -> None:
+    times_s = [i / 5 for i in range(30)]
+    write_depth(tmp_path / "a.mkv", [np.ones((16, 16), np.float32)] * 30, times_s=times_s)
+    with VideoSource(tmp_path / "a.mkv") as source:
+        assert (source.frames_stated or 0) > 60  # OpenCV multiplies length and rate
+        assert [frame.timestamp_s for frame in source.frames()] == pytest.approx(times_s)
+        assert source.problem is None
+
+
+def test_frames_without_a_time_get_one(tmp_path: Path) -> None:
+    with silent_ffmpeg():
+        code = cv2.VideoWriter.fourcc(*"mpg2")
+        writer = cv2.VideoWriter(str(tmp_path / "a.mpg"), cv2.CAP_FFMPEG, code, 25, (64, 48))
+    for frame in noise_frames(30):
+        writer.write(frame)
+    writer.release()
+    assert 0 in seen_times_ms(tmp_path / "a.mpg")[1][1:]
+    with VideoSource(tmp_path / "a.mpg") as source:
+        times_s = [frame.timestamp_s for frame in source.frames()]
+    assert times_s == pytest.approx([i / 25 for i in range(30)])
+
+
+def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.mp4")
+    with pytest.raises(InputError, match="to a file first"):
+        VideoSource(tmp_path / "a.mp4")
 
 
 def test_what_is_no_video_is_one_clear_line(tmp_path: Path, capfd: Any) -> None:

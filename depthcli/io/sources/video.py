@@ -15,7 +15,7 @@ from depthcli.io.decode import MAX_PIXELS
 from depthcli.io.frame_rate import exact_rate
 from depthcli.io.sources.video_span import WHOLE
 from depthcli.io.video_capture import open_capture
-from depthcli.io.video_end import is_cut
+from depthcli.io.video_end import counts_frames, is_cut
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 FALLBACK_RATE = Fraction(25)
 _MOST_FRAMES = 1 << 40
 _MISSING_SHARE = 200
+_LONGEST_DAMAGE = 250
 # Matroska keeps milliseconds, so a frame this near to its place on the grid stands there.
 _ROUNDING_S = 0.0011
 _EXIF_OF_TURN = {90: 6, 180: 3, 270: 8}
@@ -41,7 +42,7 @@ class VideoSource:
         width: columns of an upright frame.
         height: rows of an upright frame.
         warnings: one-line texts about the file.
-        problem: why frames are missing at the end, once they have been read; None if all came.
+        problem: why frames are missing, once the others have been read; None if all came.
     """
 
     def __init__(self, path: str | Path, *, max_pixels: int = MAX_PIXELS) -> None:
@@ -72,6 +73,9 @@ class VideoSource:
         )
         self.frames_stated = _count(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
         self.problem: str | None = None
+        self._lost = 0
+        self._index = 0
+        self._time_s = Fraction(-1)
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Decode the frames of a span; to be called once.
@@ -79,12 +83,12 @@ class VideoSource:
         Frames before and between are decoded too, for exactness, but not converted.
 
         Yields:
-            RGB uint8, (H, W, 3); ``index`` counts all frames of the file from 0, ``timestamp_s``
-            counts from its first. A turn that the file asks for is done.
+            RGB uint8, (H, W, 3); ``index`` counts all frames of the file from 0, also damaged ones,
+            which are passed over; ``timestamp_s`` counts from the first and always grows. A turn
+            that the file asks for is done.
         """
         turn = round(self._capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 360
-        places = self._places()
-        for index, wanted in enumerate(span.picks(places)):
+        for wanted in span.picks(self._places()):
             if not wanted:
                 continue
             pixels = self._pixels()
@@ -93,7 +97,7 @@ class VideoSource:
             yield Frame(
                 pixels,
                 self.path,
-                index,
+                self._index,
                 float(self._time_s),
                 orientation=_EXIF_OF_TURN.get(turn, 1),
             )
@@ -117,22 +121,50 @@ class VideoSource:
         """Number and time of each frame, while it is the one at hand."""
         index = 0
         first_ms = 0.0
-        while self._grabbed():
+        while (failed := self._passed_over(index)) is not None:
             measured_ms = self._capture.get(cv2.CAP_PROP_POS_MSEC)
             first_ms = measured_ms if index == 0 else first_ms
-            self._time_s = self._time(index, (measured_ms - first_ms) / 1000)
+            measured_s = (measured_ms - first_ms) / 1000
+            index += self._missed(index, measured_s, failed) if failed else 0
+            time_s = self._time(index, measured_s)
+            # The last frames of MPEG streams can be without a time.
+            grows = time_s > self._time_s
+            self._time_s = time_s if grows else self._time_s + 1 / self.rate
+            self._index = index
             yield index, self._time_s
             index += 1
         self._judge_end(index)
 
+    def _missed(self, index: int, measured_s: float, failed: int) -> int:
+        """How many frames are missing before the one at hand, by its time if that is regular."""
+        by_time = round(measured_s * self.rate)
+        if index and self._is_regular(by_time, measured_s):
+            failed = by_time - index
+        if failed > 0:
+            self._lost += failed
+            self.problem = f"it is damaged: {self._lost} frames cannot be decoded"
+        return failed if index else 0
+
     def _time(self, index: int, measured_s: float) -> Fraction:
         """The frame's place on the grid of the exact rate, or what was measured if it is not."""
-        regular = index / self.rate
-        if abs(float(regular) - measured_s) <= _ROUNDING_S:
-            return regular
+        if self._is_regular(index, measured_s):
+            return index / self.rate
         return Fraction(measured_s).limit_denominator(1_000_000)
 
-    def _grabbed(self) -> bool:
+    def _is_regular(self, index: int, measured_s: float) -> bool:
+        return abs(float(index / self.rate) - measured_s) <= _ROUNDING_S
+
+    def _passed_over(self, index: int) -> int | None:
+        """Go to the next frame that can be decoded, while the file says that there are more.
+
+        Returns:
+            How often that failed before; None at the end.
+        """
+        left = (self.frames_stated or 0) - index
+        tries = range(max(1, min(_LONGEST_DAMAGE, left)))
+        return next((failed for failed in tries if self._grab()), None)
+
+    def _grab(self) -> bool:
         try:
             return self._capture.grab()
         except cv2.error:
@@ -153,7 +185,7 @@ class VideoSource:
 
     def _judge_end(self, read: int) -> None:
         """Compare what came with what the file said."""
-        stated = self.frames_stated
+        stated = self.frames_stated if counts_frames(self.path) else None
         short = stated is not None and stated - read > max(1, stated // _MISSING_SHARE)
         if short or is_cut(self.path):
             of = "" if stated is None else f" of {stated}"
