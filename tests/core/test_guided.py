@@ -49,7 +49,7 @@ def test_depth_is_never_invented(seed: int, in_log: bool) -> None:
     rows, columns = np.mgrid[0:30, 0:40] // 5
     for y in range(6):
         for x in range(8):
-            near = coarse[max(0, y - 3) : y + 4, max(0, x - 3) : x + 4]
+            near = coarse[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3]
             here = values[(rows == y) & (columns == x)]
             assert near.min() * (1 - 1e-5) <= here.min()
             assert here.max() <= near.max() * (1 + 1e-5)
@@ -129,3 +129,19 @@ def test_shrinking_by_bands_equals_shrinking(
     expected = resize_area(plane(pixels), *size)  # type: ignore[operator]
     found = shrink_bands(pixels, plane, *size)  # type: ignore[arg-type]
     np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
+def test_texture_that_depth_does_not_follow_is_not_copied() -> None:
+    slope = np.broadcast_to(np.linspace(2, 4, 32, dtype=np.float32), (24, 32)).copy()
+    checks = np.indices((96, 128)).sum(axis=0) // 2 % 2
+    guided = upsample_guided(slope, Frame((60 + 120 * checks).astype(np.uint8)), in_log=True)
+    inside = slice(8, -8), slice(8, -8)
+    change = guided[inside] / resize_bilinear(slope, 128, 96)[inside] - 1
+    assert np.abs(change).max() < 0.01
+
+
+def test_a_bright_object_on_a_flat_wall_stays_flat() -> None:
+    picture = np.full((96, 128), 60, np.uint8)
+    picture[30:60, 40:90] = 200
+    values = upsample_guided(np.full((24, 32), 3.0, np.float32), Frame(picture), in_log=False)
+    np.testing.assert_allclose(values, 3.0, rtol=1e-6)
