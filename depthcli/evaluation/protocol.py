@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.core.choices import Upsampling
+from depthcli.core.choices import AUTO_TILE, Upsampling
 from depthcli.core.resize import resize_bilinear
 from depthcli.core.types import DepthKind
 from depthcli.errors import DatasetError
@@ -58,6 +58,7 @@ class Protocol:
         min_m: nearest depth that counts, metres; predictions are clamped to it.
         max_m: farthest depth that counts, metres; predictions are clamped to it.
         upsampling: how the models' depth gets to the picture's size.
+        tile_px: width of the models' tiles in pixels; None for no tiles, 0 for half the picture.
         boundary: score edges too. No other number changes by it, so neither does the name.
     """
 
@@ -69,6 +70,7 @@ class Protocol:
     min_m: float = MIN_DEPTH_M
     max_m: float = MAX_DEPTH_M
     upsampling: Upsampling = Upsampling.BILINEAR
+    tile_px: int | None = None
     boundary: bool = field(default=False, compare=False)
 
     @property
@@ -89,6 +91,7 @@ class Protocol:
             (self.min_m != headline.min_m, f"min {self.min_m:g} m"),
             (self.max_m != headline.max_m, f"max {self.max_m:g} m"),
             (self.upsampling != headline.upsampling, f"{self.upsampling} upsampling"),
+            (self.tile_px != headline.tile_px, f"tiles of {_tile(self.tile_px)}"),
         ]
         return ", ".join(text for differs, text in changes if differs) or "headline"
 
@@ -163,6 +166,10 @@ def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
 
 def _size(size_px: tuple[int, int] | None) -> str:
     return "any size" if size_px is None else f"{size_px[0]}×{size_px[1]}"
+
+
+def _tile(tile_px: int | None) -> str:
+    return "half the width" if tile_px == AUTO_TILE else f"{tile_px} px"
 
 
 def _measured(

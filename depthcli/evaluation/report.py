@@ -143,6 +143,7 @@ def protocol_json(protocol: Protocol) -> dict[str, Any]:
         "mask": protocol.mask,
         "compare_px": protocol.compare_px,
         "upsampling": protocol.upsampling,
+        "tile_px": protocol.tile_px,
         "full_size_px": protocol.full_size_px,
         "min_m": protocol.min_m,
         "max_m": protocol.max_m,
