@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 _Result = TypeVar("_Result")
+_UNMEASURED = 5
 
 PLAIN = """
 import os, sys, cv2, numpy as np, onnxruntime
@@ -72,16 +74,21 @@ def measure_stages(pictures: Sequence[Path], out: Path) -> Stages:
     """Each stage of ``batch`` in one thread, after five pictures unmeasured."""
     cv2.setNumThreads(1)
     pipeline, writer = load(threads=1), Png16Writer()
+    stages = Stages()
     for number, path in enumerate(pictures):
-        if number in {0, 5}:
+        if number == _UNMEASURED:
             stages = Stages()
         data = stages("read", path.read_bytes)
-        stages("checksum of input", lambda: hashlib.sha256(data).hexdigest())
-        frame = stages("decode", lambda: read_image(path, data))
-        depth = stages("predict", lambda: pipeline.predict(frame))
-        stages("encode and write", lambda: writer.write(depth, out, frame))
-        stages("checksum of output", lambda: hashlib.sha256(out.read_bytes()).hexdigest())
+        stages("checksum of input", partial(_sha256, data))
+        frame = stages("decode", partial(read_image, path, data))
+        depth = stages("predict", partial(pipeline.predict, frame))
+        stages("encode and write", partial(writer.write, depth, out, frame))
+        stages("checksum of output", lambda: _sha256(out.read_bytes()))
     return stages
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def timed(*command: str) -> float:

@@ -123,7 +123,8 @@ def batch(
         side_by_side=side_by_side,
     )
     camera = choose_camera(focal_px, hfov, anchor)
-    detail = choose_detail(upsample, tile, max_memory)
+    chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
+    detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     plan = _plan(folder, output, files, include or (), exclude or ())
     cores = usable_cores()
     at_once = workers or cores
@@ -134,8 +135,10 @@ def batch(
     from depthcli.cli.batch_voice import Voice
     from depthcli.inference.pipeline import Pipeline
 
-    chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
-    recipe = Recipe(tuple(dict.fromkeys(chosen)), looks, camera, max_pixels)
+    most_pixels = detail.most_pixels(max_pixels)
+    recipe = Recipe(
+        tuple(dict.fromkeys(chosen)), looks, camera, most_pixels, tuple(provider_option or ())
+    )
     pipeline = Pipeline(loading.result(), detail)
     if dry_run:
         from depthcli.cli.batch_dry import dry_run as say

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.cli import console
 from depthcli.cli.batch_recipe import Targets
+from depthcli.cli.batch_video import checked_video
 from depthcli.cli.batch_work import read_input
 from depthcli.errors import ExitCode, InputError
+from depthcli.io.decode import check
 from depthcli.io.journal import known_rows
 from depthcli.io.sources.folder import is_video
 
@@ -27,12 +28,12 @@ def dry_run(plan: Plan, recipe: Recipe, pipeline: Pipeline, *, as_json: bool) ->
         The exit code.
     """
     targets = Targets(plan, recipe, recipe.origin(pipeline), known_rows(plan.out))
+    targets.check_apart()
     counts = {"do": 0, "keep": 0, "fail": 0}
     for found in plan.inputs:
         what, problem = _verdict(targets, found)
         counts[what] += 1
-        outputs = targets.of_video(found) if is_video(found.name) else targets.of_picture(found)
-        paths = [str(path) for path in outputs.values()]
+        paths = [str(path) for path in targets.of(found).values()]
         if as_json:
             console.out_json(
                 {"input": found.name, "would": what, "outputs": paths, "error": problem}
@@ -49,11 +50,12 @@ def dry_run(plan: Plan, recipe: Recipe, pipeline: Pipeline, *, as_json: bool) ->
 
 def _verdict(targets: Targets, found: Found) -> tuple[str, str | None]:
     try:
-        if found.problem is None and is_video(found.name):
-            with Path(found.path).open("rb") as file:
-                sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        if is_video(found.name):
+            sha256 = checked_video(found, targets)
         else:
-            sha256 = hashlib.sha256(read_input(found)).hexdigest()
-    except (InputError, OSError) as error:
+            data = read_input(found)
+            check(data, found.path, targets.recipe.max_pixels)
+            sha256 = hashlib.sha256(data).hexdigest()
+    except InputError as error:
         return "fail", str(error)
     return ("keep" if targets.kept(found, sha256) else "do"), None

@@ -102,12 +102,13 @@ def _check_apart(root: str, out: str) -> None:
 
 
 def _check_outside(plan: Plan, root: str) -> None:
-    """The same where the outputs' tree happens to lead into the inputs'."""
-    inside = Path(_real(root))
-    if not inside.is_relative_to(_real(str(plan.out))):
-        return
+    """The same where the outputs' tree happens to lead into the inputs', by a link say."""
+    inside, out = Path(_real(root)), Path(_real(str(plan.out)))
     for folder in plan.folders():
-        if Path(_real(str(folder))).is_relative_to(inside):
+        real = Path(_real(str(folder)))
+        # A folder for outputs within the inputs' is never read, so that it may lie there.
+        apart = real.is_relative_to(out) and not inside.is_relative_to(out)
+        if real.is_relative_to(inside) and not apart:
             raise UsageError(
                 f"outputs in {folder} would lie among the inputs; choose another --out"
             )

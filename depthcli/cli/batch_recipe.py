@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli import __version__
 from depthcli.cli.predict_choices import Format
 from depthcli.cli.video_choices import VideoFormat
+from depthcli.errors import UsageError
 from depthcli.io.manifest import Origin, is_intact
 from depthcli.io.sources.folder import is_video
 from depthcli.io.writers.registry import SUFFIXES
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from depthcli.cli.batch_plan import Plan
     from depthcli.cli.camera import Camera
     from depthcli.cli.looks import Looks
@@ -41,26 +42,31 @@ class Recipe(NamedTuple):
         looks: options of the formats.
         camera: what is known of the camera.
         max_pixels: pictures with more are refused.
+        provider_options: of the provider, as ``KEY=VALUE`` words.
     """
 
     formats: tuple[Format, ...]
     looks: Looks
     camera: Camera
     max_pixels: int
+    provider_options: tuple[str, ...] = ()
 
     def origin(self, pipeline: Pipeline) -> Origin:
         """What outputs follow from, besides their input."""
-        # Providers differ in the last digits; threads, workers and batch sizes do not.
+        model, card = pipeline.session.model, pipeline.card
+        # Providers differ in the last digits; threads, workers and batch sizes do not. What the
+        # card says decides as much as the weights do, and is no part of their file.
         decisive = (
             tuple(format_.value for format_ in self.formats),
             tuple(self.looks),
             tuple(self.camera),
             repr(pipeline.detail),
             pipeline.session.provider,
+            tuple(sorted(self.provider_options)),
+            repr((card.input, card.output, card.camera)),
         )
         checksum = hashlib.sha256(repr(decisive).encode()).hexdigest()
-        model = pipeline.session.model
-        return Origin(checksum, model.card.name, model.sha256, __version__)
+        return Origin(checksum, card.name, model.sha256, __version__)
 
 
 class Targets(NamedTuple):
@@ -77,6 +83,27 @@ class Targets(NamedTuple):
     recipe: Recipe
     origin: Origin
     rows: Rows
+
+    def check_apart(self) -> None:
+        """Refuse outputs that would replace inputs, which can lie side by side in a list.
+
+        Raises:
+            UsageError: one would.
+        """
+        out = os.path.realpath(self.plan.out)
+        inputs = {_place(Path(found.path)) for found in self.plan.inputs}
+        if not any(place.startswith(os.path.join(out, "")) for place in inputs):  # noqa: PTH118
+            return
+        for found in self.plan.inputs:
+            for path in self.of(found).values():
+                if _place(path) in inputs:
+                    raise UsageError(
+                        f"{path}, the output for {found.name}, is an input; choose another --out"
+                    )
+
+    def of(self, found: Found) -> dict[Format, Path] | dict[VideoFormat, Path]:
+        """Where the outputs of an input go."""
+        return self.of_video(found) if is_video(found.name) else self.of_picture(found)
 
     def of_picture(self, found: Found) -> dict[Format, Path]:
         """Where the outputs of a picture go."""
@@ -105,3 +132,8 @@ class Targets(NamedTuple):
         # How many frames there are is known only once they are written.
         base = self.plan.names.base(found.name)
         return [file.path for file in row.outputs if file.path.startswith(f"{base}.")]
+
+
+def _place(path: Path) -> str:
+    """A file's own place: links to its folder are followed, one that it is itself is not."""
+    return os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118

@@ -11,18 +11,20 @@ import cv2
 from depthcli.cli.batch_progress import Tally, progress_for
 from depthcli.cli.batch_recipe import Targets
 from depthcli.cli.batch_work import Worker
+from depthcli.core.opencv_threads import one_thread_each
 from depthcli.core.ordered_map import ordered_map
 from depthcli.errors import ExitCode
-from depthcli.io.journal import Journal, remove_leftovers
+from depthcli.io.journal import Journal, known_rows, remove_leftovers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Generator, Iterable, Iterator
 
     from depthcli.cli.batch_plan import Plan
     from depthcli.cli.batch_recipe import Recipe
     from depthcli.cli.batch_voice import Voice
     from depthcli.cli.batch_work import Result
     from depthcli.inference.pipeline import Pipeline
+    from depthcli.io.manifest import Origin
     from depthcli.io.sources.folder import Found
 
 _AHEAD = 64
@@ -55,20 +57,30 @@ class Batch(NamedTuple):
             The exit code.
 
         Raises:
-            ModelError: the network failed.
+            ModelError: the network fails on any picture.
             OutputError: the output folder cannot be written.
             UsageError: another batch writes there.
         """
         camera = self.recipe.camera
         self.pipeline.check_focal(camera.focal_px, camera.hfov_deg)
+        origin = self.recipe.origin(self.pipeline)
+        Targets(self.plan, self.recipe, origin, known_rows(self.plan.out)).check_apart()
         journal = Journal(self.plan.out)
         if journal.was_cut_short:
             remove_leftovers(self.plan.folders())
         tally = Tally(len(self.plan.inputs))
+        self.voice.warn(self.pipeline.session.warnings)
         try:
             silent = self.voice.quiet or self.voice.as_json
-            with _one_thread_each(self.workers), progress_for(tally, silent=silent) as tick:
-                for result in self._results(journal):
+            with (
+                _no_log(),
+                one_thread_each(self.workers),
+                progress_for(tally, silent=silent) as tick,
+                closing(
+                    self._results(origin, journal)
+                ) as results,  # no worker outlives the journal
+            ):
+                for result in results:
                     tally.add(result)
                     self.voice.tell(result)
                     tick()
@@ -77,8 +89,8 @@ class Batch(NamedTuple):
             self.voice.sum_up(self.plan, tally)
         return ExitCode.SOME_FAILED if tally.failures else ExitCode.OK
 
-    def _results(self, journal: Journal) -> Iterator[Result]:
-        targets = Targets(self.plan, self.recipe, self.recipe.origin(self.pipeline), journal)
+    def _results(self, origin: Origin, journal: Journal) -> Generator[Result, None, None]:
+        targets = Targets(self.plan, self.recipe, origin, journal)
         worker = Worker(targets, self.pipeline, journal)
         chunks = _chunks(self.plan.pictures, self.batch_size)
         ahead = _AHEAD * self.workers
@@ -101,15 +113,12 @@ def _chunks(inputs: Iterable[Found], size: int) -> Iterator[tuple[Found, ...]]:
 
 
 @contextmanager
-def _one_thread_each(workers: int) -> Iterator[None]:
-    """Keep OpenCV's own threads, and its messages, out of the workers' way."""
-    threads, log = cv2.getNumThreads(), cv2.utils.logging
+def _no_log() -> Iterator[None]:
+    """Keep OpenCV silent about damaged files, in all threads at once."""
+    log = cv2.utils.logging
     level = log.getLogLevel()
     log.setLogLevel(log.LOG_LEVEL_SILENT)
-    if workers > 1:
-        cv2.setNumThreads(1)
     try:
         yield
     finally:
-        cv2.setNumThreads(threads)
         log.setLogLevel(level)

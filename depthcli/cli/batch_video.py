@@ -7,11 +7,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.cli.batch_work import Result, reason
+from depthcli.cli.batch_work import Result, blame, reason
 from depthcli.cli.video_choices import VideoFormat
 from depthcli.cli.video_outputs import SEQUENCES, VideoJob
 from depthcli.cli.video_run import VideoSettings, run_video
-from depthcli.errors import InputError, ModelError
+from depthcli.errors import InputError
 from depthcli.io.manifest import FAILED, OK, Row, written
 
 if TYPE_CHECKING:
@@ -42,20 +42,19 @@ class VideoWorker(NamedTuple):
         """Do one video.
 
         Raises:
-            ModelError: the network failed.
+            ModelError: the network fails on any picture.
             OutputError: the journal cannot be written.
         """
         start = time.perf_counter()
         sha256 = None
         try:
-            sha256 = _checksum(found)
+            sha256 = checked_video(found, self.targets)
             kept = self.targets.kept(found, sha256)
             if kept is not None:
                 return Result(kept, is_kept=True)
             row = self._row(found, sha256)
-        except ModelError:
-            raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
+            blame(error, self.pipeline)
             row = Row(
                 input=found.name,
                 status=FAILED,
@@ -69,12 +68,6 @@ class VideoWorker(NamedTuple):
 
     def _row(self, found: Found, sha256: str) -> Row:
         recipe, outputs = self.targets.recipe, self.targets.of_video(found)
-        if not set(outputs) - {VideoFormat.JSON}:
-            raise InputError(
-                f"{found.path} is a video, which this format cannot hold; add --format png16"
-            )
-        if recipe.camera.anchors:
-            raise InputError(f"{found.path} is a video, to which --anchor does not apply")
         folder = (self.targets.plan.out / found.name).parent
         job = VideoJob(
             found.name, Path(found.path), folder, {w: p.name for w, p in outputs.items()}
@@ -110,9 +103,17 @@ def _files(outputs: dict[VideoFormat, Path], frames: int) -> Iterator[Path]:
             yield path.with_name(f"{start}{number:06d}{end}")
 
 
-def _checksum(found: Found) -> str:
-    """Of a file that may not fit into memory."""
+def checked_video(found: Found, targets: Targets) -> str:
+    """Checksum of a video, which may not fit into memory.
+
+    Raises:
+        InputError: it cannot be read, or the options do not apply to videos.
+    """
     path = Path(found.path)
+    if not set(targets.of_video(found)) - {VideoFormat.JSON}:
+        raise InputError(f"{path} is a video, which this format cannot hold; add --format png16")
+    if targets.recipe.camera.anchors:
+        raise InputError(f"{path} is a video, to which --anchor does not apply")
     if not path.is_file():
         raise InputError(f"{path} is missing, or no file")
     try:

@@ -8,6 +8,8 @@ from depthcli.cli import console
 from depthcli.io.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from depthcli.cli.batch_plan import Plan
     from depthcli.cli.batch_progress import Tally
     from depthcli.cli.batch_work import Result
@@ -23,6 +25,11 @@ class Voice(NamedTuple):
 
     as_json: bool
     quiet: bool
+
+    def warn(self, warnings: Iterable[str]) -> None:
+        """What is to be known of the whole batch."""
+        for warning in () if self.quiet else warnings:
+            console.warn(warning)
 
     def tell(self, result: Result) -> None:
         """What became of one input."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.cli.predict_outputs import Job, write_output
 from depthcli.errors import DepthcliError, InputError, ModelError, UsageError
+from depthcli.inference.trial import try_session
 from depthcli.io.decode import read_bytes
 from depthcli.io.manifest import FAILED, OK, Row, written
 from depthcli.io.sources.image import read_image
@@ -61,7 +62,7 @@ class Worker:
         """Do some inputs, their networks' turns together.
 
         Raises:
-            ModelError: the network failed.
+            ModelError: the network fails on any picture.
             UsageError: the options do not fit the model.
             OutputError: the journal cannot be written.
         """
@@ -81,9 +82,9 @@ class Worker:
             return self._pipeline.predict_many(
                 frames, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
             )
-        except (InputError, MemoryError) as error:
+        except (InputError, MemoryError, ModelError) as error:
             if len(frames) == 1:
-                return [error]
+                return [blame(error, self._pipeline)]
             return [depth for frame in frames for depth in self._depths([frame])]
 
     def _open(self, found: Found) -> _Opened | Result:
@@ -126,7 +127,7 @@ class Worker:
         return self._put_down(row)
 
     def _failed(self, found: Found, error: Exception, start: float, sha256: str | None) -> Result:
-        if isinstance(error, (ModelError, UsageError)):
+        if isinstance(error, UsageError):
             raise error
         row = Row(
             input=found.name,
@@ -159,6 +160,17 @@ def read_input(found: Found) -> bytes:
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         raise InputError(f"{found.path} is not a file but a pipe or a device; copy it to a file")
     return read_bytes(Path(found.path))
+
+
+def blame(error: Exception, pipeline: Pipeline) -> Exception:
+    """The error, if it is the input's: a network that fails on one picture may do the next.
+
+    Raises:
+        ModelError: the network fails on a plain gray picture, too.
+    """
+    if isinstance(error, ModelError):
+        try_session(pipeline.session)
+    return error
 
 
 def reason(error: Exception) -> str:

@@ -55,7 +55,7 @@ def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> npt.NDArr
     Raises:
         InputError: empty, truncated, damaged, not a picture, or too large.
     """
-    _check(data, name, max_pixels)
+    check(data, name, max_pixels)
     try:
         with _no_log():
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS)
@@ -66,7 +66,12 @@ def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> npt.NDArr
     return _without_alpha(pixels)
 
 
-def _check(data: bytes, name: str, max_pixels: int) -> None:
+def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> None:
+    """All that can be told of a picture without decoding it.
+
+    Raises:
+        InputError: empty, truncated, not a picture, or too large.
+    """
     if not data:
         raise InputError(f"{name} is empty")
     size = picture_size(data)
@@ -78,7 +83,7 @@ def _check(data: bytes, name: str, max_pixels: int) -> None:
     if width * height > max_pixels:
         raise InputError(
             f"{name} claims {width}×{height} pixels, more than {max_pixels:,}; "
-            "raise --max-pixels if it is genuine"
+            "raise --max-pixels (and --max-memory, where given) if it is genuine"
         )
     found = flaw(data)
     if found is not None:

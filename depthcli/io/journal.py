@@ -107,15 +107,24 @@ class Journal(Rows):
     def finish(self, names: Iterable[str]) -> None:
         """Write the manifest and remove the journal.
 
+        Inputs of earlier batches come last, as long as they have outputs here: a batch of other
+        files of the same folder must not make this one's be done again.
+
         Args:
             names: the inputs in the manifest's order; those without a row are left out.
 
         Raises:
             OutputError: the manifest cannot be written; the journal stays.
         """
+        wanted = dict.fromkeys(names)
+        others = sorted(self._offsets.keys() - wanted.keys(), key=os.fsencode)
         with atomic_path(self._manifest) as temporary, temporary.open("wb") as manifest:
-            for name in names:
+            for name in wanted:
                 manifest.write(self._line(name) or b"")
+            for name in others:
+                row = self.row(name)
+                if row is not None and row.outputs:
+                    manifest.write(row.as_line())
         with self._explained():
             self._file.close()
             self._path.unlink(missing_ok=True)

@@ -1,0 +1,51 @@
+"""Folders of pictures for ``depthcli batch``, and what became of them."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from tiny import synthetic_picture, write_picture
+
+if TYPE_CHECKING:
+    import subprocess
+    from pathlib import Path
+
+    import numpy as np
+    from conftest import Cli
+
+
+def picture(cli: Cli, name: str, pixels: np.ndarray[Any, Any]) -> Path:
+    """One picture in the folder ``in``."""
+    return write_picture(cli.folder / "in" / name, pixels)
+
+
+def tree(cli: Cli, *names: str) -> None:
+    """Files in the folder ``in``: small pictures, no two alike, or text."""
+    for number, name in enumerate(names):
+        path = cli.folder / "in" / name
+        if path.suffix == ".txt":
+            path.write_text("text")
+        else:
+            write_picture(path, synthetic_picture(24, 32 + number))
+
+
+def contents(cli: Cli, folder: str) -> dict[str, bytes]:
+    """Every file below a folder of the command's, hidden ones too."""
+    root = cli.folder / folder
+    return {
+        path.relative_to(root).as_posix(): path.read_bytes()
+        for path in root.rglob("*")
+        if path.is_file()
+    }
+
+
+def rows(cli: Cli, out: str) -> dict[str, dict[str, Any]]:
+    """The manifest by input."""
+    lines = (cli.folder / out / "manifest.jsonl").read_text().splitlines()
+    return {row["input"]: row for row in map(json.loads, lines)}
+
+
+def printed(done: subprocess.CompletedProcess[bytes]) -> list[dict[str, Any]]:
+    """The lines of ``--json``."""
+    return [json.loads(line) for line in done.stdout.splitlines()]

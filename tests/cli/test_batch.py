@@ -1,0 +1,441 @@
+"""``depthcli batch``, run from the built wheel as a user runs it: inputs, outputs, what is said."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import onnx
+import pytest
+from folders import contents, picture, printed, rows, tree
+from tiny import synthetic_picture, tiny_onnx, write_model, write_picture
+from videos import flat_frames, write_video
+
+from depthcli.io.depth_videos import DepthVideo
+
+if TYPE_CHECKING:
+    from conftest import Cli
+
+
+def test_the_tree_is_kept_and_outputs_are_those_of_predict(cli: Cli) -> None:
+    tree(cli, "a.png", "hall/b.jpg", "hall/deep/er/c.png", "hall/notes.txt", ".hidden.png")
+    done = cli("batch", "in", "--out", "out")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert contents(cli, "out").keys() == {
+        *("a.depth.png", "hall/b.depth.png", "hall/deep/er/c.depth.png", "manifest.jsonl"),
+    }
+    assert b"3 of 3 inputs done, 2 other files left alone" in done.stdout
+    assert b"manifest: out/manifest.jsonl" in done.stdout
+    assert cli("predict", "in/hall/b.jpg", "-o", "alone.png").returncode == 0
+    alone = (cli.folder / "alone.png").read_bytes()
+    assert contents(cli, "out")["hall/b.depth.png"] == alone
+
+
+def test_formats_and_sidecar(cli: Cli) -> None:
+    tree(cli, "a.png")
+    formats = ("png16", "preview", "exr", "npy", "ply")
+    words = [word for name in formats for word in ("--format", name)]
+    done = cli("batch", "in", "--out", "out", *words, "--sidecar", "--colormap", "gray")
+    assert done.returncode == 0
+    names = ("a.depth.png", "a.preview.png", "a.depth.exr", "a.depth.npy", "a.ply", "a.depth.json")
+    assert contents(cli, "out").keys() == {*names, "manifest.jsonl"}
+    sidecar = json.loads((cli.folder / "out" / "a.depth.json").read_text())
+    assert (sidecar["unit"], sidecar["model"]) == ("m", "tiny")
+
+
+@pytest.mark.parametrize(
+    ("words", "taken"),
+    [
+        (("--include", "*.png"), {"a.png", "hall/c.png", "hall/thumbs/d.png"}),
+        (("--include", "hall/*"), {"hall/b.jpg", "hall/c.png"}),
+        (("--include", "hall/**"), {"hall/b.jpg", "hall/c.png", "hall/thumbs/d.png"}),
+        (("--exclude", "thumbs"), {"a.png", "hall/b.jpg", "hall/c.png"}),
+        (("--exclude", "hall/"), {"a.png"}),
+        (("--include", "*.jpg", "--include", "a.*"), {"a.png", "hall/b.jpg"}),
+        (("--include", "*.png", "--exclude", "[cd].png"), {"a.png"}),
+    ],
+)
+def test_patterns(cli: Cli, words: tuple[str, ...], taken: set[str]) -> None:
+    tree(cli, "a.png", "hall/b.jpg", "hall/c.png", "hall/thumbs/d.png")
+    done = cli("batch", "in", "--out", "out", "--json", *words)
+    assert done.returncode == 0
+    assert {row["input"] for row in printed(done)} == taken
+    assert rows(cli, "out").keys() == taken
+
+
+def test_a_list_from_a_file(cli: Cli) -> None:
+    tree(cli, "hall/a.png", "hall/b.png", "c.png")
+    shutil.copy(cli.folder / "in/c.png", cli.folder / "in/picture-without-suffix")
+    (cli.folder / "list.txt").write_text("hall/a.png\npicture-without-suffix\n\nhall/a.png\n")
+    done = cli("batch", "in", "--out", "out", "--files", "list.txt")
+    assert done.returncode == 0
+    names = {"hall/a.depth.png", "picture-without-suffix.depth.png", "manifest.jsonl"}
+    assert contents(cli, "out").keys() == names
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\0", b"\r\n"])
+def test_a_list_from_standard_input(cli: Cli, end: bytes) -> None:
+    tree(cli, "a.png", "hall/b.png")
+    outside = write_picture(cli.folder / "elsewhere" / "c.png")
+    words = (b"in/hall/b.png", b"./in/a.png", os.fsencode(outside), b"in/missing.png")
+    stdin = b"".join(word + end for word in words)
+    done = cli("batch", "--out", "out", "--files", "-", stdin=stdin)
+    assert done.returncode == 1
+    assert b"in/missing.png is missing" in done.stderr
+    pictures = {"in/a.depth.png", "in/hall/b.depth.png", "elsewhere/c.depth.png"}
+    assert contents(cli, "out").keys() == {*pictures, "manifest.jsonl"}
+
+
+def test_a_path_outside_the_folder_keeps_all_its_folders(cli: Cli) -> None:
+    tree(cli, "a.png")
+    outside = write_picture(cli.folder.parent / "far" / "b.png")
+    stdin = b"a.png\n" + os.fsencode(outside)
+    done = cli("batch", "in", "--out", "out", "--files", "-", stdin=stdin)
+    assert done.returncode == 0
+    name = str(outside.with_suffix(".depth.png")).lstrip("/")
+    assert contents(cli, "out").keys() == {"a.depth.png", name, "manifest.jsonl"}
+
+
+def test_names_with_any_byte(cli: Cli) -> None:
+    tree(cli, "new\nline.png")
+    odd = os.fsdecode(b"caf\xe9.png")
+    shutil.copy(cli.folder / "in" / "new\nline.png", cli.folder / "in" / odd)
+    done = cli("batch", "in", "--out", "out")
+    assert (done.returncode, done.stderr) == (0, b"")
+    wanted = {"new\nline.depth.png", os.fsdecode(b"caf\xe9.depth.png"), "manifest.jsonl"}
+    assert contents(cli, "out").keys() == wanted
+    assert rows(cli, "out").keys() == {"new\nline.png", odd}
+    again = cli("batch", "in", "--out", "out")
+    assert b"2 were done before" in again.stdout
+
+
+def test_videos_among_the_pictures(cli: Cli) -> None:
+    tree(cli, "a.png")
+    write_video(cli.folder / "in" / "hall" / "clip.avi", flat_frames(range(0, 100, 10)))
+    formats = ("--format", "png16", "--format", "preview", "--format", "npy", "--sidecar")
+    done = cli("batch", "in", "--out", "out", "--json", *formats)
+    assert done.returncode == 0
+    frames = {f"hall/clip.depth.{number:06d}.npy" for number in range(10)}
+    video = {"hall/clip.depth.mkv", "hall/clip.preview.mp4", "hall/clip.depth.json"}
+    pictures = {"a.depth.png", "a.preview.png", "a.depth.npy", "a.depth.json"}
+    assert contents(cli, "out").keys() == frames | video | pictures | {"manifest.jsonl"}
+    assert [row["input"] for row in printed(done)] == ["a.png", "hall/clip.avi"]
+    assert len(list(DepthVideo(cli.folder / "out/hall/clip.depth.mkv").steps())) == 10
+    (cli.folder / "out/hall/clip.depth.000004.npy").unlink()
+    again = printed(cli("batch", "in", "--out", "out", "--json", *formats))
+    assert [row["kept"] for row in again] == [True, False]
+    last = printed(cli("batch", "in", "--out", "out", "--json", *formats))
+    assert [row["kept"] for row in last] == [True, True]
+
+
+def test_videos_fail_as_pictures_do(cli: Cli) -> None:
+    tree(cli, "z.png")
+    cut = write_video(cli.folder / "in" / "cut.avi", flat_frames(range(60)))
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
+    (cli.folder / "in" / "no.mp4").write_bytes(b"no video" * 99)
+    (cli.folder / "in" / "broken.mov").symlink_to("nowhere.mov")
+    done = cli("batch", "in", "--out", "out")
+    assert done.returncode == 1
+    found = rows(cli, "out")
+    assert {name: row["status"] for name, row in found.items()} == {
+        **dict.fromkeys(("broken.mov", "cut.avi", "no.mp4"), "failed"),
+        "z.png": "ok",
+    }
+    assert "ends after" in found["cut.avi"]["error"]
+    assert [file["path"] for file in found["cut.avi"]["outputs"]] == ["cut.depth.mkv"]
+    assert contents(cli, "out").keys() == {"cut.depth.mkv", "z.depth.png", "manifest.jsonl"}
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"), [(("--format", "ply"), "png16"), (("--anchor", "3,4,2"), "--anchor")]
+)
+def test_what_does_not_apply_to_videos(cli: Cli, options: tuple[str, ...], reason: str) -> None:
+    tree(cli, "a.png")
+    write_video(cli.folder / "in" / "clip.avi", flat_frames(range(3)))
+    done = cli("batch", "in", "--out", "out", *options)
+    assert done.returncode == 1
+    (line,) = [x for x in done.stderr.decode().splitlines() if x.startswith("depthcli: error")]
+    assert "clip.avi is a video" in line
+    assert reason in line
+    assert rows(cli, "out")["a.png"]["status"] == "ok"
+
+
+def test_a_dry_run_writes_nothing(cli: Cli) -> None:
+    tree(cli, "a.png", "hall/b.png", "notes.txt")
+    (cli.folder / "in" / "empty.jpg").touch()
+    dry = ("batch", "in", "--out", "out", "--dry-run")
+    done = cli(*dry)
+    assert done.returncode == 0
+    assert done.stdout.decode().splitlines() == [
+        "do    a.png -> out/a.depth.png",
+        "fail  empty.jpg -> in/empty.jpg is empty",
+        "do    hall/b.png -> out/hall/b.depth.png",
+    ]
+    assert b"would do 2, keep 0 that were done before, fail 1; 1 other files" in done.stderr
+    assert not (cli.folder / "out").exists()
+    cli("batch", "in", "--out", "out", "--include", "a.png")
+    before = contents(cli, "out")
+    found = printed(cli(*dry, "--json"))
+    assert [row["would"] for row in found] == ["keep", "fail", "do"]
+    assert found[0]["outputs"] == ["out/a.depth.png"]
+    assert contents(cli, "out") == before
+
+
+def test_every_column_of_the_manifest_is_true(cli: Cli) -> None:
+    tree(cli, "hall/a.png")
+    (cli.folder / "in" / "b.png").write_bytes(b"not a picture")
+    cli("batch", "in", "--out", "out")
+    lines = (cli.folder / "out" / "manifest.jsonl").read_bytes().splitlines()
+    failed, row = map(json.loads, lines)
+    assert list(row) == list(failed)
+    written = (cli.folder / "out/hall/a.depth.png").read_bytes()
+    model = (cli.models / "default" / "model.onnx").read_bytes()
+    assert row["outputs"] == [
+        {"path": "hall/a.depth.png", "bytes": len(written), "sha256": sha256(written)}
+    ]
+    assert (row["input"], row["status"], row["error"]) == ("hall/a.png", "ok", None)
+    assert row["input_sha256"] == sha256((cli.folder / "in/hall/a.png").read_bytes())
+    assert (row["model"], row["model_sha256"]) == ("tiny", sha256(model))
+    assert len(row["options_sha256"]) == 64
+    assert 0 < row["seconds"] < 60
+    assert row["warnings"] == []
+    assert (failed["status"], failed["outputs"]) == ("failed", [])
+    assert "is not a picture" in failed["error"]
+    assert failed["input_sha256"] == sha256(b"not a picture")
+
+
+def sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def test_json_prints_the_rows_of_the_manifest(cli: Cli) -> None:
+    tree(cli, "a.png", "b.png")
+    (cli.folder / "in" / "c.png").touch()
+    done = cli("batch", "in", "--out", "out", "--json")
+    assert done.returncode == 1
+    found = printed(done)
+    assert [row.pop("kept") for row in found] == [False] * 3
+    assert {row["input"]: row for row in found} == rows(cli, "out")
+    assert b"depthcli: error: in/c.png is empty" in done.stderr
+
+
+def test_no_bad_file_stops_the_others(cli: Cli) -> None:
+    folder = cli.folder / "in"
+    tree(cli, "a.png", "z.png")
+    good = (folder / "a.png").read_bytes()
+    for name, data in {
+        "bomb.pbm": b"P4 60000 60000\n",
+        "cut.png": good[: len(good) // 2],
+        "empty.png": b"",
+        "text.jpg": b"hello",
+    }.items():
+        (folder / name).write_bytes(data)
+    (folder / "link.png").symlink_to("nowhere.png")
+    (folder / "self.png").symlink_to("self.png")
+    os.mkfifo(folder / "pipe.png")
+    np.save(folder / "floats.npy", np.zeros(3))
+    done = cli("batch", "in", "--out", "out")
+    assert done.returncode == 1
+    errors = done.stderr.decode().splitlines()
+    bad = ("bomb.pbm", "cut.png", "empty.png", "link.png", "pipe.png", "self.png", "text.jpg")
+    assert len(errors) == len(bad)
+    for name, line in zip(bad, errors, strict=True):
+        assert line.startswith("depthcli: error: ")
+        assert f"in/{name} " in line
+    assert b"2 of 9 inputs done, 7 failed, 1 other files left alone" in done.stdout
+    assert contents(cli, "out").keys() == {"a.depth.png", "z.depth.png", "manifest.jsonl"}
+    assert {name for name, row in rows(cli, "out").items() if row["error"]} == set(bad)
+
+
+@pytest.mark.skipif(os.getuid() == 0, reason="root reads every folder")
+def test_a_folder_that_cannot_be_listed_is_a_failure(cli: Cli) -> None:
+    tree(cli, "a.png", "locked/b.png")
+    (cli.folder / "in" / "locked").chmod(0)
+    done = cli("batch", "in", "--out", "out")
+    (cli.folder / "in" / "locked").chmod(0o700)
+    assert done.returncode == 1
+    assert b"in/locked cannot be listed" in done.stderr
+
+
+def test_an_output_that_cannot_be_written_stops_no_other(cli: Cli) -> None:
+    tree(cli, "a.png", "b.png")
+    (cli.folder / "out" / "a.depth.png" / "in the way").mkdir(parents=True)
+    done = cli("batch", "in", "--out", "out")
+    assert done.returncode == 1
+    (line,) = done.stderr.decode().splitlines()
+    assert "cannot write out/a.depth.png" in line
+    assert rows(cli, "out")["b.png"]["status"] == "ok"
+
+
+def test_a_picture_that_the_network_fails_on_stops_no_other(cli: Cli) -> None:
+    # A reshape to a fixed size fails on every picture that comes in another one.
+    write_model(cli.models / "default", fixed_inside(), input__fit="keep-aspect")
+    picture(cli, "wide.png", np.zeros((10, 300), np.uint8))
+    tree(cli, "a.png", "z.png")
+    done = cli("batch", "in", "--out", "out")
+    assert done.returncode == 1
+    assert b"wide.png" in done.stderr
+    assert {n: r["status"] for n, r in rows(cli, "out").items()} == {
+        **dict.fromkeys(("a.png", "z.png"), "ok"),
+        "wide.png": "failed",
+    }
+
+
+def test_a_network_that_fails_on_everything_is_no_fault_of_the_inputs(cli: Cli) -> None:
+    write_model(cli.models / "default", fixed_inside(5))
+    tree(cli, "a.png", "b.png")
+    done = cli("batch", "in", "--out", "out")
+    assert done.returncode == 3
+    assert b"model.onnx failed" in done.stderr
+
+
+def fixed_inside(height: int = 12) -> bytes:
+    """The tiny network with a reshape that suits one height only."""
+    model = onnx.load_from_string(tiny_onnx())
+    shape = onnx.numpy_helper.from_array(np.array([1, 1, height, 16]), "shape")
+    model.graph.initializer.append(shape)
+    node = model.graph.node[0]
+    node.output[0] = "free"
+    model.graph.node.append(onnx.helper.make_node("Reshape", ["free", "shape"], ["depth"]))
+    return model.SerializeToString()
+
+
+def test_loops_are_left_out_and_named(cli: Cli) -> None:
+    tree(cli, "hall/a.png", "b.png")
+    (cli.folder / "in" / "hall" / "up").symlink_to("..")
+    (cli.folder / "in" / "twin").symlink_to("hall")
+    done = cli("batch", "in", "--out", "out")
+    assert done.returncode == 0
+    assert rows(cli, "out").keys() == {"b.png", "hall/a.png", "twin/a.png"}
+    assert b"hall/up leads back to a folder that it is in" in done.stderr
+
+
+def test_names_do_not_collide(cli: Cli) -> None:
+    levels = {"a.jpg": 0, "a.png": 50, "a.jpg.png": 100, "b.png": 150, "B.png": 200}
+    for name, level in levels.items():
+        picture(cli, name, np.full((20, 20), level, np.uint8))
+    assert cli("batch", "in", "--out", "out").returncode == 0
+    found = rows(cli, "out")
+    outputs = {name: found[name]["outputs"][0]["path"] for name in levels}
+    assert len({path.casefold() for path in outputs.values()}) == len(levels)
+    assert outputs["a.jpg"] == "a.jpg.depth.png"
+    for name, level in levels.items():
+        steps = cv2.imread(str(cli.folder / "out" / outputs[name]), cv2.IMREAD_UNCHANGED)
+        assert steps.mean() == pytest.approx(1000 + 8000 * level / 255, abs=40)
+
+
+def test_names_do_not_depend_on_what_is_wanted(cli: Cli) -> None:
+    tree(cli, "a.jpg", "a.png")
+    cli("batch", "in", "--out", "one", "--include", "*.png")
+    cli("batch", "in", "--out", "all")
+    png = "a.png.depth.png"
+    assert contents(cli, "one")[png] == contents(cli, "all")[png]
+
+
+def test_an_output_folder_among_the_inputs_is_not_read(cli: Cli) -> None:
+    tree(cli, "a.png")
+    for _ in range(2):
+        assert cli("batch", "in", "--out", "in/depth").returncode == 0
+    assert rows(cli, "in/depth").keys() == {"a.png"}
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("in",), "name the folder for outputs"),
+        ((), "name the folder for outputs"),
+        (("--out", "out"), "name a folder, or give --files"),
+        (("nowhere", "--out", "out"), "nowhere is not a folder"),
+        (("in/a.png", "--out", "out"), "is not a folder"),
+        (("in", "--out", "in"), "is the folder of the inputs"),
+        (("in", "--out", "in/../in"), "is the folder of the inputs"),
+        (("in", "--out", "leads-in"), "would lie among the inputs"),
+        (("in", "--out", "out", "--files", "nowhere.txt"), "cannot read the list nowhere.txt"),
+        (("in", "--out", "out", "--focal-px", "300"), "--focal-px and --hfov out"),
+        (("in", "--out", "out", "--focal-px", "3", "--hfov", "4"), "not both"),
+        (("in", "--out", "out", "--png-normalize", "--png-scale", "5"), "--png"),
+        (("in", "--out", "out", "--workers", "0"), "workers"),
+        (("in", "--out", "out", "--provider-option", "a=b"), "provider"),
+    ],
+)
+def test_wrong_usage(cli: Cli, words: tuple[str, ...], reason: str) -> None:
+    tree(cli, "hall/b.png", "a.png")
+    (cli.folder / "leads-in").mkdir()
+    (cli.folder / "leads-in" / "hall").symlink_to("../in/hall")
+    before = contents(cli, ".")
+    done = cli("batch", *words)
+    assert done.returncode == 2
+    (line,) = done.stderr.decode().splitlines()
+    assert reason in line
+    assert contents(cli, ".") == before
+
+
+def test_a_listed_input_is_never_replaced(cli: Cli) -> None:
+    tree(cli, "a.jpg", "a.depth.png", "b.png")
+    before = contents(cli, "in")
+    stdin = b"a.jpg\na.depth.png\n"
+    for extra in ((), ("--dry-run",)):
+        done = cli("batch", "in", "--out", "in", "--files", "-", *extra, stdin=stdin)
+        assert done.returncode == 2
+        assert b"in/a.depth.png, the output for a.jpg, is an input" in done.stderr
+    assert contents(cli, "in") == before
+    beside = cli("batch", "in", "--out", "in", "--files", "-", stdin=b"b.png")
+    assert beside.returncode == 0
+    assert contents(cli, "in").keys() - before.keys() == {"b.depth.png", "manifest.jsonl"}
+
+
+def test_a_missing_model_is_a_failure_and_leaves_nothing(cli: Cli) -> None:
+    tree(cli, "a.png")
+    done = cli("batch", "in", "--out", "out", "--model", "nowhere.onnx")
+    assert done.returncode == 3
+    assert not (cli.folder / "out").exists()
+
+
+def test_quiet_says_errors_only(cli: Cli) -> None:
+    tree(cli, "a.png")
+    done = cli("batch", "in", "--out", "out", "--quiet")
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+    (cli.folder / "in" / "b.png").touch()
+    done = cli("batch", "in", "--out", "out", "-q")
+    assert (done.returncode, done.stdout) == (1, b"")
+    assert done.stderr.decode().splitlines() == [
+        "depthcli: error: in/b.png is empty",
+        "1 of 2 inputs failed",
+    ]
+
+
+def test_warnings_name_their_input(cli: Cli) -> None:
+    write_model(cli.models / "default", output__shift=80.0, output__max_m=200.0)
+    tree(cli, "a.png")
+    done = cli("batch", "in", "--out", "out")
+    assert done.returncode == 0
+    assert b"depthcli: warning: a.png: " in done.stderr
+    assert "were saturated" in rows(cli, "out")["a.png"]["warnings"][0]
+
+
+def test_a_folder_without_pictures(cli: Cli) -> None:
+    (cli.folder / "in").mkdir()
+    done = cli("batch", "in", "--out", "out")
+    assert done.returncode == 0
+    assert b"0 of 0 inputs done" in done.stdout
+    assert contents(cli, "out") == {"manifest.jsonl": b""}
+
+
+def test_workers_threads_and_batch_size_change_no_byte(cli: Cli) -> None:
+    for number in range(7):
+        size = (48, 64) if number % 3 else (30, 40)
+        picture(cli, f"{number}.png", synthetic_picture(*size) // (number + 1))
+    ways = (("1", "1", "1"), ("3", "2", "1"), ("2", "1", "4"))
+    outputs = []
+    for workers, threads, size in ways:
+        out = f"w{workers}b{size}"
+        options = ("--workers", workers, "--threads", threads, "--batch-size", size)
+        assert cli("batch", "in", "--out", out, *options).returncode == 0
+        outputs.append({n: d for n, d in contents(cli, out).items() if n != "manifest.jsonl"})
+    assert len(outputs[0]) == 7
+    assert outputs[0] == outputs[1] == outputs[2]

@@ -1,0 +1,246 @@
+"""A batch that is run again: after a stop, after a change, and while another one runs."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from folders import contents, picture, printed, rows, tree
+from tiny import write_model
+
+if TYPE_CHECKING:
+    from conftest import Cli
+
+JOURNAL = ".depthcli-batch.jsonl"
+COUNT = 60
+
+
+def many(cli: Cli) -> None:
+    """Pictures that take a while, no two alike, in two folders."""
+    random = np.random.default_rng(0)
+    for number in range(COUNT):
+        pixels = random.integers(0, 256, (200, 300), dtype=np.uint8)
+        picture(cli, f"{number % 2}/{number:03}.png", pixels)
+
+
+def begun(cli: Cli, done: int, *options: str) -> subprocess.Popen[bytes]:
+    """A batch that has put down some rows and goes on."""
+    running = subprocess.Popen(
+        cli.command("batch", "in", "--out", "out", *options),
+        cwd=cli.folder,
+        env=cli.environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    journal = cli.folder / "out" / JOURNAL
+    until = time.monotonic() + 30
+    while time.monotonic() < until and running.poll() is None:
+        if journal.exists() and journal.read_bytes().count(b"\n") >= done:
+            break
+        time.sleep(0.002)
+    return running
+
+
+def maps(cli: Cli, out: str) -> dict[str, bytes]:
+    """Everything but the manifest, whose seconds differ."""
+    return {name: data for name, data in contents(cli, out).items() if name != "manifest.jsonl"}
+
+
+def kept(cli: Cli, *words: str) -> dict[str, bool]:
+    """Which inputs were done before."""
+    return {row["input"]: row["kept"] for row in printed(cli("batch", "in", *words, "--json"))}
+
+
+@pytest.mark.parametrize("after", [1, 25])
+def test_a_killed_batch_goes_on_and_gives_the_same_bytes(cli: Cli, after: int) -> None:
+    many(cli)
+    running = begun(cli, after, "--format", "png16", "--format", "exr")
+    running.kill()
+    assert running.wait(timeout=30) == -signal.SIGKILL
+    # What was being written when the power went.
+    (cli.folder / "out" / "0" / ".depthcli-0123456789abcdef.png").write_bytes(b"half a pict")
+    with (cli.folder / "out" / JOURNAL).open("ab") as journal:
+        journal.write(b'{"input": "0/0')
+    before = (cli.folder / "out" / JOURNAL).read_bytes().count(b"\n")
+    words = ("--format", "png16", "--format", "exr")
+    found = kept(cli, "--out", "out", *words)
+    assert after <= sum(found.values()) <= before
+    assert cli("batch", "in", "--out", "once", *words).returncode == 0
+    assert len(maps(cli, "out")) == 2 * COUNT
+    assert maps(cli, "out") == maps(cli, "once")
+    one, other = (rows(cli, out) for out in ("once", "out"))
+    assert list(one) == list(other)
+    for name, row in one.items():
+        assert {**row, "seconds": 0} == {**other[name], "seconds": 0}
+
+
+@pytest.mark.parametrize(
+    ("which", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["int", "term"]
+)
+def test_an_interrupted_batch_leaves_a_manifest_and_goes_on(
+    cli: Cli, which: signal.Signals, code: int
+) -> None:
+    many(cli)
+    running = begun(cli, 5)
+    running.send_signal(which)
+    out, err = running.communicate(timeout=30)
+    assert running.returncode == code
+    assert b"the same command goes on from here" in err
+    assert b"manifest: out/manifest.jsonl" in out
+    done = rows(cli, "out")
+    assert 5 <= len(done) < COUNT
+    assert list(done) == sorted(done)
+    assert {file["path"] for row in done.values() for file in row["outputs"]} == {*maps(cli, "out")}
+    found = kept(cli, "--out", "out")
+    assert {name for name, was in found.items() if was} == done.keys()
+    cli("batch", "in", "--out", "once")
+    assert maps(cli, "out") == maps(cli, "once")
+
+
+def test_what_is_right_is_left_alone(cli: Cli) -> None:
+    tree(cli, "a.png", "hall/b.png")
+    cli("batch", "in", "--out", "out")
+    first = {path: path.stat().st_mtime_ns for path in (cli.folder / "out").rglob("*.png")}
+    done = cli("batch", "in", "--out", "out", "--workers", "1", "--batch-size", "3", "--quiet")
+    assert done.returncode == 0
+    assert first == {path: path.stat().st_mtime_ns for path in (cli.folder / "out").rglob("*.png")}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--format", "npy"),
+        ("--sidecar",),
+        ("--png-scale", "256"),
+        ("--png-normalize",),
+        ("--upsample", "bilinear"),
+        ("--tile", "auto"),
+        ("--max-memory", "1G"),
+        ("--focal-px", "300"),
+        ("--hfov", "80"),
+        ("--anchor", "3,4,2.5"),
+        ("--model", "other"),
+        ("--provider", "cpu"),
+        ("--profile", "p.toml"),
+        ("--legend",),
+    ],
+)
+def test_a_changed_option_is_done_again(cli: Cli, options: tuple[str, ...]) -> None:
+    write_model(cli.models / "default", camera={"hfov_deg": 60.0})
+    write_model(cli.models / "other", output__shift=6.0)
+    (cli.folder / "p.toml").write_text("legend = true\nhfov = 70\n")
+    tree(cli, "a.png")
+    assert kept(cli, "--out", "out") == {"a.png": False}
+    same = options == ("--provider", "cpu")  # what auto takes here
+    assert kept(cli, "--out", "out", *options) == {"a.png": same}
+    assert kept(cli, "--out", "out", *options) == {"a.png": True}
+    cli("batch", "in", "--out", "once", *options)
+    made = maps(cli, "once")
+    assert {name: data for name, data in maps(cli, "out").items() if name in made} == made
+
+
+def test_a_switch_of_a_profile_is_an_option_as_any(cli: Cli) -> None:
+    tree(cli, "a.png")
+    (cli.folder / "p.toml").write_text("side-by-side = true\nformat = ['preview']\n")
+    assert kept(cli, "--out", "out", "--format", "preview") == {"a.png": False}
+    assert kept(cli, "--out", "out", "--profile", "p.toml") == {"a.png": False}
+    given = ("--format", "preview", "--side-by-side")
+    assert kept(cli, "--out", "out", *given) == {"a.png": True}
+    (cli.folder / "p.toml").write_text("format = ['preview']\n")
+    assert kept(cli, "--out", "out", "--profile", "p.toml") == {"a.png": False}
+
+
+def test_a_changed_input_is_done_again(cli: Cli) -> None:
+    tree(cli, "a.png", "b.png")
+    cli("batch", "in", "--out", "out")
+    old = maps(cli, "out")
+    (cli.folder / "in" / "b.png").replace(cli.folder / "in" / "a.png")
+    tree(cli, "c.png")
+    assert kept(cli, "--out", "out") == {"a.png": False, "c.png": False}
+    assert maps(cli, "out")["a.depth.png"] == old["b.depth.png"] != old["a.depth.png"]
+
+
+def test_a_changed_model_is_done_again(cli: Cli) -> None:
+    tree(cli, "a.png")
+    cli("batch", "in", "--out", "out")
+    write_model(cli.models / "default", b"no onnx file")
+    assert cli("batch", "in", "--out", "out").returncode == 3
+    assert rows(cli, "out").keys() == {"a.png"}
+    from_other = write_model(cli.models / "other", output__shift=6.0)
+    assert kept(cli, "--out", "out", "--model", str(from_other)) == {"a.png": False}
+
+
+@pytest.mark.parametrize("damage", ["missing", "changed", "cut"])
+def test_a_damaged_output_is_made_again(cli: Cli, damage: str) -> None:
+    tree(cli, "a.png", "b.png")
+    cli("batch", "in", "--out", "out")
+    good = maps(cli, "out")
+    path = cli.folder / "out" / "a.depth.png"
+    data = path.read_bytes()
+    path.unlink()
+    if damage != "missing":
+        path.write_bytes(data[:-1] + (b"" if damage == "cut" else b"x"))
+    assert kept(cli, "--out", "out") == {"a.png": False, "b.png": True}
+    assert maps(cli, "out") == good
+
+
+def test_failed_inputs_are_tried_again(cli: Cli) -> None:
+    tree(cli, "a.png", "b.png")
+    good = (cli.folder / "in" / "b.png").read_bytes()
+    (cli.folder / "in" / "b.png").write_bytes(good[:50])
+    assert cli("batch", "in", "--out", "out").returncode == 1
+    assert cli("batch", "in", "--out", "out").returncode == 1
+    (cli.folder / "in" / "b.png").write_bytes(good)
+    assert kept(cli, "--out", "out") == {"a.png": True, "b.png": False}
+    assert rows(cli, "out")["b.png"]["error"] is None
+
+
+def test_a_batch_of_some_files_forgets_no_other(cli: Cli) -> None:
+    tree(cli, "a.png", "b.jpg", "c.png")
+    (cli.folder / "in" / "d.jpg").touch()
+    assert cli("batch", "in", "--out", "out").returncode == 1
+    assert cli("batch", "in", "--out", "out", "--files", "-", stdin=b"c.png").returncode == 0
+    # What failed and was not asked for again has nothing in the folder.
+    assert list(rows(cli, "out")) == ["c.png", "a.png", "b.jpg"]
+    found = {"a.png": True, "b.jpg": True, "c.png": True, "d.jpg": False}
+    assert kept(cli, "--out", "out") == found
+    assert list(rows(cli, "out")) == sorted(found)
+
+
+def test_rows_that_are_not_ours_are_passed_over(cli: Cli) -> None:
+    tree(cli, "a.png")
+    (cli.folder / "out").mkdir()
+    strange = b'{"input": 3}\n[]\nno json\n\xff\xfe\n'
+    (cli.folder / "out" / "manifest.jsonl").write_bytes(strange)
+    assert kept(cli, "--out", "out") == {"a.png": False}
+    assert rows(cli, "out").keys() == {"a.png"}
+
+
+def test_two_batches_do_not_write_to_one_folder(cli: Cli) -> None:
+    many(cli)
+    running = begun(cli, 1)
+    second = cli("batch", "in", "--out", "out")
+    still = running.poll() is None
+    running.kill()
+    running.communicate(timeout=30)
+    assert still
+    assert second.returncode == 2
+    assert b"another batch is writing to out" in second.stderr
+
+
+def test_a_reader_that_leaves_loses_no_row(cli: Cli) -> None:
+    many(cli)
+    running = begun(cli, 3, "--json")
+    assert running.stdout is not None
+    running.stdout.close()
+    running.stdout = None
+    running.communicate(timeout=30)
+    assert running.returncode in (0, 1)
+    assert len(rows(cli, "out")) >= 3
+    assert not (cli.folder / "out" / JOURNAL).exists()
+    cli("batch", "in", "--out", "out")
+    assert len(maps(cli, "out")) == COUNT

@@ -1,0 +1,173 @@
+"""Rows of a batch, and the file that they are safe in."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from depthcli.errors import OutputError, UsageError
+from depthcli.io.journal import JOURNAL_NAME, Journal, known_rows, remove_leftovers
+from depthcli.io.manifest import (
+    FAILED,
+    MANIFEST_NAME,
+    OK,
+    Origin,
+    OutputFile,
+    Row,
+    is_intact,
+    parse_row,
+    written,
+)
+
+ORIGIN = Origin("0" * 64, "tiny", "1" * 64, "1.0")
+
+
+def row(name: str, seconds: float = 0.5) -> Row:
+    outputs = (OutputFile(f"{name}.depth.png", 12, "2" * 64),)
+    return Row(name, OK, ORIGIN, outputs, seconds, "3" * 64, warnings=("far",))
+
+
+def test_a_row_is_read_back() -> None:
+    for found in (row("a.png"), Row("b.png", FAILED, ORIGIN, error="is empty")):
+        line = found.as_line()
+        assert line.endswith(b"\n")
+        assert parse_row(line) == found
+
+
+@given(st.text(st.characters(categories=["L", "Cs", "Cc", "P"])))
+def test_a_row_of_any_name_is_one_line_of_ascii(name: str) -> None:
+    line = row(name).as_line()
+    assert line.isascii()
+    assert line.count(b"\n") == 1
+    found = parse_row(line)
+    assert found is not None
+    assert found.input == name
+
+
+@given(st.binary() | st.integers(0, 300).map(lambda end: row("a").as_line()[:end]))
+def test_what_is_no_row_is_none(line: bytes) -> None:
+    assert parse_row(line) in (None, row("a"))
+
+
+@pytest.mark.parametrize(
+    "line", [b"[]", b"3", b"null", b'{"input": "a"}', b'{"outputs": [[]]}', b'{"a": "\\ud800"}']
+)
+def test_somebody_else_s_json_is_none(line: bytes) -> None:
+    assert parse_row(line) is None
+
+
+def test_what_a_row_holds_for() -> None:
+    found, outputs = row("a"), ["a.depth.png"]
+    assert found.holds(outputs, "3" * 64, ORIGIN)
+    assert not found.holds([*outputs, "a.depth.exr"], "3" * 64, ORIGIN)
+    assert not found.holds(outputs, "4" * 64, ORIGIN)
+    for change in ("options_sha256", "model", "model_sha256", "version"):
+        assert not found.holds(outputs, "3" * 64, replace(ORIGIN, **{change: "other"}))
+    assert not replace(found, status=FAILED).holds(outputs, "3" * 64, ORIGIN)
+
+
+def test_an_output_is_intact_until_it_changes(tmp_path: Path) -> None:
+    path = tmp_path / "hall" / "a.png"
+    path.parent.mkdir()
+    path.write_bytes(b"depth")
+    file = written(tmp_path, path)
+    assert (file.path, file.bytes) == ("hall/a.png", 5)
+    assert is_intact(tmp_path, file)
+    path.write_bytes(b"dept!")
+    assert not is_intact(tmp_path, file)
+    path.unlink()
+    assert not is_intact(tmp_path, file)
+    with pytest.raises(OutputError, match="vanished"):
+        written(tmp_path, path)
+
+
+def test_rows_become_the_manifest_in_the_order_of_the_inputs(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "out")
+    assert not journal.was_cut_short
+    for name in ("c", "a", "b", "a"):
+        journal.add(row(name, seconds=0.25))
+    journal.add(row("a", seconds=1.5))
+    journal.finish(["a", "b", "c", "missing"])
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [MANIFEST_NAME]
+    lines = (tmp_path / "out" / MANIFEST_NAME).read_bytes().splitlines()
+    found = [parse_row(line) for line in lines]
+    assert found == [row("a", 1.5), row("b", 0.25), row("c", 0.25)]
+
+
+def test_other_inputs_stay_as_long_as_they_have_outputs(tmp_path: Path) -> None:
+    first = Journal(tmp_path)
+    for name in ("d", "b", "a"):
+        first.add(row(name))
+    first.add(Row("bad", FAILED, ORIGIN, error="is empty"))
+    first.finish(["a", "b", "bad", "d"])
+    second = Journal(tmp_path)
+    second.add(row("c"))
+    second.finish(["c"])
+    lines = (tmp_path / MANIFEST_NAME).read_bytes().splitlines()
+    assert [found.input for found in map(parse_row, lines) if found] == ["c", "a", "b", "d"]
+
+
+def test_a_killed_batch_leaves_its_rows(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    journal.add(row("a"))
+    journal._file.close()  # as the end of the process does
+    with (tmp_path / JOURNAL_NAME).open("ab") as file:
+        file.write(row("b").as_line()[:40])
+    assert known_rows(tmp_path).row("a") == row("a")
+    again = Journal(tmp_path)
+    assert again.was_cut_short
+    assert (again.row("a"), again.row("b")) == (row("a"), None)
+    again.add(row("c"))
+    again.finish(["a", "b", "c"])
+    known = known_rows(tmp_path)
+    assert [known.row(name) for name in "abc"] == [row("a"), None, row("c")]
+
+
+def test_known_rows_of_nothing() -> None:
+    assert known_rows(Path("nowhere")).row("a") is None
+
+
+def test_a_second_batch_is_kept_out(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    with pytest.raises(UsageError, match="another batch"):
+        Journal(tmp_path)
+    journal.finish([])
+    Journal(tmp_path).finish([])
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="choose another --out"):
+        Journal(tmp_path / "file" / "out")
+
+
+def test_threads_lose_no_row(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+
+    def add(start: int) -> None:
+        for number in range(start, 200, 4):
+            journal.add(row(str(number)))
+            assert journal.row(str(number)) == row(str(number))
+
+    threads = [threading.Thread(target=add, args=(start,)) for start in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    journal.finish(map(str, range(200)))
+    assert (tmp_path / MANIFEST_NAME).read_bytes().count(b"\n") == 200
+
+
+def test_leftovers_are_removed_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / ".depthcli-0123.png").touch()
+    (tmp_path / ".depthcli-frames").mkdir()
+    (tmp_path / ".depthcli-frames" / "0.png").touch()
+    for name in (JOURNAL_NAME, "a.depth.png", ".other"):
+        (tmp_path / name).touch()
+    remove_leftovers([tmp_path, tmp_path / "missing"])
+    assert {path.name for path in tmp_path.iterdir()} == {JOURNAL_NAME, "a.depth.png", ".other"}
