@@ -1,4 +1,4 @@
-"""Pictures for benchmarks: rooms of 640×480 pixels with the texture and the size of photographs."""
+"""Pictures and videos for benchmarks: rooms with the texture and the size of photographs."""
 
 from __future__ import annotations
 
@@ -23,6 +23,22 @@ def write_pictures(folder: Path, count: int) -> list[Path]:
         cv2.imwrite(str(path), _view(room, random), quality)
         paths.append(path)
     return paths
+
+
+def write_video(path: Path, count: int, width: int = WIDTH, height: int = HEIGHT) -> Path:
+    """Write a video at 30000/1001, Motion JPEG: the room, under grain, passing by and back."""
+    room = cv2.resize(cv2.imread(str(ROOM)), (width * 5 // 4, height * 5 // 4))
+    random = np.random.default_rng(0)
+    code = cv2.VideoWriter.fourcc(*"MJPG")
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, 30000 / 1001, (width, height))
+    grains = random.normal(0, 3, (8, height, width, 1))
+    path_px = [*range(width // 4), *range(width // 4, 0, -1)]
+    for number in range(count):
+        left, top = path_px[number % len(path_px)], height // 8
+        view = room[top : top + height, left : left + width] + grains[number % len(grains)]
+        writer.write(np.clip(view, 0, 255).astype(np.uint8))
+    writer.release()
+    return path
 
 
 def _view(room: cv2.typing.MatLike, random: np.random.Generator) -> cv2.typing.MatLike:

@@ -110,6 +110,7 @@ def video(
     the model failed.
     """
     from depthcli.cli.camera import choose_camera
+    from depthcli.cli.cores import usable_cores
     from depthcli.cli.detail import choose_detail
     from depthcli.cli.engine import Engine
     from depthcli.cli.looks import choose_looks
@@ -129,10 +130,11 @@ def video(
         side_by_side=side_by_side,
     )
     choose_camera(focal_px, hfov, None)
-    detail = choose_detail(upsample, tile, max_memory)
     span = parse_span(start, end, every)
-    job = plan_video(file, output, choose_formats(output, formats or ()), sidecar=sidecar)
-    cores = available_cores()
+    chosen = choose_formats(output, formats or ())
+    detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
+    job = plan_video(file, output, chosen, sidecar=sidecar)
+    cores = usable_cores()
     at_once = workers or cores
     share = threads or max(1, cores // at_once)
     loading = Engine(model, provider, share, provider_option or ()).start()
@@ -147,15 +149,6 @@ def video(
         lock_s=lock,
         focal_px=focal_px,
         hfov_deg=hfov,
-        max_pixels=max_pixels,
+        max_pixels=detail.most_pixels(max_pixels),
     )
     return run_and_tell(job, loading, settings, detail, as_json=as_json, quiet=quiet)
-
-
-def available_cores() -> int:
-    """Cores that this process may use."""
-    import os
-
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -13,6 +13,7 @@ import numpy as np
 from depthcli.cli.video_choices import VideoFormat
 from depthcli.cli.video_report import VideoDone
 from depthcli.core import temporal
+from depthcli.core.opencv_threads import one_thread_each
 from depthcli.core.ordered_map import ordered_map
 from depthcli.core.temporal_depth import (
     FlickerMeter,
@@ -242,6 +243,7 @@ def _through(
     workers = settings.workers
     # Closed before the outputs are: no thread may write into what is being removed.
     with (
+        one_thread_each(workers),
         closing(ordered_map(reel.see, source.frames(settings.span), workers=workers)) as seen,
         closing(ordered_map(encoded, reel.steady(seen), workers=workers)) as parts,
     ):

@@ -1,0 +1,119 @@
+"""How near ``depthcli video`` comes to what the machine can do, on a video of 640×480 pixels.
+
+The figure of merit is the share of the limit, where the limit is cores divided by the summed CPU
+seconds of all stages of one frame, each measured alone. The whole process counts, with its start.
+Run: ``python benchmarks/video_throughput.py [--frames 500] [--rounds 3]``
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
+
+import cv2
+from made_pictures import write_video
+
+from depthcli.cli.cores import usable_cores
+from depthcli.cli.looks import Looks
+from depthcli.cli.video_choices import VideoFormat
+from depthcli.cli.video_outputs import plan_video
+from depthcli.cli.video_run import Reel, VideoSettings
+from depthcli.core.choices import Detail
+from depthcli.inference.pipeline import load
+from depthcli.io.sources.video import VideoSource
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_Given = ParamSpec("_Given")
+_Result = TypeVar("_Result")
+LOOKS = Looks(1000.0, False, "Z", False, "inferno", "warm", None, None, False, False)
+FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
+
+
+class Stages:
+    """CPU seconds of each stage over all frames."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def __call__(
+        self,
+        name: str,
+        action: Callable[_Given, _Result],
+        *given: _Given.args,
+        **named: _Given.kwargs,
+    ) -> _Result:
+        """Measure one stage of one frame, with the threads that it starts."""
+        start = time.process_time()
+        result = action(*given, **named)
+        self.seconds[name] = self.seconds.get(name, 0) + time.process_time() - start
+        return result
+
+
+def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
+    """CPU seconds of all stages of a frame, each in its turn, the mean over a few frames."""
+    cv2.setNumThreads(1)
+    pipeline = load(threads=1, detail=Detail())
+    settings = VideoSettings(LOOKS, workers=0)
+    reel, stages = Reel(pipeline, settings), Stages()
+    job = plan_video(str(video), f"{folder}/", FORMATS)
+    with VideoSource(video) as source, ExitStack() as stack:
+        outputs = {
+            which: stack.enter_context(job.open(which, settings.looks, source.rate, pipeline.card))
+            for which in FORMATS
+        }
+        taken = source.frames()
+        reel.see(next(taken))
+        for _ in range(frames):
+            frame = stages("decode", next, taken)
+            seen = stages("predict", reel.see, frame)
+            shot = stages("over time", next, reel.steady([seen]))
+            for which, output in outputs.items():
+                part = stages(f"prepare {which}", output.encode, shot)
+                stages(f"encode {which}", output.append, part)
+        for which, output in outputs.items():
+            stages(f"encode {which}", output.finish, reel.times_s)
+    for name in stages.seconds:
+        stages.seconds[name] /= frames
+    return stages
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=500)
+    parser.add_argument("--rounds", type=int, default=3)
+    options = parser.parse_args()
+    shares = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        video = write_video(folder / "room.avi", options.frames)
+        for _ in range(options.rounds):
+            stages = measure_stages(video, folder / "stages", min(100, options.frames - 1))
+            start = time.perf_counter()
+            command = (sys.executable, "-m", "depthcli", "video", str(video), "-o", f"{folder}/out")
+            subprocess.run([*command, "--quiet"], check=True)
+            rate = options.frames / (time.perf_counter() - start)
+            shutil.rmtree(folder / "out")
+            limit = usable_cores() / sum(stages.seconds.values())
+            shares.append(rate / limit)
+            print(f"limit {limit:.1f} frames/s  video {rate:.1f} frames/s")
+    for name, seconds in stages.seconds.items():
+        print(f"  {name:<12} {seconds * 1e3:6.2f} ms CPU")
+    print(
+        f"share of the limit {statistics.median(shares):.3f}  "
+        f"({min(shares):.3f} to {max(shares):.3f})"
+    )
+
+
+if __name__ == "__main__":
+    main()
