@@ -3,26 +3,48 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.errors import UsageError
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+# Bytes a pixel beside picture and depth, measured with some to spare; the least is for the numbers
+# that are printed.
+_USE_BYTES = {"png16": 16, "preview": 20, "ply": 46, "mkv": 16, "mp4": 20}
+_LEAST_USE_BYTES = 9
+_PICTURE_BESIDE_BYTES = 18
 _UNITS = {"": 1, "K": 1_000, "M": 1_000_000, "G": 1_000_000_000}
 _SIZE = re.compile(r"(\d+(?:\.\d+)?) ?([KMG]?)B?", re.IGNORECASE | re.ASCII)
 
 
-def choose_detail(upsampling: Upsampling, tile: str | None, max_memory: str | None) -> Detail:
+def choose_detail(
+    upsampling: Upsampling,
+    tile: str | None,
+    max_memory: str | None,
+    formats: Iterable[str] = (),
+    *,
+    side_by_side: bool = False,
+) -> Detail:
     """What the options describe.
 
     Args:
         upsampling: how depth gets to the picture's size.
         tile: ``auto`` or a width in pixels.
         max_memory: a number of bytes, or one with K, M or G.
+        formats: names of what is written.
+        side_by_side: whether previews show the picture as well.
 
     Raises:
         UsageError: an option is no number.
     """
-    return Detail(upsampling, _tile_px(tile), _bytes(max_memory))
+    use_bytes = max((_USE_BYTES.get(name, 0) for name in formats), default=0)
+    if side_by_side:
+        use_bytes += _PICTURE_BESIDE_BYTES
+    use_bytes = max(_LEAST_USE_BYTES, use_bytes)
+    return Detail(upsampling, _tile_px(tile), _bytes(max_memory), use_bytes)
 
 
 def _tile_px(text: str | None) -> int | None:

@@ -104,15 +104,15 @@ TileOption = Annotated[
     str | None,
     typer.Option(
         metavar="auto|PIXELS",
-        help="Refine large pictures in tiles of this width; auto is half the picture.",
+        help="Refine pictures in tiles of this width; auto is three quarters of the picture's.",
     ),
 ]
 MaxMemoryOption = Annotated[
     str | None,
     typer.Option(
         metavar="SIZE",
-        help="Most memory for one picture's pixels and depth, 800M or 2G say; what needs more is "
-        "refused.",
+        help="Most memory for one picture, from its pixels to its files, beside the program and "
+        "the model: 800M or 2G, say. What needs more is refused.",
     ),
 ]
 MaxPixelsOption = Annotated[

@@ -85,8 +85,8 @@ def predict(
         side_by_side=side_by_side,
     )
     camera = choose_camera(focal_px, hfov, anchor)
-    detail = choose_detail(upsample, tile, max_memory)
     chosen = choose_formats(output, formats or ())
+    detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     jobs = plan_jobs(images, output, chosen, sidecar=sidecar)
     loading = Engine(model, provider, threads, provider_option or ()).start()
     from depthcli.cli.predict_run import Predictor, Voice
@@ -96,7 +96,7 @@ def predict(
         camera=camera,
         looks=looks,
         detail=detail,
-        max_pixels=max_pixels,
+        max_pixels=detail.most_pixels(max_pixels),
         voice=Voice(as_json=as_json, quiet=quiet, to_stderr=to_stdout),
     )
     return predictor.run(jobs)

@@ -18,7 +18,9 @@ class Upsampling(StrEnum):
 
 
 AUTO_TILE = 0
-"""Width of tiles that stands for half the picture, where that is no less than the network takes."""
+"""Width of tiles that stands for three quarters of the picture's; see docs/sharpness.md."""
+DEPTH_BYTES = 4
+"""A pixel of a depth map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,14 +29,16 @@ class Detail:
 
     Attributes:
         upsampling: how depth gets to the picture's size.
-        tile_px: width of tiles in pixels of the picture; None for no tiles, 0 for half the picture.
-        max_memory_bytes: most memory for one picture: its pixels, its depth and all that is
-            between, without the model and the files; None for no limit.
+        tile_px: width of tiles in pixels of the picture; None for no tiles, 0 for 3/4 of its width.
+        max_memory_bytes: most memory for one picture: its pixels, its depth, all that is between
+            and what is done with the depth, beside the program and the model; None for no limit.
+        use_bytes: what is done with the depth takes so many bytes a pixel; counts for the limit.
     """
 
     upsampling: Upsampling = Upsampling.GUIDED
     tile_px: int | None = None
     max_memory_bytes: int | None = None
+    use_bytes: int = 0
 
     def __post_init__(self) -> None:
         """Take plain words too.
@@ -48,6 +52,15 @@ class Detail:
         object.__setattr__(self, "upsampling", Upsampling(self.upsampling))
         if self.tile_px is not None and self.tile_px < 0:
             raise UsageError(f"tiles of {self.tile_px} pixels cannot be; give their width")
+
+    def most_pixels(self, otherwise: int) -> int:
+        """Pixels above which a picture exceeds the limit even in gray, or what is less.
+
+        Such a picture need not be decoded.
+        """
+        if self.max_memory_bytes is None:
+            return otherwise
+        return min(otherwise, self.max_memory_bytes // (1 + DEPTH_BYTES + self.use_bytes))
 
 
 PLAIN = Detail()

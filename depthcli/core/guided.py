@@ -11,6 +11,7 @@ arXiv:1505.00996. The gain and the range that values keep to are our own.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import cv2
@@ -21,12 +22,10 @@ from depthcli.core.resize import resize_rows
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-# Chosen on held-out scenes, see docs/sharpness.md: wider windows smear depth, less smoothing copies
-# texture, more gain sharpens what is no edge.
-_RADIUS = 1
+# Chosen on held-out scenes, see docs/sharpness.md: less smoothing copies texture, and more gain
+# sharpens what is no edge.
 _SMOOTHING = 1e-3  # variance of brightness in [0, 1] below which the map keeps its local mean
 _GAIN = 1.5
-_RANGE_RADIUS = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +35,8 @@ class GuidedMap:
     Attributes:
         slope: (h, w) float32, change of the map with the picture's brightness.
         offset: (h, w) float32, the map where brightness is 0.
-        low: (h, w) float32, least value of the map within one coarse pixel.
-        high: (h, w) float32, largest value of the map within one coarse pixel.
+        low: (h, w) float32, least value of the map within its reach.
+        high: (h, w) float32, largest value of the map within its reach.
     """
 
     slope: npt.NDArray[np.float32]
@@ -46,23 +45,28 @@ class GuidedMap:
     high: npt.NDArray[np.float32]
 
     @classmethod
-    def fit(cls, coarse: npt.NDArray[np.float32], guide: npt.NDArray[np.float32]) -> GuidedMap:
+    def fit(
+        cls, coarse: npt.NDArray[np.float32], guide: npt.NDArray[np.float32], reach: int = 1
+    ) -> GuidedMap:
         """Find the lines.
 
         Args:
             coarse: (h, w) float32, finite; any quantity that blends linearly.
             guide: (h, w) float32 in [0, 1], brightness of the picture at the map's size.
+            reach: coarse pixels from the middle of a window to its border; a wider one smears
+                depth. As many as a pixel of the network's own output is wide.
         """
-        mean_guide, mean_coarse = _mean(guide), _mean(coarse)
+        mean = partial(_mean, reach=reach)
+        mean_guide, mean_coarse = mean(guide), mean(coarse)
         # Differences of large numbers lose float32's digits, so the map is taken from its mean.
         centred = np.asarray(coarse - coarse.mean(), np.float32)
-        covariance = _mean(guide * centred) - mean_guide * _mean(centred)
-        variance = _mean(guide * guide) - mean_guide * mean_guide
+        covariance = mean(guide * centred) - mean_guide * mean(centred)
+        variance = mean(guide * guide) - mean_guide * mean_guide
         slope = np.asarray(_GAIN * covariance / (variance.clip(0) + _SMOOTHING), np.float32)
         offset = np.asarray(mean_coarse - slope * mean_guide, np.float32)
-        window = np.ones((2 * _RANGE_RADIUS + 1,) * 2, np.uint8)
+        window = np.ones((2 * reach + 1,) * 2, np.uint8)
         low, high = cv2.erode(coarse, window), cv2.dilate(coarse, window)
-        return cls(_mean(slope), _mean(offset), np.asarray(low), np.asarray(high))
+        return cls(mean(slope), mean(offset), np.asarray(low), np.asarray(high))
 
     def rows(
         self, guide: npt.NDArray[np.float32], rows: slice, height: int
@@ -87,6 +91,6 @@ class GuidedMap:
         return np.asarray(cv2.min(cv2.max(values, low, dst=values), high, dst=values))
 
 
-def _mean(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    size = (2 * _RADIUS + 1,) * 2
+def _mean(values: npt.NDArray[np.float32], reach: int) -> npt.NDArray[np.float32]:
+    size = (2 * reach + 1,) * 2
     return np.asarray(cv2.blur(values, size, borderType=cv2.BORDER_REPLICATE))

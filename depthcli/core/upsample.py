@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def upsample_guided(
-    depth: npt.NDArray[np.float32], frame: Frame, *, in_log: bool
+    depth: npt.NDArray[np.float32], frame: Frame, *, in_log: bool, reach: int = 1
 ) -> npt.NDArray[np.float32]:
     """Let edges of depth follow the picture's; see :mod:`depthcli.core.guided`.
 
@@ -29,6 +29,7 @@ def upsample_guided(
         frame: the picture.
         in_log: blend log depth, for which ``depth`` has to be above 0: an edge then looks the same
             near and far.
+        reach: pixels of ``depth`` that a pixel of the network's own output is wide.
 
     Returns:
         (H, W) float32 at the picture's size, within the range of ``depth`` near each pixel.
@@ -37,7 +38,7 @@ def upsample_guided(
     if frame.width <= width or frame.height <= height or not np.isfinite(depth).all():
         return resize_bilinear(depth, frame.width, frame.height)
     small = shrink_bands(frame.pixels, brightness, width, height)
-    fitted = GuidedMap.fit(np.log(depth) if in_log else depth, small)
+    fitted = GuidedMap.fit(np.log(depth) if in_log else depth, small, reach)
     values = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
         band = fitted.rows(brightness(frame.pixels[rows]), rows, frame.height)

@@ -58,7 +58,7 @@ class Protocol:
         min_m: nearest depth that counts, metres; predictions are clamped to it.
         max_m: farthest depth that counts, metres; predictions are clamped to it.
         upsampling: how the models' depth gets to the picture's size.
-        tile_px: width of the models' tiles in pixels; None for no tiles, 0 for half the picture.
+        tile_px: width of the models' tiles in pixels; None for no tiles, 0 for 3/4 of the width.
         boundary: score edges too. No other number changes by it, so neither does the name.
     """
 
@@ -169,7 +169,7 @@ def _size(size_px: tuple[int, int] | None) -> str:
 
 
 def _tile(tile_px: int | None) -> str:
-    return "half the width" if tile_px == AUTO_TILE else f"{tile_px} px"
+    return "3/4 of the width" if tile_px == AUTO_TILE else f"{tile_px} px"
 
 
 def _measured(

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from depthcli.core.bands import BAND_PIXELS
-from depthcli.core.choices import AUTO_TILE
+from depthcli.core.choices import AUTO_TILE, DEPTH_BYTES
 from depthcli.errors import InputError
 from depthcli.inference.card import Colour, Resize
 
@@ -15,12 +15,10 @@ if TYPE_CHECKING:
     from depthcli.core.types import Frame
     from depthcli.inference.card import InputSpec
 
-_DEPTH_BYTES = 4
 # Counted in the code, with some to spare: planes of one band, and maps of the size of a tiled map.
 _BYTES_A_BAND_PIXEL = 64
 _BYTES_A_CELL = 64
 _FLOAT_PLANES = 2  # the plane and its scaled copy
-_LEAST_BYTES = 16 * 1024 * 1024  # network-size maps and what libraries keep
 _MEGABYTE = 1_000_000
 
 
@@ -39,7 +37,7 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
         InputError: the limit is too low for this picture or these tiles.
     """
     limit = math.inf if detail.max_memory_bytes is None else detail.max_memory_bytes
-    fixed = _fixed_bytes(spec, frame)
+    fixed = _fixed_bytes(spec, frame, detail.use_bytes)
     if fixed > limit:
         raise InputError(
             f"{frame.width}×{frame.height} pixels need {_megabytes(fixed)}, more than "
@@ -50,8 +48,8 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
     if detail.tile_px is None:
         return None
     if detail.tile_px == AUTO_TILE:
-        half = max(-(-frame.width // 2), spec.width, least_px)
-        return half if half < frame.width else None
+        chosen = max(-(-3 * frame.width // 4), spec.width, least_px)
+        return chosen if chosen < frame.width else None
     if detail.tile_px < least_px:
         raise InputError(
             f"tiles of {detail.tile_px} pixels need more than --max-memory {_megabytes(limit)}; "
@@ -60,11 +58,13 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
     return detail.tile_px if detail.tile_px < frame.width else None
 
 
-def _fixed_bytes(spec: InputSpec, frame: Frame) -> int:
-    """What is needed without tiles."""
+def _fixed_bytes(spec: InputSpec, frame: Frame, use_bytes: int) -> int:
+    """What is needed without tiles: the pixels, and the most of what comes one after the other."""
     count = frame.width * frame.height
-    band = max(BAND_PIXELS, frame.width) * _BYTES_A_BAND_PIXEL
-    return frame.pixels.nbytes + max(_DEPTH_BYTES * count + band, _seen_bytes(spec, count) + band)
+    band = min(count, max(BAND_PIXELS, frame.width)) * _BYTES_A_BAND_PIXEL
+    depth = DEPTH_BYTES * count
+    then = max(_seen_bytes(spec, count) + band, depth + band, depth + use_bytes * count)
+    return frame.pixels.nbytes + then
 
 
 def _seen_bytes(spec: InputSpec, count: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,10 +112,12 @@ class Pipeline:
         focal_px: float | None,
     ) -> DepthMap:
         coarse = coarse_depth(self.card.output, raw, place)
-        tile_px = tile_width_px(self.card.input, frame, self.detail)
+        tile_px, reach = tile_width_px(self.card.input, frame, self.detail), 1
         if tile_px is not None:
+            columns = coarse.shape[1]
             coarse = refine(self.card.output, coarse, frame, tile_px, self._coarse)
-        values = full_size(self.card.output, coarse, frame, self.detail.upsampling)
+            reach = math.ceil(coarse.shape[1] / columns)
+        values = full_size(self.card.output, coarse, frame, self.detail.upsampling, reach)
         if focal_px is not None and self.card.camera is not None:
             learned_px = scaling.focal_px(self.card.camera.hfov_deg, frame.width)
             values *= np.float32(focal_px / learned_px)

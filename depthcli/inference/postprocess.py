@@ -38,7 +38,11 @@ def coarse_depth(
 
 
 def full_size(
-    spec: OutputSpec, coarse: npt.NDArray[np.float32], frame: Frame, upsampling: Upsampling
+    spec: OutputSpec,
+    coarse: npt.NDArray[np.float32],
+    frame: Frame,
+    upsampling: Upsampling,
+    reach: int = 1,
 ) -> npt.NDArray[np.float32]:
     """Depth at the picture's size.
 
@@ -47,6 +51,7 @@ def full_size(
         coarse: (h, w) float32 of the whole picture.
         frame: the picture.
         upsampling: how its pixels get their depth.
+        reach: pixels of ``coarse`` that a pixel of the network's own output is wide.
 
     Returns:
         (H, W) float32 of the card's kind: metres within the card's range if metric.
@@ -54,7 +59,8 @@ def full_size(
     if upsampling is Upsampling.BILINEAR:
         return in_range(spec, resize_bilinear(coarse, frame.width, frame.height))
     coarse = in_range(spec, coarse)
-    return in_range(spec, upsample_guided(coarse, frame, in_log=blends_in_log(spec)))
+    in_log = blends_in_log(spec)
+    return in_range(spec, upsample_guided(coarse, frame, in_log=in_log, reach=reach))
 
 
 def blends_in_log(spec: OutputSpec) -> bool:

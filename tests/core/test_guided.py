@@ -32,6 +32,16 @@ def test_edges_follow_the_picture_s(off: int) -> None:
     assert (steepest == 50 + off - 1).all()
 
 
+def test_the_reach_is_that_of_the_network_s_pixels() -> None:
+    true, coarse, frame = scene()
+    fine = resize_bilinear(coarse, 64, 48)
+    errors = [
+        np.abs(upsample_guided(fine, frame, in_log=True, reach=reach) - true).mean()
+        for reach in (1, 2)
+    ]
+    assert errors[1] < 0.7 * errors[0]
+
+
 def test_a_picture_without_edges_guides_nowhere() -> None:
     _, coarse, frame = scene()
     plain = Frame(np.full_like(frame.pixels, 128))

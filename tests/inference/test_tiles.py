@@ -177,8 +177,8 @@ def test_the_same_again(camera: Callable[[Detail], Pipeline]) -> None:
     ("tile", "width", "expected"),
     [
         (None, 1000, None),
-        (AUTO_TILE, 1000, 500),
-        (AUTO_TILE, 1001, 501),
+        (AUTO_TILE, 1000, 750),
+        (AUTO_TILE, 1001, 751),
         (AUTO_TILE, 20, 16),
         (AUTO_TILE, 16, None),
         (300, 1000, 300),
@@ -198,7 +198,7 @@ def test_memory_bounds_tiles(camera: Callable[[Detail], Pipeline]) -> None:
     spec = camera(Detail()).card.input
     frame = Frame(np.broadcast_to(np.uint8(0), (8000, 8000)))
     room = Detail(tile_px=AUTO_TILE, max_memory_bytes=400_000_000)
-    assert tile_width_px(spec, frame, room) == 4000
+    assert tile_width_px(spec, frame, room) == 6000
     with pytest.raises(InputError, match=r"give --tile \d+"):
         tile_width_px(spec, frame, Detail(tile_px=2, max_memory_bytes=400_000_000))
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from depthcli.core.bands import row_bands
+from depthcli.core.bands import row_bands
 from depthcli.io.png_encode import encode_png
 from depthcli.io.writers.facts import facts
 
@@ -69,10 +71,17 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
         (H, W) uint16, rounded to nearest: 0 where depth is NaN or not positive, at least 1 and at
         most 65535 elsewhere; and the number of pixels beyond 65535.
     """
-    valid = values > 0
-    steps = np.rint(np.where(valid, values, 0) * np.float32(scale))
-    saturated = int(np.count_nonzero(steps > _TOP))
-    return np.where(valid, np.clip(steps, 1, _TOP), 0).astype(np.uint16), saturated
+    height, width = values.shape
+    steps = np.empty((height, width), np.uint16)
+    saturated = 0
+    for rows in row_bands(width, height):
+        band = values[rows] * np.float32(scale)
+        np.rint(band, out=band)
+        saturated += int(np.count_nonzero(band > _TOP))
+        np.clip(band, 1, _TOP, out=band)
+        band[~(values[rows] > 0)] = 0  # NaN, too
+        steps[rows] = band
+    return steps, saturated
 
 
 def stretched(values: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.uint16], float, float]:
@@ -87,7 +96,11 @@ def stretched(values: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.uint16], 
     finite = np.isfinite(values)
     if not finite.any():
         return np.zeros(values.shape, np.uint16), 0.0, 0.0
-    low, high = float(values[finite].min()), float(values[finite].max())
+    low = float(values.min(where=finite, initial=np.inf))
+    high = float(values.max(where=finite, initial=-np.inf))
     span = high - low or 1.0
-    share = (np.where(finite, values, low).astype(np.float64) - low) / span
-    return np.where(finite, np.rint(1 + share * (_TOP - 1)), 0).astype(np.uint16), low, high
+    steps = np.zeros(values.shape, np.uint16)
+    for rows in row_bands(values.shape[1], values.shape[0]):  # doubles of a whole map are large
+        share = (np.where(finite[rows], values[rows], low).astype(np.float64) - low) / span
+        steps[rows] = np.where(finite[rows], np.rint(1 + share * (_TOP - 1)), 0)
+    return steps, low, high
