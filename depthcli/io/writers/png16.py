@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from depthcli.core.bands import row_bands
-from depthcli.core.bands import row_bands
 from depthcli.io.png_encode import encode_png
 from depthcli.io.writers.facts import facts
 
