@@ -59,7 +59,7 @@ def test_every_fit_puts_depth_where_the_picture_is(tmp_path: Path, fit: str, dyn
     pixels = synthetic_picture(60, 180)
     depth = load(folder).predict(Frame(pixels)).values
     expected = 1 + 8 / 255 * pixels.max(axis=-1)
-    assert np.abs(depth - expected)[:, 12:-12].max() < 0.35
+    assert np.abs(depth - expected)[:, 12:-12].max() < 0.4
 
 
 def test_an_output_of_lower_stride_is_brought_to_size(tmp_path: Path) -> None:
