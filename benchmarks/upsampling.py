@@ -1,14 +1,16 @@
 """What the ways to full size do to edges, to accuracy and to time.
 
-Figures of merit, on held-out pairs of NYU Depth v2: the boundary metrics and abs_rel of bilinear
-and guided upsampling and of tiles, and the milliseconds of each step from the network's output to
-640×480, timed in turn on one thread.
+Figures of merit, on held-out pairs of NYU Depth v2: the boundary metrics and the depth metrics of
+bilinear and guided upsampling and of tiles; and the milliseconds of the network, of each way from
+its output to full size, and of the whole way from pixels to depth, at 640×480 and at 4000×3000,
+timed in turn on one thread.
 Run: ``python benchmarks/upsampling.py NYU [--split val] [--limit N]``
 """
 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +29,8 @@ from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from depthcli.evaluation.nyu import NyuTask
     from depthcli.inference.session import Session
 
@@ -48,10 +52,13 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=60)
     options = parser.parse_args()
     task = plan_nyu(open_nyu(options.data), options.split, options.limit)
-    session = depthcli.load(options.model, provider="cpu").session
+    session = depthcli.load(options.model, provider="cpu", threads=1).session
     _print_scores(task, session)
-    print()
-    _print_times(task, session, options.runs)
+    cv2.setNumThreads(1)
+    pixels = task.dataset.image(task.test[0])
+    large = cv2.resize(pixels, (4000, 3000), interpolation=cv2.INTER_CUBIC)
+    _print_times(Frame(pixels), session, options.runs)
+    _print_times(Frame(large), session, max(5, options.runs // 6))
 
 
 def _print_scores(task: NyuTask, session: Session) -> None:
@@ -66,36 +73,34 @@ def _print_scores(task: NyuTask, session: Session) -> None:
     ]
     report = evaluate_nyu(task, predictors, protocol=Protocol(boundary=True), trivial=False)
     print(report.title)
-    print(f"{'':16}" + "".join(f"{name:>10}" for name in ("abs_rel", "rmse", *_EDGES)))
+    print(f"{'':16}" + "".join(f"{name:>10}" for name in (*_DEPTH, *_EDGES)))
     for row in report.rows:
         named = dict(row.items(boundary=True))
-        values = [f"{named[name]:10.5f}" for name in ("abs_rel", "rmse", *_EDGES)]
+        values = [f"{named[name]:10.5f}" for name in (*_DEPTH, *_EDGES)]
         print(f"{row.name:16}" + "".join(values))
 
 
+_DEPTH = ("abs_rel", "rmse", "d1")
 _EDGES = ("dbe_acc", "dbe_comp", "edge_f1")
 
 
-def _print_times(task: NyuTask, session: Session, runs: int) -> None:
-    cv2.setNumThreads(1)
-    frame = Frame(task.dataset.image(task.test[0]))
+def _print_times(frame: Frame, session: Session, runs: int) -> None:
     card = session.model.card
     batch, place = prepare(card.input, frame)
     coarse = coarse_depth(card.output, session.run(batch)[0], place)
-    timings = alternate(
-        [
-            lambda: full_size(card.output, coarse, frame, Upsampling.BILINEAR),
-            lambda: full_size(card.output, coarse, frame, Upsampling.GUIDED),
-            *(
-                lambda way=way: depthcli.Pipeline(session, way).predict(frame)
-                for way in WAYS.values()
-            ),
-        ],
-        runs,
-    )
-    names = ["bilinear alone", "guided alone", *(f"predict, {name}" for name in WAYS)]
-    for name, timing in zip(names, timings, strict=True):
-        print(f"{name:26}{timing}")
+    actions: dict[str, Callable[[], object]] = {
+        "network alone": lambda: session.run(batch),
+        "bilinear alone": lambda: full_size(card.output, coarse, frame, Upsampling.BILINEAR),
+        "guided alone": lambda: full_size(card.output, coarse, frame, Upsampling.GUIDED),
+    }
+    for name, way in WAYS.items():
+        pipeline = depthcli.Pipeline(session, way)
+        actions[f"predict, {name}"] = partial(pipeline.predict, frame)
+    print(f"\n{frame.width}×{frame.height}")
+    timings = alternate(list(actions.values()), runs)
+    for name, timing in zip(actions, timings, strict=True):
+        ratio = timing.median_s / timings[0].median_s
+        print(f"{name:26}{timing}  {ratio:.2f} × the network")
 
 
 if __name__ == "__main__":
