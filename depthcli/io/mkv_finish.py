@@ -6,10 +6,12 @@ file in fields of fixed width, so they are corrected in place (RFC 9559, Matrosk
 
 from __future__ import annotations
 
+import hashlib
 import struct
 from typing import TYPE_CHECKING
 
 from depthcli.io.ebml import content, element_at, elements, file_size, packed, sized
+from depthcli.io.mkv_identity import identify
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -55,6 +57,7 @@ def finish_mkv(
         ValueError: the file is incomplete, has another number of frames, or a time does not fit.
         OSError: it cannot be read or written.
     """
+    duration_s = float(times_s[-1] + 1 / rate)
     times_ms = [round(time * _MILLISECONDS) for time in times_s]
     with path.open("r+b") as file:
         segment = _segment(file)
@@ -62,7 +65,7 @@ def finish_mkv(
         written = 0
         for part in elements(file, segment.start, segment.end):
             if part.id == _INFO:
-                _set_duration(file, part, float((times_s[-1] + 1 / rate) * _MILLISECONDS))
+                _set_duration(file, part, duration_s * _MILLISECONDS)
             elif part.id == _TRACKS:
                 _set_frame_duration(file, part, round(_NANOSECONDS / rate))
             elif part.id == _CLUSTER:
@@ -72,7 +75,13 @@ def finish_mkv(
         if written != len(times_ms):
             msg = f"{written} of {len(times_ms)} frames are in the file"
             raise ValueError(msg)
+        identify(file, segment, _uid(times_ms, labels), duration_s)
         _append_tags(file, segment, labels)
+
+
+def _uid(times_ms: Sequence[int], labels: Mapping[str, str]) -> bytes:
+    """16 bytes that name a file, the same whenever it is made."""
+    return hashlib.sha256(repr((times_ms, sorted(labels.items()))).encode()).digest()[:16]
 
 
 def mkv_labels(path: Path) -> dict[str, str]:

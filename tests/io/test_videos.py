@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zlib
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from videos import NTSC, flat_frames, header_first, trimmed, turned, write_mp4, 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth_videos import DepthVideo
+from depthcli.io.ebml import content, element_at, elements
 from depthcli.io.ffmpeg_log import silent_ffmpeg
 from depthcli.io.frame_rate import exact_rate, rate_text
 from depthcli.io.mkv_finish import finish_mkv, mkv_labels
@@ -207,6 +209,24 @@ def test_a_size_that_the_codec_does_not_take_is_one_line(tmp_path: Path) -> None
     ):
         output.append(output.encode(shot(wide)))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_checksums_and_names_in_the_file_follow_from_its_content(tmp_path: Path) -> None:
+    maps = [np.full((16, 16), 1 + i / 100, np.float32) for i in range(300)]
+    for name in "ab":
+        write_depth(tmp_path / f"{name}.mkv", maps)
+    assert (tmp_path / "a.mkv").read_bytes() == (tmp_path / "b.mkv").read_bytes()
+    checked = set()
+    with (tmp_path / "a.mkv").open("rb") as file:
+        segment = element_at(file, element_at(file, 0).end)
+        for part in elements(file, segment.start, segment.end):
+            data = content(file, part)
+            if data[:2] == b"\xbf\x84":  # a checksum, of what follows it
+                assert int.from_bytes(data[2:6], "little") == zlib.crc32(data[6:])
+                checked.add(part.id)
+            if b"DURATION" in data:
+                assert f"00:00:{300 * 1001 / 30000:.9f}".encode() in data
+    assert {0x1549A966, 0x1654AE6B, 0x1F43B675} <= checked  # information, tracks, clusters
 
 
 def read(path: Path, span: Span) -> tuple[list[int], list[float]]:
