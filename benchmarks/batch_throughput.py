@@ -3,8 +3,9 @@
 Two figures of merit, from whole processes that take turns. The share of the limit (at least 0.9),
 where the limit is cores divided by the summed CPU seconds of all stages of one picture, each
 measured alone in one thread. And the ratio to a plain script of cv2.imread, session.run and
-cv2.imwrite, one picture after another, on the same model (at least 2).
-Run: ``python benchmarks/batch_throughput.py [--pictures 500] [--rounds 3]``
+cv2.imwrite, one picture after another, on the same model (at least 2). The script enlarges depth
+bilinearly, which is less work than what ``batch`` does unless told ``--upsample bilinear``.
+Run: ``python benchmarks/batch_throughput.py [--pictures 500] [--rounds 3] [--upsample bilinear]``
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import cv2
 from made_pictures import write_pictures
 
 from depthcli.cli.cores import usable_cores
+from depthcli.core.choices import Detail, Upsampling
 from depthcli.inference.pipeline import load
 from depthcli.io.sources.image import read_image
 from depthcli.io.writers.png16 import Png16Writer
@@ -43,7 +45,8 @@ name = session.get_inputs()[0].name
 os.makedirs(out)
 for file in sorted(os.listdir(folder)):
     image = cv2.imread(os.path.join(folder, file))
-    gray = cv2.resize(image.max(axis=2), (int(width), int(height)), interpolation=cv2.INTER_AREA)
+    value = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[..., 2]
+    gray = cv2.resize(value, (int(width), int(height)), interpolation=cv2.INTER_AREA)
     batch = (gray.astype(np.float32) / 127.5 - 1)[None, None]
     raw = session.run(None, {name: batch})[0][0, 0]
     depth = cv2.resize(np.exp(raw), image.shape[1::-1])
@@ -70,10 +73,10 @@ class Stages:
         return sum(map(statistics.median, self.seconds.values()))
 
 
-def measure_stages(pictures: Sequence[Path], out: Path) -> Stages:
+def measure_stages(pictures: Sequence[Path], out: Path, upsampling: Upsampling) -> Stages:
     """Each stage of ``batch`` in one thread, after five pictures unmeasured."""
     cv2.setNumThreads(1)
-    pipeline, writer = load(threads=1), Png16Writer()
+    pipeline, writer = load(threads=1, detail=Detail(upsampling)), Png16Writer()
     stages = Stages()
     for number, path in enumerate(pictures):
         if number == _UNMEASURED:
@@ -103,26 +106,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pictures", type=int, default=500)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--upsample", type=Upsampling, default=Upsampling.GUIDED)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         pictures = write_pictures(folder / "in", options.pictures)
         size = statistics.mean(path.stat().st_size for path in pictures)
         print(f"{len(pictures)} pictures of {size / 1000:.0f} KB, {usable_cores()} cores")
-        compare(folder, pictures, options.rounds)
+        compare(folder, pictures, options.rounds, options.upsample)
 
 
-def compare(folder: Path, pictures: list[Path], rounds: int) -> None:
+def compare(folder: Path, pictures: list[Path], rounds: int, upsampling: Upsampling) -> None:
     """Stages, batch and script in turn."""
     model = load().session.model
     spec = model.card.input
     sizes = (str(spec.width), str(spec.height))
     source, out = str(folder / "in"), str(folder / "out")
     batch = (sys.executable, "-m", "depthcli", "batch", source, "--out", out)
+    batch += ("--upsample", upsampling.value)
     script = (sys.executable, "-c", PLAIN, source, str(model.path), out, *sizes)
     shares, ratios = [], []
     for _ in range(rounds):
-        stages = measure_stages(pictures[:65], folder / "one.png")
+        stages = measure_stages(pictures[:65], folder / "one.png", upsampling)
         walls = []
         for command in (batch, script):
             walls.append(timed(*command))

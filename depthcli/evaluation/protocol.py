@@ -37,11 +37,11 @@ class Truth:
 
     Attributes:
         valid: (H, W) bool at the size of the comparison.
-        depth_m: (N,) float64, metres, the depth where ``valid``.
+        depth_m: (N,) float32, metres, the depth where ``valid``.
     """
 
     valid: npt.NDArray[np.bool_]
-    depth_m: npt.NDArray[np.float64]
+    depth_m: npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ class Protocol:
         if self.compare_px is not None:
             valid = resize_bilinear(valid.astype(np.float32), *self.compare_px) > _ALL_VALID
             depth_m = resize_bilinear(depth_m, *self.compare_px)
-        return Truth(valid, depth_m[valid].astype(np.float64))
+        return Truth(valid, _chosen(depth_m, valid))
 
     def compare(self, depth: DepthMap, truth: Truth, alignment: Alignment) -> DepthPixels:
         """Resize, take the pixels that count, align, clamp.
@@ -149,9 +149,11 @@ class Protocol:
                 # Interpolation turns infinity times zero into NaN, near instead of far.
                 values = np.where(np.isposinf(values), np.float32(self.max_m), values)
             values = resize_bilinear(values, width, height)
-        predicted = values[truth.valid].astype(np.float64)
-        predicted_m = align(predicted, truth.depth_m, alignment, depth.kind)
-        return DepthPixels.of(truth.depth_m, predicted_m, min_m=self.min_m, max_m=self.max_m)
+        predicted: npt.NDArray[np.floating] = _chosen(values, truth.valid)
+        if alignment is not Alignment.NONE or depth.kind is not DepthKind.METRIC:
+            exact = predicted.astype(np.float64), truth.depth_m.astype(np.float64)
+            predicted = align(*exact, alignment, depth.kind)
+        return DepthPixels.of(truth.depth_m, predicted, min_m=self.min_m, max_m=self.max_m)
 
 
 def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
@@ -162,6 +164,13 @@ def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
         depth_m[truth.valid] = values
         maps.append(depth_m)
     return boundary_scores(maps[0], maps[1], truth.valid)
+
+
+def _chosen(
+    values: npt.NDArray[np.float32], valid: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float32]:
+    """The values where valid, without a copy if all are."""
+    return values.ravel() if valid.all() else values[valid]
 
 
 def _size(size_px: tuple[int, int] | None) -> str:

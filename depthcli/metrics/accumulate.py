@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-import operator
 from dataclasses import dataclass
-from functools import reduce
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from depthcli.metrics.choices import Averaging
-from depthcli.metrics.depth import METRICS, DepthPixels, Metric
+from depthcli.metrics.depth import METRICS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from depthcli.metrics.depth import DepthPixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +36,11 @@ class Scores:
 
 @dataclass(frozen=True, slots=True)
 class PixelSums:
-    """Sums of every metric's terms, which can be taken anywhere and added up elsewhere.
+    """Sums of every metric, which can be taken anywhere and added up elsewhere.
 
     Attributes:
         pixel_count: how many pixels.
-        sums: those of each metric's terms, in the order of the table.
+        sums: those of each metric, in the order of the table.
     """
 
     pixel_count: int
@@ -51,11 +49,10 @@ class PixelSums:
     @classmethod
     def over(cls, pixels: DepthPixels) -> PixelSums:
         """Sums over the pixels of one image; for any thread."""
-        parts = [
-            cls(len(part), tuple(_sums(m, part) for m in METRICS.values()))
-            for part in pixels.parts()
-        ]
-        return reduce(operator.add, parts) if parts else cls(0, ())
+        parts = [[metric.sums(part) for metric in METRICS.values()] for part in pixels.parts()]
+        columns = zip(*parts, strict=True)
+        sums = tuple(tuple(map(sum, zip(*column, strict=True))) for column in columns)
+        return cls(len(pixels), sums)
 
     def __add__(self, other: PixelSums) -> PixelSums:
         pairs = zip(self.sums, other.sums, strict=True)
@@ -70,16 +67,11 @@ class PixelSums:
         return Scores(tuple(m.finish(*(s / self.pixel_count for s in sums)) for m, sums in metrics))
 
 
-def _sums(metric: Metric, pixels: DepthPixels) -> tuple[float, ...]:
-    return tuple(
-        float(np.count_nonzero(term) if term.dtype == np.bool_ else np.sum(term))
-        for term in metric.terms(pixels)
-    )
-
-
 class Accumulator:
     """Scores of a stream of images in constant memory.
 
+    >>> import numpy as np
+    >>> from depthcli.metrics.depth import DepthPixels
     >>> truth = np.array([1.0, 2.0, 4.0])
     >>> total = Accumulator()
     >>> total.update(DepthPixels.of(truth, truth * 1.1))["d1"]

@@ -1,7 +1,8 @@
 """The depth metrics: one function each, and the table that every report is made from.
 
-A metric is the mean over pixels of what its function returns, put through ``finish``. Keeping the
-mean apart from the finish is what lets one definition serve per-image and pooled averaging.
+A metric is its function's sum over pixels, divided by their number and put through ``finish``.
+Keeping the sum apart from the finish is what lets one definition serve per-image and pooled
+averaging, and an image be worked off in parts.
 
 To add a metric, write one function under ``@_metric``; tables, JSON and CSV follow.
 
@@ -27,20 +28,32 @@ if TYPE_CHECKING:
 MIN_DEPTH_M = 1e-3
 MAX_DEPTH_M = 10.0
 
-_PART = 1 << 14
+_PART = 40_000  # pixels: longer arrays leave the cache, more parts cost more calls
+_DOT = 10_000  # from more, OpenBLAS makes products by threads of its own
+_ARRAYS = 8
 
 
 @dataclass(frozen=True)  # without slots: what several metrics need is kept in the instance
 class DepthPixels:
     """The pixels that count in one comparison.
 
+    They are kept as they came and become float64 when somebody asks, which is cheap for a part of
+    them and dear for a whole image.
+
     Attributes:
-        truth_m: (N,) float64, metres, > 0.
-        predicted_m: (N,) float64, metres, > 0.
+        truth: (N,) floats, metres, inside the range.
+        prediction: (N,) floats, metres, anything.
+        min_m: predictions are clamped to at least this.
+        max_m: predictions are clamped to at most this.
+        scratch: (8, at least N) float64, where the arrays below are put; None for memory of their
+            own, which for every part of every image would be taken from the system and given back.
     """
 
-    truth_m: npt.NDArray[np.float64]
-    predicted_m: npt.NDArray[np.float64]
+    truth: npt.NDArray[np.floating]
+    prediction: npt.NDArray[np.floating]
+    min_m: float = MIN_DEPTH_M
+    max_m: float = MAX_DEPTH_M
+    scratch: npt.NDArray[np.float64] | None = None
 
     @classmethod
     def of(
@@ -65,57 +78,104 @@ class DepthPixels:
         if truth_m.shape != predicted_m.shape:
             raise ValueError(f"truth is {truth_m.shape} but prediction is {predicted_m.shape}")
         valid = (truth_m > min_m) & (truth_m < max_m)
-        if valid.all():  # as a protocol's truth always is: a copy by mask costs more than the rest
-            truth, predicted = truth_m.ravel(), predicted_m.ravel()
-        else:
-            truth, predicted = truth_m[valid], predicted_m[valid]
-        return cls(
-            truth.astype(np.float64, copy=False),
-            clamp(predicted.astype(np.float64, copy=False), min_m, max_m),
-        )
+        if valid.all():  # as in most images; a copy by mask would cost more than a metric
+            return cls(truth_m.ravel(), predicted_m.ravel(), min_m, max_m)
+        return cls(truth_m[valid], predicted_m[valid], min_m, max_m)
 
     def __len__(self) -> int:
-        return int(self.truth_m.size)
+        return int(self.truth.size)
+
+    def parts(self) -> Iterator[DepthPixels]:
+        """The same pixels in pieces whose float64 arrays stay in the processor's cache.
+
+        Each piece is valid until the next one is asked for.
+        """
+        scratch = np.empty((_ARRAYS, min(_PART, len(self))))
+        for start in range(0, len(self), _PART):
+            part = slice(start, start + _PART)
+            pieces = self.truth[part], self.prediction[part]
+            yield DepthPixels(*pieces, self.min_m, self.max_m, scratch)
+
+    def _place(self, number: int) -> npt.NDArray[np.float64] | None:
+        return None if self.scratch is None else self.scratch[number, : len(self)]
+
+    @cached_property
+    def truth_m(self) -> npt.NDArray[np.float64]:
+        """(N,) g, metres, > 0."""
+        return _exact(self.truth, self._place(0))
+
+    @cached_property
+    def predicted_m(self) -> npt.NDArray[np.float64]:
+        """(N,) p, metres, > 0, clamped."""
+        return clamp(self.prediction, self.min_m, self.max_m, out=self._place(1))
 
     @cached_property
     def error_m(self) -> npt.NDArray[np.float64]:
-        """(N,) predicted − truth."""
-        return self.predicted_m - self.truth_m
+        """(N,) p − g."""
+        return np.subtract(self.predicted_m, self.truth_m, out=self._place(2))
 
     @cached_property
     def ratio(self) -> npt.NDArray[np.float64]:
-        """(N,) predicted / truth."""
-        return self.predicted_m / self.truth_m
+        """(N,) p / g."""
+        return np.divide(self.predicted_m, self.truth_m, out=self._place(3))
+
+    @cached_property
+    def relative_error(self) -> npt.NDArray[np.float64]:
+        """(N,) (p − g) / g."""
+        return np.subtract(self.ratio, 1, out=self._place(4))
 
     @cached_property
     def log_error(self) -> npt.NDArray[np.float64]:
-        """(N,) ln(predicted) − ln(truth)."""
-        return np.log(self.ratio)
+        """(N,) ln p − ln g."""
+        return np.log(self.ratio, out=self._place(5))
+
+    @cached_property
+    def squared_log_error(self) -> float:
+        """Σ (ln p − ln g)²."""
+        return _product(self.log_error, self.log_error)
 
     @cached_property
     def worse_ratio(self) -> npt.NDArray[np.float64]:
-        """(N,) the larger of predicted / truth and truth / predicted."""
-        return np.maximum(self.ratio, self.truth_m / self.predicted_m)
+        """(N,) max(p/g, g/p)."""
+        inverse = np.divide(self.truth_m, self.predicted_m, out=self._place(6))
+        return np.maximum(self.ratio, inverse, out=inverse)
 
-    def parts(self) -> Iterator[DepthPixels]:
-        """The same pixels in pieces whose intermediate arrays stay in the processor's cache."""
-        for start in range(0, len(self), _PART):
-            part = slice(start, start + _PART)
-            yield DepthPixels(self.truth_m[part], self.predicted_m[part])
+    def magnitude(self, values: npt.NDArray[np.float64]) -> float:
+        """Σ |values|."""
+        return float(np.abs(values, out=self._place(7)).sum())
 
 
 def clamp(
-    predicted_m: npt.NDArray[np.float64],
+    predicted_m: npt.NDArray[np.floating],
     min_m: float = MIN_DEPTH_M,
     max_m: float = MAX_DEPTH_M,
+    out: npt.NDArray[np.float64] | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Bring a prediction of any shape into [min_m, max_m]; NaN becomes ``min_m``."""
-    at_least: npt.NDArray[np.float64] = np.fmax(predicted_m, min_m)  # which passes NaN over
-    return np.minimum(at_least, max_m, out=at_least)
+    """Bring a prediction of any shape into [min_m, max_m], in float64; NaN becomes ``min_m``."""
+    exact = _exact(predicted_m, out)
+    np.clip(exact, min_m, max_m, out=exact)
+    if math.isnan(exact.sum()):
+        exact[np.isnan(exact)] = min_m
+    return exact
 
 
-PerPixel: TypeAlias = "npt.NDArray[np.floating] | npt.NDArray[np.bool_]"
-Terms: TypeAlias = Callable[[DepthPixels], tuple[PerPixel, ...]]
+def _exact(
+    values: npt.NDArray[np.floating], out: npt.NDArray[np.float64] | None
+) -> npt.NDArray[np.float64]:
+    """A copy in float64."""
+    if out is None:
+        return values.astype(np.float64)
+    np.copyto(out, values)
+    return out
+
+
+def _product(left: npt.NDArray[np.float64], right: npt.NDArray[np.float64]) -> float:
+    """Σ left · right, in steps that are too short for threads of the library's own."""
+    starts = range(0, len(left), _DOT)
+    return float(sum(np.dot(left[i : i + _DOT], right[i : i + _DOT]) for i in starts))
+
+
+Sums: TypeAlias = Callable[[DepthPixels], tuple[float, ...]]
 
 
 def _as_is(mean: float) -> float:
@@ -128,13 +188,13 @@ class Metric:
 
     Attributes:
         name: the field's name for it, also the key in JSON and CSV.
-        terms: per-pixel quantities whose means the metric is made of.
+        sums: of the per-pixel quantities whose means the metric is made of.
         finish: the means, in the same order, to the value.
         higher_is_better: direction of improvement.
     """
 
     name: str
-    terms: Terms
+    sums: Sums
     finish: Callable[..., float] = _as_is
     higher_is_better: bool = False
 
@@ -142,7 +202,7 @@ class Metric:
         """Value over the pixels of one image; NaN if there are none."""
         if not len(pixels):
             return math.nan
-        return self.finish(*(float(np.mean(term)) for term in self.terms(pixels)))
+        return self.finish(*(total / len(pixels) for total in self.sums(pixels)))
 
 
 METRICS: dict[str, Metric] = {}
@@ -151,11 +211,11 @@ METRICS: dict[str, Metric] = {}
 
 def _metric(
     finish: Callable[..., float] = _as_is, *, higher_is_better: bool = False
-) -> Callable[[Terms], Metric]:
+) -> Callable[[Sums], Metric]:
     """Enter a function in :data:`METRICS` under its own name."""
 
-    def enter(terms: Terms) -> Metric:
-        metric = Metric(terms.__name__, terms, finish, higher_is_better)
+    def enter(sums: Sums) -> Metric:
+        metric = Metric(sums.__name__, sums, finish, higher_is_better)
         METRICS[metric.name] = metric
         return metric
 
@@ -163,53 +223,53 @@ def _metric(
 
 
 @_metric()
-def abs_rel(pixels: DepthPixels) -> tuple[PerPixel, ...]:
+def abs_rel(pixels: DepthPixels) -> tuple[float, ...]:
     """Mean |g − p| / g."""
-    return (np.abs(pixels.error_m) / pixels.truth_m,)
+    return (pixels.magnitude(pixels.relative_error),)
 
 
 @_metric()
-def sq_rel(pixels: DepthPixels) -> tuple[PerPixel, ...]:
+def sq_rel(pixels: DepthPixels) -> tuple[float, ...]:
     """Mean (g − p)² / g, in metres."""
-    return (pixels.error_m**2 / pixels.truth_m,)
+    return (_product(pixels.error_m, pixels.relative_error),)
 
 
 @_metric(math.sqrt)
-def rmse(pixels: DepthPixels) -> tuple[PerPixel, ...]:
+def rmse(pixels: DepthPixels) -> tuple[float, ...]:
     """√ mean (g − p)², in metres."""
-    return (pixels.error_m**2,)
+    return (_product(pixels.error_m, pixels.error_m),)
 
 
 @_metric(math.sqrt)
-def rms_log(pixels: DepthPixels) -> tuple[PerPixel, ...]:
+def rms_log(pixels: DepthPixels) -> tuple[float, ...]:
     """√ mean (ln g − ln p)²."""
-    return (pixels.log_error**2,)
+    return (pixels.squared_log_error,)
 
 
 @_metric()
-def log10(pixels: DepthPixels) -> tuple[PerPixel, ...]:
+def log10(pixels: DepthPixels) -> tuple[float, ...]:
     """Mean |log₁₀ g − log₁₀ p|."""
-    return (np.abs(pixels.log_error) / math.log(10),)
+    return (pixels.magnitude(pixels.log_error) / math.log(10),)
 
 
-def _within(pixels: DepthPixels, ratio: float) -> tuple[PerPixel, ...]:
-    return (pixels.worse_ratio < ratio,)
+def _within(pixels: DepthPixels, ratio: float) -> tuple[float, ...]:
+    return (float(np.count_nonzero(pixels.worse_ratio < ratio)),)
 
 
 @_metric(higher_is_better=True)
-def d1(pixels: DepthPixels) -> tuple[PerPixel, ...]:
+def d1(pixels: DepthPixels) -> tuple[float, ...]:
     """Share of pixels with max(g/p, p/g) < 1.25."""
     return _within(pixels, 1.25)
 
 
 @_metric(higher_is_better=True)
-def d2(pixels: DepthPixels) -> tuple[PerPixel, ...]:
+def d2(pixels: DepthPixels) -> tuple[float, ...]:
     """Share of pixels with max(g/p, p/g) < 1.25²."""
     return _within(pixels, 1.25**2)
 
 
 @_metric(higher_is_better=True)
-def d3(pixels: DepthPixels) -> tuple[PerPixel, ...]:
+def d3(pixels: DepthPixels) -> tuple[float, ...]:
     """Share of pixels with max(g/p, p/g) < 1.25³."""
     return _within(pixels, 1.25**3)
 
@@ -220,6 +280,6 @@ def _silog(mean: float, mean_of_squares: float) -> float:
 
 
 @_metric(_silog)
-def silog(pixels: DepthPixels) -> tuple[PerPixel, ...]:
+def silog(pixels: DepthPixels) -> tuple[float, ...]:
     """100 · standard deviation of ln p − ln g: the log error that no scale can mend."""
-    return pixels.log_error, pixels.log_error**2
+    return float(pixels.log_error.sum()), pixels.squared_log_error

@@ -1,0 +1,96 @@
+"""What ``depthcli eval nyu`` spends beyond the pipeline, on 1000 pairs.
+
+The figure of merit is the wall time of the comparison divided by that of the pipeline alone on the
+same pairs, with the same workers in the same process (at most 1.1). The pipeline alone reads
+picture and depth of each pair and predicts; what evaluation adds is the choice of pixels, the
+metrics and their sums. For comparison, the pipeline on the pictures alone, which reads no depth,
+and the whole command on its ``val`` split, with start-up and the trivial rows' training mean.
+Run: ``python benchmarks/eval_overhead.py NYU [--pairs 1000] [--rounds 3]``
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from depthcli.cli.cores import usable_cores
+from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.opencv_threads import one_thread_each
+from depthcli.core.ordered_map import ordered_map
+from depthcli.core.types import Frame
+from depthcli.datasets.nyu import open_nyu
+from depthcli.evaluation.models import open_model
+from depthcli.evaluation.run import Entry, evaluate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.evaluation.models import ModelPredictor
+
+
+def run_pipeline(
+    dataset: DepthDataset, pairs: int, model: ModelPredictor, *, with_depth: bool
+) -> None:
+    """All pictures through the pipeline, with nothing done to what comes out."""
+
+    def one(position: int) -> None:
+        if with_depth:
+            dataset.depth_m(position)
+        model.pipeline.predict(Frame(dataset.image(position)))
+
+    workers = usable_cores()
+    with one_thread_each(workers):
+        for _ in ordered_map(one, range(pairs), workers=workers):
+            pass
+
+
+def seconds(action: Callable[[], object]) -> float:
+    """Wall time."""
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--pairs", type=int, default=1000)
+    parser.add_argument("--rounds", type=int, default=3)
+    options = parser.parse_args()
+    dataset, pairs = open_nyu(options.data), options.pairs
+    model = open_model(None, threads=1, detail=Detail(Upsampling.BILINEAR))
+    command = (sys.executable, "-m", "depthcli", "eval", "nyu", "--data", str(options.data))
+    actions = {
+        "pipeline, pictures": lambda: run_pipeline(dataset, pairs, model, with_depth=False),
+        "pipeline, pairs": lambda: run_pipeline(dataset, pairs, model, with_depth=True),
+        "evaluation": lambda: evaluate(
+            dataset, range(pairs), [Entry(model)], workers=usable_cores()
+        ),
+        "whole command": lambda: subprocess.run(
+            [*command, "--split", "val", "--limit", "134"], check=True, capture_output=True
+        ),
+    }
+    run_pipeline(dataset, 20, model, with_depth=True)
+    found: dict[str, list[float]] = {name: [] for name in actions}
+    for _ in range(options.rounds):
+        for name, action in actions.items():
+            found[name].append(seconds(action))
+    for name, values in found.items():
+        print(
+            f"{name:20} {statistics.median(values):7.2f} s  ({min(values):.2f}-{max(values):.2f})"
+        )
+    for base in ("pipeline, pairs", "pipeline, pictures"):
+        ratios = [b / a for a, b in zip(found[base], found["evaluation"], strict=True)]
+        middle = statistics.median(ratios)
+        print(f"evaluation / {base}: {middle:.3f}  ({min(ratios):.3f}-{max(ratios):.3f})")
+
+
+if __name__ == "__main__":
+    main()
