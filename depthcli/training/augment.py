@@ -51,16 +51,16 @@ def augment(
     """
     zoom = _zooms(len(rgb), data, random)
     view = _view(zoom, data, random).to(rgb.device)
-    size = [len(rgb), 1, data.height, data.width]
-    grid = F.affine_grid(view, size, align_corners=False)
-    rgb = F.grid_sample(rgb, grid, padding_mode="border", align_corners=False)
+    grid = _grid(view, data.width, data.height)
+    gray = _gray(_recoloured(rgb, data, random), data)  # before resampling, as at inference
+    gray = F.grid_sample(gray, grid, padding_mode="border", align_corners=False)
     depth_m = F.grid_sample(depth_m, grid, padding_mode="border", align_corners=False)
     metric_zoom = zoom if not data.crop_286 else zoom / _CROP_286
     depth_m.div_(metric_zoom.view(-1, 1, 1, 1).to(depth_m.device))
     if known is not None:
         share = F.grid_sample(known.float(), grid, padding_mode="border", align_corners=False)
         known = share > _WHOLLY
-    return Views(_relit(rgb, data, random), depth_m, known)
+    return Views(_relit(gray, data, random), depth_m, known)
 
 
 def network_input(rgb: Tensor, data: DataConfig) -> Tensor:
@@ -98,22 +98,35 @@ def _view(zoom: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
     return torch.stack([row_x, row_y], 1)
 
 
-def _relit(rgb: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
+def _grid(view: Tensor, width: int, height: int) -> Tensor:
+    """Where each pixel of the views lies in the pictures, (B, H, W, 2) in [-1, 1]."""
+    x = (torch.arange(width, device=view.device) * 2 + 1) / width - 1
+    y = (torch.arange(height, device=view.device) * 2 + 1) / height - 1
+    along_x, along_y, shift = view[:, None, None].unbind(-1)
+    return along_x * x[:, None] + (along_y * y[:, None, None] + shift)
+
+
+def _recoloured(rgb: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
+    """Pictures under light of another colour."""
+    if not data.colour_jitter:
+        return rgb
+    gain = torch.exp(torch.randn((len(rgb), 3, 1, 1), generator=random) * data.colour_jitter)
+    return rgb * gain.to(rgb.device)
+
+
+def _relit(gray: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
     """The gray input under another light, exposure and sensor."""
 
     def normal(*shape: int) -> Tensor:
-        return torch.randn(shape, generator=random).to(rgb.device)
+        return torch.randn(shape, generator=random).to(gray.device)
 
-    count = len(rgb)
-    if data.colour_jitter:
-        rgb = rgb * torch.exp(normal(count, 3, 1, 1) * data.colour_jitter)
-    gray = _gray(rgb, data)
+    count = len(gray)
     if data.gamma:
         gray = gray.clamp(min=1e-4).pow_(torch.exp(normal(count, 1, 1, 1) * data.gamma))
     if data.brightness:
         gain = torch.exp(normal(count, 1, 1, 1) * data.brightness)
         gray = gray * gain + normal(count, 1, 1, 1) * (data.brightness / 4)
     if data.noise:
-        strength = torch.rand(count, 1, 1, 1, generator=random).to(rgb.device) * data.noise
+        strength = torch.rand(count, 1, 1, 1, generator=random).to(gray.device) * data.noise
         gray = normal(*gray.shape).mul_(strength).add_(gray)
     return gray.clamp(0, 1).mul_(2).sub_(1)

@@ -205,12 +205,14 @@ class TrainConfig:
         method: name of the method.
         seed: of weights, order and augmentation.
         validate_every: epochs from one validation to the next; the last is always validated.
+        save_every: epochs from one checkpoint to the next; a run that stops always writes one.
         precision: Fabric's name of it: ``32-true``, ``bf16-mixed`` or ``16-mixed``.
     """
 
     method: str = "proposed"
     seed: int = 0
     validate_every: int = 1
+    save_every: int = 1
     precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
     output: OutputConfig = field(default_factory=OutputConfig)

@@ -27,7 +27,7 @@ TERMS = (
 )
 """Weights of ``LossConfig`` that make a term of their own."""
 _AT_LEAST: dict[str, dict[str, float]] = {
-    "": {"seed": 0, "validate_every": 1},
+    "": {"seed": 0, "validate_every": 1, "save_every": 1},
     "generator": {"width": 1, "blocks": 1},
     "data": {
         "width": _SMALLEST_PX,

@@ -134,7 +134,8 @@ def train(
                 if first:
                     with writing(folder):
                         metrics_log.append(folder / METRICS_LOG, run.progress, losses)
-            if epoch_ends or stops:
+            due = epoch_ends and run.progress.epoch % config.save_every == 0
+            if due or stops or run.progress.step == run.steps:
                 run.save(folder / CHECKPOINT)
             if epoch_ends and first:
                 watcher.epoch(run.progress)

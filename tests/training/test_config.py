@@ -103,6 +103,7 @@ def test_nonsense_is_refused_in_one_line(setting: str, reason: str) -> None:
         "data.holdout_every=-1",
         "data.noise=-0.1",
         "validate_every=0",
+        "save_every=0",
         "output.min_m=0",
         "output.max_m=0.3",
         "generator.width=0",

@@ -140,6 +140,17 @@ def test_validation_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
     ]
 
 
+def test_checkpoint_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
+    class SavedSteps(Notes):
+        def epoch(self, progress: Progress) -> None:
+            super().epoch(progress)
+            saved.append(Checkpoint.load(path).progress.epoch if path.exists() else None)
+
+    path, saved = tmp_path / CHECKPOINT, list[int | None]()
+    _train(replace(EFFICIENT, save_every=2), tmp_path, SavedSteps())
+    assert saved == [None, 2, 3]
+
+
 def test_run_without_held_out_pairs(tmp_path: Path) -> None:
     config = replace(EFFICIENT, data=replace(EFFICIENT.data, holdout_every=0))
     done = _train(config, tmp_path, steps=3)
