@@ -83,8 +83,9 @@ class VideoDone(NamedTuple):
         flicker = "" if self.flicker is None else f", flicker {self.flicker:.2%} a frame"
         before = self.flicker_unsmoothed
         smoothed = "" if before is None else f" ({before:.2%} before smoothing)"
+        frames = "1 frame" if self.frames == 1 else f"{self.frames} frames"
         return (
-            f"{console.one_line(self.name)} -> {names}  {self.frames} frames at "
+            f"{console.one_line(self.name)} -> {names}  {frames} at "
             f"{rate_text(self.rate)} fps in {self.seconds:.1f} s{flicker}{smoothed}"
         )
 
