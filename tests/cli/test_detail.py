@@ -1,0 +1,135 @@
+"""``--upsample``, ``--tile`` and ``--max-memory`` of every command that has them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from tiny import write_picture
+from videos import flat_frames, write_mp4
+
+from depthcli.cli import shell
+from depthcli.cli.detail import choose_detail
+from depthcli.core.choices import Detail, Upsampling
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from conftest import Cli
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+HEIGHT, WIDTH = 2400, 3200
+# Prints a process's greatest memory in kilobytes; a process of its own, because a child's figure
+# begins with its parent's.
+PEAK = """
+import resource, subprocess, sys
+done = subprocess.run(sys.argv[1:], capture_output=True)
+sys.stderr.buffer.write(done.stderr)
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+sys.exit(done.returncode)
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "count"), [("5", 5), ("800M", 800_000_000), ("1.5g", 1_500_000_000), ("2 KB", 2000)]
+)
+def test_sizes(text: str, count: int) -> None:
+    assert choose_detail(Upsampling.GUIDED, None, text).max_memory_bytes == count
+
+
+@pytest.mark.parametrize("text", ["", "x", "-1", "5T", "٥M"])
+def test_sizes_that_are_none(text: str) -> None:
+    with pytest.raises(UsageError, match="--max-memory is a number of bytes"):
+        choose_detail(Upsampling.GUIDED, None, text)
+
+
+@pytest.mark.parametrize("text", ["0", "-5", "half", "1.5", ""])
+def test_tiles_that_are_none(text: str) -> None:
+    with pytest.raises(UsageError, match="--tile is auto or a width"):
+        choose_detail(Upsampling.GUIDED, text, None)
+
+
+def test_what_is_written_counts() -> None:
+    formats = ["npy"], ["npy", "preview"], ["preview", "ply"]
+    taken = [choose_detail(Upsampling.GUIDED, None, None, f).use_bytes for f in formats]
+    assert taken == sorted(set(taken))
+    beside = choose_detail(Upsampling.GUIDED, None, None, ["preview"], side_by_side=True)
+    assert beside.use_bytes > taken[1]
+
+
+def test_pictures_that_cannot_fit_are_not_decoded() -> None:
+    assert Detail(max_memory_bytes=50_000).most_pixels(10**9) == 10_000
+    assert Detail(max_memory_bytes=50_000).most_pixels(100) == 100
+    assert Detail().most_pixels(10**9) == 10**9
+
+
+@pytest.mark.parametrize("name", ["predict", "batch", "video"])
+def test_commands_have_the_options_that_their_page_names(name: str) -> None:
+    page = (DOCS / "sharpness.md").read_text()
+    own = {word for parameter in shell.load_command(name).params for word in parameter.opts}
+    for option in ("--upsample", "--tile", "--max-memory"):
+        assert option in own
+        assert f"`{option}`" in page
+
+
+@pytest.mark.parametrize("command", ["predict", "batch", "video"])
+def test_every_command_bounds_memory(cli: Cli, command: str) -> None:
+    folder = cli.folder / "in"
+    picture = write_picture(folder / "room.png")
+    if command == "video":
+        picture = write_mp4(cli.folder / "clip.mp4", flat_frames([100, 120]))
+    out = ("--out", "out/") if command != "predict" else ("-o", "out/")
+    done = cli(command, folder if command == "batch" else picture, *out, "--max-memory", "100K")
+    assert done.returncode == 1
+    assert b"--max-memory" in done.stderr
+    done = cli(command, folder if command == "batch" else picture, *out, "--max-memory", "10M")
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("option", [("--tile", "x"), ("--upsample", "cubic"), ("--tile", "0")])
+def test_wrong_words(cli: Cli, option: tuple[str, str]) -> None:
+    write_picture(cli.folder / "room.png")
+    done = cli("predict", "room.png", *option)
+    assert done.returncode == 2
+    assert not list(cli.folder.glob("*.depth.png"))
+
+
+def peak_bytes(cli: Cli, *arguments: str) -> int:
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, *cli.command("predict", *arguments)],
+        capture_output=True,
+        cwd=cli.folder,
+        env=cli.environment,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    return int(done.stdout) * 1024
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts kilobytes as Linux does")
+@pytest.mark.parametrize("written", ["npy", "png16", "preview"])
+def test_the_process_stays_within_the_limit(cli: Cli, written: str) -> None:
+    write_picture(cli.folder / "small.png")
+    pixels = np.repeat(np.arange(WIDTH) * 255 // WIDTH, 3).reshape(1, WIDTH, 3).astype(np.uint8)
+    write_picture(cli.folder / "large.png", np.repeat(pixels, HEIGHT, axis=0))
+    options = "--format", written, "--tile", "auto", "--threads", "1"
+    use = choose_detail(Upsampling.GUIDED, None, None, [written]).use_bytes
+    limit = HEIGHT * WIDTH * (3 + 4 + use) + 1_000_000
+    refused = cli("predict", "large.png", *options, "--max-memory", str(limit - 2_000_000))
+    assert refused.returncode == 1
+    before = peak_bytes(cli, "small.png", *options)
+    peak = peak_bytes(cli, "large.png", *options, "--max-memory", str(limit))
+    assert HEIGHT * WIDTH * 7 < peak - before < limit
+
+
+def test_tiles_change_the_map_but_not_its_size(cli: Cli) -> None:
+    write_picture(cli.folder / "room.png")
+    for name, options in (("a", ()), ("b", ("--tile", "auto")), ("c", ("--upsample", "bilinear"))):
+        assert cli("predict", "room.png", "-o", f"{name}.npy", *options).returncode == 0
+    maps = [np.load(cli.folder / f"{name}.npy") for name in "abc"]
+    assert {m.shape for m in maps} == {(48, 64)}
+    assert all(np.abs(maps[0] - other).max() > 1e-3 for other in maps[1:])
