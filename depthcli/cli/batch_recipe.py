@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -136,4 +137,9 @@ class Targets(NamedTuple):
 
 def _place(path: Path) -> str:
     """A file's own place: links to its folder are followed, one that it is itself is not."""
-    return os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118
+    return os.path.join(_real_folder(path.parent), path.name)  # noqa: PTH118
+
+
+@lru_cache
+def _real_folder(folder: Path) -> str:
+    return os.path.realpath(folder)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
+import cv2
 import numpy as np
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ MAX_DEPTH_M = 10.0
 
 _PART = 40_000  # pixels: longer arrays leave the cache, more parts cost more calls
 _DOT = 10_000  # from more, OpenBLAS makes products by threads of its own
-_ARRAYS = 8
+_ARRAYS = 7
 
 
 @dataclass(frozen=True)  # without slots: what several metrics need is kept in the instance
@@ -45,7 +46,7 @@ class DepthPixels:
         prediction: (N,) floats, metres, anything.
         min_m: predictions are clamped to at least this.
         max_m: predictions are clamped to at most this.
-        scratch: (8, at least N) float64, where the arrays below are put; None for memory of their
+        scratch: (7, at least N) float64, where the arrays below are put; None for memory of their
             own, which for every part of every image would be taken from the system and given back.
     """
 
@@ -132,17 +133,13 @@ class DepthPixels:
     @cached_property
     def squared_log_error(self) -> float:
         """Σ (ln p − ln g)²."""
-        return _product(self.log_error, self.log_error)
+        return cv2.norm(self.log_error, cv2.NORM_L2SQR)
 
     @cached_property
     def worse_ratio(self) -> npt.NDArray[np.float64]:
         """(N,) max(p/g, g/p)."""
         inverse = np.divide(self.truth_m, self.predicted_m, out=self._place(6))
         return np.maximum(self.ratio, inverse, out=inverse)
-
-    def magnitude(self, values: npt.NDArray[np.float64]) -> float:
-        """Σ |values|."""
-        return float(np.abs(values, out=self._place(7)).sum())
 
 
 def clamp(
@@ -154,7 +151,7 @@ def clamp(
     """Bring a prediction of any shape into [min_m, max_m], in float64; NaN becomes ``min_m``."""
     exact = _exact(predicted_m, out)
     np.clip(exact, min_m, max_m, out=exact)
-    if math.isnan(exact.sum()):
+    if exact.size and np.isnan(predicted_m.min()):
         exact[np.isnan(exact)] = min_m
     return exact
 
@@ -225,7 +222,7 @@ def _metric(
 @_metric()
 def abs_rel(pixels: DepthPixels) -> tuple[float, ...]:
     """Mean |g − p| / g."""
-    return (pixels.magnitude(pixels.relative_error),)
+    return (cv2.norm(pixels.relative_error, cv2.NORM_L1),)
 
 
 @_metric()
@@ -237,7 +234,7 @@ def sq_rel(pixels: DepthPixels) -> tuple[float, ...]:
 @_metric(math.sqrt)
 def rmse(pixels: DepthPixels) -> tuple[float, ...]:
     """√ mean (g − p)², in metres."""
-    return (_product(pixels.error_m, pixels.error_m),)
+    return (cv2.norm(pixels.error_m, cv2.NORM_L2SQR),)
 
 
 @_metric(math.sqrt)
@@ -249,7 +246,7 @@ def rms_log(pixels: DepthPixels) -> tuple[float, ...]:
 @_metric()
 def log10(pixels: DepthPixels) -> tuple[float, ...]:
     """Mean |log₁₀ g − log₁₀ p|."""
-    return (pixels.magnitude(pixels.log_error) / math.log(10),)
+    return (cv2.norm(pixels.log_error, cv2.NORM_L1) / math.log(10),)
 
 
 def _within(pixels: DepthPixels, ratio: float) -> tuple[float, ...]:
