@@ -32,6 +32,7 @@ COMMANDS = {
     "eval": ("depthcli.cli.eval", "Accuracy on NYU Depth v2, in the paper's table."),
     "train": ("depthcli.cli.train", "Train one of the methods."),
     "export-onnx": ("depthcli.cli.export", "A checkpoint to one ONNX file and its card."),
+    "bench": ("depthcli.cli.bench", "How fast a model is here: latency, throughput, memory."),
     "doctor": ("depthcli.cli.doctor", "What runs here: provider, model, codecs, conflicts."),
 }
 """Name -> (module whose ``app`` is the command, one line of help)."""

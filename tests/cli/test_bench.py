@@ -1,0 +1,57 @@
+"""``depthcli bench``."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Cli
+
+QUICK = ("--seconds", "0.05", "--provider", "cpu")
+
+
+def test_measures_add_up(cli: Cli) -> None:
+    done = cli("bench", *QUICK, "--size", "1200x900", "--workers", "2", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    network, whole = found["network"], found["whole"]
+    for latency in (network, whole):
+        assert 0 < latency["min_ms"] <= latency["median_ms"]
+        assert latency["noise"] >= 0
+        assert latency["runs"] >= 5
+    assert found["pictures_per_s"] > 0
+    assert found["peak_memory_mb"] > 30
+    assert (found["workers"], found["provider"]) == (2, "cpu")
+    assert len(found["sha256"]) == 64
+
+
+def test_a_picture_of_ones_own(cli: Cli, picture: Path) -> None:
+    done = cli("bench", *QUICK, picture)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.decode().splitlines()
+    assert [line.split("  ")[0] for line in lines[1:]] == [
+        *("network", "whole picture", "throughput", "peak memory")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("--size", "640"), 2, "WIDTHxHEIGHT"),
+        (("--size", "0x10"), 2, "1 to 20000"),
+        (("missing.jpg",), 1, "missing.jpg"),
+        (("--model", "nothing"), 3, "nothing"),
+        (("--provider", "tensorrt"), 3, "tensorrt"),
+    ],
+)
+def test_failures_are_one_line(cli: Cli, arguments: tuple[str, ...], code: int, words: str) -> None:
+    done = cli("bench", *arguments)
+    assert done.returncode == code
+    (line,) = done.stderr.decode().splitlines()
+    assert words in line
+    assert not done.stdout

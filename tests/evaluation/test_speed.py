@@ -1,0 +1,68 @@
+"""Figures of speed, from work that is known to take some time at least."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+
+from depthcli.evaluation import speed
+from depthcli.inference.pipeline import Pipeline, load
+from depthcli.io.sources.image import read_image
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.core.types import DepthMap, Frame
+
+SLEEP_S = 0.004
+
+
+class Slow(Pipeline):
+    """A pipeline that takes longer than it needs."""
+
+    def predict(self, frame: Frame, **camera: float | None) -> DepthMap:
+        time.sleep(SLEEP_S)
+        return super().predict(frame, **camera)
+
+
+def test_each_picture_takes_at_least_its_time(model_folder: Path) -> None:
+    plain = load(model_folder, provider="cpu", threads=1)
+    slow = Slow(plain.session)
+    found = speed.measure_speed(slow, slow, speed.made_picture(64, 48), workers=2, seconds=0)
+    assert found.whole.min_ms >= 1e3 * SLEEP_S
+    assert found.whole.min_ms <= found.whole.median_ms
+    assert found.whole.runs == found.network.runs == 5
+    # Nine pictures by two workers: the last ends four turns after the first.
+    assert 0 < found.pictures_per_s <= 8 / (3 * SLEEP_S)
+
+
+def test_measuring_lasts_as_long_as_asked(model_folder: Path) -> None:
+    pipeline = load(model_folder, provider="cpu", threads=1)
+    start_s = time.perf_counter()
+    speed.measure_speed(pipeline, pipeline, speed.made_picture(64, 48), workers=1, seconds=0.05)
+    assert time.perf_counter() - start_s > 3 * 0.05
+
+
+def test_peak_memory_grows_with_what_is_held() -> None:
+    before = speed.peak_memory_mb()
+    assert before is not None
+    held = np.ones(int(1.3 * before) * 2**20 // 8)
+    after = speed.peak_memory_mb()
+    assert after is not None
+    assert after >= held.nbytes / 2**20
+
+
+@pytest.mark.parametrize("size", [(640, 480), (1, 1), (301, 7)])
+def test_the_made_picture_weighs_what_photographs_do(size: tuple[int, int]) -> None:
+    data = speed.made_picture(*size)
+    frame = read_image(None, data)
+    assert (frame.width, frame.height) == size
+    assert data == speed.made_picture(*size)
+    if size == (640, 480):
+        assert 50_000 < len(data) < 150_000
+        detail = cv2.Laplacian(frame.pixels.astype(np.float32), cv2.CV_32F)
+        assert detail.std() > 5
