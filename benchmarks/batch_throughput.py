@@ -26,8 +26,11 @@ import cv2
 from made_pictures import write_pictures
 
 from depthcli.cli.cores import usable_cores
+from depthcli.cli.predict_outputs import Job, write_output
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.inference.pipeline import load
+from depthcli.io.journal import Journal
+from depthcli.io.manifest import OK, Origin, Row, written
 from depthcli.io.sources.image import read_image
 from depthcli.io.writers.png16 import Png16Writer
 
@@ -77,16 +80,23 @@ def measure_stages(pictures: Sequence[Path], out: Path, upsampling: Upsampling) 
     """Each stage of ``batch`` in one thread, after five pictures unmeasured."""
     cv2.setNumThreads(1)
     pipeline, writer = load(threads=1, detail=Detail(upsampling)), Png16Writer()
+    model = pipeline.session.model
+    origin = Origin("0" * 64, model.card.name, model.sha256, "")
+    journal = Journal(out.parent / "rows")
     stages = Stages()
     for number, path in enumerate(pictures):
         if number == _UNMEASURED:
             stages = Stages()
         data = stages("read", path.read_bytes)
-        stages("checksum of input", partial(_sha256, data))
+        sha256 = stages("checksum of input", partial(_sha256, data))
         frame = stages("decode", partial(read_image, path, data))
         depth = stages("predict", partial(pipeline.predict, frame))
-        stages("encode and write", partial(writer.write, depth, out, frame))
-        stages("checksum of output", lambda: _sha256(out.read_bytes()))
+        job = Job(path.name, path, {})
+        stages("encode and write", partial(write_output, writer, out, depth, frame, job))
+        file = stages("checksum of output", partial(written, out.parent, out))
+        row = Row(path.name, OK, origin, (file,), 0.04, sha256)
+        stages("row of the manifest", partial(journal.add, row))
+    journal.finish([])
     return stages
 
 

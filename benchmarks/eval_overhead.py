@@ -3,8 +3,9 @@
 The figure of merit is the wall time of the comparison divided by that of the pipeline alone on the
 same pairs, with the same workers in the same process (at most 1.1). The pipeline alone reads
 picture and depth of each pair and predicts; what evaluation adds is the choice of pixels, the
-metrics and their sums. For comparison, the pipeline on the pictures alone, which reads no depth,
-and the whole command on its ``val`` split, with start-up and the trivial rows' training mean.
+metrics and their sums. For comparison, the pipeline on the pictures alone, as far as depth and as
+far as the 16-bit PNG that ``batch`` writes, and the whole command on its ``val`` split, with
+start-up and the trivial rows' training mean.
 Run: ``python benchmarks/eval_overhead.py NYU [--pairs 1000] [--rounds 3]``
 """
 
@@ -14,6 +15,7 @@ import argparse
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,6 +28,7 @@ from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.evaluation.models import open_model
 from depthcli.evaluation.run import Entry, evaluate
+from depthcli.io.writers.png16 import Png16Writer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,14 +38,22 @@ if TYPE_CHECKING:
 
 
 def run_pipeline(
-    dataset: DepthDataset, pairs: int, model: ModelPredictor, *, with_depth: bool
+    dataset: DepthDataset,
+    pairs: int,
+    model: ModelPredictor,
+    *,
+    with_depth: bool = False,
+    out: Path | None = None,
 ) -> None:
-    """All pictures through the pipeline, with nothing done to what comes out."""
+    """All pictures through the pipeline; what comes out is written, if there is a folder."""
+    writer = Png16Writer()
 
     def one(position: int) -> None:
         if with_depth:
             dataset.depth_m(position)
-        model.pipeline.predict(Frame(dataset.image(position)))
+        depth = model.pipeline.predict(Frame(dataset.image(position)))
+        if out is not None:
+            writer.write(depth, out / f"{position}.png")
 
     workers = usable_cores()
     with one_thread_each(workers):
@@ -67,8 +78,10 @@ def main() -> None:
     dataset, pairs = open_nyu(options.data), options.pairs
     model = open_model(None, threads=1, detail=Detail(Upsampling.BILINEAR))
     command = (sys.executable, "-m", "depthcli", "eval", "nyu", "--data", str(options.data))
+    folder = tempfile.TemporaryDirectory()
     actions = {
-        "pipeline, pictures": lambda: run_pipeline(dataset, pairs, model, with_depth=False),
+        "pipeline, pictures": lambda: run_pipeline(dataset, pairs, model),
+        "pipeline, to PNG": lambda: run_pipeline(dataset, pairs, model, out=Path(folder.name)),
         "pipeline, pairs": lambda: run_pipeline(dataset, pairs, model, with_depth=True),
         "evaluation": lambda: evaluate(
             dataset, range(pairs), [Entry(model)], workers=usable_cores()
@@ -86,7 +99,8 @@ def main() -> None:
         print(
             f"{name:20} {statistics.median(values):7.2f} s  ({min(values):.2f}-{max(values):.2f})"
         )
-    for base in ("pipeline, pairs", "pipeline, pictures"):
+    folder.cleanup()
+    for base in ("pipeline, pairs", "pipeline, to PNG", "pipeline, pictures"):
         ratios = [b / a for a, b in zip(found[base], found["evaluation"], strict=True)]
         middle = statistics.median(ratios)
         print(f"evaluation / {base}: {middle:.3f}  ({min(ratios):.3f}-{max(ratios):.3f})")

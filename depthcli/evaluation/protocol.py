@@ -153,7 +153,7 @@ class Protocol:
         if alignment is not Alignment.NONE or depth.kind is not DepthKind.METRIC:
             exact = predicted.astype(np.float64), truth.depth_m.astype(np.float64)
             predicted = align(*exact, alignment, depth.kind)
-        return DepthPixels.of(truth.depth_m, predicted, min_m=self.min_m, max_m=self.max_m)
+        return DepthPixels(truth.depth_m, predicted, self.min_m, self.max_m)
 
 
 def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:

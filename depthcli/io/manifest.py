@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from depthcli.errors import OutputError
@@ -77,9 +77,20 @@ class Row:
 
     def as_json(self) -> dict[str, object]:
         """The fields of one line."""
-        flat = asdict(self)
-        flat |= flat.pop("origin")
-        return flat | {"seconds": round(self.seconds, 6)}
+        # Not dataclasses.asdict, which copies so deeply that it takes as long as a checksum.
+        return {
+            "input": self.input,
+            "status": self.status,
+            "outputs": [
+                {"path": file.path, "bytes": file.bytes, "sha256": file.sha256}
+                for file in self.outputs
+            ],
+            "seconds": round(self.seconds, 6),
+            "input_sha256": self.input_sha256,
+            "error": self.error,
+            "warnings": self.warnings,
+            **{name: getattr(self.origin, name) for name in Origin.__slots__},
+        }
 
     def as_line(self) -> bytes:
         """One line; names with bytes that are not UTF-8 are escaped as Python does."""
