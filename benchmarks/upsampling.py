@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
+import numpy as np
 from timing import alternate
 
 import depthcli
@@ -56,7 +57,7 @@ def main() -> None:
     _print_scores(task, session)
     cv2.setNumThreads(1)
     pixels = task.dataset.image(task.test[0])
-    large = cv2.resize(pixels, (4000, 3000), interpolation=cv2.INTER_CUBIC)
+    large = cv2.resize(pixels, (4000, 3000), interpolation=cv2.INTER_CUBIC).astype(np.uint8)
     _print_times(Frame(pixels), session, options.runs)
     _print_times(Frame(large), session, max(5, options.runs // 6))
 

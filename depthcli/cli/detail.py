@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 # Bytes a pixel beside picture and depth, measured with some to spare; the least is for the other
 # formats and the numbers that are printed.
-_USE_BYTES = {"preview": 20, "ply": 46, "mkv": 16, "mp4": 20}
-_LEAST_USE_BYTES = 9
+_USE_BYTES = {"png16": 13, "preview": 20, "ply": 46, "mkv": 16, "mp4": 20}
+_LEAST_USE_BYTES = 10
 _PICTURE_BESIDE_BYTES = 18
 _UNITS = {"": 1, "K": 1_000, "M": 1_000_000, "G": 1_000_000_000}
 _SIZE = re.compile(r"(\d+(?:\.\d+)?) ?([KMG]?)B?", re.IGNORECASE | re.ASCII)

@@ -59,12 +59,13 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
 
 
 def _fixed_bytes(spec: InputSpec, frame: Frame, use_bytes: int) -> int:
-    """What is needed without tiles: the pixels, and the most of what comes one after the other."""
+    """What is needed without tiles: the pixels, a band, and the most of what comes in turn."""
     count = frame.width * frame.height
     band = min(count, max(BAND_PIXELS, frame.width)) * _BYTES_A_BAND_PIXEL
     depth = DEPTH_BYTES * count
-    then = max(_seen_bytes(spec, count) + band, depth + band, depth + use_bytes * count)
-    return frame.pixels.nbytes + then
+    then = max(_seen_bytes(spec, count), depth + use_bytes * count)
+    # What bands took is not given back at once.
+    return frame.pixels.nbytes + then + band
 
 
 def _seen_bytes(spec: InputSpec, count: int) -> int:

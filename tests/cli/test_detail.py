@@ -14,6 +14,7 @@ from videos import flat_frames, write_mp4
 
 from depthcli.cli import shell
 from depthcli.cli.detail import choose_detail
+from depthcli.core.bands import BAND_PIXELS
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.errors import UsageError
 
@@ -118,7 +119,7 @@ def test_the_process_stays_within_the_limit(cli: Cli, written: str) -> None:
     write_picture(cli.folder / "large.png", np.repeat(pixels, HEIGHT, axis=0))
     options = "--format", written, "--tile", "auto", "--threads", "1"
     use = choose_detail(Upsampling.GUIDED, None, None, [written]).use_bytes
-    limit = HEIGHT * WIDTH * (3 + 4 + use) + 1_000_000
+    limit = HEIGHT * WIDTH * (3 + 4 + use) + 64 * BAND_PIXELS + 1_000_000
     refused = cli("predict", "large.png", *options, "--max-memory", str(limit - 2_000_000))
     assert refused.returncode == 1
     before = peak_bytes(cli, "small.png", *options)
