@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from conftest import Cli
 
 JOURNAL = ".depthcli-batch.jsonl"
-COUNT = 60
+COUNT = 120
 
 
 def many(cli: Cli) -> None:
@@ -223,8 +223,9 @@ def test_rows_that_are_not_ours_are_passed_over(cli: Cli) -> None:
 def test_two_batches_do_not_write_to_one_folder(cli: Cli) -> None:
     many(cli)
     running = begun(cli, 1)
-    second = cli("batch", "in", "--out", "out")
+    running.send_signal(signal.SIGSTOP)  # so that it lasts
     still = running.poll() is None
+    second = cli("batch", "in", "--out", "out")
     running.kill()
     running.communicate(timeout=30)
     assert still
