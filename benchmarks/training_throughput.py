@@ -27,7 +27,7 @@ from depthcli.cli.train_progress import Both, Silent
 from depthcli.datasets.nyu import open_nyu
 from depthcli.training.batches import Batch, Batches, PairStore
 from depthcli.training.board import Board
-from depthcli.training.config import resolve
+from depthcli.training.config_changes import resolve
 from depthcli.training.loop import Limits, train
 from depthcli.training.methods.registry import default_config
 from depthcli.training.preset_files import preset_file

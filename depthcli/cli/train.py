@@ -138,7 +138,7 @@ def resolve_config(
         UsageError: a name or a value is wrong.
     """
     try:
-        from depthcli.training.config import resolve
+        from depthcli.training.config_changes import resolve
         from depthcli.training.methods.registry import METHODS, check_terms, default_config
         from depthcli.training.preset_files import preset_file
     except ImportError as error:

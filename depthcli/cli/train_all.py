@@ -6,18 +6,16 @@ that the system kills for its memory, does not take the others with it.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from depthcli.cli import console
 from depthcli.cli.signal_relay import SignalRelay
+from depthcli.cli.train_all_output import Shown, Sitting
 from depthcli.errors import CheckpointError, ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -25,31 +23,13 @@ if TYPE_CHECKING:
 
     import typer
 
-    from depthcli.training.checkpoint import Progress
+    from depthcli.cli.train_all_output import State
     from depthcli.training.config import TrainConfig
     from depthcli.training.planned_runs import PlannedRun
 
 _OWN = {"method", "every_method", "methods", "seeds", "out", "max_minutes", "show_config"}
 """Options that are not handed on as they are."""
 _SIGNAL_BASE = 128
-State = Literal["finished", "stopped", "failed", "waiting"]
-
-
-@dataclass(frozen=True, slots=True)
-class _Sitting:
-    """What became of a run.
-
-    Attributes:
-        run: which.
-        state: finished (all epochs), stopped (its share is used up), failed, or waiting.
-        progress: how far it has come.
-        reason: why it failed.
-    """
-
-    run: PlannedRun
-    state: State
-    progress: Progress
-    reason: str = ""
 
 
 def train_all(context: typer.Context) -> int:
@@ -67,7 +47,7 @@ def train_all(context: typer.Context) -> int:
     configs = _configs(options)
     open_nyu(Path(options["data"]))  # what is wrong with it is wrong for all of them
     minutes = math.inf if options["max_minutes"] is None else options["max_minutes"]
-    shown = _Shown(as_json=options["as_json"], quiet=options["quiet"])
+    shown = Shown(as_json=options["as_json"], quiet=options["quiet"])
     runner = _Runner(_handed_on(context), shown, 60 * minutes)
     sittings = runner.train(plan_runs(configs, Path(options["out"])))
     shown.summary(sittings)
@@ -137,13 +117,13 @@ class _Runner:
         signal_number: the signal that ended it, or None.
     """
 
-    def __init__(self, words: Sequence[str], shown: _Shown, budget_s: float) -> None:
+    def __init__(self, words: Sequence[str], shown: Shown, budget_s: float) -> None:
         self._words, self._shown = words, shown
         self._ends = time.monotonic() + budget_s
         self._overhead_s = 0.0  # of the run before: starting, reading data, validating at the end
         self.signal_number: int | None = None
 
-    def train(self, runs: Sequence[PlannedRun]) -> list[_Sitting]:
+    def train(self, runs: Sequence[PlannedRun]) -> list[Sitting]:
         """Train them all, those that were trained least first."""
         sittings = {run.name: _looked_up(run) for run in runs}
         waiting = [s for s in sittings.values() if s.state == "waiting"]
@@ -162,14 +142,14 @@ class _Runner:
             self._shown.sitting(after)
         return list(sittings.values())
 
-    def _share_s(self, waiting: Sequence[_Sitting]) -> float:
+    def _share_s(self, waiting: Sequence[Sitting]) -> float:
         """What the first of them gets."""
         from depthcli.training.planned_runs import fair_shares_s
 
         left_s = self._ends - time.monotonic() - len(waiting) * self._overhead_s
         return fair_shares_s([s.progress.seconds for s in waiting], left_s)[0]
 
-    def _train_one(self, run: PlannedRun, share_s: float) -> _Sitting:
+    def _train_one(self, run: PlannedRun, share_s: float) -> Sitting:
         words = [sys.executable, "-m", "depthcli", "train", run.config.method, *self._words]
         words += ["--out", str(run.folder), "--set", f"seed={run.config.seed}"]
         if math.isfinite(share_s):
@@ -193,80 +173,24 @@ class _Runner:
         return code
 
 
-def _looked_up(run: PlannedRun, unfinished: State = "waiting") -> _Sitting:
+def _looked_up(run: PlannedRun, unfinished: State = "waiting") -> Sitting:
     """How far a run is."""
     try:
         progress = run.progress()
     except CheckpointError as error:
         return _failed(run, str(error))
-    return _Sitting(run, "finished" if run.is_finished(progress) else unfinished, progress)
+    return Sitting(run, "finished" if run.is_finished(progress) else unfinished, progress)
 
 
-def _failed(run: PlannedRun, reason: str) -> _Sitting:
+def _failed(run: PlannedRun, reason: str) -> Sitting:
     from depthcli.training.checkpoint import Progress
 
     try:
         progress = run.progress()
     except CheckpointError:
         progress = Progress()
-    return _Sitting(run, "failed", progress, reason)
+    return Sitting(run, "failed", progress, reason)
 
 
 def _meaning(code: int) -> str:
     return f"ended by signal {-code}" if code < 0 else f"exit code {code}, see its error above"
-
-
-class _Shown:
-    """What is said about it: lines on standard error, or JSON lines on standard output."""
-
-    def __init__(self, *, as_json: bool, quiet: bool) -> None:
-        self.as_json, self.quiet = as_json, quiet
-
-    def plan(self, sittings: Sequence[_Sitting]) -> None:
-        """What is there already, before anything is trained."""
-        for sitting in sittings:
-            if sitting.state != "waiting":
-                self.sitting(sitting)
-
-    def begin(self, run: PlannedRun, share_s: float) -> None:
-        """A run begins."""
-        if not self.quiet and not self.as_json:
-            limit = f"for {share_s / 60:.1f} min" if math.isfinite(share_s) else "to its end"
-            console.note(f"{run.name}: training {limit}")
-
-    def line(self, name: str, line: bytes) -> None:
-        """An epoch of a run."""
-        if not self.quiet:
-            console.out_json({"run": name, **json.loads(line)})
-
-    def sitting(self, sitting: _Sitting) -> None:
-        """A run was finished before, or ends for now."""
-        progress, run = sitting.progress, sitting.run
-        minutes = progress.seconds / 60
-        if self.as_json and not self.quiet:
-            console.out_json(
-                {
-                    "run": run.name,
-                    "state": sitting.state,
-                    "epoch": progress.epoch,
-                    "epochs": run.config.optim.epochs,
-                    "step": progress.step,
-                    "minutes": round(minutes, 2),
-                    "reason": sitting.reason or None,
-                }
-            )
-        elif not self.quiet:
-            reason = f" ({sitting.reason})" if sitting.reason else ""
-            epochs = f"epoch {progress.epoch} of {run.config.optim.epochs}"
-            console.note(f"{run.name}: {sitting.state}{reason}, {epochs}, {minutes:.1f} min")
-
-    def summary(self, sittings: Sequence[_Sitting]) -> None:
-        """How many are done; those that failed, even if quiet."""
-        failed = [f"{s.run.name} ({s.reason})" for s in sittings if s.state == "failed"]
-        finished = sum(s.state == "finished" for s in sittings)
-        if not self.quiet and not self.as_json:
-            rest = len(sittings) - finished - len(failed)
-            more = f", {rest} to continue: run the same command again" if rest else ""
-            console.note(f"{finished} of {len(sittings)} runs finished{more}")
-        if failed:
-            console.error(f"{len(failed)} of {len(sittings)} runs failed: {'; '.join(failed)}")

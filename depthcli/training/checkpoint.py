@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 from depthcli.errors import CheckpointError, UsageError
-from depthcli.training.config import TrainConfig, updated
+from depthcli.training.config import TrainConfig
+from depthcli.training.config_changes import updated
 from depthcli.training.networks.build import build_generator
 
 if TYPE_CHECKING:

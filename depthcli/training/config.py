@@ -1,27 +1,25 @@
 """Everything that decides a training run, as one tree of frozen dataclasses.
 
-A configuration is built from a method's defaults, then files that hold only differences (TOML),
-then ``a.b=c`` settings; unknown names and ill-typed values are refused. Checkpoints carry it.
+A method's defaults are changed by files and settings, see :mod:`~depthcli.training.config_changes`.
+Checkpoints carry the result.
 """
 
 from __future__ import annotations
 
-import ast
-import dataclasses
-import tomllib
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Literal
 
 from depthcli.core.codec import DepthCodec
-from depthcli.errors import UsageError
-from depthcli.training.config_range import check_range
+from depthcli.training.config_objective import LossConfig, OptimConfig
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-    from pathlib import Path
-
-
-T = TypeVar("T")
+__all__ = [
+    "DataConfig",
+    "GeneratorConfig",
+    "LossConfig",
+    "OptimConfig",
+    "OutputConfig",
+    "TrainConfig",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,95 +107,6 @@ class DataConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class LossConfig:
-    """Weights and variants of the losses; a weight of zero also leaves its networks out.
-
-    A method has some of them (``Method.TERMS``); the others have to be zero.
-
-    Attributes:
-        adversarial: λ1, both directions.
-        contrast_x: λ2, NCE of x and G(x); hDCE for HnegSRC.
-        contrast_y: λ3, NCE of y and G(y); of y and F(y) for DCLGAN and SimDCL.
-        identity: λ4, eq. 3.
-        cycle: λ5, eq. 2.
-        l1: λ6, eq. 1; zero is the unpaired ablation.
-        weight_penalty: λ of eq. 1, on squared convolution weights.
-        gradient: multi-scale gradient matching, beyond the paper.
-        gan: form of the adversarial terms.
-        contrast: ``cut`` compares output with input, ``cfl`` output with paired truth.
-        l1_backward: also hold F to the paired picture by eq. 1.
-        flip_contrast: half of the steps mirror the input of G (FastCUT).
-        relation: λ of the semantic relations' consistency (HnegSRC).
-        gamma_start: γ of HnegSRC's negatives at the first step.
-        gamma_end: γ at the last step; linear in between.
-        similarity: weight of the domains' similarity (SimDCL).
-    """
-
-    adversarial: float = 1.0
-    contrast_x: float = 0.5
-    contrast_y: float = 0.5
-    identity: float = 5.0
-    cycle: float = 10.0
-    l1: float = 10.0
-    weight_penalty: float = 1e-6
-    gradient: float = 0.0
-    gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"
-    contrast: Literal["cut", "cfl"] = "cut"
-    l1_backward: bool = False
-    flip_contrast: bool = False
-    relation: float = 0.0
-    gamma_start: float = 50.0
-    gamma_end: float = 10.0
-    similarity: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class OptimConfig:
-    """How the networks are moved.
-
-    Attributes:
-        batch_size: pictures a step.
-        epochs_constant: epochs at the full learning rate (``linear`` schedule).
-        epochs_decay: epochs of linear decay to zero, or all epochs of ``cosine``.
-        schedule: ``linear`` is the paper's, ``cosine`` starts with a warm-up.
-        warmup_steps: steps of linear warm-up of ``cosine``.
-        learning_rate: at the full rate.
-        beta1: Adam's first.
-        beta2: Adam's second.
-        weight_decay: decoupled, on matrices and kernels only.
-        clip_norm: largest gradient norm of the generators; 0 does not clip.
-        ema: decay of the weight average that is validated and exported; 0 keeps none.
-        pool_size: image pool of the discriminators; 0 has none.
-        width_discriminator: first layer of the discriminators.
-        head_learning_rate: of the patch heads of DCLGAN and SimDCL; 0 is ``learning_rate``.
-        head_beta1: Adam's first, of those heads.
-        head_beta2: Adam's second, of those heads.
-    """
-
-    batch_size: int = 1
-    epochs_constant: int = 100
-    epochs_decay: int = 100
-    schedule: Literal["linear", "cosine"] = "linear"
-    warmup_steps: int = 0
-    learning_rate: float = 2e-4
-    beta1: float = 0.5
-    beta2: float = 0.999
-    weight_decay: float = 0.0
-    clip_norm: float = 0.0
-    ema: float = 0.0
-    pool_size: int = 50
-    width_discriminator: int = 64
-    head_learning_rate: float = 0.0
-    head_beta1: float = 0.5
-    head_beta2: float = 0.999
-
-    @property
-    def epochs(self) -> int:
-        """Epochs of the whole run."""
-        return self.epochs_constant + self.epochs_decay
-
-
-@dataclass(frozen=True, slots=True)
 class TrainConfig:
     """One training run, whole.
 
@@ -219,71 +128,3 @@ class TrainConfig:
     data: DataConfig = field(default_factory=DataConfig)
     loss: LossConfig = field(default_factory=LossConfig)
     optim: OptimConfig = field(default_factory=OptimConfig)
-
-
-def resolve(base: TrainConfig, files: Iterable[Path], settings: Iterable[str]) -> TrainConfig:
-    """Apply files of differences, then ``a.b=c`` settings, to a base configuration.
-
-    Raises:
-        UsageError: a name is unknown, a value has the wrong type or is out of range, or a file is
-            not TOML.
-    """
-    for file in files:
-        try:
-            base = updated(base, tomllib.loads(file.read_text("utf-8")))
-        except (OSError, ValueError) as error:
-            raise UsageError(f"cannot read the configuration {file}: {error}") from None
-    for setting in settings:
-        base = updated(base, _nested(setting))
-    check_range(base)
-    return base
-
-
-def updated(config: T, changes: Mapping[str, Any]) -> T:
-    """A copy with some fields changed; nested mappings change nested configurations."""
-    hints = get_type_hints(type(config))
-    values: dict[str, Any] = {}
-    for name, value in changes.items():
-        if name not in hints:
-            known = ", ".join(hints)
-            raise UsageError(f"unknown setting '{name}'; choose from {known}")
-        old = getattr(config, name)
-        if dataclasses.is_dataclass(old):
-            if not isinstance(value, dict):
-                raise UsageError(f"'{name}' is a group; set {name}.SETTING=VALUE")
-            values[name] = updated(old, value)
-        else:
-            values[name] = _checked(name, value, hints[name])
-    return dataclasses.replace(config, **values)  # type: ignore[type-var]
-
-
-def _nested(setting: str) -> dict[str, Any]:
-    key, equals, text = setting.partition("=")
-    if not equals:
-        raise UsageError(f"'{setting}' is not of the form a.b=value")
-    words = {"true": True, "false": False}
-    try:
-        value = words[text.lower()] if text.lower() in words else ast.literal_eval(text)
-    except (ValueError, TypeError, SyntaxError):
-        value = text
-    *outer, last = key.split(".")
-    nested: dict[str, Any] = {last: value}
-    for part in reversed(outer):
-        nested = {part: nested}
-    return nested
-
-
-def _checked(name: str, value: Any, hint: Any) -> Any:  # noqa: ANN401
-    if get_origin(hint) is Literal:
-        if value not in get_args(hint):
-            raise UsageError(f"{name} is one of {', '.join(get_args(hint))}, not {value!r}")
-        return value
-    if get_origin(hint) is tuple:
-        if isinstance(value, (list, tuple)) and all(type(item) is int for item in value):
-            return tuple(value)
-        raise UsageError(f"{name} is a list of whole numbers, not {value!r}")
-    if hint is float and type(value) is int:
-        return float(value)
-    if type(value) is not hint:
-        raise UsageError(f"{name} is of type {hint.__name__}, not {value!r}")
-    return value

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
+from depthcli.training.config_objective import TERMS
 
 if TYPE_CHECKING:
     from depthcli.training.config import GeneratorConfig, TrainConfig
@@ -14,18 +15,6 @@ _SMALLEST_PX = 32  # below, the discriminators have no output and the gradients 
 _RESNET_STRIDE = 4
 _EFFICIENT_STRIDE = 32
 _LEVELS = {"encoder": 5, "decoder": 4, "depths": 4}
-TERMS = (
-    "adversarial",
-    "contrast_x",
-    "contrast_y",
-    "identity",
-    "cycle",
-    "l1",
-    "gradient",
-    "relation",
-    "similarity",
-)
-"""Weights of ``LossConfig`` that make a term of their own."""
 _AT_LEAST: dict[str, dict[str, float]] = {
     "": {"seed": 0, "validate_every": 1, "save_every": 1},
     "generator": {"width": 1, "blocks": 1},

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import nn
 
-from depthcli.errors import CheckpointError, TrainingError
+from depthcli.errors import CheckpointError
 from depthcli.training.average import WeightAverage
 from depthcli.training.checkpoint import Checkpoint, Progress
 from depthcli.training.devices import average_gradients, of_others
+from depthcli.training.finite import check_weights, finite
 from depthcli.training.methods.registry import build_method
 from depthcli.training.optimizers import build_optimizer
 from depthcli.training.schedule import factor
@@ -100,7 +100,7 @@ class Run:
             CheckpointError: it cannot be written; the one before is kept.
             TrainingError: a weight is not finite; the one before is kept.
         """
-        self._check_weights()
+        check_weights(self.method, self.progress.step)
         own = self._own_state()
         others = of_others(self.fabric, own)
         if not self.fabric.is_global_zero:
@@ -177,15 +177,6 @@ class Run:
         if self._on_cuda and state["device_rng"] is not None:
             torch.cuda.set_rng_state(state["device_rng"], self._device)
 
-    def _check_weights(self) -> None:
-        """A finite loss can have a gradient that is not, which only the next step would show."""
-        for name, network in self.method.named_children():
-            whole = [weight.isfinite().all() for weight in network.parameters()]
-            if whole and not bool(torch.stack(whole).all()):
-                raise TrainingError(
-                    f"a weight of '{name}' is not finite after step {self.progress.step}: {_CURE}"
-                )
-
     @property
     def _device(self) -> torch.device:
         return self.fabric.device
@@ -193,28 +184,6 @@ class Run:
     @property
     def _on_cuda(self) -> bool:
         return self._device.type == "cuda"
-
-
-_CURE = (
-    "lower optim.learning_rate or use precision=32-true, and go on from the last checkpoint, "
-    "which is kept"
-)
-
-
-def finite(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
-    """The terms as numbers, averaged over the processes, in one transfer from the device.
-
-    Raises:
-        TrainingError: one of them is not finite; the message names it.
-    """
-    together = torch.stack([term.detach().float() for term in losses.values()])
-    if fabric.world_size > 1:
-        together = fabric.all_reduce(together, reduce_op="mean")  # type: ignore[assignment]
-    values = dict(zip(losses, together.tolist(), strict=True))
-    for name, value in values.items():
-        if not math.isfinite(value):
-            raise TrainingError(f"the loss term '{name}' became {value}: {_CURE}")
-    return values
 
 
 def _instance_norm(method: nn.Module) -> bool:

@@ -174,6 +174,12 @@ def test_wrong_use_is_one_line_before_anything_is_trained(
     assert not (folder / "runs").exists()
 
 
+def test_all_is_every_method_and_a_spent_budget_trains_none(folder: Path) -> None:
+    done = _train(folder, "--all", "--max-minutes", "0")
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr == "0 of 7 runs finished, 7 to continue: run the same command again\n"
+
+
 def test_missing_data_are_said_once(folder: Path) -> None:
     done = _train(folder, "--all", "--data", "nowhere")
     assert done.returncode == 3

@@ -7,13 +7,16 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 ROOT = Path(__file__).parents[2]
 SMALL = """
@@ -53,9 +56,14 @@ def folder(tmp_path: Path) -> Path:
 
 
 def _start(
-    folder: Path, out: str, devices: int, *settings: str, more: tuple[str, ...] = ()
+    folder: Path,
+    out: str,
+    devices: int,
+    *settings: str,
+    more: tuple[str, ...] = (),
+    starter: Sequence[str] = (sys.executable,),
 ) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "depthcli", "train", "proposed", "--data", "data", "--quiet"]
+    command = [*starter, "-m", "depthcli", "train", "proposed", "--data", "data", "--quiet"]
     command += ["--config", "small.toml", "--accelerator", "cpu", "--threads", "1", "--out", out]
     command += ["--devices", str(devices), *more]
     for setting in settings:
@@ -104,6 +112,26 @@ def test_two_processes_learn_what_one_does(folder: Path) -> None:
         assert two == pytest.approx(one, rel=1e-3)
     first, last = alone[0], alone[-1]
     assert last["l1"] < 0.95 * first["l1"]  # far more than the two runs differ
+
+
+def test_torchrun_starts_the_same_run(folder: Path) -> None:
+    """Its processes are those of ``--devices 2``, to the last bit."""
+    own = _start(folder, "own", 2)
+    torchrun = [
+        sys.executable,
+        "-m",
+        "torch.distributed.run",
+        "--nproc-per-node",
+        "2",
+        "--standalone",
+    ]
+    process = _start(folder, "other", 2, starter=torchrun)
+    assert _end(own) == (0, "")
+    code, text = _end(process)
+    assert code == 0, text
+    a, b = _saved(folder / "own"), _saved(folder / "other")
+    for name in ("method", "optimizers", "extra", "rng", "others"):
+        assert _same(a[name], b[name]), name
 
 
 def test_stopped_run_on_two_processes_is_continued_exactly(folder: Path) -> None:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 import torch
 
 from depthcli.errors import UsageError
-from depthcli.training.config import LossConfig, OutputConfig, TrainConfig, resolve, updated
+from depthcli.training.config import LossConfig, OutputConfig, TrainConfig
+from depthcli.training.config_changes import resolve, updated
+from depthcli.training.methods.registry import DEFAULTS, METHODS, default_config
 from depthcli.training.networks.build import build_generator
 from depthcli.training.preset_files import FOLDER, preset_file
 
@@ -176,6 +178,30 @@ def test_presets_resolve(file: Path) -> None:
     wanted = tomllib.loads(file.read_text())
     assert updated(config, wanted) == config
     assert config != TrainConfig()
+
+
+def _leaves(values: dict[str, Any], path: str = "") -> dict[str, Any]:
+    leaves: dict[str, Any] = {}
+    for name, value in values.items():
+        inner = (
+            _leaves(value, f"{path}{name}.") if isinstance(value, dict) else {path + name: value}
+        )
+        leaves |= inner
+    return leaves
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_methods_file_holds_only_differences(name: str) -> None:
+    written = _leaves(tomllib.loads((DEFAULTS / f"{name}.toml").read_text()))
+    usual = _leaves(dataclasses.asdict(TrainConfig()))
+    assert not [path for path, value in written.items() if usual[path] == value]
+
+
+@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda p: p.stem)
+def test_a_preset_holds_only_differences(file: Path) -> None:
+    usual = [_leaves(dataclasses.asdict(default_config(name))) for name in METHODS]
+    for path, value in _leaves(tomllib.loads(file.read_text())).items():
+        assert any(config[path] != value for config in usual), path
 
 
 def test_unknown_preset_names_the_known() -> None:

@@ -16,8 +16,9 @@ from depthcli.errors import CheckpointError, TrainingError
 from depthcli.metrics.depth import METRICS
 from depthcli.training.batches import Batch
 from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
+from depthcli.training.finite import finite
 from depthcli.training.loop import CHECKPOINT, METRICS_LOG, Limits, train
-from depthcli.training.run import Run, finite
+from depthcli.training.run import Run
 from depthcli.training.schedule import factor
 
 if TYPE_CHECKING:

@@ -14,12 +14,14 @@ from rooms import EFFICIENT, PAPER, rooms
 from depthcli.cli.train_progress import Silent
 from depthcli.training.batches import Batch
 from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.config import TrainConfig, updated
+from depthcli.training.config_changes import updated
 from depthcli.training.loop import CHECKPOINT, Limits, train
 from depthcli.training.run import Run
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from depthcli.training.config import TrainConfig
 
 PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 0}}
 """Nothing is drawn by chance."""

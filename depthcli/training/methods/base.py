@@ -33,12 +33,14 @@ class Method(nn.Module):
 
     Attributes:
         TERMS: the weights of ``LossConfig`` that the method knows; others have to be zero.
+        SETTINGS: of the settings that only some methods look at, those that this one does.
         phases: the order of the two half steps.
         generator: G, gray to depth: the network that is validated and exported.
         share_done: how much of the schedule is done, in [0, 1); the loop keeps it.
     """
 
     TERMS: ClassVar[frozenset[str]]
+    SETTINGS: ClassVar[frozenset[str]] = frozenset()
     phases: tuple[Phase, ...]
 
     def __init__(self, config: TrainConfig) -> None:
@@ -97,6 +99,11 @@ def present(part: _Part | None) -> _Part:
     if part is None:
         raise ValueError("a weight above zero builds what its loss needs")
     return part
+
+
+def built(*networks: nn.Module | None) -> list[nn.Module]:
+    """Those of the networks that the weights of the losses call for."""
+    return [network for network in networks if network is not None]
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import torch
 
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.methods.base import Method, Phase, frozen, translated
+from depthcli.training.methods.base import Method, Phase, built, frozen, present, translated
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.networks.build import build_discriminator
 
@@ -27,28 +27,30 @@ class Cut(Method):
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y"})
+    SETTINGS: ClassVar = frozenset({"loss.flip_contrast"})
     phases: tuple[Phase, ...] = ("discriminator", "generator")
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)
         self.judge = build_discriminator(config) if self.weights.adversarial else None
-        self.sampler = patch_heads(self.generator, self.generator.TAPS)
+        compares = self.weights.contrast_x or self.weights.contrast_y or self.weights.relation
+        self.sampler = patch_heads(self.generator, self.generator.TAPS) if compares else None
         self._made: tuple[Tensor, bool] | None = None
 
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G and the patch heads; or the discriminator."""
         if phase == "generator":
-            return [self.generator, self.sampler]
-        return [] if self.judge is None else [self.judge]
+            return built(self.generator, self.sampler)
+        return built(self.judge)
 
     def forward(self, batch: Batch, phase: Phase) -> dict[str, Tensor]:
         """The discriminator's term, or the generator's."""
         x, y = batch.gray, self.encode(batch.depth_m)
         if phase == "discriminator":
-            assert self.judge is not None  # noqa: S101 - the loop leaves out what has no network
             self._made = self._translate(x)  # not moved in between, so the next phase takes it up
             fake_y = self._made[0].detach()
-            return {"judge": discriminator_loss(self.weights.gan, self.judge, real=y, fake=fake_y)}
+            judge = present(self.judge)
+            return {"judge": discriminator_loss(self.weights.gan, judge, real=y, fake=fake_y)}
         fake_y, flipped = self._made or self._translate(x)
         self._made = None
         return self._deceive(y, fake_y) | self._contrasted(x, y, fake_y, flipped=flipped)
@@ -81,8 +83,9 @@ class Cut(Method):
         self, source: Tensor, output: Tensor, *, flipped: bool = False
     ) -> tuple[list[Tensor], list[Tensor]]:
         """Queries of the output and keys of the source, (B, P, dim) of each tap."""
-        keys, positions = self.sampler(self.generator.features(source))
+        sampler = present(self.sampler)
+        keys, positions = sampler(self.generator.features(source))
         maps = self.generator.features(output)
         maps = [features.flip(3) for features in maps] if flipped else maps
-        queries, _ = self.sampler(maps, positions)
+        queries, _ = sampler(maps, positions)
         return queries, keys

@@ -8,7 +8,7 @@ import torch.nn.functional as F  # noqa: N812
 
 from depthcli.training.image_pool import ImagePool
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
-from depthcli.training.methods.base import Method, Phase, frozen, present, sized, translated
+from depthcli.training.methods.base import Method, Phase, built, frozen, present, sized, translated
 from depthcli.training.networks.build import build_discriminator, build_generator
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ class CycleGan(Method):
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "cycle", "identity"})
+    SETTINGS: ClassVar = frozenset({"optim.pool_size"})
     phases: tuple[Phase, ...] = ("generator", "discriminator")
 
     def __init__(self, config: TrainConfig) -> None:
@@ -59,9 +60,9 @@ class CycleGan(Method):
 
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G and F; or the discriminators."""
-        makers = (self.generator, self.backward_generator)
-        judges = (self.judge_depth, self.judge_gray)
-        return [net for net in (makers if phase == "generator" else judges) if net is not None]
+        if phase == "generator":
+            return built(self.generator, self.backward_generator)
+        return built(self.judge_depth, self.judge_gray)
 
     def forward(self, batch: Batch, phase: Phase) -> dict[str, Tensor]:
         """The generators' terms, or the discriminators'."""
@@ -71,7 +72,7 @@ class CycleGan(Method):
         made = self._translate(x, y)
         if made.fake_x is not None:
             self._fakes = made.fake_x.detach(), made.fake_y.detach()
-        return self._terms(x, y, made)
+        return self._terms(batch, y, made)
 
     def _translate(self, x: Tensor, y: Tensor) -> Made:
         forward, backward, weights = self.generator, self.backward_generator, self.weights
@@ -84,8 +85,9 @@ class CycleGan(Method):
             same_y=translated(forward, y) if keeps_y else None,
         )
 
-    def _terms(self, x: Tensor, y: Tensor, made: Made) -> dict[str, Tensor]:
-        weights, terms = self.weights, {}
+    def _terms(self, batch: Batch, y: Tensor, made: Made) -> dict[str, Tensor]:
+        """Weighted terms; y is the batch's depth, coded."""
+        x, weights, terms = batch.gray, self.weights, {}
         if weights.cycle:
             terms["cycle"] = weights.cycle * self._cycle(x, y, made)
         if weights.identity:

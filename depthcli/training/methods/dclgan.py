@@ -8,7 +8,7 @@ import torch.nn.functional as F  # noqa: N812
 
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.methods.base import Method, Phase, frozen, translated
+from depthcli.training.methods.base import Method, Phase, built, frozen, present, translated
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.networks.build import build_discriminator, build_generator
 
@@ -43,26 +43,33 @@ class DclGan(Method):
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y", "identity"})
+    SETTINGS: ClassVar = frozenset(
+        {"optim.head_learning_rate", "optim.head_beta1", "optim.head_beta2"}
+    )
     phases: tuple[Phase, ...] = ("discriminator", "generator")
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)
         self.backward_generator = build_generator(config.generator)
-        self.judge_depth, self.judge_gray = build_discriminator(config), build_discriminator(config)
+        adversarial = bool(self.weights.adversarial)
+        self.judge_depth = build_discriminator(config) if adversarial else None
+        self.judge_gray = build_discriminator(config) if adversarial else None
         self.taps = tuple(tap for tap in self.generator.TAPS if tap != "input")
-        self.sampler_gray = patch_heads(self.generator, self.taps)
-        self.sampler_depth = patch_heads(self.generator, self.taps)
+        weights = self.weights
+        compares = bool(weights.contrast_x or weights.contrast_y or weights.similarity)
+        self.sampler_gray = patch_heads(self.generator, self.taps) if compares else None
+        self.sampler_depth = patch_heads(self.generator, self.taps) if compares else None
         self._made: Fakes | None = None
 
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G, F and the heads; or the discriminators."""
         if phase == "generator":
             return [self.generator, self.backward_generator, *self.heads()]
-        return [self.judge_depth, self.judge_gray]
+        return built(self.judge_depth, self.judge_gray)
 
     def heads(self) -> list[nn.Module]:
         """The patch heads of both domains."""
-        return [self.sampler_gray, self.sampler_depth]
+        return built(self.sampler_gray, self.sampler_depth)
 
     def forward(self, batch: Batch, phase: Phase) -> dict[str, Tensor]:
         """The discriminators' terms, or the generators'."""
@@ -72,7 +79,7 @@ class DclGan(Method):
             return self._judge(x, y, self._made)
         fakes = self._made or self._translate(x, y)
         self._made = None
-        compared = self._compared(self._vectors(x, y, fakes))
+        compared = self._compared(self._vectors(x, y, fakes)) if self.heads() else {}
         return self._deceive(x, y, fakes) | self._identity(x, y) | compared
 
     def _translate(self, x: Tensor, y: Tensor) -> Fakes:
@@ -80,14 +87,17 @@ class DclGan(Method):
 
     def _judge(self, x: Tensor, y: Tensor, fakes: Fakes) -> dict[str, Tensor]:
         gan, fake_y, fake_x = self.weights.gan, fakes.y.detach(), fakes.x.detach()
+        judge_y, judge_x = present(self.judge_depth), present(self.judge_gray)
         return {
-            "judge_depth": discriminator_loss(gan, self.judge_depth, real=y, fake=fake_y),
-            "judge_gray": discriminator_loss(gan, self.judge_gray, real=x, fake=fake_x),
+            "judge_depth": discriminator_loss(gan, judge_y, real=y, fake=fake_y),
+            "judge_gray": discriminator_loss(gan, judge_x, real=x, fake=fake_x),
         }
 
     def _deceive(self, x: Tensor, y: Tensor, fakes: Fakes) -> dict[str, Tensor]:
+        if self.judge_depth is None or self.judge_gray is None:
+            return {}
         gan = self.weights.gan
-        with frozen(self.networks("discriminator")):
+        with frozen([self.judge_depth, self.judge_gray]):
             loss_y = generator_loss(gan, self.judge_depth, real=y, fake=fakes.y)
             loss_x = generator_loss(gan, self.judge_gray, real=x, fake=fakes.x)
         return {"adversarial": self.weights.adversarial * (loss_y + loss_x)}
@@ -100,17 +110,22 @@ class DclGan(Method):
         return {"identity": self.weights.identity * (same_y + same_x)}
 
     def _compared(self, vectors: Vectors) -> dict[str, Tensor]:
-        there = mean_over_taps(patch_nce, vectors.fake_y, vectors.real_x)
-        back = mean_over_taps(patch_nce, vectors.fake_x, vectors.real_y)
-        weights = self.weights
-        return {"contrast_x": weights.contrast_x * there, "contrast_y": weights.contrast_y * back}
+        weights, terms = self.weights, {}
+        if weights.contrast_x:
+            there = mean_over_taps(patch_nce, vectors.fake_y, vectors.real_x)
+            terms["contrast_x"] = weights.contrast_x * there
+        if weights.contrast_y:
+            back = mean_over_taps(patch_nce, vectors.fake_x, vectors.real_y)
+            terms["contrast_y"] = weights.contrast_y * back
+        return terms
 
     def _vectors(self, x: Tensor, y: Tensor, fakes: Fakes) -> Vectors:
         """The same positions for a picture and its translation."""
-        real_x, positions_x = self.sampler_gray(self.generator.features(x, self.taps))
-        real_y, positions_y = self.sampler_depth(self.backward_generator.features(y, self.taps))
+        of_gray, of_depth = present(self.sampler_gray), present(self.sampler_depth)
+        real_x, positions_x = of_gray(self.generator.features(x, self.taps))
+        real_y, positions_y = of_depth(self.backward_generator.features(y, self.taps))
         maps_y = self.backward_generator.features(fakes.y, self.taps)
         maps_x = self.generator.features(fakes.x, self.taps)
-        fake_y, _ = self.sampler_depth(maps_y, positions_x)
-        fake_x, _ = self.sampler_gray(maps_x, positions_y)
+        fake_y, _ = of_depth(maps_y, positions_x)
+        fake_x, _ = of_gray(maps_x, positions_y)
         return Vectors(real_x, fake_y, real_y, fake_x)

@@ -19,6 +19,7 @@ class HnegSrc(Cut):
     """GAN + hDCE of x and G(x) + hDCE of y and G(y) + SRC of x and G(x)."""
 
     TERMS: ClassVar = Cut.TERMS | {"relation"}
+    SETTINGS: ClassVar = Cut.SETTINGS | {"loss.gamma_start", "loss.gamma_end"}
 
     @property
     def gamma(self) -> float:
@@ -31,7 +32,8 @@ class HnegSrc(Cut):
     ) -> dict[str, Tensor]:
         terms, weights = {}, self.weights
         hard = partial(hdce, gamma=self.gamma)
-        vectors = self._vectors(x, fake_y, flipped=flipped)
+        if weights.contrast_x or weights.relation:
+            vectors = self._vectors(x, fake_y, flipped=flipped)
         if weights.contrast_x:
             terms["contrast_x"] = weights.contrast_x * mean_over_taps(hard, *vectors)
         if weights.relation:

@@ -9,7 +9,7 @@ import torch.nn.functional as F  # noqa: N812
 from depthcli.training.losses.gradient import gradient_loss
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
 from depthcli.training.losses.regularised_l1 import regularised_l1
-from depthcli.training.methods.base import Phase, present
+from depthcli.training.methods.base import Phase, built, present
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.methods.cyclegan import CycleGan, Made
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from torch import Tensor, nn
 
+    from depthcli.training.batches import Batch
     from depthcli.training.config import TrainConfig
 
 
@@ -25,6 +26,11 @@ class Proposed(CycleGan):
     """Eq. 7, and any part of it: a weight of zero leaves the term and its networks out."""
 
     TERMS: ClassVar = CycleGan.TERMS | {"contrast_x", "contrast_y", "l1", "gradient"}
+    SETTINGS: ClassVar = CycleGan.SETTINGS | {
+        "loss.contrast",
+        "loss.l1_backward",
+        "loss.weight_penalty",
+    }
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)
@@ -33,33 +39,40 @@ class Proposed(CycleGan):
 
     @property
     def _both_ways(self) -> bool:
-        return super()._both_ways or self.weights.l1_backward
+        return super()._both_ways or self._backward_l1
+
+    @property
+    def _backward_l1(self) -> bool:
+        return bool(self.weights.l1 and self.weights.l1_backward)
 
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G, F and the patch heads; or the discriminators."""
-        networks = super().networks(phase)
-        if phase == "generator" and self.sampler is not None:
-            networks.append(self.sampler)
-        return networks
+        heads = built(self.sampler) if phase == "generator" else []
+        return super().networks(phase) + heads
 
-    def _terms(self, x: Tensor, y: Tensor, made: Made) -> dict[str, Tensor]:
+    def _terms(self, batch: Batch, y: Tensor, made: Made) -> dict[str, Tensor]:
         """Weighted terms of eq. 7."""
-        terms = self._supervised(made.raw_y, y) | super()._terms(x, y, made)
-        if self.weights.l1_backward:
+        x, known, penalty = batch.gray, batch.known, self.weights.weight_penalty
+        terms = self._supervised(made.raw_y, y, known) | super()._terms(batch, y, made)
+        if self._backward_l1:
             backward = present(self.backward_generator)
-            l1 = regularised_l1(present(made.fake_x), x, backward, self.weights.weight_penalty)
+            l1 = regularised_l1(present(made.fake_x), x, backward, penalty, known)
             terms["l1_backward"] = self.weights.l1 * l1
         return terms | self._contrasted(x, y, made)
 
-    def _supervised(self, raw_y: Tensor, y: Tensor) -> dict[str, Tensor]:
-        weights, terms = self.weights, {}
-        smaller = raw_y.shape[2:] != y.shape[2:]
-        truth = F.interpolate(y, size=raw_y.shape[2:], mode="area") if smaller else y
+    def _supervised(self, raw_y: Tensor, y: Tensor, known: Tensor | None) -> dict[str, Tensor]:
+        """Eq. 1 and the gradients, of measured pixels alone."""
+        weights, terms, size = self.weights, {}, raw_y.shape[2:]
+        if size != y.shape[2:]:
+            y = F.interpolate(y, size=size, mode="area")
+            known = (
+                None if known is None else F.interpolate(known.float(), size=size, mode="area") == 1
+            )
         if weights.l1:
-            l1 = regularised_l1(raw_y, truth, self.generator, weights.weight_penalty)
+            l1 = regularised_l1(raw_y, y, self.generator, weights.weight_penalty, known)
             terms["l1"] = weights.l1 * l1
         if weights.gradient:
-            terms["gradient"] = weights.gradient * gradient_loss(raw_y, truth)
+            terms["gradient"] = weights.gradient * gradient_loss(raw_y, y, known)
         return terms
 
     def _contrasted(self, x: Tensor, y: Tensor, made: Made) -> dict[str, Tensor]:

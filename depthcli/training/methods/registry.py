@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
-from depthcli.training.config import TrainConfig, updated
-from depthcli.training.config_range import TERMS
+from depthcli.training.config import TrainConfig
+from depthcli.training.config_changes import updated
+from depthcli.training.config_objective import TERMS
 from depthcli.training.methods.cut import Cut
 from depthcli.training.methods.cyclegan import CycleGan
 from depthcli.training.methods.dclgan import DclGan
@@ -29,7 +30,8 @@ METHODS: dict[str, type[Method]] = {
     "proposed": Proposed,
 }
 """In the order of the paper's Table I."""
-_DEFAULTS = Path(__file__).parent / "defaults"
+_OF_SOME = sorted(frozenset().union(*(method.SETTINGS for method in METHODS.values())))
+DEFAULTS = Path(__file__).parent / "defaults"
 
 
 def default_config(method: str) -> TrainConfig:
@@ -39,7 +41,7 @@ def default_config(method: str) -> TrainConfig:
         UsageError: there is no such method.
     """
     _known(method)
-    differences = tomllib.loads((_DEFAULTS / f"{method}.toml").read_text("utf-8"))
+    differences = tomllib.loads((DEFAULTS / f"{method}.toml").read_text("utf-8"))
     return updated(TrainConfig(method=method), differences)
 
 
@@ -47,17 +49,17 @@ def build_method(config: TrainConfig) -> Method:
     """The method that a configuration names, with fresh weights.
 
     Raises:
-        UsageError: there is no such method, or it knows nothing of a loss whose weight is set.
+        UsageError: there is no such method, or a setting would do nothing.
     """
     check_terms(config)
     return METHODS[config.method](config)
 
 
 def check_terms(config: TrainConfig) -> None:
-    """Accept a configuration whose losses its method has.
+    """Accept a configuration whose losses and settings its method has.
 
     Raises:
-        UsageError: otherwise; a weight that does nothing would be taken for one that does.
+        UsageError: otherwise; one that does nothing would be taken for one that does.
     """
     known = _known(config.method).TERMS
     strange = [name for name in TERMS if getattr(config.loss, name) and name not in known]
@@ -67,6 +69,19 @@ def check_terms(config: TrainConfig) -> None:
         )
     if not any(getattr(config.loss, name) for name in known):
         raise UsageError(f"one of loss.{', loss.'.join(sorted(known))} is above 0")
+    _check_settings(config)
+
+
+def _check_settings(config: TrainConfig) -> None:
+    known, usual = METHODS[config.method].SETTINGS, default_config(config.method)
+    for path in _OF_SOME:
+        if path not in known and _value(config, path) != _value(usual, path):
+            raise UsageError(f"{config.method} does not look at {path}: leave it out")
+
+
+def _value(config: TrainConfig, path: str) -> object:
+    group, name = path.split(".")
+    return getattr(getattr(config, group), name)
 
 
 def _known(method: str) -> type[Method]:

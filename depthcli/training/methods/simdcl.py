@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from depthcli.training.losses.similarity import similarity
+from depthcli.training.methods.base import built, present
 from depthcli.training.methods.dclgan import DclGan
 from depthcli.training.networks.similarity_map import SimilarityMap
 
@@ -22,20 +23,24 @@ class SimDcl(DclGan):
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)
-        taps = len(self.taps)
-        self.map_real_x, self.map_fake_y = SimilarityMap(taps), SimilarityMap(taps)
-        self.map_real_y, self.map_fake_x = SimilarityMap(taps), SimilarityMap(taps)
+        taps, compares = len(self.taps), bool(self.weights.similarity)
+        self.map_real_x = SimilarityMap(taps) if compares else None
+        self.map_fake_y = SimilarityMap(taps) if compares else None
+        self.map_real_y = SimilarityMap(taps) if compares else None
+        self.map_fake_x = SimilarityMap(taps) if compares else None
 
     def heads(self) -> list[nn.Module]:
         """The patch heads and the four maps."""
-        maps = [self.map_real_x, self.map_fake_y, self.map_real_y, self.map_fake_x]
-        return [*super().heads(), *maps]
+        maps = built(self.map_real_x, self.map_fake_y, self.map_real_y, self.map_fake_x)
+        return super().heads() + maps
 
     def _compared(self, vectors: Vectors) -> dict[str, Tensor]:
+        if not self.weights.similarity:
+            return super()._compared(vectors)
         alike = similarity(
-            real_x=self.map_real_x(vectors.real_x),
-            fake_x=self.map_fake_x(vectors.fake_x),
-            real_y=self.map_real_y(vectors.real_y),
-            fake_y=self.map_fake_y(vectors.fake_y),
+            real_x=present(self.map_real_x)(vectors.real_x),
+            fake_x=present(self.map_fake_x)(vectors.fake_x),
+            real_y=present(self.map_real_y)(vectors.real_y),
+            fake_y=present(self.map_fake_y)(vectors.fake_y),
         )
         return super()._compared(vectors) | {"similarity": self.weights.similarity * alike}

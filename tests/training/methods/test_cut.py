@@ -97,6 +97,9 @@ def test_weight_of_zero_leaves_the_discriminator_out(name: str) -> None:
     method = tiny_method(name, adversarial=0)
     assert method.networks("discriminator") == []
     assert "adversarial" not in method(batch(), "generator")
+    alone = tiny_method(name, contrast_x=0, contrast_y=0, relation=0)
+    assert alone.networks("generator") == [alone.generator]
+    assert set(alone(batch(), "generator")) == {"adversarial"}
 
 
 @pytest.mark.parametrize("name", ["cut", "fastcut", "hnegsrc", "dclgan", "simdcl", "cyclegan"])

@@ -78,6 +78,29 @@ def test_simdcl_compares_one_vector_an_image_and_domain() -> None:
     assert size == 10_688
 
 
+@pytest.mark.parametrize(
+    ("left", "networks"),
+    [
+        ("adversarial", {"judge_depth", "judge_gray"}),
+        ("identity", set()),
+        ("contrast_x", {"sampler_gray", "sampler_depth"}),
+        ("contrast_y", {"sampler_gray", "sampler_depth"}),
+        ("similarity", None),
+    ],
+)
+def test_weight_of_zero_leaves_term_and_networks_out(left: str, networks: set[str] | None) -> None:
+    nothing = dict.fromkeys(("adversarial", "identity", "contrast_x", "contrast_y"), 0.0)
+    method = tiny_method("simdcl", **nothing | {"similarity": 0.0} | {left: 1.0})
+    of_generator = set(method(batch(), "generator"))
+    assert of_generator == {left}
+    built = {name for name, _ in method.named_children()} - {"generator", "backward_generator"}
+    if networks is not None:
+        assert built == networks
+    else:
+        assert len(built) == 6  # the heads and the four maps
+    assert bool(method.networks("discriminator")) == (left == "adversarial")
+
+
 @pytest.mark.parametrize("name", ["dclgan", "simdcl"])
 def test_heads_have_a_rate_of_their_own(name: str) -> None:
     method = build_method(tiny(name))

@@ -162,6 +162,38 @@ def test_output_at_half_the_size_is_held_to_the_mean_of_the_truth() -> None:
     torch.testing.assert_close(method(batch, "generator")["l1"], wanted)
 
 
+@pytest.mark.parametrize("config", [PAPER, EFFICIENT], ids=["resnet", "efficient"])
+def test_what_stands_in_a_hole_is_not_learned(config: Any) -> None:
+    """The terms against the truth are of measured pixels alone, at the output's size."""
+    loss = replace(NOTHING, l1=1.0, gradient=1.0, l1_backward=True)
+    method, plain = Proposed(replace(config, loss=loss)).eval(), _batch()
+    for weight in method.generator.get_submodule("head").parameters():
+        torch.nn.init.normal_(weight, std=0.1)
+    known = torch.ones(1, 1, 32, 32, dtype=torch.bool)
+    known[..., 3:14, 5:20] = False
+    values = []
+    for filled_m in (2.0, 9.0):
+        depth_m = torch.where(known, plain.depth_m, torch.full_like(plain.depth_m, filled_m))
+        holed = plain._replace(depth_m=depth_m, known=known)
+        whole = plain._replace(depth_m=depth_m)
+        values.append([method(b, "generator") for b in (holed, whole)])
+    for name in ("l1", "gradient"):
+        (holed, whole), (other_holed, other_whole) = ([t[name] for t in v] for v in values)
+        torch.testing.assert_close(holed, other_holed)
+        assert abs((whole - other_whole).item()) > 1e-3
+    raw = method.generator(plain.gray)
+    step = 32 // raw.shape[2]
+    seen = known[..., ::step, ::step] & known[..., step - 1 :: step, step - 1 :: step]
+    truth = F.avg_pool2d(method.encode(plain.depth_m), step)
+    torch.testing.assert_close(values[0][0]["l1"], (raw - truth).abs()[seen].mean())
+
+
+def test_backward_l1_needs_a_weight() -> None:
+    method = _method(l1=0.0, gradient=1.0, l1_backward=True)
+    assert method.backward_generator is None
+    assert set(method(_batch(), "generator")) == {"gradient"}
+
+
 def test_efficient_generator_takes_every_loss() -> None:
     config = replace(EFFICIENT, loss=LossConfig(gradient=1.0))
     random = torch.Generator().manual_seed(2)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from tiny_methods import tiny
 
 from depthcli.errors import UsageError
-from depthcli.training.config import LossConfig, TrainConfig, resolve
+from depthcli.training.config import LossConfig, TrainConfig
+from depthcli.training.config_changes import resolve
 from depthcli.training.methods.registry import METHODS, build_method, check_terms, default_config
 
 UNPAIRED = ("cyclegan", "cut", "fastcut", "dclgan", "simdcl", "hnegsrc")
@@ -55,6 +57,14 @@ def test_weights_are_the_published_ones(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", METHODS)
+def test_the_order_of_the_half_steps_is_the_published_one(name: str) -> None:
+    first = "generator" if name in {"cyclegan", "proposed"} else "discriminator"
+    method = build_method(tiny(name))
+    assert method.phases[0] == first
+    assert sorted(method.phases) == ["discriminator", "generator"]
+
+
+@pytest.mark.parametrize("name", METHODS)
 def test_schedules_pools_and_pairing_are_the_published_ones(name: str) -> None:
     config = default_config(name)
     optim = config.optim
@@ -81,6 +91,30 @@ def test_a_loss_that_the_method_has_not_is_refused(name: str, term: str) -> None
     config = resolve(default_config(name), [], [f"loss.{term}=2", "data.paired=true"])
     with pytest.raises(UsageError, match=rf"{name} has no loss\.{term}; it has loss\.adversarial"):
         check_terms(config)
+
+
+OF_SOME = {
+    "optim.pool_size=7": {"cyclegan", "proposed"},
+    "optim.head_learning_rate=0.5": {"dclgan", "simdcl"},
+    "loss.flip_contrast=true": {"cut", "hnegsrc"},
+    "loss.gamma_end=3": {"hnegsrc"},
+    "loss.contrast=cfl": {"proposed"},
+    "loss.l1_backward=true": {"proposed"},
+    "loss.weight_penalty=0.5": {"proposed"},
+}
+
+
+@pytest.mark.parametrize("setting", OF_SOME)
+def test_a_setting_that_would_do_nothing_is_refused(setting: str) -> None:
+    for name in sorted(set(METHODS) - {"fastcut"}):
+        config = resolve(default_config(name), [], ["data.paired=true", setting])
+        if name in OF_SOME[setting]:
+            check_terms(config)
+            continue
+        with pytest.raises(
+            UsageError, match=f"{name} does not look at {setting.split('=', maxsplit=1)[0]}"
+        ):
+            check_terms(config)
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
 from depthcli.training.batches import Batch
-from depthcli.training.config import TrainConfig, updated
+from depthcli.training.config_changes import updated
 from depthcli.training.methods.registry import build_method, default_config
+
+if TYPE_CHECKING:
+    from depthcli.training.config import TrainConfig
 
 SIZES: dict[str, Any] = {
     "seed": 3,

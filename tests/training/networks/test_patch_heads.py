@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor, nn
@@ -81,6 +82,28 @@ def test_vectors_are_full_precision_under_autocast() -> None:
 
 def test_similarity_map_has_the_parameters_stated() -> None:
     assert sum(p.numel() for p in SimilarityMap().parameters()) == 10_688
+
+
+def test_similarity_map_is_its_formula() -> None:
+    torch.manual_seed(0)
+    similarity_map = SimilarityMap(2, dim=3).double()
+    taps = [torch.randn(1, 7, 6, dtype=torch.float64) for _ in range(2)]
+    weights = {n: w.detach().numpy() for n, w in similarity_map.named_parameters()}
+    pooled = np.zeros(3)
+    corners = [(i, j) for i in (0, 2, 4) for j in (0, 2)]
+    for channel in range(3):
+        for i, j in corners:
+            value = weights["conv.bias"][channel]
+            for tap in range(2):
+                for a in range(3):
+                    for b in range(3):
+                        kernel = weights["conv.weight"][channel, tap, a, b]
+                        value += kernel * float(taps[tap][0, i + a, j + b])
+            pooled[channel] += max(0.0, value) / len(corners)
+    hidden = weights["linear.0.weight"] @ pooled + weights["linear.0.bias"]
+    vector = weights["linear.2.weight"] @ np.maximum(hidden, 0) + weights["linear.2.bias"]
+    wanted = vector / np.sqrt((vector**2).sum())
+    np.testing.assert_allclose(similarity_map(taps)[0].detach().numpy(), wanted, rtol=1e-6)
 
 
 def test_similarity_map_gives_each_image_its_own_vector() -> None:

@@ -1,0 +1,108 @@
+"""The part of a configuration that says what is minimised, and how."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+TERMS = (
+    "adversarial",
+    "contrast_x",
+    "contrast_y",
+    "identity",
+    "cycle",
+    "l1",
+    "gradient",
+    "relation",
+    "similarity",
+)
+"""Weights of ``LossConfig`` that make a term of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class LossConfig:
+    """Weights and variants of the losses; a weight of zero also leaves its networks out.
+
+    A method has some of them (``Method.TERMS``); the others have to be zero.
+
+    Attributes:
+        adversarial: λ1, both directions.
+        contrast_x: λ2, NCE of x and G(x); hDCE for HnegSRC.
+        contrast_y: λ3, NCE of y and G(y); of y and F(y) for DCLGAN and SimDCL.
+        identity: λ4, eq. 3.
+        cycle: λ5, eq. 2.
+        l1: λ6, eq. 1; zero is the unpaired ablation.
+        weight_penalty: λ of eq. 1, on squared convolution weights.
+        gradient: multi-scale gradient matching, beyond the paper.
+        gan: form of the adversarial terms.
+        contrast: ``cut`` compares output with input, ``cfl`` output with paired truth.
+        l1_backward: also hold F to the paired picture by eq. 1.
+        flip_contrast: half of the steps mirror the input of G (FastCUT).
+        relation: λ of the semantic relations' consistency (HnegSRC).
+        gamma_start: γ of HnegSRC's negatives at the first step.
+        gamma_end: γ at the last step; linear in between.
+        similarity: weight of the domains' similarity (SimDCL).
+    """
+
+    adversarial: float = 1.0
+    contrast_x: float = 0.5
+    contrast_y: float = 0.5
+    identity: float = 5.0
+    cycle: float = 10.0
+    l1: float = 10.0
+    weight_penalty: float = 1e-6
+    gradient: float = 0.0
+    gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"
+    contrast: Literal["cut", "cfl"] = "cut"
+    l1_backward: bool = False
+    flip_contrast: bool = False
+    relation: float = 0.0
+    gamma_start: float = 50.0
+    gamma_end: float = 10.0
+    similarity: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class OptimConfig:
+    """How the networks are moved.
+
+    Attributes:
+        batch_size: pictures a step.
+        epochs_constant: epochs at the full learning rate (``linear`` schedule).
+        epochs_decay: epochs of linear decay to zero, or all epochs of ``cosine``.
+        schedule: ``linear`` is the paper's, ``cosine`` starts with a warm-up.
+        warmup_steps: steps of linear warm-up of ``cosine``.
+        learning_rate: at the full rate.
+        beta1: Adam's first.
+        beta2: Adam's second.
+        weight_decay: decoupled, on matrices and kernels only.
+        clip_norm: largest gradient norm of the generators; 0 does not clip.
+        ema: decay of the weight average that is validated and exported; 0 keeps none.
+        pool_size: image pool of the discriminators; 0 has none.
+        width_discriminator: first layer of the discriminators.
+        head_learning_rate: of the patch heads of DCLGAN and SimDCL; 0 is ``learning_rate``.
+        head_beta1: Adam's first, of those heads.
+        head_beta2: Adam's second, of those heads.
+    """
+
+    batch_size: int = 1
+    epochs_constant: int = 100
+    epochs_decay: int = 100
+    schedule: Literal["linear", "cosine"] = "linear"
+    warmup_steps: int = 0
+    learning_rate: float = 2e-4
+    beta1: float = 0.5
+    beta2: float = 0.999
+    weight_decay: float = 0.0
+    clip_norm: float = 0.0
+    ema: float = 0.0
+    pool_size: int = 50
+    width_discriminator: int = 64
+    head_learning_rate: float = 0.0
+    head_beta1: float = 0.5
+    head_beta2: float = 0.999
+
+    @property
+    def epochs(self) -> int:
+        """Epochs of the whole run."""
+        return self.epochs_constant + self.epochs_decay

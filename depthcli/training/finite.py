@@ -1,0 +1,51 @@
+"""Refusing to go on with numbers that are not finite."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import torch
+
+from depthcli.errors import TrainingError
+
+if TYPE_CHECKING:
+    from lightning_fabric import Fabric
+    from torch import Tensor, nn
+
+_CURE = (
+    "lower optim.learning_rate or use precision=32-true, and go on from the last checkpoint, "
+    "which is kept"
+)
+
+
+def finite(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
+    """The terms as numbers, averaged over the processes, in one transfer from the device.
+
+    Raises:
+        TrainingError: one of them is not finite; the message names it.
+    """
+    together = torch.stack([term.detach().float() for term in losses.values()])
+    if fabric.world_size > 1:
+        together = fabric.all_reduce(together, reduce_op="mean")  # type: ignore[assignment]
+    values = dict(zip(losses, together.tolist(), strict=True))
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise TrainingError(f"the loss term '{name}' became {value}: {_CURE}")
+    return values
+
+
+def check_weights(method: nn.Module, step: int) -> None:
+    """Accept networks to be saved: a finite loss can have a gradient that is not.
+
+    Args:
+        method: networks by name.
+        step: the last one done.
+
+    Raises:
+        TrainingError: a weight is not finite; the message names its network.
+    """
+    for name, network in method.named_children():
+        whole = [weight.isfinite().all() for weight in network.parameters()]
+        if whole and not bool(torch.stack(whole).all()):
+            raise TrainingError(f"a weight of '{name}' is not finite after step {step}: {_CURE}")

@@ -1,0 +1,70 @@
+"""CycleGAN term by term, against the networks and losses it is made of."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import torch
+from tiny_methods import batch, coded, tiny_method
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+@pytest.fixture
+def method() -> Any:
+    return tiny_method("cyclegan")
+
+
+def test_generators_lose_both_gans_the_cycles_and_the_identities(method: Any) -> None:
+    x, y = batch().gray, coded(batch().depth_m)
+    forward, backward = method.generator, method.backward_generator
+    fake_y, fake_x = forward(x), backward(y)
+    gan = ((method.judge_depth(fake_y) - 1) ** 2).mean()
+    gan = gan + ((method.judge_gray(fake_x) - 1) ** 2).mean()
+    cycle = (backward(fake_y) - x).abs().mean() + (forward(fake_x) - y).abs().mean()
+    same = (forward(y) - y).abs().mean() + (backward(x) - x).abs().mean()
+    wanted = {"adversarial": gan, "cycle": 10 * cycle, "identity": 5 * same}
+    found = method(batch(), "generator")
+    assert found.keys() == wanted.keys()
+    for name, value in wanted.items():
+        torch.testing.assert_close(found[name], value)
+
+
+def test_each_discriminator_judges_its_own_domain(method: Any) -> None:
+    x, y = batch().gray, coded(batch().depth_m)
+    method(batch(), "generator")
+    found = method(batch(), "discriminator")
+    pairs = {
+        "judge_depth": (method.judge_depth, y, method.generator(x)),
+        "judge_gray": (method.judge_gray, x, method.backward_generator(y)),
+    }
+    assert found.keys() == pairs.keys()
+    for name, (judge, real, fake) in pairs.items():
+        torch.testing.assert_close(found[name], _lsgan(judge(real), judge(fake)))
+
+
+def _lsgan(real: Tensor, fake: Tensor) -> Tensor:
+    return ((real - 1) ** 2).mean() / 2 + (fake**2).mean() / 2
+
+
+def test_discriminators_are_shown_what_the_pool_gives_back(method: Any) -> None:
+    """From the pool's first image on, every second fake or so is one of before."""
+    past, seen = torch.full((1, 32, 32), 0.5), []
+    for pool in method.pools:
+        pool.size, pool.images = 1, [past]
+    for seed in range(12):
+        torch.manual_seed(seed)
+        method(batch(), "generator")
+        found = method(batch(), "discriminator")["judge_depth"]
+        y, fake_y = coded(batch().depth_m), method.generator(batch().gray)
+        judge = method.judge_depth
+        wanted = {
+            "past": _lsgan(judge(y), judge(past[None])),
+            "now": _lsgan(judge(y), judge(fake_y)),
+        }
+        seen += [name for name, value in wanted.items() if torch.isclose(found, value)]
+        method.pools[1].images = [past]
+    assert set(seen) == {"past", "now"}
+    assert len(seen) == 12
