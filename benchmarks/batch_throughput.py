@@ -5,7 +5,8 @@ where the limit is cores divided by the summed CPU seconds of all stages of one 
 measured alone in one thread. And the ratio to a plain script of cv2.imread, session.run and
 cv2.imwrite, one picture after another, on the same model (at least 2). The script enlarges depth
 bilinearly, which is less work than what ``batch`` does unless told ``--upsample bilinear``.
-Run: ``python benchmarks/batch_throughput.py [--pictures 500] [--rounds 3] [--upsample bilinear]``
+Run: ``python benchmarks/batch_throughput.py [--pictures 500] [--rounds 3] [--upsample bilinear]
+[--model fast]``
 """
 
 from __future__ import annotations
@@ -76,10 +77,12 @@ class Stages:
         return sum(map(statistics.median, self.seconds.values()))
 
 
-def measure_stages(pictures: Sequence[Path], out: Path, upsampling: Upsampling) -> Stages:
+def measure_stages(
+    pictures: Sequence[Path], out: Path, model: str, upsampling: Upsampling
+) -> Stages:
     """Each stage of ``batch`` in one thread, after five pictures unmeasured."""
     cv2.setNumThreads(1)
-    pipeline, writer = load(threads=1, detail=Detail(upsampling)), Png16Writer()
+    pipeline, writer = load(model, threads=1, detail=Detail(upsampling)), Png16Writer()
     model = pipeline.session.model
     origin = Origin("0" * 64, model.card.name, model.sha256, "")
     journal = Journal(out.parent / "rows")
@@ -117,27 +120,30 @@ def main() -> None:
     parser.add_argument("--pictures", type=int, default=500)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--upsample", type=Upsampling, default=Upsampling.GUIDED)
+    parser.add_argument("--model", default="default")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         pictures = write_pictures(folder / "in", options.pictures)
         size = statistics.mean(path.stat().st_size for path in pictures)
         print(f"{len(pictures)} pictures of {size / 1000:.0f} KB, {usable_cores()} cores")
-        compare(folder, pictures, options.rounds, options.upsample)
+        compare(folder, pictures, options.rounds, options.model, options.upsample)
 
 
-def compare(folder: Path, pictures: list[Path], rounds: int, upsampling: Upsampling) -> None:
+def compare(
+    folder: Path, pictures: list[Path], rounds: int, name: str, upsampling: Upsampling
+) -> None:
     """Stages, batch and script in turn."""
-    model = load().session.model
+    model = load(name).session.model
     spec = model.card.input
     sizes = (str(spec.width), str(spec.height))
     source, out = str(folder / "in"), str(folder / "out")
     batch = (sys.executable, "-m", "depthcli", "batch", source, "--out", out)
-    batch += ("--upsample", upsampling.value)
+    batch += ("--upsample", upsampling.value, "--model", name)
     script = (sys.executable, "-c", PLAIN, source, str(model.path), out, *sizes)
     shares, ratios = [], []
     for _ in range(rounds):
-        stages = measure_stages(pictures[:65], folder / "one.png", upsampling)
+        stages = measure_stages(pictures[:65], folder / "one.png", name, upsampling)
         walls = []
         for command in (batch, script):
             walls.append(timed(*command))
@@ -147,8 +153,8 @@ def compare(folder: Path, pictures: list[Path], rounds: int, upsampling: Upsampl
         shares.append(rate / limit)
         ratios.append(rate / plain_rate)
         print(f"limit {limit:.1f}/s  batch {rate:.1f}/s  script {plain_rate:.1f}/s")
-    for name, seconds in stages.seconds.items():
-        print(f"  {name:<20} {statistics.median(seconds) * 1e3:6.2f} ms CPU")
+    for stage, seconds in stages.seconds.items():
+        print(f"  {stage:<20} {statistics.median(seconds) * 1e3:6.2f} ms CPU")
     print(f"share of the limit {statistics.median(shares):.3f}  ({spread(shares)})")
     print(f"ratio to the script {statistics.median(ratios):.2f}  ({spread(ratios)})")
 

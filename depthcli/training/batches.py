@@ -159,7 +159,8 @@ def whole_pictures(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
     """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs, without augmentation."""
     rgb = store.rgb[rows].float() / 255
     size = (data.height, data.width)
-    return network_input(torch.nn.functional.interpolate(rgb, size=size, mode="area"), data)
+    gray = network_input(rgb, data)  # before resampling, as at inference
+    return torch.nn.functional.interpolate(gray, size=size, mode="area")
 
 
 def _mixed(seed: int, count: int, stream: int) -> int:

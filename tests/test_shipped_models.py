@@ -1,0 +1,86 @@
+"""The models that ship: their cards are true, and they say what they said when released."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+
+import depthcli
+from depthcli.inference.card import ModelCard
+
+ROOT = Path(__file__).parents[1]
+REFERENCE = Path(__file__).parent / "reference"
+MODELS = ("default", "fast")
+REFERENCES = {
+    ("default", "bilinear"): REFERENCE / "default-room.npy",
+    ("default", "guided"): REFERENCE / "default-room-guided.npy",
+    ("fast", "bilinear"): REFERENCE / "fast-room.npy",
+}
+LOSSY_M = {"default": 0.02, "fast": 0.1}  # int8 sums are rounded elsewhere on other processors
+ROOM_TRUE_MEDIAN_M = 3.692  # printed by docs/render_room.py
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def model(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def _depth(model: str, **detail: str) -> depthcli.DepthMap:
+    pipeline = depthcli.load(
+        ROOT / "models" / model, provider="cpu", detail=depthcli.Detail(**detail)
+    )
+    return pipeline.predict(depthcli.read_image(ROOT / "docs" / "room.jpg"))
+
+
+@pytest.mark.parametrize(("model", "upsampling"), sorted(REFERENCES))
+def test_reproduces_its_stored_output(model: str, upsampling: str) -> None:
+    seen_m = _depth(model, upsampling=upsampling).values[::8, ::8]
+    assert np.abs(seen_m - np.load(REFERENCES[model, upsampling])).max() < LOSSY_M[model]
+
+
+def test_the_picture_guides_unless_told_otherwise() -> None:
+    seen_m = _depth("default").values[::8, ::8]
+    assert np.abs(seen_m - np.load(REFERENCES["default", "guided"])).max() < 0.02
+    assert np.abs(seen_m - np.load(REFERENCES["default", "bilinear"])).max() > 0.1
+
+
+def test_the_fast_model_is_the_default_one_in_fewer_bits() -> None:
+    fast_m, default_m = (_depth(model, upsampling="bilinear").values for model in MODELS[::-1])
+    assert 0 < np.abs(fast_m - default_m).mean() < 0.03 * default_m.mean()
+    sizes = [(ROOT / "models" / model / "model.onnx").stat().st_size for model in MODELS]
+    assert sizes[1] < 0.6 * sizes[0]
+
+
+def test_sees_the_rendered_room(model: str) -> None:
+    depth = _depth(model)
+    assert depth.values.shape == (480, 640)
+    assert np.median(depth.values) == pytest.approx(ROOM_TRUE_MEDIAN_M, rel=0.35)
+    floor, far_wall = depth.values[440:, 250:400].mean(), depth.values[230:300, 330:430].mean()
+    assert floor < 0.8 * far_wall
+
+
+def test_card_is_true(model: str) -> None:
+    folder = ROOT / "models" / model
+    card = ModelCard.from_json((folder / "card.json").read_bytes())
+    data = (folder / "model.onnx").read_bytes()
+    assert card.sha256 == hashlib.sha256(data).hexdigest()
+    assert card.size_bytes == len(data) <= 25_000_000
+    assert {"data", "method", "steps", "seed"} <= card.training.keys()
+    assert {"protocol", "split", "abs_rel", "rmse", "d1"} <= card.scores.keys()
+
+
+def test_graph_is_folded_and_loads_in_old_runtimes(model: str) -> None:
+    graph = onnx.load(ROOT / "models" / model / "model.onnx")
+    assert "BatchNormalization" not in {node.op_type for node in graph.graph.node}
+    assert graph.ir_version <= 8
+    assert all(entry.version <= 17 for entry in graph.opset_import if not entry.domain)
+
+
+def test_takes_any_size_and_batch(model: str) -> None:
+    session = depthcli.load(ROOT / "models" / model, provider="cpu").session
+    for shape in ((3, 1, 144, 192), (1, 1, 192, 144), (1, 1, 288, 384)):
+        assert session.run(np.zeros(shape, np.float32)).shape[0] == shape[0]
