@@ -7,6 +7,10 @@ Run: ``python benchmarks/model_latency.py [MODEL] [--threads N]``
 from __future__ import annotations
 
 import argparse
+import os
+
+# Threads of the yardstick would spin on, while the model is measured on the same cores.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 from timing import alternate
