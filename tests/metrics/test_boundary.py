@@ -83,7 +83,9 @@ def test_no_scale_matters() -> None:
     truth, predicted = _scene(1), _scene(2)
     valid = _everywhere(truth)
     one = boundary_scores(truth, predicted, valid)
-    assert one == boundary_scores(truth * 2, predicted * 0.5, valid)
+    other = boundary_scores(truth * 2, predicted * 0.5, valid)
+    # The last bit of a logarithm may differ, and one pixel of an edge with it.
+    assert dict(other.items()) == pytest.approx(dict(one.items()), rel=0.01)
 
 
 @pytest.mark.parametrize("predicted", [np.full((24, 40), 2.0), _step(35)])
