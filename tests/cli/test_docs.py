@@ -10,14 +10,11 @@ from depthcli.cli import shell
 from depthcli.cli.app import COMMANDS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGES = ("usage", "batch", "video", "models", "profiles")
 
 
-@pytest.mark.parametrize(
-    "name", ["predict", "batch", "video", "models", "profile", "convert", "info", "probe", "doctor"]
-)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_is_in_the_documentation(name: str) -> None:
-    text = "".join((DOCS / f"{page}.md").read_text() for page in PAGES)
+    text = "".join(path.read_text() for path in DOCS.glob("*.md"))
     pending = [shell.load_command(name)]
     while pending:
         command = pending.pop()
