@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import closing, contextmanager
+from contextlib import closing
 from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
-
-import cv2
 
 from depthcli.cli.batch_progress import Tally, progress_for
 from depthcli.cli.batch_recipe import Targets
@@ -15,6 +13,7 @@ from depthcli.core.opencv_threads import one_thread_each
 from depthcli.core.ordered_map import ordered_map
 from depthcli.errors import ExitCode
 from depthcli.io.journal import Journal, known_rows, remove_leftovers
+from depthcli.io.opencv_log import silent_opencv
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator
@@ -73,7 +72,7 @@ class Batch(NamedTuple):
         try:
             silent = self.voice.quiet or self.voice.as_json
             with (
-                _no_log(),
+                silent_opencv(),
                 one_thread_each(self.workers),
                 progress_for(tally, silent=silent) as tick,
                 closing(
@@ -110,15 +109,3 @@ def _chunks(inputs: Iterable[Found], size: int) -> Iterator[tuple[Found, ...]]:
     remaining = iter(inputs)
     while chunk := tuple(islice(remaining, size)):
         yield chunk
-
-
-@contextmanager
-def _no_log() -> Iterator[None]:
-    """Keep OpenCV silent about damaged files, in all threads at once."""
-    log = cv2.utils.logging
-    level = log.getLogLevel()
-    log.setLogLevel(log.LOG_LEVEL_SILENT)
-    try:
-        yield
-    finally:
-        log.setLogLevel(level)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from depthcli.errors import InputError
+from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.picture_end import flaw
 from depthcli.io.picture_header import picture_size
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     import numpy.typing as npt
@@ -57,7 +56,7 @@ def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> npt.NDArr
     """
     check(data, name, max_pixels)
     try:
-        with _no_log():
+        with silent_opencv():
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS)
     except cv2.error:
         pixels = None
@@ -88,18 +87,6 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> None:
     found = flaw(data)
     if found is not None:
         raise InputError(f"{name} {found}; copy it again")
-
-
-@contextmanager
-def _no_log() -> Iterator[None]:
-    """OpenCV writes several lines about a damaged file; its user gets one, from us."""
-    log = cv2.utils.logging
-    level = log.getLogLevel()
-    log.setLogLevel(log.LOG_LEVEL_SILENT)
-    try:
-        yield
-    finally:
-        log.setLogLevel(level)
 
 
 def _without_alpha(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
