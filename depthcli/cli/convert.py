@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli import console
+from depthcli.cli.depth_input import FrameOption, read_map
 from depthcli.cli.numbers import positive
 from depthcli.cli.predict_choices import ExrChannel, Format
 from depthcli.errors import ExitCode, UsageError
@@ -24,7 +25,9 @@ _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
 @app.command()
 def convert(
-    source: Annotated[str, typer.Argument(metavar="IN", help="16-bit PNG, EXR or NPY.")],
+    source: Annotated[
+        str, typer.Argument(metavar="IN", help="16-bit PNG, EXR, NPY, or a depth video (.mkv).")
+    ],
     target: Annotated[
         str, typer.Argument(metavar="OUT", help="A file; its suffix says the format.")
     ],
@@ -35,9 +38,10 @@ def convert(
         float | None,
         typer.Option(
             callback=positive,
-            help="Steps a metre in a PNG that is read. Default: what it states, else 1000.",
+            help="Steps a metre in a PNG or video that is read. Default: what it states, else 1000.",
         ),
     ] = None,
+    frame: FrameOption = None,
     png_scale: Annotated[
         float, typer.Option(callback=positive, help="Steps a metre in a PNG that is written.")
     ] = _MILLIMETRES,
@@ -52,26 +56,42 @@ def convert(
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
 ) -> int:
     """Convert a depth file, and report the error of reading it back."""
-    from depthcli.cli.predict_outputs import choose_formats
+    from depthcli.io.naming import is_folder
     from depthcli.io.atomic import atomic_path
     from depthcli.io.depth_files import read_depth
     from depthcli.io.writers.registry import writer_class
 
-    chosen = choose_formats(target, () if format_ is None else (format_,))
-    if len(chosen) != 1 or target == "-":
+    if target == "-" or is_folder(target):
         raise UsageError(f"{target} is no file; name one, {target.rstrip('/')}/depth.exr say")
+    chosen = _format(target, format_)
     options: dict[Format, dict[str, object]] = {
         Format.PNG16: {"scale": png_scale, "normalize": png_normalize},
         Format.EXR: {"channel": exr_channel.value, "half": half},
     }
-    writer: Writer = writer_class(chosen[0])(**options.get(chosen[0], {}))
-    depth = read_depth(Path(source), png_scale=from_scale)
+    writer: Writer = writer_class(chosen)(**options.get(chosen, {}))
+    depth = read_map(Path(source), scale=from_scale, frame=frame)
     with atomic_path(Path(target), inputs=(Path(source),)) as temporary:
         warnings = writer.write(depth, temporary)
-        again = read_depth(temporary) if chosen[0] in _READABLE else None
-    facts = {"input": source, "output": target, **_error(depth, again), "warnings": list(warnings)}
+        again = read_depth(temporary) if chosen in _READABLE else None
+    facts = {
+        "input": source,
+        "output": target,
+        "unit": "m" if depth.is_metric else None,
+        **_error(depth, again),
+        "warnings": list(warnings),
+    }
     _tell(facts, as_json=as_json, quiet=quiet)
     return ExitCode.OK
+
+
+def _format(target: str, asked: Format | None) -> Format:
+    from depthcli.cli.predict_outputs import FORMAT_OF_SUFFIX
+
+    found = asked or FORMAT_OF_SUFFIX.get(Path(target).suffix.lower())
+    if found is None:
+        known = ", ".join(FORMAT_OF_SUFFIX)
+        raise UsageError(f"{target} says no format; end it in {known}, or give --format")
+    return found
 
 
 def _error(depth: DepthMap, again: DepthMap | None) -> dict[str, object]:
@@ -98,9 +118,10 @@ def _tell(facts: dict[str, object], *, as_json: bool, quiet: bool) -> None:
         return
     line = f"{facts['input']} -> {facts['output']}"
     if facts["max_error"] is not None:
+        unit = f" {facts['unit']}" if facts["unit"] else ""
         line += (
-            f"  round trip: max error {facts['max_error']:.3g}, mean {facts['mean_error']:.3g}, "
-            f"{facts['lost']} pixels lost"
+            f"  round trip: max error {facts['max_error']:.3g}{unit}, "
+            f"mean {facts['mean_error']:.3g}{unit}, {facts['lost']} pixels lost"
         )
     console.out(console.one_line(line))
     warnings = facts["warnings"]

@@ -42,7 +42,7 @@ def figures_of(
     """The sheets in gray and in colour; none without predictors."""
     if not predictors:
         return ()
-    done = stage("drawing", len(positions))
+    done = stage("drawing pictures", len(positions))
     return draw_figures(task, positions, predictors, titles, progress=done)
 
 

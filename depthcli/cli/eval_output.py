@@ -36,17 +36,30 @@ def stages(*, quiet: bool) -> Iterator[Stage]:
 
 
 def _line(what: str, steps: int) -> Callable[[], None]:
-    console.note(f"{what}: {steps} images")
+    console.note(f"{what}: {steps}")
     return lambda: None
 
 
 @contextmanager
 def _bars() -> Iterator[Stage]:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+    from rich import progress as bars
+    from rich.text import Text
 
-    columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    class Rate(bars.ProgressColumn):
+        """Steps a second."""
+
+        def render(self, task: bars.Task) -> Text:
+            return Text(f"{task.speed or 0:.1f}/s")
+
+    columns = (
+        "{task.description}",
+        bars.BarColumn(),
+        bars.MofNCompleteColumn(),
+        Rate(),
+        bars.TimeRemainingColumn(),
+    )
+    with bars.Progress(*columns, console=Console(stderr=True), transient=True) as progress:
 
         def begin(what: str, steps: int) -> Callable[[], None]:
             task = progress.add_task(what, total=steps)

@@ -157,7 +157,7 @@ def _exported(
     """
     from depthcli.export.trained import export_run
 
-    done, exported = stage("exporting", len(opened)), []
+    done, exported = stage("exporting runs", len(opened)), []
     for run in opened:
         try:
             exported.append((run, export_run(run, spare)))

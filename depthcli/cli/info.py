@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli import console
+from depthcli.cli.depth_input import VIDEO_SUFFIX
 from depthcli.cli.numbers import positive
 from depthcli.errors import ExitCode
 
@@ -23,7 +24,7 @@ def info(
         float | None,
         typer.Option(
             callback=positive,
-            help="Steps a metre in a PNG. Default: what the file states, else 1000.",
+            help="Steps a metre in a PNG or video. Default: what the file states, else 1000.",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
@@ -36,7 +37,7 @@ def info(
     from depthcli.io.depth_files import read_depth
 
     path = Path(file)
-    if path.suffix.lower() == ".mkv":
+    if path.suffix.lower() == VIDEO_SUFFIX:
         from depthcli.cli.video_info import video_facts
 
         return _tell(video_facts(path, png_scale), as_json=as_json)
@@ -64,11 +65,11 @@ def _tell(facts: dict[str, object], *, as_json: bool) -> int:
 
 def _show(facts: dict[str, object]) -> None:
     stated = facts.pop("stated")
+    if isinstance(stated, dict):
+        facts |= {f"stated {name}": value for name, value in stated.items()}
+    width = max(map(len, facts))
     for name, value in facts.items():
         text = (
             f"{value:.6g}" if isinstance(value, float) else str("none" if value is None else value)
         )
-        console.out(f"{name:<14} {console.one_line(text)}")
-    if isinstance(stated, dict):
-        for name, value in stated.items():
-            console.out(f"{'stated ' + name:<14} {console.one_line(value)}")
+        console.out(console.one_line(f"{name:<{width}}  {text}"))

@@ -10,6 +10,7 @@ import typer
 
 from depthcli.cli import console
 from depthcli.cli.anchors import parse_pixel
+from depthcli.cli.depth_input import FrameOption, read_map
 from depthcli.cli.numbers import positive
 from depthcli.errors import ExitCode, UsageError
 
@@ -21,7 +22,9 @@ app = typer.Typer(rich_markup_mode=None)
 
 @app.command()
 def probe(
-    file: Annotated[str, typer.Argument(help="A depth file: 16-bit PNG, EXR or NPY.")],
+    file: Annotated[
+        str, typer.Argument(help="A depth file: 16-bit PNG, EXR, NPY, or a depth video (.mkv).")
+    ],
     pixels: Annotated[
         list[str],
         typer.Argument(metavar="X,Y...", help="Columns and rows, from 0 at the top left."),
@@ -30,18 +33,17 @@ def probe(
         float | None,
         typer.Option(
             callback=positive,
-            help="Steps a metre in a PNG. Default: what the file states, else 1000.",
+            help="Steps a metre in a PNG or video. Default: what the file states, else 1000.",
         ),
     ] = None,
+    frame: FrameOption = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object a line for each pixel.")
     ] = False,
 ) -> int:
     """Show the depth at one or several pixels of a depth file."""
-    from depthcli.io.depth_files import read_depth
-
     places = [parse_pixel(word) for word in pixels]
-    depth = read_depth(Path(file), png_scale=png_scale)
+    depth = read_map(Path(file), scale=png_scale, frame=frame)
     values = [_value(depth, x, y) for x, y in places]
     unit = "m" if depth.is_metric else None
     for (x, y), value in zip(places, values, strict=True):

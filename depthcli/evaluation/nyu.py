@@ -147,7 +147,7 @@ def score_nyu(
         entries,
         protocol,
         per_image=per_image,
-        progress=stage("comparing", len(task.test)),
+        progress=stage("comparing images", len(task.test)),
         workers=workers,
     )
 
@@ -165,7 +165,7 @@ def _trivial_entries(
         train,
         min_m=protocol.min_m,
         max_m=protocol.max_m,
-        progress=stage("training mean", len(train)),
+        progress=stage("mean of training images", len(train)),
         workers=workers,
     )
     wanted = (Alignment.NONE, Alignment.MEDIAN, *alignments)

@@ -93,7 +93,7 @@ def test_table_names_protocol_split_and_images(
     assert lines[0] == "NYU Depth v2 · val split, 2 images · headline protocol"
     assert lines[3].split()[:4] == ["row", "align", "images", "abs_rel"]
     assert {len(line) for line in lines[3:9]} == {len(lines[3])}
-    assert "comparing: 2 images" in output.err
+    assert "comparing images: 2" in output.err
 
 
 def test_several_models_and_files(

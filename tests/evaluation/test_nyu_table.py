@@ -152,7 +152,7 @@ def test_progress_has_two_stages() -> None:
 
     task = plan_nyu(small_set(**AROUND_1000), SplitName.PAPER)
     evaluate_nyu(task, [], protocol=ANY_SIZE, stage=stage)
-    assert seen == {"training mean": [5, 5], "comparing": [3, 3]}
+    assert seen == {"mean of training images": [5, 5], "comparing images": [3, 3]}
 
 
 @pytest.mark.parametrize("name", SplitName)

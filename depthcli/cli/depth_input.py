@@ -1,0 +1,59 @@
+"""The depth file that ``probe`` and ``convert`` read: a map, or one frame of a depth video."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from depthcli.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.core.types import DepthMap
+
+VIDEO_SUFFIX = ".mkv"
+
+FrameOption = Annotated[
+    int | None,
+    typer.Option(min=0, help="The frame of a depth video (.mkv) to read, from 0."),
+]
+
+
+def read_map(path: Path, *, scale: float | None, frame: int | None) -> DepthMap:
+    """A depth map from any file that depthcli writes.
+
+    Args:
+        path: the file.
+        scale: steps a metre of a PNG or a video; None for what the file states.
+        frame: number of the frame in a video, counted in this file; None for other files.
+
+    Raises:
+        InputError: missing, damaged, without depth, or shorter than that.
+        UsageError: a video without the number of a frame, or a number for another file.
+    """
+    from depthcli.io.depth_files import read_depth
+
+    if path.suffix.lower() == VIDEO_SUFFIX:
+        if frame is None:
+            raise UsageError(f"{path} is a video; say which frame with --frame, 0 for the first")
+        return _frame(path, scale, frame)
+    if frame is not None:
+        raise UsageError(f"--frame is for depth videos (.mkv), and {path} is none; leave it out")
+    return read_depth(path, png_scale=scale)
+
+
+def _frame(path: Path, scale: float | None, number: int) -> DepthMap:
+    from depthcli.core.types import DepthKind
+    from depthcli.io.depth_videos import DepthVideo
+
+    video = DepthVideo(path, scale=scale)
+    count = 0
+    for count, depth in enumerate(video, start=1):
+        if count > number:
+            # Shares of a stretched range are no metres.
+            stretched = video.scale is None and depth.is_metric
+            return replace(depth, kind=DepthKind.RELATIVE) if stretched else depth
+    raise InputError(f"{path} has no frame {number}; its last one is {count - 1}")
