@@ -42,8 +42,8 @@ def _line(what: str, steps: int) -> Callable[[], None]:
 
 @contextmanager
 def _bars() -> Iterator[Stage]:
-    from rich.console import Console
     from rich import progress as bars
+    from rich.console import Console
     from rich.text import Text
 
     class Rate(bars.ProgressColumn):
