@@ -38,7 +38,7 @@ def convert(
         float | None,
         typer.Option(
             callback=positive,
-            help="Steps a metre in a PNG or video that is read. Default: what it states, else 1000.",
+            help="Steps a metre in a PNG or video that is read. Default: what it states, or 1000.",
         ),
     ] = None,
     frame: FrameOption = None,
@@ -56,9 +56,9 @@ def convert(
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
 ) -> int:
     """Convert a depth file, and report the error of reading it back."""
-    from depthcli.io.naming import is_folder
     from depthcli.io.atomic import atomic_path
     from depthcli.io.depth_files import read_depth
+    from depthcli.io.naming import is_folder
     from depthcli.io.writers.registry import writer_class
 
     if target == "-" or is_folder(target):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -46,14 +45,10 @@ def read_map(path: Path, *, scale: float | None, frame: int | None) -> DepthMap:
 
 
 def _frame(path: Path, scale: float | None, number: int) -> DepthMap:
-    from depthcli.core.types import DepthKind
     from depthcli.io.depth_videos import DepthVideo
 
-    video = DepthVideo(path, scale=scale)
     count = 0
-    for count, depth in enumerate(video, start=1):
+    for count, depth in enumerate(DepthVideo(path, scale=scale), start=1):
         if count > number:
-            # Shares of a stretched range are no metres.
-            stretched = video.scale is None and depth.is_metric
-            return replace(depth, kind=DepthKind.RELATIVE) if stretched else depth
+            return depth
     raise InputError(f"{path} has no frame {number}; its last one is {count - 1}")

@@ -48,7 +48,10 @@ def read_depth(path: str | Path, *, png_scale: float | None = None) -> DepthMap:
             return _exr(path)
         case ".npy":
             return _npy(path)
-    raise InputError(f"{path} is not .png, .exr or .npy, so no depth is read from it")
+    raise InputError(
+        f"{path} is not .png, .exr or .npy, so no depth is read from it; 'depthcli predict' and "
+        "'depthcli video' make depth of pictures and videos"
+    )
 
 
 def _png(path: Path, png_scale: float | None) -> DepthMap:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import cv2
@@ -10,7 +12,9 @@ import numpy as np
 import pytest
 from tiny import write_picture
 
+from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth_files import read_depth
+from depthcli.io.writers.video import Shot, depth_video
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,6 +46,14 @@ def test_info_says_what_a_pixel_is(cli: Cli) -> None:
         line.split(maxsplit=1) for line in cli("info", "d.png").stdout.decode().split("\n")[:-1]
     )
     assert lines["unit"] == "m"
+
+
+def test_info_s_values_stand_in_one_column(cli: Cli) -> None:
+    write_picture(cli.folder / "room.png")
+    cli("predict", "room.png", "-o", "d.png")
+    lines = cli("info", "d.png").stdout.decode().splitlines()
+    begins = {len(re.match(r"(stated )?\S+ +", line)[0]) for line in lines}  # type: ignore[index]
+    assert len(begins) == 1
 
 
 def test_info_on_exr_states_the_model(cli: Cli) -> None:
@@ -110,6 +122,12 @@ def test_convert_between_scales(cli: Cli) -> None:
     assert np.load(cli.folder / "again.npy")[11, 15] == pytest.approx(4.5)
 
 
+@pytest.mark.usefixtures("depth_npy")
+def test_convert_says_the_unit_of_its_error(cli: Cli) -> None:
+    line = cli("convert", "d.npy", "d.png").stdout.decode()
+    assert re.search(r"round trip: max error 0\.000\d+ m, mean 0\.000\d+ m, 0 pixels lost$", line)
+
+
 def test_convert_never_replaces_its_input(cli: Cli, depth_npy: Path) -> None:
     before = depth_npy.read_bytes()
     done = cli("convert", "d.npy", "./d.npy")
@@ -120,4 +138,44 @@ def test_convert_never_replaces_its_input(cli: Cli, depth_npy: Path) -> None:
 @pytest.mark.usefixtures("depth_npy")
 @pytest.mark.parametrize("target", ["d.gif", "-", "folder/"])
 def test_convert_wants_a_file_with_a_known_suffix(cli: Cli, target: str) -> None:
-    assert cli("convert", "d.npy", target).returncode == 2
+    done = cli("convert", "d.npy", target)
+    assert done.returncode == 2
+    assert done.stderr.decode().startswith(f"depthcli: error: {target} ")
+
+
+@pytest.fixture
+def depth_mkv(cli: Cli) -> Path:
+    """Three frames of 1, 2 and 3 m, in centimetres."""
+    path = cli.folder / "d.mkv"
+    frame = Frame(np.zeros((4, 6), np.uint8))
+    with depth_video(path, Fraction(25), 100, ()) as output:
+        for metres in (1, 2, 3):
+            depth = DepthMap(np.full((4, 6), metres, np.float32), DepthKind.METRIC)
+            output.append(output.encode(Shot(frame, depth, (0, 1))))
+        output.finish([0, 0.04, 0.08])
+    return path
+
+
+@pytest.mark.usefixtures("depth_mkv")
+def test_one_frame_of_a_depth_video_is_a_map(cli: Cli) -> None:
+    assert cli("probe", "d.mkv", "3,3", "--frame", "2").stdout == b"3,3  3 m\n"
+    assert cli("convert", "d.mkv", "d.npy", "--frame", "1").returncode == 0
+    assert (np.load(cli.folder / "d.npy") == 2).all()
+
+
+@pytest.mark.usefixtures("depth_mkv", "depth_npy")
+@pytest.mark.parametrize(
+    ("words", "code", "problem"),
+    [
+        (("d.mkv", "0,0"), 2, "d.mkv is a video; say which frame with --frame"),
+        (("d.mkv", "0,0", "--frame", "3"), 1, "d.mkv has no frame 3; its last one is 2"),
+        (("d.npy", "0,0", "--frame", "0"), 2, "--frame is for depth videos"),
+    ],
+)
+def test_a_video_wants_one_of_its_frames(
+    cli: Cli, words: tuple[str, ...], code: int, problem: str
+) -> None:
+    done = cli("probe", *words)
+    (line,) = done.stderr.decode().splitlines()
+    assert (done.returncode, done.stdout) == (code, b"")
+    assert problem in line
