@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
+import pty
+import struct
 import subprocess
 import sys
+import termios
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,6 +81,28 @@ class Cli:
             check=False,
             timeout=60,
         )
+
+    def on_a_terminal(
+        self, *arguments: str | os.PathLike[str], columns: int = 100
+    ) -> tuple[int, str]:
+        """Exit code of a command, and all that its terminal got."""
+        ours, theirs = pty.openpty()
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 40, columns, 0, 0))
+        with os.fdopen(ours, "rb", buffering=0) as terminal:
+            process = subprocess.Popen(
+                self.command(*arguments),
+                stdin=theirs,
+                stdout=theirs,
+                stderr=theirs,
+                cwd=self.folder,
+                env={**self.environment, "TERM": "xterm"},
+            )
+            os.close(theirs)
+            shown = b""
+            with contextlib.suppress(OSError):  # how a closed terminal reads on Linux
+                while piece := terminal.read(4096):
+                    shown += piece
+        return process.wait(timeout=60), shown.decode()
 
     def command(self, *arguments: str | os.PathLike[str]) -> list[str]:
         """The words of a command, for tests that start the process themselves."""

@@ -81,7 +81,9 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    drawn = Table(*header, box=None, header_style="bold", pad_edge=False)
+    drawn = Table(box=None, header_style="bold", pad_edge=False)
+    for name in header:
+        drawn.add_column(name, overflow="fold")  # a path that is cut short is no path
     for row in rows:
         drawn.add_row(*(one_line(cell) for cell in row))
     Console(markup=False, highlight=False).print(drawn)

@@ -54,7 +54,7 @@ def list_models(as_json: _Json = False) -> int:
             console.out_json(_listed(name, place, card))
     else:
         rows = [_row(name, place, card) for name, place, card in found]
-        console.table(("name", "version", "kind", "bytes", "summary", "path"), rows)
+        console.table(("name", "version", "kind", "size", "summary", "path"), rows)
     broken = any(isinstance(card, DepthcliError) for _, _, card in found)
     return ExitCode.FAILURE if broken else ExitCode.OK
 
@@ -142,5 +142,5 @@ def _listed(name: str, place: Place, card: ModelCard | DepthcliError) -> dict[st
 def _row(name: str, place: Place, card: ModelCard | DepthcliError) -> tuple[str, ...]:
     if isinstance(card, DepthcliError):
         return (name, "", "damaged", "", str(card), str(place.path))
-    size = "" if card.size_bytes is None else str(card.size_bytes)
+    size = "" if card.size_bytes is None else f"{card.size_bytes / 1e6:.1f} MB"
     return (name, card.version, card.output.kind, size, card.summary, str(place.path))

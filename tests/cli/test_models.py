@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from typing import TYPE_CHECKING
 
-from tiny import write_model
+from conftest import ROOT
+from tiny import write_model, write_picture
 
 if TYPE_CHECKING:
     from conftest import Cli
@@ -25,6 +27,26 @@ def test_the_list_shows_what_is_there(cli: Cli) -> None:
     assert header[:3] == ["name", "version", "kind"]
     assert ["other", "7.7", "metric"] in [row[:3] for row in rows]
     assert "default" in [row[0] for row in rows]
+
+
+def test_the_list_on_a_narrow_terminal_cuts_nothing_short(cli: Cli) -> None:
+    code, shown = cli.on_a_terminal("models", columns=60)
+    assert code == 0
+    assert "…" not in shown
+    assert "size" in shown
+
+
+def test_both_bundled_models_are_in_the_wheel_and_run(cli: Cli) -> None:
+    nothing_else = {"DEPTHCLI_MODELS": ""}
+    listed = cli("models", "list", "--json", **nothing_else).stdout.splitlines()
+    models = {row["name"]: row for row in map(json.loads, listed)}
+    assert models.keys() == {"default", "fast"}
+    write_picture(cli.folder / "a.png")
+    words = ("predict", "a.png", "-o", "a.npy", "--json", "--model", "fast")
+    told = json.loads(cli(*words, **nothing_else).stdout)
+    assert (told["status"], told["model"]) == ("ok", "fast")
+    data = (ROOT / "models" / "fast" / "model.onnx").read_bytes()
+    assert told["sha256"] == models["fast"]["sha256"] == hashlib.sha256(data).hexdigest()
 
 
 def test_the_list_for_machines(cli: Cli) -> None:
