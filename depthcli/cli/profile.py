@@ -56,7 +56,10 @@ def save(
 @app.command("list")
 def list_profiles(as_json: _Json = False) -> int:
     """List the profiles."""
-    for name in profile_files.names():
+    names = profile_files.names()
+    if not names and not as_json:
+        console.note("no profile is saved yet; 'depthcli profile save NAME' with options saves one")
+    for name in names:
         if as_json:
             path = str(profile_files.path_of(name))
             console.out_json({"name": name, "path": path, "options": profile_files.read(name)})

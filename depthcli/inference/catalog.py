@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from dataclasses import dataclass, field
+from errno import ENOENT
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -208,7 +209,8 @@ def _read(path: Path, max_bytes: int) -> bytes:
             raise ModelError(f"{path} is {state}; download or export the model again")
         return path.read_bytes()
     except OSError as error:
-        raise ModelError(f"cannot read {path}: {error.strerror}; restore the model") from error
+        what = "check its name and its folder" if error.errno == ENOENT else "restore the model"
+        raise ModelError(f"cannot read {path}: {error.strerror}; {what}") from error
 
 
 def check_file(card: ModelCard, path: Path, size: int, sha256: str) -> None:

@@ -34,7 +34,9 @@ def read_bytes(path: Path) -> bytes:
         what = "is a broken link" if path.is_symlink() else "is missing: no such file"
         raise InputError(f"{path} {what}") from None
     except IsADirectoryError:
-        raise InputError(f"{path} is a folder; name the files in it") from None
+        raise InputError(
+            f"{path} is a folder; name the files in it, or use 'depthcli batch'"
+        ) from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
 

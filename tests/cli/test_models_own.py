@@ -59,7 +59,7 @@ def test_a_taken_name_is_refused_without_force(cli: Cli, download: Path) -> None
     [
         (("download.onnx",), 2, "'depthcli models cards'"),
         (("download.onnx", "--card", "midas"), 2, "no ready card is called 'midas'"),
-        (("none.onnx", "--card", "midas-small"), 3, "cannot read"),
+        (("none.onnx", "--card", "midas-small"), 3, "No such file or directory; check its name"),
         (("download.onnx", "--card", "none.json"), 3, "cannot read none.json"),
         (("download.onnx", "--card", "midas-small", "--name", "../x"), 2, "name"),
     ],

@@ -206,6 +206,7 @@ def test_a_bad_input_never_stops_the_others(cli: Cli) -> None:
     assert len(lines) == len(bad)
     for name, line in zip(bad, lines, strict=True):
         assert line.startswith(f"depthcli: error: {name}")
+    assert "'depthcli batch'" in lines[bad.index("folder.png")]
     assert summary == f"6 of 8 inputs failed: {', '.join(bad)}"
     outputs = {name for name in here(cli) if name.startswith("out/")}
     assert outputs == {"out/a.depth.npy", "out/z.depth.npy"}

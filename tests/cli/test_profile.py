@@ -169,7 +169,10 @@ def test_what_is_wrong_on_the_command_line_is_one_line(
 
 
 def test_list_force_and_remove(home: Home) -> None:
-    assert home.run("profile") == (0, "", "")
+    code, out, err = home.run("profile")
+    assert (code, out) == (0, "")
+    assert "'depthcli profile save NAME'" in err
+    assert home.run("profile", "list", "--json") == (0, "", "")
     home.run("profile", "save", "b", "--half")
     home.run("profile", "save", "a", "--hfov", "60")
     home.run("profile", "save", "a", "--hfov", "70", "--force")
