@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 from depthcli.io.decode import read_bytes
 from depthcli.io.png_text import read_text
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
 _PREFIX = "depthcli:"
+_SHARED = ("software", "orientation", "model", "model_sha256", "focal_px")
 
 
 def stated_facts(path: Path) -> dict[str, str]:
-    """Unit, scale, kind, model and so on, as the file's writer stated them.
+    """Unit, scale, kind, orientation, model and so on, as the file's writer stated them.
+
+    What the file does not say comes from the sidecar beside it, if that names no other model.
 
     Args:
-        path: a PNG or EXR; other files state nothing.
+        path: a PNG or EXR; other files state nothing themselves.
 
     Returns:
         Name -> text; empty if another program wrote the file.
@@ -34,5 +39,24 @@ def stated_facts(path: Path) -> dict[str, str]:
 
         texts = read_exr_texts(path)
     else:
+        texts = {}
+    own = {k.removeprefix(_PREFIX): v for k, v in texts.items() if k.startswith(_PREFIX)}
+    return own | {k: v for k, v in _beside(path, own).items() if k not in own}
+
+
+def sidecar_facts(path: Path) -> dict[str, object]:
+    """What our own sidecar beside a file says; empty if there is none."""
+    try:
+        facts = json.loads(path.with_suffix(".json").read_text("utf-8"))
+    except (OSError, ValueError, RecursionError):
         return {}
-    return {k.removeprefix(_PREFIX): v for k, v in texts.items() if k.startswith(_PREFIX)}
+    ours = isinstance(facts, dict) and str(facts.get("software")).startswith("depthcli ")
+    return facts if ours else {}
+
+
+def _beside(path: Path, own: Mapping[str, str]) -> dict[str, str]:
+    facts = sidecar_facts(path)
+    model = facts.get("model_sha256")
+    if own.get("model_sha256", model) != model:
+        return {}
+    return {name: str(facts[name]) for name in _SHARED if facts.get(name) is not None}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from io import BytesIO
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.decode import decode, read_bytes
+from depthcli.io.depth_facts import sidecar_facts
 from depthcli.io.png_text import read_text
 
 if TYPE_CHECKING:
@@ -87,15 +87,9 @@ def _npy(path: Path) -> DepthMap:
         return DepthMap(np.ascontiguousarray(values, np.float32), _kind(_sidecar_kind(path)))
 
 
-def _sidecar_kind(path: Path) -> str | None:
+def _sidecar_kind(path: Path) -> str:
     """The kind that our own sidecar states beside a file that cannot state it itself."""
-    try:
-        facts = json.loads(path.with_suffix(".json").read_text("utf-8"))
-    except (OSError, ValueError):
-        return None
-    if not isinstance(facts, dict) or not str(facts.get("software")).startswith("depthcli "):
-        return None
-    return str(facts.get("kind"))
+    return str(sidecar_facts(path).get("kind"))
 
 
 def _exr(path: Path) -> DepthMap:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import struct
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -54,6 +55,22 @@ def test_info_s_values_stand_in_one_column(cli: Cli) -> None:
     lines = cli("info", "d.png").stdout.decode().splitlines()
     begins = {len(re.match(r"(stated )?\S+ +", line)[0]) for line in lines}  # type: ignore[index]
     assert len(begins) == 1
+
+
+@pytest.mark.parametrize("name", ["d.npy", "d.exr", "d.png"])
+def test_info_states_what_the_sidecar_beside_the_file_knows(cli: Cli, name: str) -> None:
+    path = write_picture(cli.folder / "held.jpg")
+    orientation_6 = b"II*\0\x08\0\0\0" + struct.pack("<HHHIII", 1, 0x0112, 3, 1, 6, 0)
+    segment = b"\xff\xe1" + struct.pack(">H", 8 + len(orientation_6)) + b"Exif\0\0" + orientation_6
+    path.write_bytes(b"\xff\xd8" + segment + path.read_bytes()[2:])
+    assert cli("predict", "held.jpg", "-o", name, "--sidecar").returncode == 0
+    stated = json.loads(cli("info", name, "--json").stdout)["stated"]
+    assert (stated["orientation"], stated["model"]) == ("6", "tiny")
+    # A sidecar of another model's map says nothing of this one.
+    sidecar = cli.folder / "d.json"
+    sidecar.write_text(sidecar.read_text().replace(stated["model_sha256"], "0" * 64))
+    after = json.loads(cli("info", name, "--json").stdout)["stated"]
+    assert ("orientation" in after) == (name == "d.npy")
 
 
 def test_info_on_exr_states_the_model(cli: Cli) -> None:
