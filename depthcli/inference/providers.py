@@ -44,14 +44,15 @@ def wanted_providers(provider: str) -> tuple[str, ...]:
         provider: ``auto`` or a name of ``PROVIDERS``.
 
     Raises:
-        ProviderError: there is no such provider, or this onnxruntime has it not.
+        ProviderError: this onnxruntime has it not.
+        UsageError: no provider has this name.
     """
     available = available_providers()
     if provider == AUTO:
         return tuple(name for name in _AUTO_ORDER if name in available)
     if provider not in PROVIDERS:
         names = ", ".join((AUTO, *PROVIDERS))
-        raise ProviderError(f"no provider is called {provider!r}; give one of {names}")
+        raise UsageError(f"no provider is called {provider!r}; give one of {names}")
     if provider not in available:
         raise ProviderError(
             f"provider {provider!r} is not in this onnxruntime (it has {', '.join(available)}); "

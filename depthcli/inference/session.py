@@ -53,8 +53,8 @@ class Session:
             provider_options: for a provider asked for by name, as onnxruntime documents them.
 
         Raises:
-            UsageError: options are given, and the provider takes none.
-            ProviderError: the named provider is unknown, not built in, or does not start.
+            UsageError: no provider has that name, or it takes no options and some are given.
+            ProviderError: the named provider is not built in, or does not start.
             ModelError: onnxruntime cannot load the model, or it is not an image-to-depth model.
         """
         self.model = model

@@ -12,7 +12,7 @@ import onnx
 import pytest
 from tiny import card_with, tiny_onnx, write_model
 
-from depthcli.errors import ModelError, ProviderError
+from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference.catalog import find_model
 from depthcli.inference.providers import available_providers, settled
 from depthcli.inference.session import Session
@@ -44,7 +44,7 @@ def test_a_named_provider_runs_or_is_an_error(model_folder: Path, name: str) -> 
 
 
 def test_an_unknown_provider_is_an_error(model_folder: Path) -> None:
-    with pytest.raises(ProviderError, match="no provider is called 'gpu'"):
+    with pytest.raises(UsageError, match="no provider is called 'gpu'"):
         Session(find_model(model_folder), provider="gpu")
 
 
