@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path  # noqa: TC003 - typer reads the annotation
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 app = typer.Typer(rich_markup_mode=None)
 
 _LARGEST_PX = 20_000
+_MEASUREMENTS = 3  # network, whole picture, throughput
 
 
 @app.command()
@@ -64,6 +66,8 @@ def bench(
     )
     for warning in alone.session.warnings:
         console.warn(warning)
+    if sys.stderr.isatty() and not as_json:
+        console.note(f"measuring for about {_MEASUREMENTS * seconds:.0f} s")
     speed = measure_speed(alone, shared, data, workers=count, seconds=seconds)
     if as_json:
         console.out_json(_facts(alone, count) | dataclasses.asdict(speed))

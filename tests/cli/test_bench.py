@@ -39,6 +39,12 @@ def test_a_picture_of_ones_own(cli: Cli, picture: Path) -> None:
     ]
 
 
+def test_a_terminal_is_told_how_long_it_takes(cli: Cli) -> None:
+    code, shown = cli.on_a_terminal("bench", "--seconds", "0.2", "--size", "64x48")
+    assert code == 0
+    assert shown.splitlines()[0] == "measuring for about 1 s"
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
