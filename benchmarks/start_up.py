@@ -1,6 +1,6 @@
 """What the command line costs beyond what it does.
 
-Two figures of merit, each a ratio of whole processes in one session:
+Two figures of merit, each a ratio of whole processes in one run:
 ``depthcli --help`` over ``python -c pass`` (at most 5), and ``depthcli predict`` of one 640×480
 JPEG over a bare script that imports cv2 and onnxruntime, loads the same model, runs it once and
 writes a PNG (at most 1.3).

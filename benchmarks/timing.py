@@ -1,4 +1,4 @@
-"""How the benchmarks measure: medians of alternating runs, ratios within one session, the noise."""
+"""How the benchmarks measure: medians of alternating runs, ratios within one run, the noise."""
 
 from __future__ import annotations
 
