@@ -54,6 +54,8 @@ def launched(fabric: Fabric) -> Iterator[None]:
     if fabric.world_size == 1:
         yield
         return
+    from depthcli.training.devices import leave
+
     fabric.launch()
     others: list[subprocess.Popen[bytes]] = getattr(fabric.strategy.launcher, "procs", [])
     started, others[:] = list(others), []  # else Fabric would kill us as soon as one ends
@@ -70,6 +72,7 @@ def launched(fabric: Fabric) -> Iterator[None]:
             time.sleep(_GRACE_S)  # the first process says the same, and ends this one
         raise
     else:
+        leave()
         for process in started:
             process.wait()
     finally:

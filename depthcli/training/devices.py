@@ -29,6 +29,12 @@ class AveragingStrategy(DDPStrategy):
         return module
 
 
+def leave() -> None:
+    """Leave the group of processes, whose threads would be torn down with the interpreter."""
+    if distributed.is_initialized():
+        distributed.destroy_process_group()
+
+
 @contextmanager
 def first_process_first(fabric: Fabric) -> Iterator[None]:
     """Let the others begin the block when the first process is through, without an error."""
