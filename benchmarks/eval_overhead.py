@@ -36,10 +36,12 @@ if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.models import ModelPredictor
 
+PART = 100
+
 
 def run_pipeline(
     dataset: DepthDataset,
-    pairs: int,
+    positions: range,
     model: ModelPredictor,
     *,
     with_depth: bool = False,
@@ -57,7 +59,7 @@ def run_pipeline(
 
     workers = usable_cores()
     with one_thread_each(workers):
-        for _ in ordered_map(one, range(pairs), workers=workers):
+        for _ in ordered_map(one, positions, workers=workers):
             pass
 
 
@@ -68,6 +70,16 @@ def seconds(action: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
+def one_round(ways: dict[str, Callable[[range], object]], pairs: int) -> dict[str, float]:
+    """Seconds that each way takes for so many pairs."""
+    total = dict.fromkeys(ways, 0.0)
+    for turn, start in enumerate(range(0, pairs, PART)):
+        part = range(start, min(start + PART, pairs))
+        for name in list(ways)[:: -1 if turn % 2 else 1]:
+            total[name] += seconds(lambda way=ways[name], part=part: way(part))
+    return total
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -75,26 +87,27 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=1000)
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
-    dataset, pairs = open_nyu(options.data), options.pairs
+    dataset = open_nyu(options.data)
     model = open_model(None, threads=1, detail=Detail(Upsampling.BILINEAR))
-    command = (sys.executable, "-m", "depthcli", "eval", "nyu", "--data", str(options.data))
     folder = tempfile.TemporaryDirectory()
-    actions = {
-        "pipeline, pictures": lambda: run_pipeline(dataset, pairs, model),
-        "pipeline, to PNG": lambda: run_pipeline(dataset, pairs, model, out=Path(folder.name)),
-        "pipeline, pairs": lambda: run_pipeline(dataset, pairs, model, with_depth=True),
-        "evaluation": lambda: evaluate(
-            dataset, range(pairs), [Entry(model)], workers=usable_cores()
-        ),
-        "whole command": lambda: subprocess.run(
-            [*command, "--split", "val", "--limit", "134"], check=True, capture_output=True
-        ),
+    out = Path(folder.name)
+    ways: dict[str, Callable[[range], object]] = {
+        "pipeline, pictures": lambda part: run_pipeline(dataset, part, model),
+        "pipeline, to PNG": lambda part: run_pipeline(dataset, part, model, out=out),
+        "pipeline, pairs": lambda part: run_pipeline(dataset, part, model, with_depth=True),
+        "evaluation": lambda part: evaluate(dataset, part, [Entry(model)], workers=usable_cores()),
     }
-    run_pipeline(dataset, 20, model, with_depth=True)
-    found: dict[str, list[float]] = {name: [] for name in actions}
+    run_pipeline(dataset, range(20), model, with_depth=True)
+    found: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(options.rounds):
-        for name, action in actions.items():
-            found[name].append(seconds(action))
+        for name, total in one_round(ways, options.pairs).items():
+            found[name].append(total)
+    command = (sys.executable, "-m", "depthcli", "eval", "nyu", "--data", str(options.data))
+    whole = (*command, "--split", "val", "--limit", "134")
+    found["whole command"] = [
+        seconds(lambda: subprocess.run(whole, check=True, capture_output=True))
+        for _ in range(options.rounds)
+    ]
     for name, values in found.items():
         print(
             f"{name:20} {statistics.median(values):7.2f} s  ({min(values):.2f}-{max(values):.2f})"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from depthcli.cli import console
 from depthcli.cli.batch_recipe import Targets
 from depthcli.cli.batch_video import checked_video
+from depthcli.cli.batch_voice import left_alone
 from depthcli.cli.batch_work import read_input
 from depthcli.errors import ExitCode, InputError
 from depthcli.io.decode import check
@@ -43,7 +44,7 @@ def dry_run(plan: Plan, recipe: Recipe, pipeline: Pipeline, *, as_json: bool) ->
             console.out(console.one_line(f"{what:<4}  {found.name} -> {target}"))
     console.note(
         f"would do {counts['do']}, keep {counts['keep']} that were done before, fail "
-        f"{counts['fail']}; {plan.skipped_count} other files left alone"
+        f"{counts['fail']}; {left_alone(plan)}"
     )
     return ExitCode.OK
 

@@ -63,8 +63,14 @@ def _account(plan: Plan, tally: Tally) -> list[str]:
     if tally.failures:
         parts.append(f"{len(tally.failures)} failed")
     if plan.skipped_count:
-        parts.append(f"{plan.skipped_count} other files left alone")
+        parts.append(left_alone(plan))
     return parts
+
+
+def left_alone(plan: Plan) -> str:
+    """How many files are no inputs."""
+    files = "file" if plan.skipped_count == 1 else "files"
+    return f"{plan.skipped_count} other {files} left alone"
 
 
 def _speed(tally: Tally) -> str:

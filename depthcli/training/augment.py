@@ -100,6 +100,7 @@ def _view(zoom: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
 
 def _grid(view: Tensor, width: int, height: int) -> Tensor:
     """Where each pixel of the views lies in the pictures, (B, H, W, 2) in [-1, 1]."""
+    # F.affine_grid gives the same, but its batched matrix product takes 1.4 ms of a 190 ms step.
     x = (torch.arange(width, device=view.device) * 2 + 1) / width - 1
     y = (torch.arange(height, device=view.device) * 2 + 1) / height - 1
     along_x, along_y, shift = view[:, None, None].unbind(-1)

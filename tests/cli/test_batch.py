@@ -248,7 +248,7 @@ def test_no_bad_file_stops_the_others(cli: Cli) -> None:
     for name, line in zip(bad, errors, strict=True):
         assert line.startswith("depthcli: error: ")
         assert f"in/{name} " in line
-    assert b"2 of 9 inputs done, 7 failed, 1 other files left alone" in done.stdout
+    assert b"2 of 9 inputs done, 7 failed, 1 other file left alone" in done.stdout
     assert contents(cli, "out").keys() == {"a.depth.png", "z.depth.png", "manifest.jsonl"}
     assert {name for name, row in rows(cli, "out").items() if row["error"]} == set(bad)
 
