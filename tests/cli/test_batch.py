@@ -177,7 +177,7 @@ def test_a_dry_run_writes_nothing(cli: Cli) -> None:
         "fail  empty.jpg -> in/empty.jpg is empty",
         "do    hall/b.png -> out/hall/b.depth.png",
     ]
-    assert b"would do 2, keep 0 that were done before, fail 1; 1 other files" in done.stderr
+    assert b"would do 2, keep 0 that were done before, fail 1; 1 other file left" in done.stderr
     assert not (cli.folder / "out").exists()
     cli("batch", "in", "--out", "out", "--include", "a.png")
     before = contents(cli, "out")
