@@ -4,9 +4,10 @@ Two figures of merit, from whole processes that take turns. The share of the lim
 where the limit is cores divided by the summed CPU seconds of all stages of one picture, each
 measured alone in one thread. And the ratio to a plain script of cv2.imread, session.run and
 cv2.imwrite, one picture after another, on the same model (at least 2). The script enlarges depth
-bilinearly, which is less work than what ``batch`` does unless told ``--upsample bilinear``.
+bilinearly, which is less work than what ``batch`` does unless told ``--upsample bilinear``, and
+runs the network on onnxruntime's own CPU code whatever ``--provider`` says.
 Run: ``python benchmarks/batch_throughput.py [--pictures 500] [--rounds 3] [--upsample bilinear]
-[--model fast]``
+[--model fast] [--provider openvino --provider-option KEY=VALUE ...]``
 """
 
 from __future__ import annotations
@@ -27,8 +28,10 @@ import cv2
 from made_pictures import write_pictures
 
 from depthcli.cli.cores import usable_cores
+from depthcli.cli.engine import provider_options
 from depthcli.cli.predict_outputs import Job, write_output
 from depthcli.core.choices import Detail, Upsampling
+from depthcli.inference.catalog import find_model
 from depthcli.inference.pipeline import load
 from depthcli.io.journal import Journal
 from depthcli.io.manifest import OK, Origin, Row, written
@@ -77,12 +80,17 @@ class Stages:
         return sum(map(statistics.median, self.seconds.values()))
 
 
-def measure_stages(
-    pictures: Sequence[Path], out: Path, model: str, upsampling: Upsampling
-) -> Stages:
+def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace) -> Stages:
     """Each stage of ``batch`` in one thread, after five pictures unmeasured."""
     cv2.setNumThreads(1)
-    pipeline, writer = load(model, threads=1, detail=Detail(upsampling)), Png16Writer()
+    pipeline = load(
+        how.model,
+        provider=how.provider,
+        threads=1,
+        detail=Detail(how.upsample),
+        provider_options=provider_options(how.provider_option),
+    )
+    writer = Png16Writer()
     model = pipeline.session.model
     origin = Origin("0" * 64, model.card.name, model.sha256, "")
     journal = Journal(out.parent / "rows")
@@ -121,29 +129,31 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--upsample", type=Upsampling, default=Upsampling.GUIDED)
     parser.add_argument("--model", default="default")
+    parser.add_argument("--provider", default="cpu")
+    parser.add_argument("--provider-option", action="append", default=[])
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         pictures = write_pictures(folder / "in", options.pictures)
         size = statistics.mean(path.stat().st_size for path in pictures)
         print(f"{len(pictures)} pictures of {size / 1000:.0f} KB, {usable_cores()} cores")
-        compare(folder, pictures, options.rounds, options.model, options.upsample)
+        compare(folder, pictures, options)
 
 
-def compare(
-    folder: Path, pictures: list[Path], rounds: int, name: str, upsampling: Upsampling
-) -> None:
+def compare(folder: Path, pictures: list[Path], how: argparse.Namespace) -> None:
     """Stages, batch and script in turn."""
-    model = load(name).session.model
+    model = find_model(how.model)
     spec = model.card.input
     sizes = (str(spec.width), str(spec.height))
     source, out = str(folder / "in"), str(folder / "out")
     batch = (sys.executable, "-m", "depthcli", "batch", source, "--out", out)
-    batch += ("--upsample", upsampling.value, "--model", name)
+    batch += ("--upsample", how.upsample.value, "--model", how.model, "--provider", how.provider)
+    for word in how.provider_option:
+        batch += ("--provider-option", word)
     script = (sys.executable, "-c", PLAIN, source, str(model.path), out, *sizes)
     shares, ratios = [], []
-    for _ in range(rounds):
-        stages = measure_stages(pictures[:65], folder / "one.png", name, upsampling)
+    for _ in range(how.rounds):
+        stages = measure_stages(pictures[:65], folder / "one.png", how)
         walls = []
         for command in (batch, script):
             walls.append(timed(*command))

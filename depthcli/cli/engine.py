@@ -35,7 +35,7 @@ class Engine(NamedTuple):
         file is checked while onnxruntime is imported here, and loaded while the caller imports all
         that reads pictures.
         """
-        options = _provider_options(self.settings)
+        options = provider_options(self.settings)
         from depthcli.inference.catalog import find_model
 
         checking = Background(lambda: find_model(self.model))
@@ -51,7 +51,15 @@ class Engine(NamedTuple):
         )
 
 
-def _provider_options(words: Sequence[str]) -> dict[str, str]:
+def provider_options(words: Sequence[str]) -> dict[str, str]:
+    """Settings of a provider by their keys.
+
+    Args:
+        words: as ``--provider-option`` has them, ``KEY=VALUE``.
+
+    Raises:
+        UsageError: a word is none.
+    """
     pairs = [word.partition("=") for word in words]
     for (key, equals, _), word in zip(pairs, words, strict=True):
         if not (key and equals):

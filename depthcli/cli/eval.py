@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import console, options
+from depthcli.cli import options  # noqa: TC001 - typer looks at the annotations
 from depthcli.cli.eval_runs import runs
 from depthcli.core.choices import Upsampling
 from depthcli.datasets.splits import SplitName
@@ -18,9 +18,7 @@ from depthcli.metrics.choices import Alignment, Averaging
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from depthcli.core.choices import Detail
     from depthcli.evaluation.figures import Figure
-    from depthcli.evaluation.nyu import NyuTask
     from depthcli.evaluation.predictors import Predictor
 
 app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare models on a data set.")
@@ -107,7 +105,8 @@ def nyu(
         int | None,
         typer.Option(metavar="N", min=1, help="Only N images, evenly over the split."),
     ] = None,
-    provider: Annotated[str, typer.Option(help="Execution provider of the models.")] = "auto",
+    provider: options.ProviderOption = "auto",
+    provider_option: options.ProviderSettingsOption = None,
     workers: Annotated[
         int | None,
         typer.Option(min=1, help="Images worked on at the same time. Default: one a core."),
@@ -136,7 +135,9 @@ def nyu(
     """Depth metrics on NYU Depth v2 under one named protocol."""
     from depthcli.cli.cores import usable_cores
     from depthcli.cli.detail import choose_detail
+    from depthcli.cli.engine import Engine
     from depthcli.cli.eval_figures import figures_of, positions_of, write_figures, write_page
+    from depthcli.cli.eval_models import open_models, open_prediction_folders
     from depthcli.cli.eval_output import cells, footnotes, show, stages, write_text
     from depthcli.datasets.nyu import open_nyu
     from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
@@ -150,15 +151,12 @@ def nyu(
     positions = positions_of(task, ids)
     cores = usable_cores()
     at_once = workers or cores
-    predictors = [
-        *_open_models(
-            model,
-            bundled=not (no_model or predictions),
-            provider=provider,
-            threads=threads or max(1, cores // at_once),
-            detail=detail,
-        ),
-        *_open_predictions(predictions or [], task, predictions_kind),
+    names: Sequence[str | None] = model or ([] if no_model or predictions else [None])
+    share = threads or max(1, cores // at_once)
+    engines = [Engine(name, provider, share, provider_option or ()) for name in names]
+    predictors: list[Predictor] = [
+        *open_models(engines, detail),
+        *open_prediction_folders(predictions or [], task, predictions_kind),
     ]
     protocol = Protocol(
         averaging=average,
@@ -201,38 +199,3 @@ def _check_options(
         raise UsageError("--model and --no-model exclude each other: drop one")
     if per_image and not as_json:
         raise UsageError("--per-image is part of the JSON output: add --json")
-
-
-def _open_models(
-    names: Sequence[str] | None,
-    *,
-    bundled: bool,
-    provider: str,
-    threads: int | None,
-    detail: Detail,
-) -> list[Predictor]:
-    wanted: Sequence[str | None] = names or ([None] if bundled else [])
-    if not wanted:
-        return []
-    from depthcli.evaluation.models import open_model
-
-    models = [
-        open_model(name, provider=provider, threads=threads, detail=detail) for name in wanted
-    ]
-    for warning in dict.fromkeys(text for model in models for text in model.warnings):
-        console.warn(warning)
-    return [*models]
-
-
-def _open_predictions(
-    folders: Sequence[Path], task: NyuTask, kind_name: str | None
-) -> list[Predictor]:
-    if not folders:
-        return []
-    from depthcli.core.types import DepthKind
-    from depthcli.evaluation.prediction_files import open_predictions
-
-    if kind_name not in {None, *DepthKind}:
-        raise UsageError(f"--predictions-kind is {', '.join(DepthKind)}, not {kind_name}")
-    kind = None if kind_name is None else DepthKind(kind_name)
-    return [open_predictions(folder, task.ids, kind) for folder in folders]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import console
+from depthcli.cli import console, options
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import DepthcliError, ExitCode, UsageError
@@ -55,7 +55,8 @@ def runs(
         int | None,
         typer.Option(metavar="N", min=1, help="Only N images, evenly over the split."),
     ] = None,
-    provider: Annotated[str, typer.Option(help="Execution provider of the models.")] = "auto",
+    provider: options.ProviderOption = "auto",
+    provider_option: options.ProviderSettingsOption = None,
     threads: Annotated[int | None, typer.Option(min=1, help="Threads of the models.")] = None,
     figures: Annotated[
         Path | None,
@@ -94,7 +95,7 @@ def runs(
     quiet = quiet or as_json
     with tempfile.TemporaryDirectory() as spare, stages(quiet=quiet) as stage:
         exported = _exported(opened, Path(spare), stage, failed)
-        models = _loaded(exported, provider=provider, threads=threads)
+        models = _loaded(exported, provider, provider_option or (), threads)
         report = evaluate_runs(
             task,
             models,
@@ -170,21 +171,20 @@ def _exported(
 
 
 def _loaded(
-    exported: Sequence[tuple[TrainedRun, Path]], *, provider: str, threads: int | None
+    exported: Sequence[tuple[TrainedRun, Path]],
+    provider: str,
+    settings: Sequence[str],
+    threads: int | None,
 ) -> list[Trained]:
     """Every run with its model, ready to predict, and the time that it takes."""
+    from depthcli.cli.engine import Engine
+    from depthcli.cli.eval_models import open_models
     from depthcli.evaluation.latency import measure_ms
-    from depthcli.evaluation.models import open_model
     from depthcli.evaluation.trained import Trained
 
+    engines = [Engine(str(path), provider, threads, settings) for _, path in exported]
     # The headline protocol resizes bilinearly: what is compared is the network alone.
-    detail = Detail(Upsampling.BILINEAR)
-    models = []
-    for run, path in exported:
-        model = open_model(str(path), provider=provider, threads=threads, detail=detail)
-        models.append(replace(model, name=run.name))
-    for warning in dict.fromkeys(text for model in models for text in model.warnings):
-        console.warn(warning)
-    times_ms = measure_ms([model.pipeline for model in models])
-    rows = zip(exported, models, times_ms, strict=True)
-    return [Trained(run, model, ms) for (run, _), model, ms in rows]
+    opened = open_models(engines, Detail(Upsampling.BILINEAR))
+    times_ms = measure_ms([model.pipeline for model in opened])
+    rows = zip(exported, opened, times_ms, strict=True)
+    return [Trained(run, replace(model, name=run.name), ms) for (run, _), model, ms in rows]

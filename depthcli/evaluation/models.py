@@ -10,6 +10,8 @@ from depthcli.evaluation.choices import Source
 from depthcli.inference.pipeline import load
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from depthcli.core.choices import Detail
     from depthcli.core.types import DepthKind, DepthMap
     from depthcli.evaluation.predictors import Sample
@@ -51,13 +53,20 @@ def open_model(
     provider: str = "auto",
     threads: int | None = None,
     detail: Detail = PLAIN,
+    provider_options: Mapping[str, str] | None = None,
 ) -> ModelPredictor:
     """Find a model by name or path and load it.
 
     Raises:
         ModelError: it is not there or cannot be used.
     """
-    pipeline = load(name_or_path, provider=provider, threads=threads, detail=detail)
+    pipeline = load(
+        name_or_path,
+        provider=provider,
+        threads=threads,
+        detail=detail,
+        provider_options=provider_options,
+    )
     return ModelPredictor(
         name=name_or_path or pipeline.card.name,
         kind=pipeline.card.output.kind,

@@ -21,7 +21,7 @@ from depthcli.inference.tiles import refine
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -183,6 +183,7 @@ def load(
     provider: str = AUTO,
     threads: int | None = None,
     detail: Detail = PLAIN,
+    provider_options: Mapping[str, str] | None = None,
 ) -> Pipeline:
     """Find a model and make it ready.
 
@@ -191,10 +192,14 @@ def load(
         provider: ``auto``, or a name such as ``cpu`` or ``cuda`` that has to be there.
         threads: threads within one operator; None for onnxruntime's choice.
         detail: how its depth becomes that of a full-size picture.
+        provider_options: for a provider asked for by name, as onnxruntime documents them.
 
     Raises:
         ModelError: the model is not there or is damaged.
         ProviderError: the named provider is not available.
+        UsageError: no provider has that name, or it takes no options and some are given.
     """
-    session = Session(find_model(model), provider=provider, threads=threads)
+    session = Session(
+        find_model(model), provider=provider, threads=threads, provider_options=provider_options
+    )
     return Pipeline(session, detail)

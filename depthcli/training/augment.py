@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 import torch.nn.functional as F  # noqa: N812
 
+from depthcli.training.cutmix import cutmix
+
 if TYPE_CHECKING:
     from torch import Tensor
 
@@ -60,7 +62,8 @@ def augment(
     if known is not None:
         share = F.grid_sample(known.float(), grid, padding_mode="border", align_corners=False)
         known = share > _WHOLLY
-    return Views(_relit(gray, data, random), depth_m, known)
+    views = Views(_relit(gray, data, random), depth_m, known)
+    return _mixed(views, data.cutmix, random) if data.cutmix else views
 
 
 def network_input(rgb: Tensor, data: DataConfig) -> Tensor:
@@ -73,6 +76,12 @@ def _gray(rgb: Tensor, data: DataConfig) -> Tensor:
         return rgb.amax(1, keepdim=True)
     weights = torch.tensor([0.299, 0.587, 0.114], device=rgb.device).view(1, 3, 1, 1)
     return (rgb * weights).sum(1, keepdim=True)
+
+
+def _mixed(views: Views, share: float, random: torch.Generator) -> Views:
+    maps = [views.gray, views.depth_m, *([] if views.known is None else [views.known])]
+    gray, depth_m, *known = cutmix(maps, share, random)
+    return Views(gray, depth_m, known[0] if known else None)
 
 
 def _zooms(count: int, data: DataConfig, random: torch.Generator) -> Tensor:

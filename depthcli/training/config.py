@@ -87,6 +87,7 @@ class DataConfig:
         gamma: standard deviation of the log gamma of V.
         brightness: standard deviation of the log gain of V.
         noise: largest standard deviation of pixel noise, in [0, 1] units.
+        cutmix: probability that a view gets a rectangle of another one, picture and depth alike.
         holdout_every: every n-th scene by name is held out for validation; 0 holds out none.
         holdout_offset: the first of them.
     """
@@ -102,6 +103,7 @@ class DataConfig:
     gamma: float = 0.0
     brightness: float = 0.0
     noise: float = 0.0
+    cutmix: float = 0.0
     holdout_every: int = 7
     holdout_offset: int = 3
 

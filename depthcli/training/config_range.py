@@ -46,6 +46,7 @@ _AT_LEAST: dict[str, dict[str, float]] = {
 }
 _SHARES = (
     ("generator", "dropout"),
+    ("data", "cutmix"),
     ("optim", "beta1"),
     ("optim", "beta2"),
     ("optim", "head_beta1"),
@@ -75,6 +76,8 @@ def check_range(config: TrainConfig) -> None:
             "output.min_m is above 0 and below output.max_m, "
             f"not {config.output.min_m} and {config.output.max_m}"
         )
+    if config.data.cutmix and config.optim.batch_size == 1:
+        raise UsageError("data.cutmix takes a piece of another view: raise optim.batch_size to 2")
     _check_pairing(config)
     _check_generator(config)
 

@@ -1,0 +1,104 @@
+"""CutMix against a plain loop: one rectangle of the neighbour, the same in every map."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from depthcli.errors import UsageError
+from depthcli.training.augment import augment
+from depthcli.training.config import DataConfig, OptimConfig, TrainConfig
+from depthcli.training.config_range import check_range
+from depthcli.training.cutmix import cutmix
+
+COUNT, HEIGHT, WIDTH = 50, 24, 32
+
+
+def _random(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def _numbered(count: int = COUNT) -> Tensor:
+    """(count, 1, H, W) whose every pixel is the number of its view."""
+    return torch.arange(float(count)).view(-1, 1, 1, 1).expand(-1, 1, HEIGHT, WIDTH).contiguous()
+
+
+def _rectangle(inside: Tensor) -> tuple[int, int]:
+    """(height, width) of the rectangle that (H, W) bool is True in, and nowhere else."""
+    rows, columns = torch.nonzero(inside, as_tuple=True)
+    top, bottom = int(rows.min()), int(rows.max()) + 1
+    left, right = int(columns.min()), int(columns.max()) + 1
+    for y in range(HEIGHT):
+        for x in range(WIDTH):
+            assert bool(inside[y, x]) == (top <= y < bottom and left <= x < right)
+    return bottom - top, right - left
+
+
+def test_each_view_gets_one_rectangle_of_the_view_before_it() -> None:
+    (mixed,) = cutmix([_numbered()], 0.999999, _random())
+    sides = set()
+    for number in range(COUNT):
+        view = mixed[number, 0]
+        inside = view != number
+        assert view[inside].unique().tolist() == [(number - 1) % COUNT]
+        height, width = _rectangle(inside)
+        assert HEIGHT // 4 - 1 <= height <= HEIGHT * 3 // 4 + 1
+        assert WIDTH // 4 - 1 <= width <= WIDTH * 3 // 4 + 1
+        sides.add((height, width))
+    assert len(sides) > COUNT // 2
+
+
+def test_the_rectangles_lie_everywhere() -> None:
+    (mixed,) = cutmix([_numbered(2000)], 0.999999, _random(1))
+    pasted = (mixed != _numbered(2000)).float().mean((0, 1))
+    assert float(pasted.min()) > 0
+    assert float(pasted[HEIGHT // 2, WIDTH // 2]) > 0.4
+    assert float((pasted - pasted.flip(0, 1)).abs().max()) < 0.1
+
+
+def test_all_maps_get_the_same_rectangles_and_keep_their_type() -> None:
+    gray = torch.rand(COUNT, 1, HEIGHT, WIDTH, generator=_random(2))
+    maps = [gray, 3 * gray, gray < 0.5]
+    first, second, third = cutmix(maps, 0.5, _random(3))
+    assert not torch.equal(first, gray)
+    assert torch.equal(second, 3 * first)
+    assert third.dtype == torch.bool
+    assert torch.equal(third, first < 0.5)
+
+
+def test_the_share_is_that_of_the_views() -> None:
+    numbered = _numbered(2000)
+    (mixed,) = cutmix([numbered], 0.3, _random(4))
+    changed = (mixed != numbered).any(3).any(2).float().mean()
+    assert 0.26 < float(changed) < 0.34
+
+
+def test_no_share_changes_nothing() -> None:
+    (mixed,) = cutmix([_numbered()], 0.0, _random())
+    assert torch.equal(mixed, _numbered())
+
+
+@pytest.mark.parametrize("holes", [False, True])
+def test_augmentation_mixes_picture_and_depth_alike(*, holes: bool) -> None:
+    value = torch.rand(8, 1, 48, 64, generator=_random(5))
+    rgb, depth_m = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value
+    known = value > 0 if holes else None
+    plain = DataConfig(width=WIDTH, height=HEIGHT)
+    gray, seen_m, seen = augment(rgb, depth_m.clone(), plain, _random(6), known)
+    mixed, mixed_m, mixed_known = augment(
+        rgb, depth_m.clone(), replace(plain, cutmix=0.9), _random(6), known
+    )
+    torch.testing.assert_close(mixed_m, 1 + 4 * (mixed + 1) / 2)
+    assert not torch.equal(mixed, gray)
+    assert (mixed_known is None) == (seen is None) == (not holes)
+    own = mixed == gray
+    torch.testing.assert_close(mixed_m[own], seen_m[own])
+
+
+def test_one_view_has_no_other_to_take_from() -> None:
+    config = TrainConfig(data=DataConfig(cutmix=0.5), optim=OptimConfig(batch_size=1))
+    with pytest.raises(UsageError, match=r"data\.cutmix"):
+        check_range(config)
