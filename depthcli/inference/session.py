@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 _FATAL_ONLY = 4
 _IMAGE_RANK = 4
+_SOURCE_PLACE = re.compile(r"^\S+\.(cc|cpp|h):\d+ .*?\) (?=\S)")
 
 
 class Session:
@@ -191,4 +193,5 @@ def _channels_problem(model: Model, shape: list[Any], channels: int | None) -> s
 
 
 def _first_line(error: Exception) -> str:
-    return str(error).strip().partition("\n")[0]
+    """What happened, without the place in onnxruntime's source."""
+    return _SOURCE_PLACE.sub("", str(error).strip().partition("\n")[0])

@@ -320,3 +320,24 @@ def test_page_without_models_has_the_table_alone(data: Path, tmp_path: Path) -> 
     text = page.read_text()
     assert "per-pixel mean" in text
     assert "<img" not in text
+
+
+@pytest.mark.usefixtures("models")
+@pytest.mark.parametrize(
+    ("words", "code", "problem"),
+    [
+        (("--provider", "tensorrt"), ExitCode.FAILURE, "tensorrt"),
+        (("--provider", "gpu"), ExitCode.USAGE, "no provider is called 'gpu'"),
+        (("--provider-option", "device_id"), ExitCode.USAGE, "not KEY=VALUE"),
+        (("--provider-option", "device_id=1"), ExitCode.USAGE, "takes no options"),
+    ],
+)
+def test_the_provider_and_its_options_are_those_of_predict(
+    data: Path,
+    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, ...],
+    code: ExitCode,
+    problem: str,
+) -> None:
+    assert _run(data, "--split", "val", "--limit", "1", *words) == code
+    assert problem in capsys.readouterr().err

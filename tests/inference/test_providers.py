@@ -98,6 +98,20 @@ def test_a_named_provider_that_does_not_start_is_an_error(
     assert wanted == [["CUDAExecutionProvider"]]
 
 
+def test_the_place_in_the_runtime_s_source_is_left_out(
+    monkeypatch: pytest.MonkeyPatch, model_folder: Path
+) -> None:
+    built_with(monkeypatch, "openvino", "cpu")
+    text = "/src/python/state.cc:1053 std::shared_ptr<int> ort::Make(const A&, B&) Invalid: a (b) c"
+
+    def start(*_words: Any, **_others: Any) -> Any:
+        raise RuntimeError(text)
+
+    monkeypatch.setattr(session.ort, "InferenceSession", start)
+    with pytest.raises(ProviderError, match=r"does not start: Invalid: a \(b\) c$"):
+        Session(find_model(model_folder), provider="openvino")
+
+
 def test_a_broken_model_is_no_matter_of_the_provider(
     monkeypatch: pytest.MonkeyPatch, model_folder: Path
 ) -> None:
