@@ -25,7 +25,7 @@ from depthcli.cli.cores import usable_cores
 from depthcli.cli.looks import Looks
 from depthcli.cli.video_choices import VideoFormat
 from depthcli.cli.video_outputs import plan_video
-from depthcli.cli.video_run import Reel, VideoSettings
+from depthcli.cli.video_reel import Reel, VideoSettings
 from depthcli.core.choices import Detail
 from depthcli.inference.pipeline import load
 from depthcli.io.sources.video import VideoSource

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from depthcli.cli.batch_work import Result, blame, reason
 from depthcli.cli.video_choices import VideoFormat
 from depthcli.cli.video_outputs import SEQUENCES, VideoJob
-from depthcli.cli.video_run import VideoSettings, run_video
+from depthcli.cli.video_reel import VideoSettings
+from depthcli.cli.video_run import run_video
 from depthcli.errors import InputError
 from depthcli.io.manifest import FAILED, OK, Row, written
 

@@ -138,7 +138,7 @@ def video(
     at_once = workers or cores
     share = threads or max(1, cores // at_once)
     loading = Engine(model, provider, share, provider_option or ()).start()
-    from depthcli.cli.video_run import VideoSettings
+    from depthcli.cli.video_reel import VideoSettings
     from depthcli.cli.video_tell import run_and_tell
 
     settings = VideoSettings(

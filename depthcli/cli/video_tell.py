@@ -14,8 +14,8 @@ from depthcli.inference.pipeline import Pipeline
 if TYPE_CHECKING:
     from depthcli.cli.background import Background
     from depthcli.cli.video_outputs import VideoJob
+    from depthcli.cli.video_reel import VideoSettings
     from depthcli.cli.video_report import VideoDone
-    from depthcli.cli.video_run import VideoSettings
     from depthcli.core.choices import Detail
     from depthcli.inference.session import Session
 

@@ -15,7 +15,7 @@ from depthcli.evaluation.choices import Crop, Mask
 from depthcli.metrics.alignment import align
 from depthcli.metrics.boundary import boundary_scores
 from depthcli.metrics.choices import Alignment, Averaging
-from depthcli.metrics.depth import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
+from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
 
 if TYPE_CHECKING:
     import numpy.typing as npt

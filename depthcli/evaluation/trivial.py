@@ -12,7 +12,7 @@ from depthcli.core.ordered_map import ordered_map
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.choices import Source
-from depthcli.metrics.depth import MAX_DEPTH_M, MIN_DEPTH_M
+from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

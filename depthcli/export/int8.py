@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from depthcli.inference.card import InputSpec
+    from depthcli.inference.card_specs import InputSpec
 
 MOST_PICTURES = 64
 

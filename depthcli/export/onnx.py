@@ -20,16 +20,8 @@ from depthcli.export.graph import (
 )
 from depthcli.export.int8 import calibration_batches, quantize
 from depthcli.export.parity import HALF_TOLERANCE, INT8_TOLERANCE, TOLERANCE, Parity, check_parity
-from depthcli.inference.card import (
-    METADATA_KEY,
-    CameraSpec,
-    Colour,
-    Fit,
-    InputSpec,
-    ModelCard,
-    OnnxSpec,
-    OutputSpec,
-)
+from depthcli.inference.card import METADATA_KEY, ModelCard
+from depthcli.inference.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
 from depthcli.inference.catalog import CARD_NAME
 from depthcli.io.atomic import atomic_path
 from depthcli.training.checkpoint import Checkpoint, load_generator

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-from depthcli.core.codec import DepthCodec, Transform
+from depthcli.core.codec import Transform
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError
+from depthcli.inference.card_specs import (
+    CameraSpec,
+    Colour,
+    Fit,
+    InputSpec,
+    OnnxSpec,
+    OutputSpec,
+    Resize,
+    TensorLayout,
+)
 from depthcli.inference.json_fields import Fields
 
 if TYPE_CHECKING:
@@ -19,132 +28,8 @@ SCHEMA = 1
 METADATA_KEY = "depthcli.card"
 """Key of the ONNX metadata under which a model carries its own card."""
 _MAX_HFOV_DEG = 180.0
-
-
-class Colour(StrEnum):
-    """What the network sees of a picture."""
-
-    VALUE = "value"
-    """V of HSV, the largest of R, G and B."""
-    LUMA = "luma"
-    """Weighted sum of R, G and B."""
-    RGB = "rgb"
-
-    @property
-    def channels(self) -> int:
-        """Planes of the network's input."""
-        return 3 if self is Colour.RGB else 1
-
-
-class Fit(StrEnum):
-    """How a picture is brought to the network's size."""
-
-    STRETCH = "stretch"
-    """Straight to width x height, whatever the aspect."""
-    KEEP_ASPECT = "keep-aspect"
-    """The picture's aspect is kept: same pixel count if the size is dynamic, else a letterbox."""
-    LOWER_BOUND = "lower-bound"
-    """Dynamic only: the aspect is kept, and neither side is below the nominal size."""
-    UPPER_BOUND = "upper-bound"
-    """Dynamic only: the aspect is kept, and neither side is above the nominal size."""
-
-
-class Resize(StrEnum):
-    """How a picture's pixels become those of the network's input."""
-
-    AREA = "area"
-    """Mean over each pixel's area where it shrinks, bilinear where it grows."""
-    LINEAR = "linear"
-    """Bilinear, half-pixel centres, no antialiasing."""
-    CUBIC = "cubic"
-    """Bicubic (a = -0.75), half-pixel centres, no antialiasing: OpenCV's INTER_CUBIC."""
-
-
-class TensorLayout(StrEnum):
-    """Order of the axes of the network's input."""
-
-    NCHW = "nchw"
-    """Picture, channel, row, column."""
-    NHWC = "nhwc"
-    """Picture, row, column, channel, as TensorFlow's converters write it."""
-
-
 _OPTIONAL_INPUT = {"resize": Resize.AREA, "layout": TensorLayout.NCHW}
 _BOUNDS = frozenset({Fit.LOWER_BOUND, Fit.UPPER_BOUND})
-
-
-@dataclass(frozen=True, slots=True)
-class InputSpec:
-    """The network's input, float32: ``(colour in [0, 1] - mean) / std``.
-
-    Attributes:
-        colour: what is made of the picture's pixels.
-        width: columns in pixels; the nominal size where it is dynamic.
-        height: rows in pixels.
-        dynamic: whether any multiple of ``multiple_of`` is a valid width and height.
-        multiple_of: granularity of a dynamic size, in pixels.
-        fit: how the picture is brought to this size.
-        mean: one number a channel, or one for all.
-        std: one number a channel, or one for all.
-        resize: how the picture is resized.
-        layout: order of the axes.
-    """
-
-    colour: Colour
-    width: int
-    height: int
-    dynamic: bool
-    multiple_of: int
-    fit: Fit
-    mean: tuple[float, ...]
-    std: tuple[float, ...]
-    resize: Resize = Resize.AREA
-    layout: TensorLayout = TensorLayout.NCHW
-
-
-@dataclass(frozen=True, slots=True)
-class OutputSpec:
-    """What the network's raw output means; see :class:`DepthCodec`.
-
-    Attributes:
-        kind: metric, relative or inverse.
-        transform: how depth follows from ``scale * raw + shift``.
-        scale: factor on the raw output.
-        shift: added after the factor.
-        min_m: least depth in metres; None if the kind is not metric.
-        max_m: largest depth in metres; None if the kind is not metric.
-    """
-
-    kind: DepthKind
-    transform: Transform
-    scale: float
-    shift: float
-    min_m: float | None
-    max_m: float | None
-
-    @property
-    def codec(self) -> DepthCodec:
-        """The mapping from raw output to depth."""
-        return DepthCodec(self.transform, self.scale, self.shift)
-
-
-@dataclass(frozen=True, slots=True)
-class CameraSpec:
-    """The camera whose metres the model learned.
-
-    Attributes:
-        hfov_deg: horizontal field of view over the full picture width, in degrees.
-    """
-
-    hfov_deg: float
-
-
-@dataclass(frozen=True, slots=True)
-class OnnxSpec:
-    """Versions that decide which onnxruntime can load the file."""
-
-    opset: int
-    ir: int
 
 
 @dataclass(frozen=True, slots=True)

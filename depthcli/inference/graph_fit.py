@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from depthcli.errors import ModelError
-from depthcli.inference.card import Fit
+from depthcli.inference.card_specs import Fit
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from depthcli.core.bands import BAND_PIXELS
 from depthcli.core.choices import AUTO_TILE, DEPTH_BYTES
 from depthcli.errors import InputError
-from depthcli.inference.card import Colour, Resize
+from depthcli.inference.card_specs import Colour, Resize
 
 if TYPE_CHECKING:
     from depthcli.core.choices import Detail
     from depthcli.core.types import Frame
-    from depthcli.inference.card import InputSpec
+    from depthcli.inference.card_specs import InputSpec
 
 # Counted in the code, with some to spare: planes of one band, and maps of the size of a tiled map.
 _BYTES_A_BAND_PIXEL = 64

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from depthcli.core.types import Frame
-    from depthcli.inference.card import OutputSpec
+    from depthcli.inference.card_specs import OutputSpec
     from depthcli.inference.preprocess import Layout
 
 

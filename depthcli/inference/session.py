@@ -12,7 +12,7 @@ import onnxruntime as ort
 
 from depthcli.errors import ModelError, ProviderError
 from depthcli.inference import providers
-from depthcli.inference.card import TensorLayout
+from depthcli.inference.card_specs import TensorLayout
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS
 
 if TYPE_CHECKING:

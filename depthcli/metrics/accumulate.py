@@ -12,7 +12,7 @@ from depthcli.metrics.depth import METRICS
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from depthcli.metrics.depth import DepthPixels
+    from depthcli.metrics.pixels import DepthPixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class Accumulator:
     """Scores of a stream of images in constant memory.
 
     >>> import numpy as np
-    >>> from depthcli.metrics.depth import DepthPixels
+    >>> from depthcli.metrics.pixels import DepthPixels
     >>> truth = np.array([1.0, 2.0, 4.0])
     >>> total = Accumulator()
     >>> total.update(DepthPixels.of(truth, truth * 1.1))["d1"]

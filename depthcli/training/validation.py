@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 
 from depthcli.metrics.accumulate import Accumulator, Scores
-from depthcli.metrics.depth import DepthPixels
+from depthcli.metrics.pixels import DepthPixels
 from depthcli.training.batches import PairStore, whole_pictures
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from tiny import CARD, card_with
 
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError
-from depthcli.inference.card import Colour, Fit, ModelCard
+from depthcli.inference.card import ModelCard
+from depthcli.inference.card_specs import Colour, Fit
 
 
 def read(changes: dict[str, Any]) -> ModelCard:

@@ -13,7 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import UsageError
-from depthcli.inference.card import Fit
+from depthcli.inference.card_specs import Fit
 from depthcli.inference.catalog import find_model
 from depthcli.inference.install import add_model
 from depthcli.inference.pipeline import Pipeline

@@ -12,7 +12,8 @@ from tiny import tiny_onnx, write_model
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import InputError, UsageError
-from depthcli.inference.card import OutputSpec, Transform
+from depthcli.inference.card import Transform
+from depthcli.inference.card_specs import OutputSpec
 from depthcli.inference.memory import tile_width_px
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.tiles import TileGrid, refine

@@ -9,7 +9,8 @@ import pytest
 from depthcli.metrics import accumulate
 from depthcli.metrics.accumulate import Accumulator, PixelSums, Scores
 from depthcli.metrics.choices import Averaging
-from depthcli.metrics.depth import METRICS, DepthPixels
+from depthcli.metrics.depth import METRICS
+from depthcli.metrics.pixels import DepthPixels
 
 
 def _images() -> list[DepthPixels]:

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from depthcli.metrics.depth import METRICS, DepthPixels, clamp
+from depthcli.metrics.depth import METRICS
+from depthcli.metrics.pixels import DepthPixels, clamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable

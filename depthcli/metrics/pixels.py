@@ -1,0 +1,148 @@
+"""The pixels that count in one comparison, and what the metrics need of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy.typing as npt
+
+MIN_DEPTH_M = 1e-3
+MAX_DEPTH_M = 10.0
+
+_PART = 77_000  # pixels: longer arrays leave the cache, more parts cost more calls
+_ARRAYS = 6
+
+
+@dataclass(frozen=True)  # without slots: what several metrics need is kept in the instance
+class DepthPixels:
+    """The pixels that count in one comparison.
+
+    They are kept as they came and become float64 when somebody asks, which is cheap for a part of
+    them and dear for a whole image.
+
+    Attributes:
+        truth: (N,) floats, metres, inside the range.
+        prediction: (N,) floats, metres, anything.
+        min_m: predictions are clamped to at least this.
+        max_m: predictions are clamped to at most this.
+        scratch: (6, at least N) float64, where the arrays below are put; None for memory of their
+            own, which for every part of every image would be taken from the system and given back.
+    """
+
+    truth: npt.NDArray[np.floating]
+    prediction: npt.NDArray[np.floating]
+    min_m: float = MIN_DEPTH_M
+    max_m: float = MAX_DEPTH_M
+    scratch: npt.NDArray[np.float64] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        truth_m: npt.NDArray[np.floating],
+        predicted_m: npt.NDArray[np.floating],
+        *,
+        min_m: float = MIN_DEPTH_M,
+        max_m: float = MAX_DEPTH_M,
+    ) -> DepthPixels:
+        """Keep the pixels whose truth is strictly inside (min_m, max_m) and clamp the prediction.
+
+        Args:
+            truth_m: any shape, metres; anything outside the range, and NaN, is left out.
+            predicted_m: the same shape, metres; NaN counts as ``min_m``, infinity as ``max_m``.
+            min_m: nearest depth that counts, > 0.
+            max_m: farthest depth that counts.
+
+        Raises:
+            ValueError: the shapes differ.
+        """
+        if truth_m.shape != predicted_m.shape:
+            raise ValueError(f"truth is {truth_m.shape} but prediction is {predicted_m.shape}")
+        valid = (truth_m > min_m) & (truth_m < max_m)
+        if valid.all():  # as in most images; a copy by mask would cost more than a metric
+            return cls(truth_m.ravel(), predicted_m.ravel(), min_m, max_m)
+        return cls(truth_m[valid], predicted_m[valid], min_m, max_m)
+
+    def __len__(self) -> int:
+        return int(self.truth.size)
+
+    def parts(self) -> Iterator[DepthPixels]:
+        """The same pixels in pieces whose float64 arrays stay in the processor's cache.
+
+        Each piece is valid until the next one is asked for.
+        """
+        scratch = np.empty((_ARRAYS, min(_PART, len(self))))
+        for start in range(0, len(self), _PART):
+            part = slice(start, start + _PART)
+            pieces = self.truth[part], self.prediction[part]
+            yield DepthPixels(*pieces, self.min_m, self.max_m, scratch)
+
+    def _place(self, number: int) -> npt.NDArray[np.float64] | None:
+        return None if self.scratch is None else self.scratch[number, : len(self)]
+
+    @cached_property
+    def truth_m(self) -> npt.NDArray[np.float64]:
+        """(N,) g, metres, > 0."""
+        return _exact(self.truth, self._place(0))
+
+    @cached_property
+    def predicted_m(self) -> npt.NDArray[np.float64]:
+        """(N,) p, metres, > 0, clamped."""
+        return clamp(self.prediction, self.min_m, self.max_m, out=self._place(1))
+
+    @cached_property
+    def error_m(self) -> npt.NDArray[np.float64]:
+        """(N,) p − g."""
+        return np.subtract(self.predicted_m, self.truth_m, out=self._place(2))
+
+    @cached_property
+    def ratio(self) -> npt.NDArray[np.float64]:
+        """(N,) p / g."""
+        return np.divide(self.predicted_m, self.truth_m, out=self._place(3))
+
+    @cached_property
+    def relative_error(self) -> npt.NDArray[np.float64]:
+        """(N,) (p − g) / g."""
+        return np.subtract(self.ratio, 1, out=self._place(4))
+
+    @cached_property
+    def log_error(self) -> npt.NDArray[np.float64]:
+        """(N,) ln p − ln g."""
+        return np.log(self.ratio, out=self._place(5))
+
+    @cached_property
+    def squared_log_error(self) -> float:
+        """Σ (ln p − ln g)²."""
+        return cv2.norm(self.log_error, cv2.NORM_L2SQR)
+
+
+def clamp(
+    predicted_m: npt.NDArray[np.floating],
+    min_m: float = MIN_DEPTH_M,
+    max_m: float = MAX_DEPTH_M,
+    out: npt.NDArray[np.float64] | None = None,
+) -> npt.NDArray[np.float64]:
+    """Bring a prediction of any shape into [min_m, max_m], in float64; NaN becomes ``min_m``."""
+    exact = _exact(predicted_m, out)
+    if exact.size and min_m <= float(predicted_m.min()) and float(predicted_m.max()) <= max_m:
+        return exact  # as most are; NaN fails the comparison
+    np.clip(exact, min_m, max_m, out=exact)
+    exact[np.isnan(exact)] = min_m
+    return exact
+
+
+def _exact(
+    values: npt.NDArray[np.floating], out: npt.NDArray[np.float64] | None
+) -> npt.NDArray[np.float64]:
+    """A copy in float64."""
+    if out is None:
+        return values.astype(np.float64)
+    np.copyto(out, values)
+    return out
