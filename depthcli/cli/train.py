@@ -35,7 +35,10 @@ _Seeds = Annotated[
 ]
 _Data = Annotated[
     Path | None,
-    typer.Option(help="NYU Depth v2: the .mat file, or a folder of rgb/, depth/, index.csv."),
+    typer.Option(
+        help="NYU Depth v2: the .mat file, or a folder of rgb/, depth/, index.csv; or rgb/ and "
+        "depth/ of your own."
+    ),
 ]
 _Out = Annotated[
     Path, typer.Option(help="Folder for checkpoint, log and samples; continued if it has one.")
@@ -98,16 +101,20 @@ def train(
         raise typer.BadParameter("give the data set with --data")
     from depthcli.cli.train_devices import launched, open_fabric
     from depthcli.cli.train_progress import progress_for, with_board
-    from depthcli.datasets.nyu import open_nyu
+    from depthcli.datasets.own import open_training_data
     from depthcli.training.interrupt import Interrupt
-    from depthcli.training.loop import Limits
+    from depthcli.training.loop import Limits, divide
     from depthcli.training.loop import train as run
 
     fabric = open_fabric(accelerator, resolved.precision, devices)
-    dataset = open_nyu(data)
+    dataset = open_training_data(data, paired=resolved.data.paired)
     with launched(fabric):
         _set_threads(threads)
         first = fabric.is_global_zero
+        if first and not quiet and resolved.data.holdout_every:
+            _, held_out = divide(dataset, resolved.data)
+            if not held_out:
+                console.warn("too few scenes to hold one out, so nothing is validated")
         interrupt = Interrupt(signal.SIGINT, signal.SIGTERM)
         with ExitStack() as stack:
             watcher = stack.enter_context(progress_for(as_json=as_json, quiet=quiet or not first))

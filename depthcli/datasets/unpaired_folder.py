@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class UnpairedFolder:
-    """Two independent lists.
+    """Two lists of their own, side by side; a :class:`~depthcli.datasets.base.DepthDataset`.
+
+    It is as long as the longer list, and the shorter one begins again. That a picture and a depth
+    image have the same position means nothing, and their sizes differ.
 
     Attributes:
         root: the folder that holds ``rgb/`` and ``depth/``.
@@ -40,21 +43,46 @@ class UnpairedFolder:
     depths: tuple[Path, ...]
     units_per_metre: float = MILLIMETRES
 
+    def __len__(self) -> int:
+        return max(len(self.images), len(self.depths))
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Names of the picture and the depth image at each position."""
+        names = ((self._image(i).name, self._depth(i).name) for i in range(len(self)))
+        return tuple(f"{image} {depth}" for image, depth in names)
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Not known: nothing can be held out where no picture has a truth."""
+        return ("",) * len(self)
+
+    @property
+    def official_split(self) -> tuple[str, ...]:
+        """Not known."""
+        return ("",) * len(self)
+
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Picture ``i``: (H, W, 3) RGB uint8.
 
         Raises:
             DatasetError: it cannot be read.
         """
-        return read_image_rgb(self.images[i])
+        return read_image_rgb(self._image(i))
 
-    def depth_m(self, j: int) -> npt.NDArray[np.float32]:
-        """Depth image ``j``: (H, W) float32 metres, 0 where there is none.
+    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """Depth image ``i``: (H, W) float32 metres, 0 where there is none.
 
         Raises:
             DatasetError: it cannot be read.
         """
-        return read_depth_m(self.depths[j], self.units_per_metre)
+        return read_depth_m(self._depth(i), self.units_per_metre)
+
+    def _image(self, i: int) -> Path:
+        return self.images[i % len(self.images)]
+
+    def _depth(self, i: int) -> Path:
+        return self.depths[i % len(self.depths)]
 
 
 def open_unpaired_folder(path: Path, *, units_per_metre: float = MILLIMETRES) -> UnpairedFolder:
@@ -74,6 +102,8 @@ def open_unpaired_folder(path: Path, *, units_per_metre: float = MILLIMETRES) ->
     )
     for file in dataset.depths:
         read_depth_header(file)
-    medians_m = [median_m(dataset.depth_m(j)) for j in spread(len(dataset.depths))]
+    medians_m = [
+        median_m(read_depth_m(dataset.depths[j], units_per_metre)) for j in spread(len(depths))
+    ]
     check_plausible(medians_m, PLAUSIBLE_M, path)
     return dataset

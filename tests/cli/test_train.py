@@ -125,3 +125,54 @@ def test_failures_are_one_line(folder: Path) -> None:
         assert reason in done.stderr
         assert "unexpected" not in done.stderr
         assert done.stderr.count("\n") == 1
+
+
+def _without_pairs(folder: Path) -> None:
+    """Let pictures and depth have nothing in common, not even their number."""
+    (folder / "data" / "index.csv").unlink()
+    for number, file in enumerate(sorted((folder / "data" / "rgb").iterdir())):
+        file.rename(file.with_name(f"photo-{number}.png"))
+    (folder / "data" / "depth" / "0000.png").unlink()
+
+
+def test_pairs_of_one_s_own_have_subfolders_for_scenes(folder: Path) -> None:
+    (folder / "data" / "index.csv").unlink()
+    for part in ("rgb", "depth"):
+        for number, file in enumerate(sorted((folder / "data" / part).iterdir())):
+            scene = file.parent / f"scene-{number // 2}"
+            scene.mkdir(exist_ok=True)
+            file.rename(scene / file.name)
+    done = _train(folder, "--json")
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    assert json.loads(done.stdout.splitlines()[-1])["scores"]["rmse"] > 0
+
+
+def test_without_scenes_nothing_is_validated_and_a_warning_says_so(folder: Path) -> None:
+    (folder / "data" / "index.csv").unlink()
+    done = _train(folder, "--json")
+    assert done.returncode == 0
+    assert (
+        done.stderr
+        == "depthcli: warning: too few scenes to hold one out, so nothing is validated\n"
+    )
+    assert json.loads(done.stdout.splitlines()[-1])["scores"] == {}
+    assert _train(folder, "--set", "seed=1", "--out", "other", "--quiet").stderr == ""
+
+
+def test_a_method_without_pairs_takes_two_lists(folder: Path) -> None:
+    _without_pairs(folder)
+    common = ("--data", "data", "--out", "run", "--preset", "reduced", "--accelerator", "cpu")
+    small = ("data.width=32", "data.height=32", "generator.width=4", "generator.blocks=1")
+    settings = [word for setting in (*small, "optim.epochs_decay=0") for word in ("--set", setting)]
+    done = _run(folder, "cyclegan", *common, *settings, "--threads", "1", "--max-minutes", "0")
+    assert done.returncode == 0, done.stderr
+    assert "1 steps in" in done.stderr
+    assert (folder / "run" / "last.ckpt").is_file()
+
+
+def test_a_method_with_pairs_does_not(folder: Path) -> None:
+    _without_pairs(folder)
+    done = _train(folder)
+    assert done.returncode == 3
+    assert done.stderr.count("\n") == 1
+    assert "without a partner" in done.stderr
