@@ -25,6 +25,7 @@ from lightning_fabric import Fabric
 
 from depthcli.cli.train_progress import Both, Silent
 from depthcli.datasets.nyu import open_nyu
+from depthcli.datasets.training_data import TrainingData
 from depthcli.training.batches import Batch, Batches, PairStore
 from depthcli.training.board import Board
 from depthcli.training.config_changes import resolve
@@ -101,7 +102,8 @@ def loop(config: TrainConfig, dataset: DepthDataset, out: Path, steps: int) -> l
     """Seconds of each step of a run that is continued, the ends of epochs included."""
     watch, board = Stopwatch(), Board(out, config)
     fabric = Fabric(accelerator="auto", devices=1, precision=config.precision)
-    train(config, dataset, out, fabric, Both(watch, board), Limits(steps=steps + 1))
+    data = TrainingData(dataset, "a benchmark's pairs", None)
+    train(config, data, out, fabric, Both(watch, board), Limits(steps=steps + 1))
     board.close()
     return [after - before for before, after in pairwise(watch.ends)]
 

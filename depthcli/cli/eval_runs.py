@@ -31,7 +31,7 @@ def runs(
     ],
     data: Annotated[
         Path,
-        typer.Option(envvar="DEPTHCLI_NYU", help="The data set that the runs were trained on."),
+        typer.Option(envvar="DEPTHCLI_NYU", help="NYU Depth v2, which the runs were trained on."),
     ],
     split: Annotated[
         SplitName,

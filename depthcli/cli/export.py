@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli import console
+from depthcli.cli.numbers import field_of_view
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 app = typer.Typer(rich_markup_mode=None)
@@ -46,6 +47,17 @@ def export_onnx(
             "0.02, with --int8 0.2.",
         ),
     ] = None,
+    license_name: Annotated[
+        str, typer.Option("--license", help="Licence of the weights in the card, an SPDX name.")
+    ] = "NOASSERTION",
+    hfov: Annotated[
+        float | None,
+        typer.Option(
+            callback=field_of_view,
+            help="Horizontal field of view of the training pictures in degrees, for the card. "
+            "Default: NYU's, if they are NYU's.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
 ) -> int:
     """Export a checkpoint to ONNX, check it against torch, and write its card beside it.
@@ -58,7 +70,9 @@ def export_onnx(
         raise DepthcliError(f"export needs {error.name}: pip install 'depthcli[train]'") from error
     if fp16 and int8 is not None:
         raise UsageError("--fp16 and --int8 exclude each other; give one")
-    options = ExportOptions(name, model_version, fp16, mirror, opset, tolerance, int8)
+    options = ExportOptions(
+        name, model_version, fp16, mirror, opset, tolerance, int8, license_name, hfov
+    )
     done = export_checkpoint(checkpoint, _target(checkpoint, output), options)
     parity = done.parity
     if as_json:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli import console
-from depthcli.errors import DepthcliError, ExitCode
+from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 if TYPE_CHECKING:
     from depthcli.training.config import TrainConfig
@@ -101,18 +101,23 @@ def train(
         raise typer.BadParameter("give the data set with --data")
     from depthcli.cli.train_devices import launched, open_fabric
     from depthcli.cli.train_progress import progress_for, with_board
-    from depthcli.datasets.own import open_training_data
+    from depthcli.datasets.training_data import open_training_data
     from depthcli.training.interrupt import Interrupt
     from depthcli.training.loop import Limits, divide
     from depthcli.training.loop import train as run
 
     fabric = open_fabric(accelerator, resolved.precision, devices)
-    dataset = open_training_data(data, paired=resolved.data.paired)
+    opened = open_training_data(
+        data,
+        paired=resolved.data.paired,
+        split=resolved.data.split,
+        units_per_metre=resolved.data.units_per_metre,
+    )
     with launched(fabric):
         _set_threads(threads)
         first = fabric.is_global_zero
         if first and not quiet and resolved.data.holdout_every:
-            _, held_out = divide(dataset, resolved.data)
+            _, held_out = divide(opened.dataset, resolved.data)
             if not held_out:
                 console.warn("too few scenes to hold one out, so nothing is validated")
         interrupt = Interrupt(signal.SIGINT, signal.SIGTERM)
@@ -121,7 +126,7 @@ def train(
             if tensorboard and first:
                 watcher = stack.enter_context(with_board(watcher, out, resolved))
             limits = Limits(minutes=math.inf if max_minutes is None else max_minutes)
-            done = run(resolved, dataset, out, fabric, watcher, limits, interrupt)
+            done = run(resolved, opened, out, fabric, watcher, limits, interrupt)
     if not first:
         return ExitCode.OK
     if not quiet and not as_json:
@@ -156,6 +161,11 @@ def resolve_config(
         raise typer.BadParameter(f"no method '{method}'; choose from {', '.join(METHODS)}")
     named = [preset_file(preset)] if preset else []
     resolved = resolve(default_config(method), [*named, *files], settings)
+    if resolved.method != method:
+        raise UsageError(
+            f"the settings are of method {resolved.method}, not {method}: name that one, or leave "
+            "their method out"
+        )
     check_terms(resolved)
     return resolved
 

@@ -41,12 +41,18 @@ def train_all(context: typer.Context) -> int:
         raise UsageError("--show-config shows one method: name it in place of --all or --methods")
     if options["data"] is None:
         raise UsageError("give the data set with --data")
-    from depthcli.datasets.own import open_training_data
+    from depthcli.datasets.training_data import open_training_data
     from depthcli.training.planned_runs import plan_runs
 
     configs = _configs(options)
     # What is wrong with it for all of them ends the command at once.
-    open_training_data(Path(options["data"]), paired=all(c.data.paired for c in configs))
+    data = configs[0].data
+    open_training_data(
+        Path(options["data"]),
+        paired=all(config.data.paired for config in configs),
+        split=data.split,
+        units_per_metre=data.units_per_metre,
+    )
     minutes = math.inf if options["max_minutes"] is None else options["max_minutes"]
     shown = Shown(as_json=options["as_json"], quiet=options["quiet"])
     runner = _Runner(_handed_on(context), shown, 60 * minutes)

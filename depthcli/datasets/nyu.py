@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
+INDEX_NAME = "index.csv"
 PLAUSIBLE_M = (0.8, 9.0)
 """Depth stored in metres × 256 would read as 0.7 m, in metres × 4000 as 11 m."""
 
@@ -60,7 +61,7 @@ def open_nyu(path: Path) -> DepthDataset:
 
 def _open_mat(path: Path) -> NyuMat:
     dataset = open_mat(path, PLAUSIBLE_M)
-    index_path = path.with_name("index.csv")
+    index_path = path.with_name(INDEX_NAME)
     if not index_path.is_file():
         return dataset
     index = read_index(index_path)
@@ -70,11 +71,11 @@ def _open_mat(path: Path) -> NyuMat:
 
 def _open_folder(path: Path) -> PairedFolder:
     pairs = open_paired_folder(path, plausible_m=PLAUSIBLE_M)
-    index = read_index(path / "index.csv")
+    index = read_index(path / INDEX_NAME)
     unlike = sorted(set(index) ^ set(pairs.ids))
     if unlike:
         raise DatasetError(
-            f"{path / 'index.csv'} lists {len(index)} pairs but the folder holds {len(pairs)} "
+            f"{path / INDEX_NAME} lists {len(index)} pairs but the folder holds {len(pairs)} "
             f"(first difference: {unlike[0]}): bring them together"
         )
     return replace(

@@ -6,7 +6,9 @@ Subfolders are kept and become the scene: ``rgb/kitchen/01.jpg`` belongs to
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.datasets.files import (
@@ -22,8 +24,6 @@ from depthcli.datasets.files import (
 from depthcli.errors import DatasetError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import numpy as np
     import numpy.typing as npt
 
@@ -138,7 +138,7 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
     if not folder.is_dir():
         raise DatasetError(f"{folder} is missing: the data set needs rgb/ and depth/ side by side")
     found: dict[str, Path] = {}
-    for file in sorted(folder.rglob("*")):
+    for file in _files(folder):
         if file.name.startswith(".") or file.suffix.lower() not in suffixes or not file.is_file():
             continue
         name = file.relative_to(folder).with_suffix("").as_posix()
@@ -148,6 +148,16 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
     if not found:
         raise DatasetError(f"{folder} holds no {', '.join(suffixes)} file: the data set is empty")
     return found
+
+
+def _files(folder: Path) -> list[Path]:
+    """All files below a folder in the order of their names; links to folders are followed once."""
+    found, entered = [], set()
+    for place, folders, names in os.walk(folder, followlinks=True):
+        entered.add(os.path.realpath(place))
+        folders[:] = [f for f in folders if os.path.realpath(Path(place, f)) not in entered]
+        found += [Path(place, name) for name in names]
+    return sorted(found)
 
 
 def _check_partners(root: Path, images: dict[str, Path], depths: dict[str, Path]) -> None:

@@ -16,6 +16,7 @@ from onnxruntime.quantization import (
     quantize_static,
 )
 
+from depthcli.datasets.files import spread
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.preprocess import prepare
 from depthcli.io.sources.image import read_image
@@ -69,9 +70,8 @@ def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.fl
     if not folder.is_dir():
         raise UsageError(f"{folder} is no folder; give one with pictures to calibrate int8")
     files = sorted(path for path in folder.iterdir() if path.is_file())
-    step = max(1, len(files) // MOST_PICTURES)
     batches = []
-    for path in files[::step][:MOST_PICTURES]:
+    for path in [files[i] for i in spread(len(files), MOST_PICTURES)]:
         try:
             batches.append(prepare(spec, read_image(path))[0])
         except InputError:

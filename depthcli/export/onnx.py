@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +34,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 MODEL_NAME = "model.onnx"
-NYU_HFOV_DEG = 63.3
+NO_LICENSE = "NOASSERTION"
+"""What SPDX writes where nobody has said under which licence something is."""
 _CARD_SUFFIX = f".{CARD_NAME}"
 _FULL_STRIDE = 4
 
@@ -50,6 +52,9 @@ class ExportOptions:
         opset: ONNX operator set.
         tolerance: largest difference between torch and onnxruntime; None for the usual one.
         int8_pictures: folder of pictures to calibrate int8 on; None keeps floats.
+        license: of the weights, an SPDX name.
+        hfov_deg: horizontal field of view of the camera that took the training pictures, degrees;
+            None for what the checkpoint knows of it.
     """
 
     name: str = "custom"
@@ -59,6 +64,8 @@ class ExportOptions:
     opset: int = OPSET
     tolerance: float | None = None
     int8_pictures: Path | None = None
+    license: str = NO_LICENSE
+    hfov_deg: float | None = None
 
     @property
     def allowed(self) -> float:
@@ -138,11 +145,12 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
     """The card of a checkpoint's generator, without what depends on the file."""
     config = saved.config
     codec = config.output.codec
+    hfov_deg = options.hfov_deg or saved.progress.hfov_deg
     return ModelCard(
         name=options.name,
         version=options.version,
-        summary=f"{config.method}, {config.generator.name} generator, NYU Depth v2",
-        license="MIT",
+        summary=f"{config.method}, {config.generator.name} generator, {saved.progress.data}",
+        license=options.license,
         input=InputSpec(
             colour=Colour(config.data.colour),
             width=config.data.width,
@@ -161,7 +169,7 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
             min_m=config.output.min_m,
             max_m=config.output.max_m,
         ),
-        camera=CameraSpec(NYU_HFOV_DEG),
+        camera=None if hfov_deg is None else CameraSpec(hfov_deg),
         onnx=OnnxSpec(options.opset, IR_VERSION),
         training=_training(saved),
     )
@@ -170,14 +178,16 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
 def _training(saved: Checkpoint) -> dict[str, Any]:
     progress = saved.progress
     return {
-        "data": "NYU Depth v2, labelled pairs 1-1000",
+        "data": progress.data,
         "method": saved.config.method,
         "seed": saved.config.seed,
         "pairs": len(progress.train_ids),
         "held_out_pairs": len(progress.held_out_ids),
         "steps": progress.step,
         "minutes": round(progress.seconds / 60, 1),
-        "validation": {name: round(value, 4) for name, value in progress.scores.items()},
+        "validation": {
+            name: round(value, 4) for name, value in progress.scores.items() if math.isfinite(value)
+        },
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
 

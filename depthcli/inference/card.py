@@ -103,7 +103,10 @@ class ModelCard:
         for name, default in _OPTIONAL_INPUT.items():
             if values["input"][name] is default:  # cards without it stay readable everywhere
                 del values["input"][name]
-        return json.dumps({"schema": SCHEMA, **values}, indent=2, ensure_ascii=False) + "\n"
+        return (
+            json.dumps({"schema": SCHEMA, **values}, indent=2, ensure_ascii=False, allow_nan=False)
+            + "\n"
+        )
 
 
 def _card(fields: Fields) -> ModelCard:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import tempfile
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 
+from depthcli.datasets.training_data import NYU_HFOV_DEG, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.training.config import TrainConfig
 from depthcli.training.config_changes import updated
 from depthcli.training.networks.build import build_generator
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from torch import nn
 
 _FORMAT = "depthcli-checkpoint"
@@ -33,6 +34,8 @@ class Progress:
         scores: validation metrics of the last epoch by name; empty without held-out pairs.
         train_ids: pairs the networks were trained on.
         held_out_ids: pairs they were validated on.
+        data: what they are pairs of, as a model's card says it.
+        hfov_deg: horizontal field of view of their camera in degrees; None if it is not known.
     """
 
     step: int = 0
@@ -41,6 +44,8 @@ class Progress:
     scores: dict[str, float] = dataclasses.field(default_factory=dict)
     train_ids: tuple[str, ...] = ()
     held_out_ids: tuple[str, ...] = ()
+    data: str = NYU_PAPER
+    hfov_deg: float | None = NYU_HFOV_DEG
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -78,14 +83,13 @@ class Checkpoint:
         content["progress"] = dataclasses.asdict(self.progress)
         content |= {"format": _FORMAT, "version": _VERSION}
         try:
-            handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-            os.close(handle)
+            temporary = path.with_name(f".{path.name}.{os.urandom(8).hex()}")
             try:
-                torch.save(content, name)
-                _reach_disk(Path(name))  # before the one that it replaces is gone
-                Path(name).replace(path)
+                torch.save(content, temporary)
+                _reach_disk(temporary)  # before the one that it replaces is gone
+                temporary.replace(path)
             finally:
-                Path(name).unlink(missing_ok=True)
+                temporary.unlink(missing_ok=True)
         except (OSError, RuntimeError) as error:
             reason = str(error).partition("\n")[0]
             raise CheckpointError(

@@ -88,6 +88,8 @@ class DataConfig:
         brightness: standard deviation of the log gain of V.
         noise: largest standard deviation of pixel noise, in [0, 1] units.
         cutmix: probability that a view gets a rectangle of another one, picture and depth alike.
+        split: NYU Depth v2 gives its training pairs of this split; its test pairs never.
+        units_per_metre: what one metre is in the depth images of a folder of one's own.
         holdout_every: every n-th scene by name is held out for validation; 0 holds out none.
         holdout_offset: the first of them.
     """
@@ -104,6 +106,8 @@ class DataConfig:
     brightness: float = 0.0
     noise: float = 0.0
     cutmix: float = 0.0
+    split: Literal["paper", "official"] = "paper"
+    units_per_metre: float = 1000.0
     holdout_every: int = 7
     holdout_offset: int = 3
 

@@ -27,6 +27,7 @@ _AT_LEAST: dict[str, dict[str, float]] = {
         "gamma": 0,
         "brightness": 0,
         "noise": 0,
+        "units_per_metre": 1e-3,
         "holdout_every": 0,
         "holdout_offset": 0,
     },
@@ -76,10 +77,22 @@ def check_range(config: TrainConfig) -> None:
             "output.min_m is above 0 and below output.max_m, "
             f"not {config.output.min_m} and {config.output.max_m}"
         )
-    if config.data.cutmix and config.optim.batch_size == 1:
-        raise UsageError("data.cutmix takes a piece of another view: raise optim.batch_size to 2")
+    if config.optim.epochs < 1:
+        raise UsageError("a run has at least one epoch: raise optim.epochs_decay")
+    _check_views(config)
     _check_pairing(config)
     _check_generator(config)
+
+
+def _check_views(config: TrainConfig) -> None:
+    """Refuse augmentation that would do nothing."""
+    data = config.data
+    if data.rotate_deg and data.zoom == 1:
+        raise UsageError("data.rotate_deg needs room to turn: set data.zoom above 1")
+    if data.crop_286 and data.zoom > 1:
+        raise UsageError("data.crop_286 and data.zoom exclude each other: leave one out")
+    if data.cutmix and config.optim.batch_size == 1:
+        raise UsageError("data.cutmix takes a piece of another view: raise optim.batch_size to 2")
 
 
 def _check_pairing(config: TrainConfig) -> None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from lightning_fabric import Fabric
 
     from depthcli.datasets.base import DepthDataset
+    from depthcli.datasets.training_data import TrainingData
     from depthcli.training.config import DataConfig, TrainConfig
 
 CHECKPOINT = "last.ckpt"
@@ -58,7 +59,7 @@ class Limits:
 
 def train(
     config: TrainConfig,
-    dataset: DepthDataset,
+    data: TrainingData,
     folder: Path,
     fabric: Fabric,
     watcher: Watcher,
@@ -69,7 +70,7 @@ def train(
 
     Args:
         config: the run; of a continued run it must be the checkpoint's.
-        dataset: pairs; whole scenes are held out for validation.
+        data: pairs; whole scenes are held out for validation.
         folder: receives checkpoint, metrics log and sample pictures.
         fabric: device, precision and processes; launched, if it has several.
         watcher: is told of each step and epoch.
@@ -86,7 +87,7 @@ def train(
             is kept.
     """
     limits, interrupt = limits or Limits(), interrupt or Interrupt()
-    first = fabric.is_global_zero
+    first, dataset = fabric.is_global_zero, data.dataset
     with first_process_first(fabric):
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -106,6 +107,8 @@ def train(
         run.progress = Progress(
             train_ids=tuple(dataset.ids[i] for i in train_rows),
             held_out_ids=tuple(dataset.ids[i] for i in held_out),
+            data=data.title,
+            hfov_deg=data.hfov_deg,
         )
         run.resume(folder / CHECKPOINT)
         if first:

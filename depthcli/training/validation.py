@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 
 from depthcli.metrics.accumulate import Accumulator, Scores
-from depthcli.metrics.pixels import DepthPixels
+from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.batches import PairStore, whole_pictures
 
 if TYPE_CHECKING:
@@ -54,13 +54,14 @@ class Validation:
         return raw
 
     def score(self, generator: nn.Module, device: torch.device) -> Scores:
-        """Mean over the pairs of every metric, at the truth's size."""
+        """Mean over the pairs of every metric, at the truth's size, to 10 m or ``output.max_m``."""
         total, codec = Accumulator(), self.config.output.codec
+        farthest_m = max(MAX_DEPTH_M, self.config.output.max_m)
         for start in range(0, len(self), _PICTURES_AT_ONCE):
             rows = range(start, min(start + _PICTURES_AT_ONCE, len(self)))
             for row, raw in zip(rows, self.raw(generator, rows, device), strict=True):
                 truth_m = self.dataset.depth_m(self.positions[row])
                 depth_m = torch.from_numpy(codec.decode(raw.numpy()))
                 grown_m = F.interpolate(depth_m[None], truth_m.shape, mode="bilinear")
-                total.update(DepthPixels.of(truth_m, grown_m[0, 0].numpy()))
+                total.update(DepthPixels.of(truth_m, grown_m[0, 0].numpy(), max_m=farthest_m))
         return total.compute()

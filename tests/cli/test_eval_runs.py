@@ -24,6 +24,7 @@ from depthcli.cli.app import main
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
+from depthcli.datasets.training_data import TrainingData
 from depthcli.inference.pipeline import load
 from depthcli.training.config_changes import updated
 from depthcli.training.loop import Limits, train
@@ -54,7 +55,8 @@ def _config(method: str, seed: int = 0) -> TrainConfig:
 
 def _train(config: TrainConfig, data: DepthDataset, folder: Path, steps: float = math.inf) -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
-    train(config, data, folder, fabric, Silent(), Limits(steps=steps))
+    opened = TrainingData(data, "rooms", None)
+    train(config, opened, folder, fabric, Silent(), Limits(steps=steps))
 
 
 def _large() -> Rooms:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from depthcli.datasets.training_data import TrainingData
 from depthcli.training.config import (
     DataConfig,
     GeneratorConfig,
@@ -71,6 +72,11 @@ def rooms() -> Rooms:
         images.append(pixels.clip(0, 255).astype(np.uint8))
         depths_m.append(depth_m.astype(np.float32))
     return Rooms(np.stack(images), np.stack(depths_m))
+
+
+def room_data() -> TrainingData:
+    """The six rooms as what a run learns from."""
+    return TrainingData(rooms(), "six rooms", None)
 
 
 def write_rooms(folder: Path, dataset: Rooms | None = None) -> Path:

@@ -10,7 +10,7 @@ import cv2
 import pytest
 import torch
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, PAPER, rooms
+from rooms import EFFICIENT, PAPER, room_data
 
 from depthcli.errors import CheckpointError, TrainingError
 from depthcli.metrics.depth import METRICS
@@ -59,7 +59,7 @@ def _train(
     config: TrainConfig, folder: Path, notes: Notes | None = None, **limits: float
 ) -> Progress:
     fabric = Fabric(accelerator="cpu", devices=1, precision=config.precision)
-    return train(config, rooms(), folder, fabric, notes or Notes(), Limits(**limits))
+    return train(config, room_data(), folder, fabric, notes or Notes(), Limits(**limits))
 
 
 def _same(a: Any, b: Any) -> bool:

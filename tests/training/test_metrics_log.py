@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, rooms
+from rooms import EFFICIENT, room_data
 
 from depthcli.cli.train_progress import Silent
 from depthcli.training import metrics_log
@@ -62,7 +62,7 @@ def test_crash_between_line_and_checkpoint_does_not_repeat_the_epoch(
 
     def go_on() -> None:
         fabric = Fabric(accelerator="cpu", devices=1)
-        train(EFFICIENT, rooms(), tmp_path, fabric, Silent(), Limits(steps=5))
+        train(EFFICIENT, room_data(), tmp_path, fabric, Silent(), Limits(steps=5))
 
     save = Run.save
     with monkeypatch.context() as patch:

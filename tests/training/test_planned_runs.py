@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, PAPER, rooms
+from rooms import EFFICIENT, PAPER, room_data
 
 from depthcli.errors import CheckpointError
 from depthcli.training.loop import Limits, train
@@ -58,9 +58,9 @@ def test_progress_of_a_folder(tmp_path: Path) -> None:
     assert run.progress().step == 0
     assert not run.is_finished(run.progress())
     fabric = Fabric(accelerator="cpu", devices=1)
-    train(EFFICIENT, rooms(), run.folder, fabric, Silent(), Limits(steps=3))
+    train(EFFICIENT, room_data(), run.folder, fabric, Silent(), Limits(steps=3))
     assert (run.progress().step, run.is_finished(run.progress())) == (3, False)
-    train(EFFICIENT, rooms(), run.folder, fabric, Silent())
+    train(EFFICIENT, room_data(), run.folder, fabric, Silent())
     assert (run.progress().step, run.is_finished(run.progress())) == (6, True)
     other = PlannedRun(replace(EFFICIENT, seed=9), run.folder)
     with pytest.raises(CheckpointError, match="belongs to another run"):

@@ -9,7 +9,7 @@ import pytest
 import torch
 from lightning_fabric import Fabric
 from lightning_fabric.plugins.precision.amp import MixedPrecision
-from rooms import EFFICIENT, PAPER, rooms
+from rooms import EFFICIENT, PAPER, room_data
 
 from depthcli.cli.train_progress import Silent
 from depthcli.training.batches import Batch
@@ -79,7 +79,7 @@ def _half(config: TrainConfig) -> Fabric:
 def test_half_precision_resumes_with_its_scale(tmp_path: Path) -> None:
     config = replace(EFFICIENT, precision="16-mixed")
     for steps, out in ((4, "whole"), (2, "parts"), (2, "parts")):
-        train(config, rooms(), tmp_path / out, _half(config), Silent(), Limits(steps=steps))
+        train(config, room_data(), tmp_path / out, _half(config), Silent(), Limits(steps=steps))
     whole, parts = (Checkpoint.load(tmp_path / out / CHECKPOINT) for out in ("whole", "parts"))
     assert whole.precision["scale"] == 64 * 2**4
     assert parts.precision == whole.precision
@@ -96,7 +96,7 @@ def test_checkpoint_of_before_is_continued(tmp_path: Path) -> None:
             del content["precision"], content["others"]
             torch.save(content, path)
         fabric = Fabric(accelerator="cpu", devices=1)
-        train(EFFICIENT, rooms(), tmp_path / out, fabric, Silent(), Limits(steps=steps))
+        train(EFFICIENT, room_data(), tmp_path / out, fabric, Silent(), Limits(steps=steps))
     whole, parts = (Checkpoint.load(tmp_path / out / CHECKPOINT) for out in ("whole", "parts"))
     assert parts.progress.step == 4
     for name, weight in whole.method.items():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from lightning_fabric import Fabric
-from rooms import PAPER, rooms
+from rooms import PAPER, room_data
 from tiny_methods import tiny
 
 from depthcli.cli.train_progress import Silent
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:
     fabric = Fabric(accelerator="cpu", devices=1)
-    return train(config, rooms(), folder, fabric, Silent(), Limits(steps=steps)).step
+    return train(config, room_data(), folder, fabric, Silent(), Limits(steps=steps)).step
 
 
 @pytest.mark.parametrize("name", METHODS)

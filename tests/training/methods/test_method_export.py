@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from lightning_fabric import Fabric
-from rooms import rooms
+from rooms import room_data, rooms
 from tiny_methods import tiny
 
 from depthcli.cli.train_progress import Silent
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 @pytest.mark.parametrize("name", METHODS)
 def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
-    train(tiny(name), rooms(), tmp_path, fabric, Silent(), Limits(steps=2))
+    train(tiny(name), room_data(), tmp_path, fabric, Silent(), Limits(steps=2))
     done = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "model.onnx", ExportOptions())
     assert done.card.training["method"] == name
     bilinear = Detail(Upsampling.BILINEAR)

@@ -1,0 +1,62 @@
+"""Some pairs of a data set, as a data set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from depthcli.datasets.base import DepthDataset
+
+
+@dataclass(frozen=True, slots=True)
+class Subset:
+    """The pairs at some positions; a :class:`~depthcli.datasets.base.DepthDataset`.
+
+    Attributes:
+        whole: the data set that they are of.
+        positions: which of its pairs, in the order that they get here.
+    """
+
+    whole: DepthDataset
+    positions: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Name of each pair."""
+        names = self.whole.ids
+        return tuple(names[i] for i in self.positions)
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Scene of each pair."""
+        scenes = self.whole.scenes
+        return tuple(scenes[i] for i in self.positions)
+
+    @property
+    def official_split(self) -> tuple[str, ...]:
+        """The data set's own division."""
+        parts = self.whole.official_split
+        return tuple(parts[i] for i in self.positions)
+
+    def image(self, i: int) -> npt.NDArray[np.uint8]:
+        """Picture of pair ``i``: (H, W, 3) RGB uint8.
+
+        Raises:
+            DatasetError: it cannot be read.
+        """
+        return self.whole.image(self.positions[i])
+
+    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none.
+
+        Raises:
+            DatasetError: it cannot be read.
+        """
+        return self.whole.depth_m(self.positions[i])

@@ -1,0 +1,113 @@
+"""Whatever a method can be trained on: the training part of NYU Depth v2, or one's own folder."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from depthcli.datasets.files import (
+    DEPTH_SUFFIXES,
+    IMAGE_SUFFIXES,
+    read_depth_header,
+    read_image_rgb,
+)
+from depthcli.datasets.nyu import INDEX_NAME, MAT_NAME, open_nyu
+from depthcli.datasets.paired_folder import MILLIMETRES, list_files, open_paired_folder
+from depthcli.datasets.splits import LABELLED_COUNT, PAPER_TRAIN_COUNT
+from depthcli.datasets.subset import Subset
+from depthcli.datasets.unpaired_folder import open_unpaired_folder
+from depthcli.errors import DatasetError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from depthcli.datasets.base import DepthDataset
+
+NYU_HFOV_DEG = 63.3
+"""Horizontal field of view of NYU Depth v2's camera over the full picture width, degrees."""
+NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
+NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
+
+
+class TrainingData(NamedTuple):
+    """What a run learns from.
+
+    Attributes:
+        dataset: every pair that may be trained on or held out.
+        title: what a model's card calls it.
+        hfov_deg: horizontal field of view of its camera in degrees; None if it is not known.
+    """
+
+    dataset: DepthDataset
+    title: str
+    hfov_deg: float | None
+
+
+def open_training_data(
+    path: Path,
+    *,
+    paired: bool,
+    split: Literal["paper", "official"] = "paper",
+    units_per_metre: float = MILLIMETRES,
+) -> TrainingData:
+    """Open a data set to train on.
+
+    Args:
+        path: NYU Depth v2, as :func:`~depthcli.datasets.nyu.open_nyu` takes it, of which only the
+            training part is used; or a folder of ``rgb/`` and ``depth/`` with other names than
+            NYU's numbers, whose subfolders are the scenes if it has no index.
+        paired: each picture needs its depth. If not, and names or sizes in the two folders differ,
+            they are two lists that have nothing to do with each other.
+        split: whose training part of NYU Depth v2.
+        units_per_metre: what one metre is in the depth images of a folder of one's own.
+
+    Raises:
+        DatasetError: the data is missing, incomplete, damaged, or in another unit.
+    """
+    has_index = not path.is_dir() or any((path / name).is_file() for name in (MAT_NAME, INDEX_NAME))
+    if has_index:
+        if units_per_metre != MILLIMETRES:
+            raise DatasetError(f"{path} has an index, and is in millimetres: leave the unit out")
+        whole = open_nyu(path)
+        if all(_is_label(name) for name in whole.ids):
+            return _training_part(whole, split)
+        return TrainingData(whole, f"own pairs ({path.resolve().name})", None)
+    title = path.resolve().name
+    if not paired and not _all_alike(path):
+        lists = open_unpaired_folder(path, units_per_metre=units_per_metre)
+        return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
+    pairs = open_paired_folder(path, units_per_metre=units_per_metre)
+    return TrainingData(pairs, f"own pairs ({title})", None)
+
+
+def _is_label(name: str) -> bool:
+    return name.isdecimal() and int(name) < LABELLED_COUNT
+
+
+def _training_part(whole: DepthDataset, split: str) -> TrainingData:
+    """The pairs that a test of this split never shows."""
+    if split == "official":
+        rows = [i for i, part in enumerate(whole.official_split) if part == "train"]
+        return TrainingData(_some(whole, rows, split), NYU_OFFICIAL, NYU_HFOV_DEG)
+    rows = [i for i, name in enumerate(whole.ids) if int(name) < PAPER_TRAIN_COUNT]
+    return TrainingData(_some(whole, rows, split), NYU_PAPER, NYU_HFOV_DEG)
+
+
+def _some(whole: DepthDataset, rows: Sequence[int], split: str) -> DepthDataset:
+    if not rows:
+        raise DatasetError(
+            f"no pair here belongs to the training part of the {split} split: give the complete "
+            "labelled set, or another data.split"
+        )
+    return whole if len(rows) == len(whole) else Subset(whole, tuple(rows))
+
+
+def _all_alike(path: Path) -> bool:
+    """Whether pictures and depth have the same names and, in the first of them, the same size."""
+    images = list_files(path, "rgb", IMAGE_SUFFIXES)
+    depths = list_files(path, "depth", DEPTH_SUFFIXES)
+    if images.keys() != depths.keys():
+        return False
+    first = min(images)
+    header = read_depth_header(depths[first])
+    return read_image_rgb(images[first]).shape[:2] == (header.height, header.width)

@@ -1,0 +1,154 @@
+"""What ``--data`` of ``depthcli train`` may be."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import cv2
+import numpy as np
+import pytest
+
+from depthcli.datasets.nyu import open_nyu
+from depthcli.datasets.paired_folder import PairedFolder
+from depthcli.datasets.splits import SplitName, split_nyu
+from depthcli.datasets.training_data import open_training_data
+from depthcli.datasets.unpaired_folder import UnpairedFolder
+from depthcli.errors import DatasetError
+from depthcli.training.config import DataConfig
+from depthcli.training.loop import divide
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def _fill(folder: Path, images: list[str], depths: list[str]) -> Path:
+    for kind, names in (("rgb", images), ("depth", depths)):
+        for number, name in enumerate(names):
+            file = folder / kind / f"{name}.png"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            picture = np.full((6, 8, 3), number, np.uint8)
+            depth = np.full((4, 4) if name[0] == "z" else (6, 8), 1000 + number, np.uint16)
+            assert cv2.imwrite(str(file), picture if kind == "rgb" else depth)
+    return folder
+
+
+@pytest.mark.parametrize("paired", [True, False])
+def test_same_names_are_pairs(tmp_path: Path, *, paired: bool) -> None:
+    names = ["hall/1", "hall/2", "lab/1"]
+    dataset = open_training_data(_fill(tmp_path, names, names), paired=paired).dataset
+    assert isinstance(dataset, PairedFolder)
+    assert dataset.scenes == ("hall", "hall", "lab")
+
+
+def test_other_names_are_two_lists_and_the_shorter_begins_again(tmp_path: Path) -> None:
+    folder = _fill(tmp_path, ["a", "b", "c", "d", "e"], ["z1", "z2"])
+    dataset = open_training_data(folder, paired=False).dataset
+    assert isinstance(dataset, UnpairedFolder)
+    assert len(dataset) == len(dataset.ids) == len(set(dataset.ids)) == 5
+    assert [int(dataset.image(i)[0, 0, 0]) for i in range(5)] == [0, 1, 2, 3, 4]
+    assert [round(float(dataset.depth_m(i)[0, 0]), 3) for i in range(5)] == [1, 1.001] * 2 + [1]
+    assert set(dataset.scenes) == set(dataset.official_split) == {""}
+
+
+def test_more_depth_than_pictures(tmp_path: Path) -> None:
+    folder = _fill(tmp_path, ["a"], ["z1", "z2", "z3"])
+    dataset = open_training_data(folder, paired=False).dataset
+    assert dataset.ids == ("a.png z1.png", "a.png z2.png", "a.png z3.png")
+    assert int(dataset.image(2)[0, 0, 0]) == 0
+    assert round(float(dataset.depth_m(2)[0, 0]), 3) == 1.002
+
+
+def test_other_names_are_no_pairs(tmp_path: Path) -> None:
+    folder = _fill(tmp_path, ["a", "b"], ["a", "c"])
+    with pytest.raises(DatasetError, match="without a partner"):
+        open_training_data(folder, paired=True)
+
+
+def _nyu(folder: Path, rows: list[str]) -> Path:
+    """A folder with an index of ``ID,scene,official_split`` rows."""
+    names = [row.partition(",")[0] for row in rows]
+    _fill(folder, names, names)
+    (folder / "index.csv").write_text("\n".join(["id,scene,official_split", *rows, ""]))
+    return folder
+
+
+ROWS = ["0003,attic,test", "0999,attic,train", "1000,bath,train", "1448,den,test"]
+
+
+@pytest.mark.parametrize(
+    ("split", "ids", "title"),
+    [
+        ("paper", ("0003", "0999"), "NYU Depth v2, labelled pairs 1-1000"),
+        ("official", ("0999", "1000"), "NYU Depth v2, the official split's training pairs"),
+    ],
+)
+def test_no_split_trains_on_its_test_part(
+    tmp_path: Path, split: Literal["paper", "official"], ids: tuple[str, ...], title: str
+) -> None:
+    whole = open_nyu(_nyu(tmp_path, ROWS))
+    data = open_training_data(tmp_path, paired=True, split=split)
+    assert (data.dataset.ids, data.title, data.hfov_deg) == (ids, title, 63.3)
+    for i, name in enumerate(ids):
+        j = list(whole.ids).index(name)
+        assert data.dataset.scenes[i] == whole.scenes[j]
+        assert data.dataset.official_split[i] == whole.official_split[j]
+        np.testing.assert_array_equal(data.dataset.image(i), whole.image(j))
+        np.testing.assert_array_equal(data.dataset.depth_m(i), whole.depth_m(j))
+
+
+def test_what_training_holds_out_of_the_complete_set_is_the_val_split(tmp_path: Path) -> None:
+    rows = [f"{label:04d},scene-{label // 3:03d},train" for label in range(0, 1449, 23)]
+    whole = open_nyu(_nyu(tmp_path, rows))
+    data = open_training_data(tmp_path, paired=True).dataset
+    train, held_out = divide(data, DataConfig())
+    split = split_nyu(whole, SplitName.VAL)
+    assert [data.ids[i] for i in held_out] == [whole.ids[i] for i in split.test]
+    assert [data.ids[i] for i in train] == [whole.ids[i] for i in split.train]
+    assert not {data.ids[i] for i in train} & {
+        whole.ids[i] for i in split_nyu(whole, SplitName.PAPER).test
+    }
+
+
+def test_only_test_pairs_are_nothing_to_train_on(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="no pair here belongs to the training part"):
+        open_training_data(_nyu(tmp_path, ROWS[2:]), paired=True)
+
+
+def test_an_index_with_names_that_are_no_numbers_of_nyu_is_one_s_own(tmp_path: Path) -> None:
+    data = open_training_data(_nyu(tmp_path, ["0000,attic,", "1449,den,"]), paired=True)
+    assert len(data.dataset) == 2
+    assert (data.title, data.hfov_deg) == (f"own pairs ({tmp_path.name})", None)
+
+
+def test_same_names_and_other_sizes_are_two_lists(tmp_path: Path) -> None:
+    folder = _fill(tmp_path, ["z1", "z2"], ["z1", "z2"])
+    assert isinstance(open_training_data(folder, paired=False).dataset, UnpairedFolder)
+    with pytest.raises(DatasetError, match="same size"):
+        open_training_data(folder, paired=True)
+
+
+def test_the_unit_of_one_s_own_depth(tmp_path: Path) -> None:
+    names = ["a", "b"]
+    folder = _fill(tmp_path, names, names)
+    data = open_training_data(folder, paired=True, units_per_metre=256)
+    assert float(data.dataset.depth_m(0)[0, 0]) == 1000 / 256
+    with pytest.raises(DatasetError, match="in millimetres"):
+        open_training_data(_nyu(tmp_path / "nyu", ROWS), paired=True, units_per_metre=256)
+
+
+def test_linked_scenes_are_followed_but_not_in_circles(tmp_path: Path) -> None:
+    _fill(tmp_path / "far", ["1", "2"], ["1", "2"])
+    for kind in ("rgb", "depth"):
+        (tmp_path / kind).mkdir()
+        (tmp_path / kind / "near").symlink_to(tmp_path / "far" / kind)
+        (tmp_path / "far" / kind / "round").symlink_to(tmp_path / kind)
+    data = open_training_data(tmp_path, paired=True).dataset
+    assert data.ids == ("near/1", "near/2")
+
+
+@pytest.mark.parametrize("paired", [True, False])
+def test_what_is_not_there_is_said(tmp_path: Path, *, paired: bool) -> None:
+    with pytest.raises(DatasetError, match="does not exist"):
+        open_training_data(tmp_path / "none", paired=paired)
+    with pytest.raises(DatasetError, match="is missing"):
+        open_training_data(tmp_path, paired=paired)
