@@ -44,13 +44,8 @@ def _line(what: str, steps: int) -> Callable[[], None]:
 def _bars() -> Iterator[Stage]:
     from rich import progress as bars
     from rich.console import Console
-    from rich.text import Text
 
-    class Rate(bars.ProgressColumn):
-        """Steps a second."""
-
-        def render(self, task: bars.Task) -> Text:
-            return Text(f"{task.speed or 0:.1f}/s")
+    from depthcli.cli.rate_column import Rate
 
     columns = (
         "{task.description}",

@@ -34,7 +34,10 @@ def progress_for(*, as_json: bool, quiet: bool) -> Iterator[Watcher]:
         from rich.console import Console
         from rich.progress import Progress as Bar
 
-        with Bar(console=Console(stderr=True), refresh_per_second=2) as bar:
+        from depthcli.cli.rate_column import Rate
+
+        columns = (*Bar.get_default_columns(), Rate())
+        with Bar(*columns, console=Console(stderr=True), refresh_per_second=2) as bar:
             yield Lines(bar)
     else:
         yield Lines(None)

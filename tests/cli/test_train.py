@@ -99,6 +99,7 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
         (("proposed", "--preset", "huge"), "no preset 'huge'"),
         (("proposed", "--set", "optim.speed=1"), "unknown setting 'speed'"),
         (("proposed", "--set", "optim.batch_size=0"), "optim.batch_size is at least 1"),
+        (("cut", "--set", "method=proposed", "--data", "data"), "of method proposed, not cut"),
         (("proposed", "--config", "none.toml"), "none.toml"),
         (("proposed", "--data", "data", "--accelerator", "abacus"), "abacus"),
         (("proposed", "--data", "data", "--accelerator", "cuda"), "cuda"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import nn
@@ -53,8 +53,10 @@ def write_checkpoint(
     network: nn.Module | None = None,
     generator: GeneratorConfig = EFFICIENT,
     average: nn.Module | None = None,
+    **progress: Any,
 ) -> Path:
-    """A checkpoint as training writes it, of a run at 48×32."""
+    """A checkpoint as training writes it, of a run at 48×32; more of its progress by name."""
+    scores = {"abs_rel": 0.25}
     network = network or small_network(generator)
     config = TrainConfig(
         seed=7,
@@ -64,7 +66,7 @@ def write_checkpoint(
     )
     checkpoint = Checkpoint(
         config=config,
-        progress=Progress(step=12, epoch=3, seconds=90.0, scores={"abs_rel": 0.25}),
+        progress=Progress(**{"step": 12, "epoch": 3, "seconds": 90.0, "scores": scores} | progress),
         method={f"generator.{name}": value for name, value in network.state_dict().items()},
         average=average.state_dict() if average else None,
         optimizers={},

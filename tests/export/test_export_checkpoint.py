@@ -49,6 +49,34 @@ def test_card_says_what_the_run_was(tmp_path: Path) -> None:
     assert card.training["validation"] == {"abs_rel": 0.25}
 
 
+def test_card_of_nyu_knows_the_camera(tmp_path: Path) -> None:
+    checkpoint = write_checkpoint(tmp_path / "last.ckpt")
+    card = export_checkpoint(checkpoint, tmp_path / "room.onnx", ExportOptions()).card
+    assert card.training["data"] == "NYU Depth v2, labelled pairs 1-1000"
+    assert card.camera is not None
+    assert card.camera.hfov_deg == 63.3
+    assert card.license == "NOASSERTION"
+
+
+def test_card_of_other_data_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
+    checkpoint = write_checkpoint(
+        tmp_path / "last.ckpt",
+        data="own pairs (yard)",
+        hfov_deg=None,
+        scores={"rmse": float("nan")},
+    )
+    card = export_checkpoint(checkpoint, tmp_path / "yard.onnx", ExportOptions()).card
+    assert "NYU" not in card.to_json()
+    assert (card.training["data"], card.camera) == ("own pairs (yard)", None)
+    assert card.training["validation"] == {}
+    assert find_model(tmp_path / "yard.onnx").card == card
+    said = ExportOptions(license="CC0-1.0", hfov_deg=80.0)
+    card = export_checkpoint(checkpoint, tmp_path / "said.onnx", said).card
+    assert card.license == "CC0-1.0"
+    assert card.camera is not None
+    assert card.camera.hfov_deg == 80
+
+
 def test_onnx_file_alone_is_enough(tmp_path: Path) -> None:
     checkpoint = write_checkpoint(tmp_path / "last.ckpt")
     done = export_checkpoint(checkpoint, tmp_path / "room.onnx", ExportOptions())

@@ -41,6 +41,15 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
         assert 0 < np.abs(a - b).max() < 0.1 * np.ptp(a) + 0.02
 
 
+@pytest.mark.parametrize("count", [1, 64, 65, 127, 200])
+def test_calibration_is_spread_over_all_pictures(tmp_path: Path, count: int) -> None:
+    for number in range(count):
+        write_picture(tmp_path / f"{number:03}.png", np.full((48, 64, 3), number, np.uint8))
+    seen = [round((batch.mean() + 1) * 127.5) for batch in calibration_batches(tmp_path, SPEC)]
+    assert (len(seen), seen[0], seen[-1]) == (min(count, 64), 0, count - 1)
+    assert len(seen) == 1 or max(np.diff(seen)) <= -(-count // 64) + 1
+
+
 def test_calibration_needs_pictures(tmp_path: Path) -> None:
     for folder in (tmp_path, tmp_path / "missing"):
         with pytest.raises(UsageError, match="int8"):

@@ -53,6 +53,20 @@ def test_comes_back_whole(tmp_path: Path) -> None:
     assert all(torch.equal(loaded.method[name], saved.method[name]) for name in saved.method)
 
 
+def test_others_may_read_it_if_they_may_read_other_files(tmp_path: Path) -> None:
+    (tmp_path / "other").touch()
+    assert _saved(tmp_path).stat().st_mode == (tmp_path / "other").stat().st_mode
+
+
+def test_checkpoints_from_before_the_data_was_named_are_of_nyu(tmp_path: Path) -> None:
+    path = _saved(tmp_path)
+    content = torch.load(path, weights_only=True)
+    del content["progress"]["data"], content["progress"]["hfov_deg"]
+    torch.save(content, path)
+    loaded = Checkpoint.load(path).progress
+    assert (loaded.data, loaded.hfov_deg) == ("NYU Depth v2, labelled pairs 1-1000", 63.3)
+
+
 def test_generator_is_the_average_where_there_is_one(tmp_path: Path) -> None:
     for average in (False, True):
         _checkpoint(average=average).save(tmp_path / "a.ckpt")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import tomllib
 from typing import TYPE_CHECKING, Any
 
@@ -161,6 +162,20 @@ def test_losses_against_the_truth_need_pairs(setting: str) -> None:
         return
     with pytest.raises(UsageError, match=rf"^loss\.{setting.partition('=')[0]}.*data\.paired=true"):
         resolve(TrainConfig(), [], [*UNPAIRED, loss])
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        (["data.rotate_deg=20"], "data.zoom"),
+        (["data.crop_286=true", "data.zoom=1.5"], "data.crop_286"),
+        (["data.cutmix=0.5"], "optim.batch_size"),
+        (["optim.epochs_constant=0", "optim.epochs_decay=0"], "optim.epochs_decay"),
+    ],
+)
+def test_what_would_do_nothing_is_refused(settings: list[str], reason: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(reason)):
+        resolve(TrainConfig(), [], settings)
 
 
 @pytest.mark.parametrize("content", [b"seed = ", b"\xff\xfe", None])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +11,14 @@ import cv2
 import pytest
 import torch
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, PAPER, room_data
+from rooms import EFFICIENT, PAPER, room_data, rooms
 
+from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError
 from depthcli.metrics.depth import METRICS
 from depthcli.training.batches import Batch
 from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
+from depthcli.training.config import OutputConfig
 from depthcli.training.finite import finite
 from depthcli.training.loop import CHECKPOINT, METRICS_LOG, Limits, train
 from depthcli.training.run import Run
@@ -157,6 +160,26 @@ def test_run_without_held_out_pairs(tmp_path: Path) -> None:
     done = _train(config, tmp_path, steps=3)
     assert (len(done.train_ids), done.held_out_ids, done.scores) == (6, (), {})
     assert not (tmp_path / "samples").exists()
+
+
+def test_the_run_says_what_it_learned_from(tmp_path: Path) -> None:
+    progress = _train(EFFICIENT, tmp_path, steps=1)
+    assert (progress.data, progress.hfov_deg) == ("six rooms", None)
+    saved = Checkpoint.load(tmp_path / CHECKPOINT).progress
+    assert (saved.data, saved.hfov_deg) == ("six rooms", None)
+
+
+def test_validation_goes_as_far_as_the_output(tmp_path: Path) -> None:
+    far = replace(rooms(), depths_m=rooms().depths_m * 10)
+    fabric = Fabric(accelerator="cpu", devices=1)
+    found = []
+    for max_m in (10.0, 80.0):
+        config = replace(EFFICIENT, output=OutputConfig("log", 0.4, max_m))
+        data = TrainingData(far, "ten times as large", None)
+        folder = tmp_path / f"{max_m}"
+        found.append(train(config, data, folder, fabric, Notes()).scores["rmse"])
+    assert math.isnan(found[0])
+    assert 0 < found[1] < 80
 
 
 def test_limits_stop_after_a_step_and_save(tmp_path: Path) -> None:
