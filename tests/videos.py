@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 
 from depthcli.io.ffmpeg_log import silent_ffmpeg
-from depthcli.io.mkv_finish import opencv_rate
-from depthcli.io.mp4_finish import finish_mp4
+from depthcli.io.mp4_finish import finish_mp4, opencv_rate
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -16,7 +16,7 @@ from depthcli.errors import InputError
 from depthcli.io.manifest import FAILED, OK, Row, written
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from depthcli.cli.batch_recipe import Targets
     from depthcli.inference.pipeline import Pipeline
@@ -81,7 +81,9 @@ class VideoWorker(NamedTuple):
             max_pixels=recipe.max_pixels,
         )
         done = run_video(job, self.pipeline, settings)
-        files = tuple(written(self.targets.plan.out, path) for path in _files(outputs, done.frames))
+        files = tuple(
+            written(self.targets.plan.out, path) for path in _files(outputs, done.numbers)
+        )
         return Row(
             input=found.name,
             status=FAILED if done.problem else OK,
@@ -94,13 +96,13 @@ class VideoWorker(NamedTuple):
         )
 
 
-def _files(outputs: dict[VideoFormat, Path], frames: int) -> Iterator[Path]:
+def _files(outputs: dict[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
     for which, path in outputs.items():
         if which not in SEQUENCES:
             yield path
             continue
         start, _, end = path.name.rpartition("%06d")
-        for number in range(frames):
+        for number in numbers:
             yield path.with_name(f"{start}{number:06d}{end}")
 
 

@@ -82,7 +82,9 @@ class Worker:
             return self._pipeline.predict_many(
                 frames, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
             )
-        except (InputError, MemoryError, ModelError) as error:
+        except UsageError:
+            raise
+        except Exception as error:  # noqa: BLE001 - no picture may stop the others
             if len(frames) == 1:
                 return [blame(error, self._pipeline)]
             return [depth for frame in frames for depth in self._depths([frame])]

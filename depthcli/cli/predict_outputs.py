@@ -93,6 +93,8 @@ def plan_jobs(
     if beside and output is not None:
         json_path = str(Path(output).with_suffix(".json"))
         (plan,) = plan_outputs(sources, json_path, {Format.JSON: ""})
+        if plan.outputs[Format.JSON] in jobs[0].outputs.values():
+            raise UsageError(f"the sidecar would take the place of -o {output}; end it otherwise")
         jobs[0].outputs[Format.JSON] = plan.outputs[Format.JSON]
     return tuple(jobs)
 

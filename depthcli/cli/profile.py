@@ -48,6 +48,9 @@ def save(
     values: dict[str, Value] = context.meta.get(_GIVEN, {})
     if not values:
         raise UsageError("give the options to save, such as --hfov 81 --png-scale 256")
+    from depthcli.cli.profile_check import check_together
+
+    check_together(values)
     path = profile_files.write(name, values, force=force)
     console.out(f"saved {console.one_line(str(path))}")
     return ExitCode.OK
@@ -141,8 +144,9 @@ def _plain(key: str, value: Any) -> Value:  # noqa: ANN401 - whatever an option 
     if isinstance(value, list | tuple):
         return [_scalar(part) for part in value]
     word = _scalar(value)
-    if key == "model" and isinstance(word, str) and os.sep in word and Path(word).exists():
-        return str(Path(word).resolve())  # so that it is found from every folder
+    is_path = isinstance(word, str) and (os.sep in word or word.endswith(".onnx"))
+    if key == "model" and is_path and Path(str(word)).exists():
+        return str(Path(str(word)).resolve())  # so that it is found from every folder
     return word
 
 

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from depthcli.cli import profile_files
 from depthcli.cli.app import COMMANDS, PROFILED
+from depthcli.cli.predict_outputs import FORMAT_OF_SUFFIX as OF_PICTURE
+from depthcli.cli.video_outputs import FORMAT_OF_SUFFIX as OF_VIDEO
 from depthcli.errors import UsageError
+from depthcli.io.naming import is_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -18,6 +21,7 @@ _NEVER = frozenset({"help", "debug", "profile", "output", "out"})
 """Options that belong to one run, or to the command line itself."""
 _ALTERNATIVES = (("focal_px", "hfov"), ("png_scale", "png_normalize"))
 _FORMATS, _OUTPUT = "formats", "output"
+_FOLDERS_ONLY = "batch"
 
 
 class Defaults(dict[str, Any]):
@@ -42,7 +46,8 @@ class Defaults(dict[str, Any]):
         if name != _FORMATS or not _is_given(self._context, _OUTPUT):
             return False
         output = str(self._context.params.get(_OUTPUT))
-        return bool(Path(output).suffix) and not output.endswith("/")
+        names_format = Path(output).suffix.lower() in {*OF_PICTURE, *OF_VIDEO}
+        return names_format and self._context.info_name != _FOLDERS_ONLY and not is_folder(output)
 
 
 def apply(context: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own

@@ -9,8 +9,9 @@ import typer
 from depthcli.cli import options
 from depthcli.cli.numbers import not_negative
 from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
-from depthcli.cli.video_choices import VideoFormat  # noqa: TC001 - typer reads it
+from depthcli.cli.video_choices import VideoFormat
 from depthcli.core.choices import Upsampling
+from depthcli.errors import UsageError
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -132,6 +133,8 @@ def video(
     choose_camera(focal_px, hfov, None)
     span = parse_span(start, end, every)
     chosen = choose_formats(output, formats or ())
+    if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
+        raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     job = plan_video(file, output, chosen, sidecar=sidecar)
     cores = usable_cores()

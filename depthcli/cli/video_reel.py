@@ -94,6 +94,7 @@ class Reel:
         self.scenes = 0
         self.first: tuple[Frame, DepthMap] | None = None
         self.times_s = array("d")
+        self.numbers = array("q")
 
     def see(self, frame: Frame) -> Seen:
         """The network and all that looks at one frame alone; for any thread."""
@@ -112,6 +113,7 @@ class Reel:
             now_s = seen.frame.timestamp_s or 0.0
             interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
             self.times_s.append(now_s)
+            self.numbers.append(seen.frame.index or 0)
             if self.first is None:
                 alone = dataclasses.replace(seen.frame, pixels=np.zeros((1, 1), np.uint8))
                 self.first = (alone, seen.depth)

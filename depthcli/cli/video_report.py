@@ -10,6 +10,7 @@ from depthcli.cli import console
 from depthcli.io.frame_rate import rate_text
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from fractions import Fraction
 
     from depthcli.core.types import DepthMap, Frame
@@ -21,7 +22,7 @@ class VideoDone(NamedTuple):
     Attributes:
         name: the video, as the user wrote it.
         outputs: the files written; a sequence's with ``%06d`` for the frame's number.
-        frames: how many were written.
+        numbers: those of the frames written, from 0 for the first of the file.
         rate: frames a second of the outputs, exact.
         source_rate: frames a second of the video.
         is_regular: whether all frames stand on the rate's grid.
@@ -32,7 +33,7 @@ class VideoDone(NamedTuple):
         scenes: how many scenes there are.
         smooth_s: time constant of the smoothing.
         lock_s: time constant of the preview's range.
-        scale: steps a metre in 16-bit outputs.
+        scale: steps a metre in 16-bit outputs; None where each is stretched.
         provider: what ran the model.
         seconds: from opening the video to the last output.
         warnings: one-line texts.
@@ -41,7 +42,7 @@ class VideoDone(NamedTuple):
 
     name: str
     outputs: tuple[str, ...]
-    frames: int
+    numbers: Sequence[int]
     rate: Fraction
     source_rate: Fraction
     is_regular: bool
@@ -52,11 +53,16 @@ class VideoDone(NamedTuple):
     scenes: int
     smooth_s: float
     lock_s: float
-    scale: float
+    scale: float | None
     provider: str
     seconds: float
     warnings: tuple[str, ...]
     problem: str | None
+
+    @property
+    def frames(self) -> int:
+        """How many were written."""
+        return len(self.numbers)
 
     def as_json(self) -> dict[str, object]:
         """The object of ``--json``."""

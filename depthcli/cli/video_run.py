@@ -11,13 +11,14 @@ from depthcli.cli.video_reel import Reel, VideoSettings
 from depthcli.cli.video_report import VideoDone
 from depthcli.core.opencv_threads import one_thread_each
 from depthcli.core.ordered_map import ordered_map
-from depthcli.errors import InputError
+from depthcli.errors import InputError, OutputError
 from depthcli.io.atomic import atomic_path
 from depthcli.io.sources.video import VideoSource
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from depthcli.cli.looks import Looks
     from depthcli.cli.video_outputs import VideoJob
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.writers.video import Shot, VideoOutput
@@ -51,6 +52,11 @@ def run_video(
         UsageError: the options do not fit the model.
     """
     start = time.perf_counter()
+    for which in job.names:
+        if job.path(which).is_dir():
+            raise OutputError(
+                f"{job.path(which)} is a folder; move it away or choose another --out"
+            )
     with VideoSource(job.source, max_pixels=settings.max_pixels) as source, ExitStack() as stack:
         rate = settings.span.rate(source.rate)
         videos = [which for which in job.names if which is not VideoFormat.JSON]
@@ -76,7 +82,7 @@ def run_video(
         done = VideoDone(
             name=job.name,
             outputs=tuple(str(job.path(which)) for which in job.names),
-            frames=len(times_s),
+            numbers=reel.numbers,
             rate=rate,
             source_rate=source.rate,
             is_regular=is_regular,
@@ -87,7 +93,7 @@ def run_video(
             scenes=reel.scenes,
             smooth_s=settings.smooth_s,
             lock_s=settings.lock_s,
-            scale=settings.looks.png_scale,
+            scale=_scale(job, settings.looks),
             provider=pipeline.session.provider,
             seconds=time.perf_counter() - start,
             warnings=tuple(warnings),
@@ -125,6 +131,12 @@ def _through(
             for output, one in zip(outputs, part, strict=True):
                 output.append(one)
             watch(done, total)
+
+
+def _scale(job: VideoJob, looks: Looks) -> float | None:
+    """Steps a metre in what is written with 16 bits."""
+    is_stretched = looks.png_normalize and VideoFormat.PNG16 in job.names
+    return None if is_stretched else looks.png_scale
 
 
 def _nothing(job: VideoJob, source: VideoSource) -> str:

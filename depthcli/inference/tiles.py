@@ -147,12 +147,18 @@ def _starts(size: int, tile: int) -> list[int]:
 
 def _cut(frame: Frame, grid: TileGrid, tile: tuple[slice, slice]) -> Frame:
     rows, columns = (
-        slice(round(part.start * size / cells), round(part.stop * size / cells))
+        _pixels_of(part, size, cells)
         for part, size, cells in zip(
             tile, (frame.height, frame.width), (grid.height, grid.width), strict=True
         )
     )
     return replace(frame, pixels=frame.pixels[rows, columns])
+
+
+def _pixels_of(part: slice, size: int, cells: int) -> slice:
+    """Where some of the cells along an axis lie in the picture: at least one pixel."""
+    start = min(round(part.start * size / cells), size - 1)
+    return slice(start, max(start + 1, round(part.stop * size / cells)))
 
 
 def _fade(height: int, width: int) -> npt.NDArray[np.float32]:

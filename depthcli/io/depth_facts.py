@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING
 
 from depthcli.io.decode import read_bytes
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _PREFIX = "depthcli:"
+_FRAME_NUMBER = re.compile(r"\.\d{6,}$")
 _SHARED = ("software", "orientation", "model", "model_sha256", "focal_px")
 
 
@@ -45,9 +47,15 @@ def stated_facts(path: Path) -> dict[str, str]:
 
 
 def sidecar_facts(path: Path) -> dict[str, object]:
-    """What our own sidecar beside a file says; empty if there is none."""
+    """What our own sidecar beside a file says, or that of the video it is a frame of."""
+    own = path.with_suffix(".json")
+    return _facts_in(own) or _facts_in(own.with_stem(_FRAME_NUMBER.sub("", own.stem)))
+
+
+def _facts_in(path: Path) -> dict[str, object]:
+    """Our own sidecar; empty if there is none."""
     try:
-        facts = json.loads(path.with_suffix(".json").read_text("utf-8"))
+        facts = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
     ours = isinstance(facts, dict) and str(facts.get("software")).startswith("depthcli ")

@@ -31,15 +31,9 @@ _NANOSECONDS = 1_000_000_000
 _MILLISECONDS = 1000
 _LONGEST_STEP_MS = 32767  # a block's time is a signed 16-bit distance from its cluster's
 _PREFIX = "DEPTHCLI_"
-
-
-def opencv_rate(rate: Fraction) -> float:
-    """A rate for OpenCV's writer at or below the true one.
-
-    Times then only get smaller in :func:`finish_mkv`, so they fit where the larger ones stood.
-    """
-    steps = next((n for n in (1, 10, 100, 1000) if rate * n >= 1), 1000)
-    return max(1, int(rate * steps)) / steps
+OPENCV_RATE = 0.01
+"""Frames a second for OpenCV's writer, whatever the true rate: at 100 s a frame, FFmpeg begins a
+cluster for each and leaves room for large times, so that every true time fits where one stood."""
 
 
 def finish_mkv(
@@ -159,7 +153,10 @@ def _retime(
                 continue
             file.seek(block.start + 1)  # behind the track's number
             old = old_base + struct.unpack(">h", file.read(2))[0]
-            step = min(times_ms[count] - times_ms[0], _LONGEST_STEP_MS)
+            step = times_ms[count] - times_ms[0]
+            if step > _LONGEST_STEP_MS:
+                msg = f"a frame {step} ms after its cluster does not fit"
+                raise ValueError(msg)
             file.seek(block.start + 1)
             file.write(struct.pack(">h", step))
             moved[old] = times_ms[0] + step

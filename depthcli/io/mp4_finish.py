@@ -36,6 +36,12 @@ class Clock(NamedTuple):
     steps: tuple[int, ...]
 
 
+def opencv_rate(rate: Fraction) -> float:
+    """A rate that OpenCV's writer and MPEG-4 have room for; :func:`finish_mp4` makes it exact."""
+    steps = next((n for n in (1, 10, 100, 1000) if rate * n >= 1), 1000)
+    return max(1, int(rate * steps)) / steps
+
+
 def clock(rate: Fraction, times_s: Sequence[float]) -> Clock:
     """Ticks for frames: exact where they lie on the rate's grid, else to 1/90000 s.
 

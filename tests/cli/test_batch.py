@@ -15,7 +15,7 @@ import onnx
 import pytest
 from folders import contents, picture, printed, rows, tree
 from tiny import synthetic_picture, tiny_onnx, write_model, write_picture
-from videos import flat_frames, write_video
+from videos import flat_frames, write_mp4, write_video
 
 from depthcli.io.depth_videos import DepthVideo
 
@@ -461,3 +461,30 @@ def test_workers_threads_and_batch_size_change_no_byte(cli: Cli) -> None:
         outputs.append({n: d for n, d in contents(cli, out).items() if n != "manifest.jsonl"})
     assert len(outputs[0]) == 7
     assert outputs[0] == outputs[1] == outputs[2]
+
+
+def test_a_thin_strip_in_tiles_stops_no_other(cli: Cli) -> None:
+    tree(cli, "a.png", "c.png")
+    strip = np.full((2, 3000, 3), 90, np.uint8)
+    assert cv2.imwrite(str(cli.folder / "in" / "b.png"), strip)
+    done = cli("batch", "in", "--out", "out", "--tile", "300", "--workers", "1")
+    assert done.returncode == 0, done.stderr
+    assert (cli.folder / "out" / "b.depth.png").is_file()
+
+
+def test_the_frames_of_a_damaged_video_are_all_in_the_manifest(cli: Cli) -> None:
+    rng = np.random.default_rng(0)
+    (cli.folder / "in").mkdir()
+    frames = [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(40)]
+    path = write_mp4(cli.folder / "in" / "clip.mp4", frames)
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + len(data) // 10] = bytes(len(data) // 10)
+    path.write_bytes(data)
+    done = cli("batch", "in", "--out", "out", "--format", "npy", "--json")
+    assert done.returncode == 1
+    (row,) = (json.loads(line) for line in done.stdout.splitlines())
+    assert "cannot be decoded" in row["error"]
+    written = {f"clip.depth.{number:06d}.npy" for number in range(40)}
+    seen = {p.name for p in (cli.folder / "out").glob("*.npy")}
+    assert {output["path"] for output in row["outputs"]} == seen < written

@@ -460,3 +460,11 @@ def test_every_line_is_out_when_the_process_ends(cli: Cli, count: int) -> None:
     assert done.returncode == 1
     assert len(done.stdout.splitlines()) == count + 1
     assert len(done.stderr.splitlines()) == count + 1
+
+
+def test_a_sidecar_does_not_take_the_place_of_the_depth(cli: Cli) -> None:
+    done = cli("predict", "room.png", "-o", "e.json", "--format", "exr", "--sidecar")
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2
+    assert b"take the place of -o e.json" in line
+    assert not (cli.folder / "e.json").exists()

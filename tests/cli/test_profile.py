@@ -235,3 +235,49 @@ def test_an_option_of_another_command_is_passed_over(home: Home, picture: Path) 
 def test_what_is_saved_is_read_back(values: dict[str, object]) -> None:
     text = "".join(f"{key} = {_toml(value)}\n" for key, value in values.items())  # type: ignore[arg-type]
     assert tomllib.loads(text) == values
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (("--tile", "abc"), "--tile is auto or a width"),
+        (("--anchor", "foo"), "'foo'"),
+        (("--max-memory", "x"), "--max-memory is a number"),
+        (("--start", "foo"), "--start 'foo'"),
+        (("--start", "3", "--end", "2"), "not after --start"),
+        (("--provider", "nosuch"), "no provider is called 'nosuch'"),
+        (("--provider", "cuda", "--provider-option", "a"), "not KEY=VALUE"),
+        (("--focal-px", "5", "--hfov", "60"), "--focal-px or --hfov"),
+        (("--png-scale", "5", "--png-normalize"), "--png-scale or --png-normalize"),
+        (("--vmin", "5", "--vmax", "5"), "--vmin and --vmax"),
+    ],
+)
+def test_what_no_command_would_take_is_not_saved(
+    home: Home, words: tuple[str, ...], problem: str
+) -> None:
+    code, out, err = home.run("profile", "save", "p", *words)
+    (line,) = err.splitlines()
+    assert (code, out) == (2, "")
+    assert problem in line
+    assert home.run("profile", "list", "--json")[1] == ""
+
+
+def test_a_folder_with_a_dot_in_its_name_says_no_format(home: Home, picture: Path) -> None:
+    home.run("profile", "save", "p", "--format", "npy")
+    (home.cli.folder / "in").mkdir()
+    (home.cli.folder / "in" / "a.png").write_bytes(picture.read_bytes())
+    for name in ("depth.v2", "more.png"):
+        assert home.run("batch", "in", "--out", name, "--profile", "p")[0] == 0
+        assert (home.cli.folder / name / "a.depth.npy").is_file()
+    (home.cli.folder / "out.2024").mkdir()
+    assert home.run("predict", picture, "-o", "out.2024", "--profile", "p")[0] == 0
+    assert [p.name for p in (home.cli.folder / "out.2024").iterdir()] == ["room.depth.npy"]
+
+
+def test_a_model_file_is_found_from_every_folder(home: Home) -> None:
+    write_model(home.cli.folder / "mine")
+    (home.cli.folder / "mine" / "model.onnx").rename(home.cli.folder / "m.onnx")
+    (home.cli.folder / "mine" / "card.json").rename(home.cli.folder / "m.card.json")
+    assert home.run("profile", "save", "p", "--model", "m.onnx")[0] == 0
+    saved = tomllib.loads((home.folder / "p.toml").read_text())
+    assert saved == {"model": str(home.cli.folder / "m.onnx")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import time
@@ -419,3 +420,47 @@ def test_names_of_outputs(tmp_path: Path) -> None:
     assert plan_video("a.mov", str(tmp_path), formats).folder == tmp_path
     assert choose_formats("frames", ()) == (VideoFormat.MKV, VideoFormat.MP4)
     assert set(SUFFIXES) == set(VideoFormat)
+
+
+def test_a_name_that_is_not_utf_8_is_an_error_and_no_crash(cli: Cli) -> None:
+    ramp(cli, 3)
+    folder = os.fsdecode(b"\xfeout")
+    done = cli("video", "clip.mp4", "--out", f"{folder}/")
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 1
+    assert b"not UTF-8" in line
+    assert here(cli) == {"clip.mp4"}
+    done = cli("video", "clip.mp4", "--out", f"{folder}/", "--format", "png16")
+    assert done.returncode == 0, done.stderr
+    assert len(here(cli)) == 4
+
+
+def test_frames_of_an_inverse_video_know_their_kind_from_its_sidecar(cli: Cli) -> None:
+    write_model(
+        cli.models / "default", output__kind="inverse", output__min_m=None, output__max_m=None
+    )
+    ramp(cli, 3)
+    assert cli("video", "clip.mp4", "--format", "npy", "--sidecar").returncode == 0
+    facts = json.loads(cli("info", "clip.depth.000002.npy", "--json").stdout)
+    assert (facts["kind"], facts["unit"]) == ("inverse", None)
+
+
+def test_stretched_frames_have_no_scale(cli: Cli) -> None:
+    ramp(cli, 3)
+    words = ("video", "clip.mp4", "--png-normalize", "--sidecar", "--format", "png16")
+    assert cli(*words).returncode == 0
+    assert json.loads((cli.folder / "clip.depth.json").read_text())["scale"] is None
+    done = cli(*words, "--format", "mkv")
+    assert done.returncode == 2
+    assert b"mkv is in millimetres" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["clip.depth.mkv", "clip.preview.mp4"])
+def test_a_folder_in_the_place_of_an_output_is_seen_at_once(cli: Cli, name: str) -> None:
+    ramp(cli, 3)
+    (cli.folder / name).mkdir()
+    done = cli("video", "clip.mp4")
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 1
+    assert b"is a folder" in line
+    assert here(cli) == {"clip.mp4"}

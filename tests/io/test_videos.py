@@ -129,6 +129,27 @@ def test_a_late_frame_of_a_long_video_is_still_in_place(tmp_path: Path) -> None:
     assert times_ms[-1] == pytest.approx(round(39_999 * 1001 / 30))
 
 
+@pytest.mark.parametrize(
+    "times_s",
+    [
+        [0, 0.04, 40, 40.04, 40.08, 120],  # pauses
+        [i / 24 for i in range(48)] + [2 + 60 * i for i in range(48)],  # slower than the mean
+        [2 * i for i in range(48)] + [96 + i / 60 for i in range(400)],  # ahead of the mean
+        [0, 16_000],
+    ],
+)
+@pytest.mark.parametrize("rate", [Fraction(25), Fraction(1, 3)])
+def test_times_far_from_the_mean_rate_are_kept(
+    tmp_path: Path, times_s: list[float], rate: Fraction
+) -> None:
+    maps = [np.full((16, 16), 1 + 0.001 * i, np.float32) for i in range(len(times_s))]
+    write_depth(tmp_path / "a.mkv", maps, rate, times_s=times_s)
+    wanted_ms = [round(time_s * 1000) for time_s in times_s]
+    assert seen_times_ms(tmp_path / "a.mkv")[1] == pytest.approx(wanted_ms)
+    steps = [int(frame[0, 0]) for frame in DepthVideo(tmp_path / "a.mkv").steps()]
+    assert steps == [1000 + i for i in range(len(times_s))]
+
+
 def test_uneven_times_are_kept(tmp_path: Path) -> None:
     times_s = [0, 0.033, 0.067, 0.2, 0.233, 1.5]
     maps = [np.ones((16, 16), np.float32)] * 6
@@ -365,16 +386,18 @@ def noise_frames(count: int) -> list[np.ndarray[Any, Any]]:
     return [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(count)]
 
 
-def test_a_damaged_place_costs_its_frames_and_not_the_rest(tmp_path: Path) -> None:
+@pytest.mark.parametrize("place", [0.0, 0.5])
+def test_a_damaged_place_costs_its_frames_and_not_the_rest(tmp_path: Path, place: float) -> None:
     path = write_mp4(tmp_path / "a.mp4", noise_frames(60))
     data = bytearray(path.read_bytes())
-    middle = len(data) // 2
-    data[middle : middle + len(data) // 12] = bytes(len(data) // 12)
+    start = data.index(b"mdat") + 4 + round(place * len(data))
+    data[start : start + len(data) // 12] = bytes(len(data) // 12)
     path.write_bytes(data)
     with VideoSource(path) as source:
         frames = list(source.frames())
     missing = set(range(60)) - {frame.index for frame in frames}
     assert missing
+    assert (min(missing) == 0) == (place == 0)
     assert frames[-1].index == 59
     assert max(missing) < 50
     times_s = [float(frame.index / NTSC) for frame in frames]

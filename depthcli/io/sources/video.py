@@ -123,7 +123,8 @@ class VideoSource:
         first_ms = 0.0
         while (failed := self._passed_over(index)) is not None:
             measured_ms = self._capture.get(cv2.CAP_PROP_POS_MSEC)
-            first_ms = measured_ms if index == 0 else first_ms
+            if self._time_s < 0:  # frames lost before the first one had their times, too
+                first_ms = measured_ms - float(1000 * failed / self.rate)
             measured_s = (measured_ms - first_ms) / 1000
             index += self._missed(index, measured_s, failed) if failed else 0
             time_s = self._time(index, measured_s)
@@ -138,12 +139,12 @@ class VideoSource:
     def _missed(self, index: int, measured_s: float, failed: int) -> int:
         """How many frames are missing before the one at hand, by its time if that is regular."""
         by_time = round(measured_s * self.rate)
-        if index and self._is_regular(by_time, measured_s):
+        if self._is_regular(by_time, measured_s):
             failed = by_time - index
         if failed > 0:
             self._lost += failed
             self.problem = f"it is damaged: {self._lost} frames cannot be decoded"
-        return failed if index else 0
+        return failed
 
     def _time(self, index: int, measured_s: float) -> Fraction:
         """The frame's place on the grid of the exact rate, or what was measured if it is not."""

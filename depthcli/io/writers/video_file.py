@@ -11,8 +11,8 @@ import numpy as np
 
 from depthcli.errors import OutputError
 from depthcli.io.ffmpeg_log import silent_ffmpeg
-from depthcli.io.mkv_finish import finish_mkv, opencv_rate
-from depthcli.io.mp4_finish import finish_mp4
+from depthcli.io.mkv_finish import OPENCV_RATE, finish_mkv
+from depthcli.io.mp4_finish import finish_mp4, opencv_rate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -113,13 +113,20 @@ class VideoFile:
             *(cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U if gray else cv2.CV_8U),
         ]
         code = cv2.VideoWriter.fourcc(*self._codec.value)
+        try:
+            name = str(self._path).encode().decode()
+        except UnicodeEncodeError as error:  # OpenCV would crash
+            raise OutputError(
+                f"{self._path} is not UTF-8, which a video's name has to be; choose another --out, "
+                "or files with --format png16 or --format exr"
+            ) from error
         self._path.touch()  # what is wrong with the folder is said by the system, not by OpenCV
         with silent_ffmpeg():
             writer = cv2.VideoWriter(
-                str(self._path),
+                name,
                 cv2.CAP_FFMPEG,
                 code,
-                opencv_rate(self._rate),
+                OPENCV_RATE if gray else opencv_rate(self._rate),
                 (width, height),
                 options,
             )

@@ -1,0 +1,54 @@
+"""Options of a profile that each are right, but mean nothing or not together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from depthcli.cli.camera import choose_camera
+from depthcli.cli.detail import choose_detail
+from depthcli.cli.engine import provider_options
+from depthcli.cli.video_choices import parse_span
+from depthcli.core.choices import Upsampling
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from depthcli.cli.profile_files import Value
+
+
+def check_together(values: Mapping[str, Value]) -> None:
+    """Refuse what ``predict``, ``batch`` or ``video`` would refuse before they read anything.
+
+    Args:
+        values: options by their names without dashes in front.
+
+    Raises:
+        UsageError: as these commands.
+    """
+
+    def words(key: str) -> list[str]:
+        value = values.get(key, [])
+        return [str(part) for part in value] if isinstance(value, list) else [str(value)]
+
+    def word(key: str) -> str | None:
+        return words(key)[-1] if key in values else None
+
+    def number(key: str) -> float | None:
+        value = values.get(key)
+        return float(value) if isinstance(value, int | float) else None
+
+    choose_camera(number("focal-px"), number("hfov"), words("anchor"))
+    choose_detail(Upsampling.BILINEAR, word("tile"), word("max-memory"))
+    parse_span(word("start"), word("end"), word("every"))
+    provider_options(words("provider-option"))
+    if "png-scale" in values and values.get("png-normalize"):
+        raise UsageError("give --png-scale or --png-normalize, not both")
+    if "vmin" in values and values["vmin"] == values.get("vmax"):
+        raise UsageError("--vmin and --vmax are equal; spread them")
+    if "provider" in values:
+        from depthcli.inference.providers import AUTO, PROVIDERS
+
+        if word("provider") not in {AUTO, *PROVIDERS}:
+            names = ", ".join((AUTO, *PROVIDERS))
+            raise UsageError(f"no provider is called {word('provider')!r}; give one of {names}")
