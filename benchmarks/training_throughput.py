@@ -148,7 +148,7 @@ def main() -> None:
     logging.getLogger("lightning_fabric").setLevel(logging.ERROR)
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, help="NYU pairs; default: random pictures")
-    parser.add_argument("--rounds", type=int, default=4)
+    parser.add_argument("--rounds", type=int, default=12)
     parser.add_argument("--steps", type=int, default=12)
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     options = parser.parse_args()

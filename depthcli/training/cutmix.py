@@ -9,6 +9,7 @@ Features", ICCV 2019; here the labels are mixed by the pixel, not by the share.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import torch
@@ -32,18 +33,19 @@ def cutmix(maps: list[Tensor], share: float, random: torch.Generator) -> list[Te
     """
     count, _, height, width = maps[0].shape
     chosen = torch.rand(count, generator=random) < share
-    drawn = torch.rand(4, count, 1, generator=random)
-    inside_x = _stretch(drawn[0], drawn[1], width)
-    inside_y = _stretch(drawn[2], drawn[3], height)
-    inside = inside_y[:, :, None] & inside_x[:, None, :] & chosen[:, None, None]
-    inside = inside[:, None].to(maps[0].device)
-    return [torch.where(inside, values.roll(1, 0), values) for values in maps]
+    drawn = torch.rand(4, count, generator=random).tolist()
+    mixed = [values.clone() for values in maps]
+    for i in chosen.nonzero()[:, 0].tolist():
+        columns = _stretch(drawn[0][i], drawn[1][i], width)
+        rows = _stretch(drawn[2][i], drawn[3][i], height)
+        for new, values in zip(mixed, maps, strict=True):
+            new[i, :, rows, columns] = values[i - 1, :, rows, columns]
+    return mixed
 
 
-def _stretch(size: Tensor, place: Tensor, length: int) -> Tensor:
-    """Which of ``length`` pixels lie in a stretch, (B, length), for draws (B, 1) in [0, 1)."""
+def _stretch(size: float, place: float, length: int) -> slice:
+    """The pixels whose centres lie in a stretch of ``length`` pixels, for draws in [0, 1)."""
     least, most = _SIDES
     extent = least + (most - least) * size
     start = place * (1 - extent)
-    centres = (torch.arange(length) + 0.5) / length
-    return (centres >= start) & (centres < start + extent)
+    return slice(*(math.ceil(end * length - 0.5) for end in (start, start + extent)))
