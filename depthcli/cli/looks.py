@@ -81,6 +81,20 @@ class Looks(NamedTuple):
         )
 
 
+def check_looks(
+    png_scale: float | None, vmin: float | None, vmax: float | None, *, png_normalize: bool
+) -> None:
+    """Refuse options that contradict each other.
+
+    Raises:
+        UsageError: they do.
+    """
+    if png_normalize and png_scale is not None:
+        raise UsageError("give --png-scale or --png-normalize, not both")
+    if vmin is not None and vmin == vmax:
+        raise UsageError("--vmin and --vmax are equal; spread them")
+
+
 def choose_looks(
     *,
     png_scale: float | None,
@@ -99,10 +113,7 @@ def choose_looks(
     Raises:
         UsageError: they contradict each other.
     """
-    if png_normalize and png_scale is not None:
-        raise UsageError("give --png-scale or --png-normalize, not both")
-    if vmin is not None and vmin == vmax:
-        raise UsageError("--vmin and --vmax are equal; spread them")
+    check_looks(png_scale, vmin, vmax, png_normalize=png_normalize)
     return Looks(
         png_scale=MILLIMETRES if png_scale is None else png_scale,
         png_normalize=png_normalize,

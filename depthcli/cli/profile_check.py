@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from depthcli.cli.camera import choose_camera
 from depthcli.cli.detail import choose_detail
 from depthcli.cli.engine import provider_options
+from depthcli.cli.looks import check_looks
 from depthcli.cli.video_choices import parse_span
 from depthcli.core.choices import Upsampling
-from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -42,13 +42,13 @@ def check_together(values: Mapping[str, Value]) -> None:
     choose_detail(Upsampling.BILINEAR, word("tile"), word("max-memory"))
     parse_span(word("start"), word("end"), word("every"))
     provider_options(words("provider-option"))
-    if "png-scale" in values and values.get("png-normalize"):
-        raise UsageError("give --png-scale or --png-normalize, not both")
-    if "vmin" in values and values["vmin"] == values.get("vmax"):
-        raise UsageError("--vmin and --vmax are equal; spread them")
+    check_looks(
+        number("png-scale"),
+        number("vmin"),
+        number("vmax"),
+        png_normalize=bool(values.get("png-normalize")),
+    )
     if "provider" in values:
-        from depthcli.inference.providers import AUTO, PROVIDERS
+        from depthcli.inference.providers import check_name
 
-        if word("provider") not in {AUTO, *PROVIDERS}:
-            names = ", ".join((AUTO, *PROVIDERS))
-            raise UsageError(f"no provider is called {word('provider')!r}; give one of {names}")
+        check_name(str(values["provider"]))

@@ -37,6 +37,17 @@ def available_providers() -> tuple[str, ...]:
     return tuple(name for name, full in PROVIDERS.items() if full in built)
 
 
+def check_name(provider: str) -> None:
+    """Refuse a word that is neither ``auto`` nor a provider.
+
+    Raises:
+        UsageError: no provider has this name.
+    """
+    if provider not in {AUTO, *PROVIDERS}:
+        names = ", ".join((AUTO, *PROVIDERS))
+        raise UsageError(f"no provider is called {provider!r}; give one of {names}")
+
+
 def wanted_providers(provider: str) -> tuple[str, ...]:
     """What to try, best first.
 
@@ -50,9 +61,7 @@ def wanted_providers(provider: str) -> tuple[str, ...]:
     available = available_providers()
     if provider == AUTO:
         return tuple(name for name in _AUTO_ORDER if name in available)
-    if provider not in PROVIDERS:
-        names = ", ".join((AUTO, *PROVIDERS))
-        raise UsageError(f"no provider is called {provider!r}; give one of {names}")
+    check_name(provider)
     if provider not in available:
         raise ProviderError(
             f"provider {provider!r} is not in this onnxruntime (it has {', '.join(available)}); "

@@ -17,10 +17,14 @@ from folders import contents, picture, printed, rows, tree
 from tiny import synthetic_picture, tiny_onnx, write_model, write_picture
 from videos import flat_frames, write_mp4, write_video
 
+from depthcli.cli.app import main
+from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth_videos import DepthVideo
 
 if TYPE_CHECKING:
     from conftest import Cli
+
+    from depthcli.core.types import DepthMap, Frame
 
 
 def test_the_tree_is_kept_and_outputs_are_those_of_predict(cli: Cli) -> None:
@@ -488,3 +492,27 @@ def test_the_frames_of_a_damaged_video_are_all_in_the_manifest(cli: Cli) -> None
     written = {f"clip.depth.{number:06d}.npy" for number in range(40)}
     seen = {p.name for p in (cli.folder / "out").glob("*.npy")}
     assert {output["path"] for output in row["outputs"]} == seen < written
+
+
+def test_an_error_that_nobody_foresaw_stops_no_other(
+    cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = Pipeline.predict_many
+
+    def predict_many(self: Pipeline, frames: list[Frame], **camera: float | None) -> list[DepthMap]:
+        if any(frame.width == 7 for frame in frames):
+            raise ValueError("seven")
+        return list(whole(self, frames, **camera))
+
+    monkeypatch.setattr(Pipeline, "predict_many", predict_many)
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(cli.models))
+    tree(cli, "a.png", "z.png")
+    picture(cli, "seven.png", np.zeros((5, 7), np.uint8))
+    folders = (str(cli.folder / "in"), "--out", str(cli.folder / "out"))
+    assert main(["batch", *folders, "--workers", "1", "--batch-size", "3"]) == 1
+    found = rows(cli, "out")
+    assert {name: row["status"] for name, row in found.items()} == {
+        **dict.fromkeys(("a.png", "z.png"), "ok"),
+        "seven.png": "failed",
+    }
+    assert found["seven.png"]["error"] == "unexpected ValueError: seven"
