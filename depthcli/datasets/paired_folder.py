@@ -151,11 +151,12 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
 
 
 def _files(folder: Path) -> list[Path]:
-    """All files below a folder in the order of their names; links to folders are followed once."""
+    """All files below a folder in the order of their names; links are followed, not in circles."""
     found, entered = [], set()
     for place, folders, names in os.walk(folder, followlinks=True):
         entered.add(os.path.realpath(place))
-        folders[:] = [f for f in folders if os.path.realpath(Path(place, f)) not in entered]
+        # In the order of names, so that rgb/ and depth/ leave out the same links.
+        folders[:] = sorted(f for f in folders if os.path.realpath(Path(place, f)) not in entered)
         found += [Path(place, name) for name in names]
     return sorted(found)
 
