@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import os
-import pty
 import signal
-import struct
 import subprocess
 import sys
-import termios
-from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+from command_line import ROOT, Cli
+from hypothesis import HealthCheck, settings
 from tiny import write_model, write_picture
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# How long an example takes says nothing about what is tested, least of all on a busy machine.
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")
 
 # A shell that starts the tests in the background lets them, and all that they start, ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture
@@ -52,65 +52,6 @@ def _checked(command: list[str]) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"{command}: {done.stdout}{done.stderr}")
-
-
-@dataclass(frozen=True)
-class Cli:
-    """The installed wheel's command line, run in a folder away from the source.
-
-    Its default model is the tiny one.
-    """
-
-    site: Path
-    folder: Path
-    models: Path
-
-    @property
-    def environment(self) -> dict[str, str]:
-        """The wheel first; the tests' own folder is never on the path."""
-        home = str(self.folder.parent / "home")  # the tester's own models and profiles stay out
-        own = {"DEPTHCLI_MODELS": str(self.models), "XDG_DATA_HOME": home, "XDG_CONFIG_HOME": home}
-        return {**os.environ, "PYTHONPATH": str(self.site), **own}
-
-    def __call__(
-        self, *arguments: str | os.PathLike[str], stdin: bytes = b"", **environment: str
-    ) -> subprocess.CompletedProcess[bytes]:
-        """Run a command to its end."""
-        return subprocess.run(
-            self.command(*arguments),
-            input=stdin,
-            capture_output=True,
-            cwd=self.folder,
-            env={**self.environment, **environment},
-            check=False,
-            timeout=60,
-        )
-
-    def on_a_terminal(
-        self, *arguments: str | os.PathLike[str], columns: int = 100
-    ) -> tuple[int, str]:
-        """Exit code of a command, and all that its terminal got."""
-        ours, theirs = pty.openpty()
-        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 40, columns, 0, 0))
-        with os.fdopen(ours, "rb", buffering=0) as terminal:
-            process = subprocess.Popen(
-                self.command(*arguments),
-                stdin=theirs,
-                stdout=theirs,
-                stderr=theirs,
-                cwd=self.folder,
-                env={**self.environment, "TERM": "xterm"},
-            )
-            os.close(theirs)
-            shown = b""
-            with contextlib.suppress(OSError):  # how a closed terminal reads on Linux
-                while piece := terminal.read(4096):
-                    shown += piece
-        return process.wait(timeout=60), shown.decode()
-
-    def command(self, *arguments: str | os.PathLike[str]) -> list[str]:
-        """The words of a command, for tests that start the process themselves."""
-        return [sys.executable, "-m", "depthcli", *(os.fspath(word) for word in arguments)]
 
 
 @pytest.fixture

@@ -127,9 +127,10 @@ def _strip(spec: InputSpec, width: int, height: int) -> Layout:
     """A picture so long that its lower bound would not fit into memory: 100 GB for 1 x 5000."""
     most = _MOST_PIXELS * spec.width * spec.height
     scale = math.sqrt(most / (width * height))
-    sizes = [_multiple(scale * length, spec.multiple_of) for length in (width, height)]
-    tallest, widest = (most // length // spec.multiple_of * spec.multiple_of for length in sizes)
-    return _filled(min(sizes[0], widest), min(sizes[1], tallest))
+    short = _multiple(scale * min(width, height), spec.multiple_of)
+    longest = max(spec.multiple_of, most // short // spec.multiple_of * spec.multiple_of)
+    long = min(_multiple(scale * max(width, height), spec.multiple_of), longest)
+    return _filled(long, short) if width > height else _filled(short, long)
 
 
 def _at_least(size: float, step: int, least: int) -> int:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import numpy as np
-    from conftest import Cli
+    from command_line import Cli
 
 
 def picture(cli: Cli, name: str, pixels: np.ndarray[Any, Any]) -> Path:

@@ -22,7 +22,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth_videos import DepthVideo
 
 if TYPE_CHECKING:
-    from conftest import Cli
+    from command_line import Cli
 
     from depthcli.core.types import DepthMap, Frame
 

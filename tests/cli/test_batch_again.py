@@ -13,7 +13,7 @@ from folders import contents, picture, printed, rows, tree
 from tiny import write_model
 
 if TYPE_CHECKING:
-    from conftest import Cli
+    from command_line import Cli
 
 JOURNAL = ".depthcli-batch.jsonl"
 COUNT = 120

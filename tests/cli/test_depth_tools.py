@@ -20,7 +20,7 @@ from depthcli.io.writers.video import Shot, depth_video
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from conftest import Cli
+    from command_line import Cli
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from depthcli.core.choices import Detail, Upsampling
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
-    from conftest import Cli
+    from command_line import Cli
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 HEIGHT, WIDTH = 2400, 3200

@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from conftest import Cli
+    from command_line import Cli
 
 
 def checks(stdout: bytes) -> dict[str, dict[str, str]]:

@@ -6,11 +6,11 @@ import hashlib
 import json
 from typing import TYPE_CHECKING
 
-from conftest import ROOT
+from command_line import ROOT
 from tiny import write_model, write_picture
 
 if TYPE_CHECKING:
-    from conftest import Cli
+    from command_line import Cli
 
 
 def spoil(cli: Cli, name: str) -> None:

@@ -13,7 +13,7 @@ import pytest
 from tiny import tiny_onnx, write_model, write_picture
 
 if TYPE_CHECKING:
-    from conftest import Cli
+    from command_line import Cli
 
 FORMATS = ("png16", "exr", "npy", "preview", "json")
 

@@ -26,7 +26,7 @@ from depthcli.io.writers.registry import WRITERS, writer_class
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from conftest import Cli
+    from command_line import Cli
 
 EXPECTED_M = 1 + 8 / 255 * synthetic_picture().max(axis=-1).astype(np.float32)
 

@@ -18,7 +18,7 @@ from depthcli.cli.app import COMMANDS, PROFILED
 from depthcli.cli.profile_files import _toml
 
 if TYPE_CHECKING:
-    from conftest import Cli
+    from command_line import Cli
 
 
 class Home:

@@ -14,7 +14,7 @@ from depthcli.cli import batch_progress, video_progress
 from depthcli.cli.batch_progress import Tally
 
 if TYPE_CHECKING:
-    from conftest import Cli
+    from command_line import Cli
 
 
 def test_a_batch_has_a_bar_on_a_terminal(cli: Cli) -> None:

@@ -15,7 +15,7 @@ from depthcli.cli.app import COMMANDS
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from conftest import Cli
+    from command_line import Cli
 
 HEAVY = {"numpy", "cv2", "onnxruntime", "torch", "rich", "OpenEXR", "importlib.metadata"}
 

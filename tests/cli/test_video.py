@@ -29,7 +29,7 @@ from depthcli.io.sources.video_span import Point, Span
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from conftest import Cli
+    from command_line import Cli
 
 
 def here(cli: Cli) -> set[str]:

@@ -94,6 +94,22 @@ def test_a_dynamic_size_is_a_multiple(width: int, height: int, step: int, fit: F
     assert not place.is_padded
 
 
+@pytest.mark.parametrize(
+    ("size", "nominal", "step"),
+    [((1, 322), (160, 128), 32), ((322, 1), (128, 160), 32), ((30_000, 1), (518, 518), 14)],
+)
+def test_a_line_of_pixels_has_a_size(
+    size: tuple[int, int], nominal: tuple[int, int], step: int
+) -> None:
+    width, height = nominal
+    bounded = spec(width=width, height=height, multiple_of=step, fit=Fit.LOWER_BOUND)
+    batch, place = prepare(bounded, Frame(np.zeros(size[::-1], np.uint8)))
+    assert batch.shape == (1, 1, place.height, place.width)
+    assert min(place.width, place.height) == step
+    assert place.width * place.height <= 16 * width * height
+    assert (place.width > place.height) == (size[0] > size[1])
+
+
 def test_a_dynamic_size_keeps_aspect_and_pixel_count() -> None:
     place = layout(spec(width=160, height=120, fit=Fit.KEEP_ASPECT), 1000, 250)
     assert place.width / place.height == pytest.approx(4, rel=0.02)
