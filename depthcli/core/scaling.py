@@ -42,6 +42,24 @@ class KnownPoint(Protocol):
         ...
 
 
+def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
+    """Refuse a camera that cannot be.
+
+    Args:
+        focal_px: focal length in pixels, above 0; None if it is not known.
+        hfov_deg: horizontal field of view, degrees, inside (0, 180), in its place; None likewise.
+
+    Raises:
+        UsageError: one is out of range, or both are given.
+    """
+    if focal_px is not None and hfov_deg is not None:
+        raise UsageError("give the focal length or the field of view, not both")
+    if focal_px is not None and not 0 < focal_px < math.inf:
+        raise UsageError(f"a focal length of {focal_px:g} pixels is not a number above 0")
+    if hfov_deg is not None and not 0 < hfov_deg < _STRAIGHT_ANGLE_DEG:
+        raise UsageError(f"a field of view of {hfov_deg:g}° is not between 0 and 180")
+
+
 def focal_px(hfov_deg: float, width: int) -> float:
     """Focal length in pixels of a picture ``width`` pixels wide.
 
@@ -52,8 +70,7 @@ def focal_px(hfov_deg: float, width: int) -> float:
     Raises:
         UsageError: the field of view is out of range.
     """
-    if not 0 < hfov_deg < _STRAIGHT_ANGLE_DEG:
-        raise UsageError(f"a field of view of {hfov_deg:g}° is not between 0 and 180")
+    check_camera(None, hfov_deg)
     return width / 2 / math.tan(math.radians(hfov_deg) / 2)
 
 

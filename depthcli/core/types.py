@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from depthcli.core.pixels import check_pixels
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,7 +27,8 @@ class DepthKind(StrEnum):
     """Inverse depth up to an unknown scale and shift; larger is nearer."""
 
 
-@dataclass(frozen=True, slots=True)
+# Identity in place of equality: what == would mean of two arrays is one answer for each pixel.
+@dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """One decoded picture, upright.
 
@@ -45,6 +48,14 @@ class Frame:
     timestamp_s: float | None = None
     orientation: int = 1
     focal_35mm: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what no model was made for.
+
+        Raises:
+            InputError: another shape or type, or floats that are not in [0, 1].
+        """
+        check_pixels(self.pixels)
 
     @property
     def height(self) -> int:
@@ -67,20 +78,24 @@ class Frame:
 class Provenance:
     """Where a depth map came from; written into its files, never needed to decode them.
 
+    Of a map that was read from a file, what the file does not state is None.
+
     Attributes:
         model: name of the model, as in its card.
         model_sha256: checksum of the ONNX file, 64 hex digits.
         input_size_px: (width, height) of the tensor the network saw.
         focal_px: focal length used to scale metres, in pixels of the picture; None if not scaled.
+        orientation: the EXIF orientation (1-8) of the picture that was undone on reading it.
     """
 
-    model: str
-    model_sha256: str
-    input_size_px: tuple[int, int]
+    model: str | None = None
+    model_sha256: str | None = None
+    input_size_px: tuple[int, int] | None = None
     focal_px: float | None = None
+    orientation: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class DepthMap:
     """Depth of every pixel of one picture.
 
@@ -92,7 +107,7 @@ class DepthMap:
 
     values: npt.NDArray[np.float32]
     kind: DepthKind = DepthKind.METRIC
-    provenance: Provenance | None = field(default=None, compare=False)
+    provenance: Provenance | None = None
 
     def __post_init__(self) -> None:
         if self.values.ndim != 2 or self.values.dtype != np.float32:  # noqa: PLR2004
@@ -113,3 +128,16 @@ class DepthMap:
     def is_metric(self) -> bool:
         """Whether the values are metres."""
         return self.kind is DepthKind.METRIC
+
+    def __array__(
+        self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
+    ) -> npt.NDArray[Any]:
+        """The values; NumPy calls this, so a map goes wherever an array does."""
+        return np.array(self.values, dtype=dtype, copy=copy)
+
+    def __repr__(self) -> str:
+        finite = self.values[np.isfinite(self.values)]
+        unit = " m" if self.is_metric else ""
+        spread = f"{finite.min():.3g} to {finite.max():.3g}{unit}" if finite.size else "no depth"
+        model = f", {self.provenance.model}" if self.provenance and self.provenance.model else ""
+        return f"<{type(self).__name__} {self.width}×{self.height}, {self.kind}, {spread}{model}>"

@@ -68,7 +68,8 @@ class Pipeline:
         Raises:
             InputError: the picture needs more memory than the detail's limit.
             ModelError: the network failed.
-            UsageError: a focal length is given, and the model's metres belong to no known camera.
+            UsageError: the focal length makes no sense, or the model's metres belong to no known
+                camera.
         """
         return self.predict_many((frame,), focal_px=focal_px, hfov_deg=hfov_deg)[0]
 
@@ -92,7 +93,8 @@ class Pipeline:
         Raises:
             InputError: a picture needs more memory than the detail's limit.
             ModelError: the network failed.
-            UsageError: a focal length is given, and the model's metres belong to no known camera.
+            UsageError: the focal length makes no sense, or the model's metres belong to no known
+                camera.
         """
         for frame in frames:
             tile_width_px(self.card.input, frame, self.detail)
@@ -121,7 +123,7 @@ class Pipeline:
         if focal_px is not None and self.card.camera is not None:
             learned_px = scaling.focal_px(self.card.camera.hfov_deg, frame.width)
             values *= np.float32(focal_px / learned_px)
-        source = self._provenance((place.width, place.height), focal_px)
+        source = self._provenance((place.width, place.height), focal_px, frame.orientation)
         return DepthMap(values, self.card.output.kind, source)
 
     def _coarse(self, frame: Frame) -> npt.NDArray[np.float32]:
@@ -145,11 +147,13 @@ class Pipeline:
         return self.card.camera is not None and self.card.output.kind is DepthKind.METRIC
 
     def check_focal(self, focal_px: float | None, hfov_deg: float | None) -> None:
-        """Refuse a focal length that would change nothing.
+        """Refuse a focal length that makes no sense or would change nothing.
 
         Raises:
-            UsageError: one is given, and the model's metres belong to no known camera.
+            UsageError: it is not above 0, both are given, or the model's metres belong to no known
+                camera.
         """
+        scaling.check_camera(focal_px, hfov_deg)
         stated = focal_px is not None or hfov_deg is not None
         if stated and not self._knows_camera:
             raise UsageError(
@@ -172,9 +176,11 @@ class Pipeline:
             return scaling.focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
         return None
 
-    def _provenance(self, size_px: tuple[int, int], focal_px: float | None) -> Provenance:
+    def _provenance(
+        self, size_px: tuple[int, int], focal_px: float | None, orientation: int
+    ) -> Provenance:
         model = self.session.model
-        return Provenance(self.card.name, model.sha256, size_px, focal_px)
+        return Provenance(self.card.name, model.sha256, size_px, focal_px, orientation)
 
 
 def load(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from typing import TYPE_CHECKING
 
+from depthcli.core.types import Provenance
 from depthcli.io.decode import read_bytes
 from depthcli.io.png_text import read_text
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
 
 _PREFIX = "depthcli:"
 _FRAME_NUMBER = re.compile(r"\.\d{6,}$")
+_ORIENTATIONS = frozenset("12345678")
 _SHARED = ("software", "orientation", "model", "model_sha256", "focal_px")
 
 
@@ -34,16 +37,40 @@ def stated_facts(path: Path) -> dict[str, str]:
     """
     suffix = path.suffix.lower()
     if suffix == ".png":
-        texts = read_text(read_bytes(path))
-    elif suffix == ".exr":
+        return completed(path, read_text(read_bytes(path)))
+    if suffix == ".exr":
         # Reading PNG need not wait for OpenEXR.
         from depthcli.io.exr_files import read_exr_texts  # noqa: PLC0415
 
-        texts = read_exr_texts(path)
-    else:
-        texts = {}
+        return completed(path, read_exr_texts(path))
+    return completed(path, {})
+
+
+def completed(path: Path, texts: Mapping[str, str]) -> dict[str, str]:
+    """The facts among a file's own texts, and what its sidecar adds to them."""
     own = {k.removeprefix(_PREFIX): v for k, v in texts.items() if k.startswith(_PREFIX)}
     return own | {k: v for k, v in _beside(path, own).items() if k not in own}
+
+
+def provenance_of(facts: Mapping[str, str]) -> Provenance | None:
+    """Where a map came from, as far as its facts say; None if they say nothing of it."""
+    orientation = facts.get("orientation")
+    found = Provenance(
+        model=facts.get("model"),
+        model_sha256=facts.get("model_sha256"),
+        focal_px=positive(facts.get("focal_px")),
+        orientation=int(orientation) if orientation in _ORIENTATIONS else None,
+    )
+    return None if found == Provenance() else found
+
+
+def positive(text: str | None) -> float | None:
+    """A number above 0 that another program may have written; None for anything else."""
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if 0 < value < math.inf else None
 
 
 def sidecar_facts(path: Path) -> dict[str, object]:

@@ -12,7 +12,7 @@ import numpy as np
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.decode import decode, read_bytes
-from depthcli.io.depth_facts import sidecar_facts
+from depthcli.io.depth_facts import completed, positive, provenance_of, sidecar_facts
 from depthcli.io.png_text import read_text
 
 if TYPE_CHECKING:
@@ -35,7 +35,8 @@ def read_depth(path: str | Path, *, png_scale: float | None = None) -> DepthMap:
         png_scale: steps per metre of a PNG; None for what the file says of itself, or millimetres.
 
     Returns:
-        (H, W); NaN where there is no depth. Metric unless the file says otherwise.
+        (H, W); NaN where there is no depth. Metric unless the file says otherwise. Its provenance
+        is what the file or the sidecar beside it states of model, focal length and orientation.
 
     Raises:
         InputError: missing, damaged, or without depth.
@@ -59,17 +60,17 @@ def _png(path: Path, png_scale: float | None) -> DepthMap:
     steps = decode(data, str(path))
     if steps.dtype != np.uint16 or steps.ndim != _DIMENSIONS:
         raise InputError(f"{path} is not 16-bit gray, so it holds no depth (a preview, perhaps?)")
-    texts = read_text(data)
-    ends = _ends(texts) if png_scale is None else None
+    facts = completed(path, read_text(data))
+    ends = _ends(facts) if png_scale is None else None
     if ends is None:
-        scale = png_scale or _number(texts.get("depthcli:scale")) or _MILLIMETRES
+        scale = png_scale or positive(facts.get("scale")) or _MILLIMETRES
         values = steps.astype(np.float32) / np.float32(scale)
     else:
         low, high = ends
         share = (steps.astype(np.float64) - 1) / (_TOP - 1)
         values = (low + share * (high - low)).astype(np.float32)
     depth = np.where(steps == 0, np.float32(np.nan), values)
-    return DepthMap(depth, _kind(texts.get("depthcli:kind")))
+    return DepthMap(depth, _kind(facts.get("kind")), provenance_of(facts))
 
 
 def _npy(path: Path) -> DepthMap:
@@ -84,12 +85,10 @@ def _npy(path: Path) -> DepthMap:
     if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu" or not values.size:
         raise InputError(f"{path} is {values.shape} {values.dtype}; depth is one (H, W) of numbers")
     with np.errstate(over="ignore"):  # a double beyond float32 is infinitely far
-        return DepthMap(np.ascontiguousarray(values, np.float32), _kind(_sidecar_kind(path)))
-
-
-def _sidecar_kind(path: Path) -> str:
-    """The kind that our own sidecar states beside a file that cannot state it itself."""
-    return str(sidecar_facts(path).get("kind"))
+        depth = np.ascontiguousarray(values, np.float32)
+    # The format cannot state its kind itself.
+    kind = _kind(str(sidecar_facts(path).get("kind")))
+    return DepthMap(depth, kind, provenance_of(completed(path, {})))
 
 
 def _exr(path: Path) -> DepthMap:
@@ -105,7 +104,8 @@ def _exr(path: Path) -> DepthMap:
         other = channels.get(layer + colour)
         if name != layer + "Z" and other is not None and not _equal(other, channels[name]):
             raise InputError(f"{path} holds colours, not depth; it has {', '.join(channels)}")
-    return DepthMap(channels[name], _kind(read_exr_texts(path).get("depthcli:kind")))
+    facts = completed(path, read_exr_texts(path))
+    return DepthMap(channels[name], _kind(facts.get("kind")), provenance_of(facts))
 
 
 def depth_channel(names: Sequence[str]) -> str | None:
@@ -133,20 +133,12 @@ def _kind(text: str | None) -> DepthKind:
     return DepthKind(text) if text in set(DepthKind) else DepthKind.METRIC
 
 
-def _number(text: str | None) -> float | None:
-    try:
-        value = float(text or "")
-    except ValueError:
-        return None
-    return value if 0 < value < math.inf else None
-
-
-def _ends(texts: Mapping[str, str]) -> tuple[float, float] | None:
+def _ends(facts: Mapping[str, str]) -> tuple[float, float] | None:
     """What 1 and 65535 stand for in a normalized PNG of ours; None for other files."""
-    if texts.get("depthcli:scale") != "normalized":
+    if facts.get("scale") != "normalized":
         return None
     try:
-        low, high = (float(word) for word in texts.get("depthcli:range", "").split())
+        low, high = (float(word) for word in facts.get("range", "").split())
     except ValueError:
         return None
     return (low, high) if math.isfinite(low) and math.isfinite(high) else None

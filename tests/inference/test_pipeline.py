@@ -160,3 +160,22 @@ def test_pictures_of_one_network_size_run_together(
     maps = pipeline.predict_many([gray(0), gray(51, 30, 90), gray(255), gray(0, 60, 80)])
     assert shapes == [(3, 1, 12, 16), (1, 1, 8, 24)]
     assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 2.6, 9, 1])
+
+
+@pytest.mark.parametrize(
+    ("camera", "problem"),
+    [
+        ({"focal_px": -400.0}, "-400 pixels"),
+        ({"focal_px": 0.0}, "0 pixels"),
+        ({"focal_px": float("nan")}, "nan pixels"),
+        ({"focal_px": float("inf")}, "inf pixels"),
+        ({"hfov_deg": 180.0}, "180°"),
+        ({"hfov_deg": -60.0}, "-60°"),
+        ({"focal_px": 400.0, "hfov_deg": 60.0}, "not both"),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused(
+    camera: dict[str, float], problem: str, kinect: Pipeline
+) -> None:
+    with pytest.raises(UsageError, match=problem):
+        kinect.predict(gray(0), **camera)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import cv2
 import made
@@ -25,6 +26,10 @@ from depthcli.io.png_encode import encode_png
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.writers.sidecar import SidecarWriter
+
+if TYPE_CHECKING:
+    from depthcli.io.writers.base import Writer
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
 SCANLINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -241,3 +246,43 @@ def test_nothing_is_left_of_a_map_that_cannot_be_written(tmp_path: Path) -> None
         ExrWriter().write(DepthMap(DEPTH_M), path)
         raise ZeroDivisionError
     assert list(tmp_path.iterdir()) == []
+
+
+STATED = Provenance("nyu", "ab" * 32, (192, 144), focal_px=518.75, orientation=6)
+
+
+@pytest.mark.parametrize("writer", [Png16Writer(), ExrWriter(), NpyWriter()])
+def test_stated_facts_are_kept(writer: Writer, tmp_path: Path) -> None:
+    path = tmp_path / f"a{writer.SUFFIX}"
+    writer.write(DepthMap(DEPTH_M, provenance=STATED), path)
+    SidecarWriter().write(DepthMap(DEPTH_M, provenance=STATED), path.with_suffix(".json"))
+    found = read_depth(path)
+    assert found.kind is DepthKind.METRIC
+    assert found.provenance is not None
+    assert found.provenance.model == "nyu"
+    assert found.provenance.model_sha256 == "ab" * 32
+    assert found.provenance.focal_px == 518.75
+    assert found.provenance.orientation == 6
+
+
+def test_files_of_other_programs_state_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(png16(np.full((3, 4), 1500)))
+    np.save(tmp_path / "a.npy", DEPTH_M)
+    OpenEXR.File(SCANLINES, {"Z": DEPTH_M}).write(str(tmp_path / "a.exr"))
+    for suffix in (".png", ".npy", ".exr"):
+        assert read_depth(tmp_path / f"a{suffix}").provenance is None
+
+
+@pytest.mark.parametrize("text", ["-400", "0", "nan", "inf", "", "wide"])
+def test_a_focal_length_that_makes_no_sense_is_left_out(text: str, tmp_path: Path) -> None:
+    steps = np.full((3, 4), 1500, np.uint16)
+    texts = {"depthcli:focal_px": text, "depthcli:model": "nyu", "depthcli:orientation": "9"}
+    (tmp_path / "a.png").write_bytes(encode_png(steps, texts))
+    assert read_depth(tmp_path / "a.png").provenance == Provenance("nyu")
+
+
+def test_a_file_that_is_read_and_written_again_keeps_its_facts(tmp_path: Path) -> None:
+    Png16Writer().write(DepthMap(DEPTH_M, provenance=STATED), tmp_path / "a.png")
+    ExrWriter().write(read_depth(tmp_path / "a.png"), tmp_path / "b.exr")
+    facts = stated_facts(tmp_path / "b.exr")
+    assert (facts["model"], facts["focal_px"]) == ("nyu", "518.75")

@@ -14,8 +14,10 @@ def facts(depth: DepthMap) -> dict[str, str]:
     """Kind, unit, software and, where known, model of a map; decoding never depends on them."""
     texts = {"kind": depth.kind.value, "unit": unit(depth), "software": f"depthcli {__version__}"}
     if depth.provenance:
-        texts["model"] = depth.provenance.model
-        texts["model_sha256"] = depth.provenance.model_sha256
+        if depth.provenance.model:
+            texts["model"] = depth.provenance.model
+        if depth.provenance.model_sha256:
+            texts["model_sha256"] = depth.provenance.model_sha256
         if depth.provenance.focal_px:
             texts["focal_px"] = f"{depth.provenance.focal_px:.6g}"
     return texts

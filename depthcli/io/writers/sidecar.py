@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from depthcli import __version__
+from depthcli.core.types import Provenance
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +35,7 @@ class SidecarWriter:
         """Write one JSON object."""
         finite = depth.values[np.isfinite(depth.values)]
         known = bool(finite.size)
-        source = depth.provenance
+        source = depth.provenance or Provenance()
         facts = {
             "software": f"depthcli {__version__}",
             "kind": depth.kind.value,
@@ -42,14 +43,14 @@ class SidecarWriter:
             "png16_scale": self.png_scale if depth.is_metric else None,
             "width": depth.width,
             "height": depth.height,
-            "orientation": frame.orientation if frame else None,
+            "orientation": frame.orientation if frame else source.orientation,
             "min": float(finite.min()) if known else None,
             "median": float(np.median(finite)) if known else None,
             "max": float(finite.max()) if known else None,
-            "model": source.model if source else None,
-            "model_sha256": source.model_sha256 if source else None,
-            "network_size_px": list(source.input_size_px) if source else None,
-            "focal_px": source.focal_px if source else None,
+            "model": source.model,
+            "model_sha256": source.model_sha256,
+            "network_size_px": source.input_size_px,
+            "focal_px": source.focal_px,
         }
         path.write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", "utf-8")
         return ()

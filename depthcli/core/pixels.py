@@ -1,0 +1,48 @@
+"""What an array has to be to pass for a picture."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from depthcli.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+_GRAY_RANK, _COLOUR_RANK = 2, 3
+_RGB = 3
+_CHANNELS = (1, 3, 4)
+
+
+def check_pixels(pixels: npt.NDArray[Any]) -> None:
+    """Refuse an array that is no picture.
+
+    Args:
+        pixels: (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
+
+    Raises:
+        InputError: another shape or type, or floats that are not in [0, 1].
+    """
+    shape, dtype = pixels.shape, pixels.dtype
+    if len(shape) == _COLOUR_RANK and shape[0] in _CHANNELS and shape[-1] not in _CHANNELS:
+        raise InputError(f"pixels of shape {shape} have channels first; np.moveaxis(a, 0, -1) them")
+    if len(shape) not in (_GRAY_RANK, _COLOUR_RANK) or shape[_GRAY_RANK:] not in ((), (_RGB,)):
+        raise InputError(f"pixels of shape {shape} are no picture; it is (H, W) or (H, W, 3) RGB")
+    if 0 in shape:
+        raise InputError(f"pixels of shape {shape} are an empty picture")
+    if dtype not in (np.uint8, np.uint16, np.float32):
+        raise InputError(f"pixels are uint8, uint16 or float32, not {dtype}; convert them")
+    if dtype == np.float32:
+        _check_floats(pixels)
+
+
+def _check_floats(pixels: npt.NDArray[np.float32]) -> None:
+    low, high = float(pixels.min()), float(pixels.max())
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise InputError("float pixels are not all finite; np.nan_to_num them")
+    # Highlights may pass 1; where most of a picture does, it is in 0-255 or another unit.
+    if (low < 0 or high > 1) and np.count_nonzero((pixels < 0) | (pixels > 1)) * 2 > pixels.size:
+        raise InputError(f"float pixels are 0 to 1, not {low:g} to {high:g}; scale them")

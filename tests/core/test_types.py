@@ -1,0 +1,100 @@
+"""Pictures and depth maps as values: what they refuse, and how NumPy and a prompt see them."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.errors import InputError
+
+DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "problem"),
+    [
+        (np.zeros((4, 5)), "uint8, uint16 or float32, not float64"),
+        (np.zeros((4, 5), np.int64), "not int64"),
+        (np.zeros((4, 5), bool), "not bool"),
+        (np.zeros((3, 4, 5), np.uint8), "channels first"),
+        (np.zeros((1, 4, 5), np.uint8), "channels first"),
+        (np.zeros((4, 5, 4), np.uint8), "no picture"),
+        (np.zeros((6, 5, 2), np.uint8), "no picture"),
+        (np.zeros((2, 4, 5, 3), np.uint8), "no picture"),
+        (np.zeros(5, np.uint8), "no picture"),
+        (np.zeros((0, 5), np.uint8), "empty"),
+        (np.full((4, 5, 3), 128, np.float32), "0 to 1, not 128 to 128"),
+        (np.full((4, 5, 3), -1.5, np.float32), "0 to 1, not -1.5"),
+        (np.full((4, 5), np.nan, np.float32), "not all finite"),
+        (np.full((4, 5), np.inf, np.float32), "not all finite"),
+    ],
+)
+def test_what_is_no_picture_is_refused_in_one_line(pixels: np.ndarray, problem: str) -> None:
+    with pytest.raises(InputError, match=problem) as caught:
+        Frame(pixels)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("shape", [(4, 5), (4, 5, 3), (3, 5), (1, 1), (3, 3, 3)])
+def test_pictures_of_each_type_are_taken(shape: tuple[int, ...], dtype: type) -> None:
+    assert Frame(np.ones(shape, dtype)).height == shape[0]
+
+
+def test_highlights_may_pass_one() -> None:
+    pixels = np.full((4, 5), 0.5, np.float32)
+    pixels[0] = 7
+    assert Frame(pixels).width == 5
+
+
+def test_a_map_is_its_values_to_numpy() -> None:
+    depth = DepthMap(DEPTH_M)
+    seen = np.asarray(depth)
+    assert (seen.dtype, seen.shape) == (np.float32, (3, 4))
+    assert np.shares_memory(seen, DEPTH_M)
+    assert float(np.nanmax(depth)) == 9
+    np.testing.assert_array_equal(np.add(depth, 1), DEPTH_M + 1)
+
+
+def test_numpy_gets_a_copy_or_another_type_on_request() -> None:
+    depth = DepthMap(DEPTH_M)
+    assert not np.shares_memory(np.array(depth), DEPTH_M)
+    assert np.asarray(depth, np.float64).dtype == np.float64
+    if np.lib.NumpyVersion(np.__version__) >= "2.0.0":
+        assert np.shares_memory(np.array(depth, copy=False), DEPTH_M)
+        with pytest.raises(ValueError, match="copy"):
+            np.array(depth, np.float64, copy=False)
+
+
+@pytest.mark.parametrize(
+    ("depth", "shown"),
+    [
+        (DepthMap(DEPTH_M), "<DepthMap 4×3, metric, 0.5 to 9 m>"),
+        (DepthMap(DEPTH_M, DepthKind.INVERSE), "<DepthMap 4×3, inverse, 0.5 to 9>"),
+        (
+            DepthMap(DEPTH_M, provenance=Provenance("nyu")),
+            "<DepthMap 4×3, metric, 0.5 to 9 m, nyu>",
+        ),
+        (DepthMap(np.full((2, 2), np.nan, np.float32)), "<DepthMap 2×2, metric, no depth>"),
+    ],
+)
+def test_a_map_is_one_short_line_at_a_prompt(depth: DepthMap, shown: str) -> None:
+    assert repr(depth) == shown
+
+
+@pytest.mark.parametrize("value", [DepthMap(DEPTH_M), Frame(np.zeros((2, 3), np.uint8))])
+def test_maps_and_pictures_are_compared_by_identity(value: DepthMap | Frame) -> None:
+    assert value == value  # noqa: PLR0124 - arrays in it must not be compared
+    assert value != copy.copy(value)
+    assert len({value, copy.copy(value)}) == 2
+
+
+def test_a_map_goes_to_another_process() -> None:
+    sent = DepthMap(DEPTH_M, DepthKind.RELATIVE, Provenance("nyu", focal_px=500.0))
+    received = pickle.loads(pickle.dumps(sent))  # noqa: S301 - our own bytes
+    np.testing.assert_array_equal(received.values, DEPTH_M)
+    assert (received.kind, received.provenance) == (sent.kind, sent.provenance)
