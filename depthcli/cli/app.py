@@ -13,6 +13,7 @@ import sys
 from typing import TYPE_CHECKING, NoReturn
 
 from depthcli import __version__
+from depthcli.errors import ExitCode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,7 +50,7 @@ Commands:
 
 Options:
   --version             Show the version and exit.
-  --help                Show this text; after a command, the command's options.
+  -h, --help            Show this text; after a command, the command's options.
   --install-completion  Install completion for the current shell.
   --show-completion     Show the completion script, to copy or adapt it.
 
@@ -105,16 +106,31 @@ def _leave(code: int) -> NoReturn:
 def _run(words: list[str]) -> int:
     text = None if f"_{PROGRAM.upper()}_COMPLETE" in os.environ else _plain_text(words)
     if text is not None:
-        sys.stdout.write(text)
-        return 0
+        return _show(text)
     from depthcli.cli.shell import run
 
     return run(words)
 
 
+def _show(text: str) -> int:
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        return reader_left()
+    return ExitCode.OK
+
+
+def reader_left() -> int:
+    """Whoever read our output is gone: stop silently, as other filters do."""
+    sink = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(sink, sys.stdout.fileno())
+    return ExitCode.SOME_FAILED
+
+
 def _plain_text(words: list[str]) -> str | None:
     """The answer to a question that needs no command."""
-    if words in (["--help"], ["-h"]):
+    if words in ([], ["--help"], ["-h"]):
         return help_text()
     if words == ["--version"]:
         return f"{PROGRAM} {__version__}\n"

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
-import signal
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -14,13 +12,13 @@ from typer.main import get_command
 
 from depthcli import __version__
 from depthcli.cli import console
-from depthcli.cli.app import COMMANDS, PROFILED, PROGRAM, help_text
+from depthcli.cli.app import COMMANDS, PROFILED, PROGRAM, help_text, reader_left
+from depthcli.cli.signals import exit_on_signals
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_SIGNAL_BASE = 128  # shells report a signal as 128 + its number
 _COMPLETION = {"install_completion", "show_completion"}
 _TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
 
@@ -45,7 +43,12 @@ class LazyGroup(TyperGroup):
         formatter.write(help_text())
 
 
-app = typer.Typer(cls=LazyGroup, rich_markup_mode=None, pretty_exceptions_enable=False)
+app = typer.Typer(
+    cls=LazyGroup,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},  # every command inherits them
+)
 
 
 def _show_version(asked: bool) -> None:
@@ -66,8 +69,7 @@ def _root(
 def run(arguments: Sequence[str]) -> int:
     """Run a command and turn whatever happens into text and an exit code."""
     state = console.State()
-    # A killed run cleans up as an interrupted one does; the default would leave temporary files.
-    signal.signal(signal.SIGTERM, _terminate)
+    exit_on_signals()
     try:
         result = get_command(app)(
             args=list(arguments), prog_name=PROGRAM, standalone_mode=False, obj=state
@@ -77,20 +79,19 @@ def run(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         return ExitCode.INTERRUPTED
     except BrokenPipeError:
-        return _reader_left()
-    except SystemExit as stop:  # shell completion, a closed pipe, SIGTERM
+        return reader_left()
+    except SystemExit as stop:  # shell completion, a closed pipe, a signal
         return stop.code if isinstance(stop.code, int) else ExitCode.OK
     except Exception as error:  # noqa: BLE001 - the last line of defence: one line, never a traceback
+        if _lacks_command(error):
+            console.out(error.ctx.get_help())  # type: ignore[attr-defined]
+            return ExitCode.OK
         if state.debug:
             console.trace(error)
         message, code = _explain(error)
         console.error(message)
         return code
     return result if isinstance(result, int) else ExitCode.OK
-
-
-def _terminate(number: int, _frame: object) -> None:
-    raise SystemExit(_SIGNAL_BASE + number)
 
 
 def _explain(error: Exception) -> tuple[str, int]:
@@ -113,10 +114,13 @@ def _explain(error: Exception) -> tuple[str, int]:
 def _usage(error: Any) -> str:  # noqa: ANN401 - typer's own types
     context = getattr(error, "ctx", None)
     path = context.command_path if context else PROGRAM
-    message = error.format_message().strip().rstrip(".") or "a command is missing"
-    if message.startswith("Usage:"):  # no command given: the whole help is the message
-        message = "a command is missing"
+    message = error.format_message().strip().rstrip(".")
     return f"{message[0].lower()}{message[1:]}; see '{path} --help'"
+
+
+def _lacks_command(error: Exception) -> bool:
+    """Whether a group such as ``depthcli eval`` was named without one of its commands."""
+    return type(error).__name__ == "NoArgsIsHelpError"
 
 
 def _suggestion(name: str) -> str:
@@ -124,13 +128,6 @@ def _suggestion(name: str) -> str:
 
     close = get_close_matches(name, COMMANDS, n=1)
     return f"; did you mean {close[0]!r}?" if close else f"; see '{PROGRAM} --help'"
-
-
-def _reader_left() -> int:
-    """Whoever read our output is gone: stop silently, as other filters do."""
-    sink = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(sink, sys.stdout.fileno())
-    return ExitCode.SOME_FAILED
 
 
 def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types

@@ -5,14 +5,14 @@ from __future__ import annotations
 import signal
 from typing import TYPE_CHECKING, Any, Self
 
+from depthcli.cli.signals import ending_signals
+
 if TYPE_CHECKING:
     import subprocess
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
 
 class SignalRelay:
-    """While entered, SIGINT and SIGTERM go to a process, which decides when it ends.
+    """While entered, SIGINT, SIGTERM and SIGHUP go to a process, which decides when it ends.
 
     The process has a process group of its own: a terminal would tell it too, and a second signal
     means something else than the first.
@@ -33,7 +33,7 @@ class SignalRelay:
             process.send_signal(self.number)
 
     def __enter__(self) -> Self:
-        for number in _SIGNALS:
+        for number in (signal.SIGINT, *ending_signals()):
             self._before[number] = signal.signal(number, self._relay)
         return self
 

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli import console
+from depthcli.cli.signals import SIGNAL_BASE, ending_signals
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 if TYPE_CHECKING:
     from depthcli.training.config import TrainConfig
-
-_SIGNAL_BASE = 128  # shells report a signal as 128 + its number
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -120,7 +119,7 @@ def train(
             _, held_out = divide(opened.dataset, resolved.data)
             if not held_out:
                 console.warn("too few scenes to hold one out, so nothing is validated")
-        interrupt = Interrupt(signal.SIGINT, signal.SIGTERM)
+        interrupt = Interrupt(signal.SIGINT, *ending_signals())
         with ExitStack() as stack:
             watcher = stack.enter_context(progress_for(as_json=as_json, quiet=quiet or not first))
             if tensorboard and first:
@@ -131,7 +130,7 @@ def train(
         return ExitCode.OK
     if not quiet and not as_json:
         console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")
-    return ExitCode.OK if interrupt.number is None else _SIGNAL_BASE + interrupt.number
+    return ExitCode.OK if interrupt.number is None else SIGNAL_BASE + interrupt.number
 
 
 def _set_threads(threads: int | None) -> None:

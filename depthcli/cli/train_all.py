@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from depthcli.cli.signal_relay import SignalRelay
+from depthcli.cli.signals import SIGNAL_BASE
 from depthcli.cli.train_all_output import Shown, Sitting
 from depthcli.errors import CheckpointError, ExitCode, UsageError
 
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 _OWN = {"method", "every_method", "methods", "seeds", "out", "max_minutes", "show_config"}
 """Options that are not handed on as they are."""
-_SIGNAL_BASE = 128
 
 
 def train_all(context: typer.Context) -> int:
@@ -59,7 +59,7 @@ def train_all(context: typer.Context) -> int:
     sittings = runner.train(plan_runs(configs, Path(options["out"])))
     shown.summary(sittings)
     if runner.signal_number is not None:
-        return _SIGNAL_BASE + runner.signal_number
+        return SIGNAL_BASE + runner.signal_number
     return ExitCode.SOME_FAILED if any(s.state == "failed" for s in sittings) else ExitCode.OK
 
 

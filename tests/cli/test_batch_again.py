@@ -79,7 +79,9 @@ def test_a_killed_batch_goes_on_and_gives_the_same_bytes(cli: Cli, after: int) -
 
 
 @pytest.mark.parametrize(
-    ("which", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["int", "term"]
+    ("which", "code"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)],
+    ids=["int", "term", "hup"],
 )
 def test_an_interrupted_batch_leaves_a_manifest_and_goes_on(
     cli: Cli, which: signal.Signals, code: int

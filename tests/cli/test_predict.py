@@ -381,7 +381,7 @@ def test_names_may_hold_any_byte(cli: Cli) -> None:
     assert outputs == {name.replace(b".png", b".depth.npy") for name in names}
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_leaves_whole_files_only(cli: Cli, number: signal.Signals) -> None:
     pictures = [room(cli, f"{i:03}.png") for i in range(200)]
     process = subprocess.Popen(
@@ -395,7 +395,7 @@ def test_an_interrupted_run_leaves_whole_files_only(cli: Cli, number: signal.Sig
         time.sleep(0.001)
     process.send_signal(number)
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == (130 if number == signal.SIGINT else 143)
+    assert process.returncode == 128 + number
     assert b"Traceback" not in errors
     outputs = list((cli.folder / "out").iterdir())
     assert 3 < len(outputs) < 400

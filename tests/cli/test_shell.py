@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import time
@@ -67,6 +68,22 @@ def test_help_names_every_command(cli: Cli) -> None:
     assert max(map(len, text.splitlines())) <= 80
 
 
+def test_without_a_command_the_help_is_shown(cli: Cli) -> None:
+    bare = cli()
+    assert (bare.returncode, bare.stderr) == (0, b"")
+    assert bare.stdout == cli("--help").stdout
+    group = cli("eval")
+    assert (group.returncode, group.stderr) == (0, b"")
+    assert group.stdout == cli("eval", "--help").stdout
+
+
+@pytest.mark.parametrize("words", [("predict",), ("models",), ("models", "list"), ("eval", "nyu")])
+def test_every_command_takes_h_for_help(cli: Cli, words: tuple[str, ...]) -> None:
+    short = cli(*words, "-h")
+    assert (short.returncode, short.stderr) == (0, b"")
+    assert short.stdout == cli(*words, "--help").stdout
+
+
 def test_version_is_the_package_s(cli: Cli) -> None:
     done = cli("--version")
     assert (done.returncode, done.stdout) == (0, f"depthcli {depthcli.__version__}\n".encode())
@@ -90,7 +107,6 @@ def test_every_command_is_there_and_every_option_has_help(name: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "missing command"),
         (("nonsense",), "no command is called 'nonsense'"),
         (("predikt",), "did you mean 'predict'?"),
         (("--nonsense",), "no such option"),
@@ -137,9 +153,10 @@ def test_a_missing_extra_is_one_clear_line(cli: Cli, command: str, tmp_path: Pat
     assert "pip install 'depthcli[train]'" in line
 
 
-def test_a_reader_that_leaves_ends_it_quietly(cli: Cli) -> None:
+@pytest.mark.parametrize("words", [("models", "show"), ("--help",), ("--version",), ("eval", "-h")])
+def test_a_reader_that_leaves_ends_it_quietly(cli: Cli, words: tuple[str, ...]) -> None:
     process = subprocess.Popen(
-        cli.command("models", "show"),
+        cli.command(*words),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         cwd=cli.folder,
@@ -163,3 +180,21 @@ def test_shells_can_complete(cli: Cli, shell: str) -> None:
     done = cli(_DEPTHCLI_COMPLETE=f"complete_{shell}", **words)
     assert b"models" in done.stdout
     assert b"predict" not in done.stdout
+
+
+def test_signals_that_the_caller_ignores_stay_ignored() -> None:
+    from depthcli.cli.signals import ending_signals, exit_on_signals  # noqa: PLC0415
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM)}
+    try:
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what nohup does
+        exit_on_signals()
+        assert ending_signals() == (signal.SIGTERM,)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        with pytest.raises(SystemExit) as stop:
+            signal.raise_signal(signal.SIGTERM)
+        assert stop.value.code == 143
+        signal.raise_signal(signal.SIGTERM)  # would interrupt the cleaning up
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -105,7 +105,7 @@ def unbroken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return _saved(folder / "run")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signal_saves_the_step_and_the_run_goes_on_exactly(
     folder: Path, unbroken: dict[str, Any], number: int
 ) -> None:
