@@ -78,8 +78,7 @@ def progress_for(tally: Tally, *, silent: bool) -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def _bar(tally: Tally) -> Iterator[Callable[[], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
     columns = (
         BarColumn(),
@@ -88,9 +87,7 @@ def _bar(tally: Tally) -> Iterator[Callable[[], None]]:
     )
     shown_s = 0.0
     # Refreshed from here alone: a thread that redraws would take turns from the workers.
-    with Progress(
-        *columns, console=Console(stderr=True), transient=True, auto_refresh=False
-    ) as bar:
+    with console.bar(*columns, auto_refresh=False) as bar:
         task = bar.add_task("", total=tally.total)
 
         def update() -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from typing import TextIO
+
+    from rich.progress import Progress, ProgressColumn
 
 
 class State:
@@ -22,6 +25,39 @@ class State:
 
     def __init__(self) -> None:
         self.debug = False
+
+
+_bars: list[Progress] = []
+"""The progress bar on the terminal, if there is one."""
+
+
+@contextmanager
+def bar(
+    *columns: str | ProgressColumn, auto_refresh: bool = True, refresh_per_second: float = 10
+) -> Iterator[Progress]:
+    """A progress bar on standard error; lines that are written meanwhile stand above it.
+
+    Args:
+        columns: as Rich has them; none for its default ones.
+        auto_refresh: redraw it from a thread of its own.
+        refresh_per_second: how often that is.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(
+        *columns,
+        console=Console(stderr=True),
+        auto_refresh=auto_refresh,
+        refresh_per_second=refresh_per_second,
+        transient=True,
+        redirect_stdout=False,  # else results that go into a file would go to the terminal
+    ) as shown:
+        _bars.append(shown)
+        try:
+            yield shown
+        finally:
+            _bars.remove(shown)
 
 
 def out(text: str) -> None:
@@ -68,8 +104,18 @@ def _write(stream: TextIO | None, text: str) -> None:
     """A line, with escapes for what the stream's encoding does not have."""
     if stream is None:  # closed by whoever started the process
         return
+    if _bars and stream.isatty():
+        # Standard error is Rich's own now: it has no encoding, and wraps lines.
+        shown = _bars[-1].console
+        text = _encodable(text, cast("TextIO", shown.file))
+        shown.print(text, markup=False, highlight=False, emoji=False, soft_wrap=True)
+    else:
+        stream.write(_encodable(text, stream) + "\n")
+
+
+def _encodable(text: str, stream: TextIO) -> str:
     encoding = stream.encoding or "ascii"
-    stream.write(text.encode(encoding, "backslashreplace").decode(encoding) + "\n")
+    return text.encode(encoding, "backslashreplace").decode(encoding)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -43,7 +43,6 @@ def _line(what: str, steps: int) -> Callable[[], None]:
 @contextmanager
 def _bars() -> Iterator[Stage]:
     from rich import progress as bars
-    from rich.console import Console
 
     from depthcli.cli.rate_column import Rate
 
@@ -54,7 +53,7 @@ def _bars() -> Iterator[Stage]:
         Rate(),
         bars.TimeRemainingColumn(),
     )
-    with bars.Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    with console.bar(*columns) as progress:
 
         def begin(what: str, steps: int) -> Callable[[], None]:
             task = progress.add_task(what, total=steps)

@@ -31,13 +31,12 @@ def progress_for(*, as_json: bool, quiet: bool) -> Iterator[Watcher]:
     elif as_json:
         yield JsonLines()
     elif sys.stderr.isatty():
-        from rich.console import Console
         from rich.progress import Progress as Bar
 
         from depthcli.cli.rate_column import Rate
 
         columns = (*Bar.get_default_columns(), Rate())
-        with Bar(*columns, console=Console(stderr=True), refresh_per_second=2) as bar:
+        with console.bar(*columns, refresh_per_second=2) as bar:
             yield Lines(bar)
     else:
         yield Lines(None)

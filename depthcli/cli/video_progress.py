@@ -35,11 +35,9 @@ def progress_for(name: str, *, silent: bool) -> Iterator[Callable[[int, int | No
 
 @contextmanager
 def _bar(name: str) -> Iterator[Callable[[int, int | None], None]]:
-    from rich.console import Console
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
-        Progress,
         TextColumn,
         TimeRemainingColumn,
     )
@@ -52,7 +50,7 @@ def _bar(name: str) -> Iterator[Callable[[int, int | None], None]]:
         rate,
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with console.bar(*columns) as bar:
         task = bar.add_task(console.one_line(name), total=None, rate=0.0)
         start = shown = time.monotonic()
 

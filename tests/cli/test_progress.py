@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from folders import tree
+from tiny import write_model
 from videos import write_mp4
 
-from depthcli.cli import batch_progress, video_progress
+from depthcli.cli import batch_progress, console, video_progress
 from depthcli.cli.batch_progress import Tally
 
 if TYPE_CHECKING:
@@ -23,6 +24,26 @@ def test_a_batch_has_a_bar_on_a_terminal(cli: Cli) -> None:
     assert code == 0
     assert "3/3" in shown
     assert re.search(r"\d inputs/s +0:00 to go", shown)
+
+
+def test_lines_beside_a_bar_are_whole_and_in_any_language(cli: Cli) -> None:
+    write_model(
+        cli.models / "default", output__kind="inverse", output__min_m=None, output__max_m=None
+    )
+    name = "Größe [b]einer 部屋 " + "x" * 60
+    tree(cli, f"{name}.png")
+    code, shown = cli.on_a_terminal("batch", "in", "--out", "out", columns=40)
+    assert code == 0
+    assert f"warning: {name}.png: inverse depth has no unit; png is normalized" in shown
+
+
+def test_results_go_to_their_file_while_a_bar_is_shown(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # Rich takes standard error for a terminal
+    with console.bar():
+        console.out("Größe")
+    assert capfd.readouterr().out == "Größe\n"
 
 
 def test_a_video_has_a_bar_on_a_terminal(cli: Cli) -> None:
