@@ -68,6 +68,7 @@ class Batch(NamedTuple):
         if journal.was_cut_short:
             remove_leftovers(self.plan.folders())
         tally = Tally(len(self.plan.inputs))
+        late: list[Result] = []
         self.voice.warn(self.pipeline.session.warnings)
         try:
             silent = self.voice.quiet or self.voice.as_json
@@ -76,25 +77,33 @@ class Batch(NamedTuple):
                 one_thread_each(self.workers),
                 progress_for(tally, silent=silent) as tick,
                 closing(
-                    self._results(origin, journal)
+                    self._results(origin, journal, late)
                 ) as results,  # no worker outlives the journal
             ):
                 for result in results:
-                    tally.add(result)
-                    self.voice.tell(result)
+                    self._account(result, tally)
                     tick()
         finally:
+            for result in late:
+                self._account(result, tally)
             journal.finish(found.name for found in self.plan.inputs)
             self.voice.sum_up(self.plan, tally)
         return ExitCode.SOME_FAILED if tally.failures else ExitCode.OK
 
-    def _results(self, origin: Origin, journal: Journal) -> Generator[Result, None, None]:
+    def _account(self, result: Result, tally: Tally) -> None:
+        tally.add(result)
+        self.voice.tell(result)
+
+    def _results(
+        self, origin: Origin, journal: Journal, late: list[Result]
+    ) -> Generator[Result, None, None]:
+        """Results in order; those that come after an interruption are put into ``late``."""
         targets = Targets(self.plan, self.recipe, origin, journal)
         worker = Worker(targets, self.pipeline, journal)
         chunks = _chunks(self.plan.pictures, self.batch_size)
         ahead = _AHEAD * self.workers
         with closing(
-            ordered_map(worker.work, chunks, workers=self.workers, ahead=ahead)
+            ordered_map(worker.work, chunks, workers=self.workers, ahead=ahead, late=late.extend)
         ) as results:
             for chunk in results:
                 yield from chunk

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import time
@@ -95,12 +96,25 @@ def test_an_interrupted_batch_leaves_a_manifest_and_goes_on(
     assert b"manifest: out/manifest.jsonl" in out
     done = rows(cli, "out")
     assert 5 <= len(done) < COUNT
+    assert f"{len(done)} of {COUNT} inputs done".encode() in out
     assert list(done) == sorted(done)
     assert {file["path"] for row in done.values() for file in row["outputs"]} == {*maps(cli, "out")}
     found = kept(cli, "--out", "out")
     assert {name for name, was in found.items() if was} == done.keys()
     cli("batch", "in", "--out", "once")
     assert maps(cli, "out") == maps(cli, "once")
+
+
+def test_after_ctrl_c_everything_that_was_done_is_told(cli: Cli) -> None:
+    many(cli)
+    large = np.random.default_rng(1).integers(0, 256, (3000, 4000), dtype=np.uint8)
+    picture(cli, "0/000.png", large)  # it keeps back those that come after it
+    running = begun(cli, 3, "--workers", "2", "--json")
+    running.send_signal(signal.SIGINT)
+    out, err = running.communicate(timeout=30)
+    done = rows(cli, "out")
+    assert [json.loads(line)["input"] for line in out.splitlines()] == list(done)
+    assert f"{len(done)} of {COUNT} inputs done".encode() in err
 
 
 def test_what_is_right_is_left_alone(cli: Cli) -> None:
