@@ -22,6 +22,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import ClassVar
 
+_OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, without loading OpenCV
+
 
 class ExitCode(IntEnum):
     """What the process returns to the shell."""
@@ -79,3 +81,10 @@ class CheckpointError(DepthcliError):
 
 class TrainingError(DepthcliError):
     """Training cannot go on; the last good checkpoint is kept."""
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Whether there was too little memory: Python's own error, or OpenCV's."""
+    return isinstance(error, MemoryError) or (
+        type(error).__module__ == "cv2" and getattr(error, "code", None) == _OPENCV_NO_MEMORY
+    )

@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.cli.predict_outputs import Job, write_output
-from depthcli.errors import DepthcliError, InputError, ModelError, UsageError
+from depthcli.errors import (
+    DepthcliError,
+    InputError,
+    ModelError,
+    UsageError,
+    is_out_of_memory,
+)
 from depthcli.inference.trial import try_session
 from depthcli.io.decode import read_bytes
 from depthcli.io.manifest import FAILED, OK, Row, written
@@ -179,6 +185,6 @@ def reason(error: Exception) -> str:
     """Why an input failed, in one line."""
     if isinstance(error, DepthcliError):
         return str(error)
-    if isinstance(error, MemoryError):
+    if is_out_of_memory(error):
         return "needs more memory than there is; make it smaller"
     return f"unexpected {type(error).__name__}: {error}"

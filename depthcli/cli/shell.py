@@ -14,7 +14,7 @@ from depthcli import __version__
 from depthcli.cli import console
 from depthcli.cli.app import COMMANDS, PROFILED, PROGRAM, help_text, reader_left
 from depthcli.cli.signals import exit_on_signals
-from depthcli.errors import DepthcliError, ExitCode, UsageError
+from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,7 +105,7 @@ def _explain(error: Exception) -> tuple[str, int]:
     if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in _TRAIN_EXTRA:
         needed = f"this command needs {error.name}"
         return f"{needed}; install it with: pip install 'depthcli[train]'", ExitCode.FAILURE
-    if isinstance(error, MemoryError):
+    if is_out_of_memory(error):
         return "out of memory; give fewer or smaller inputs", ExitCode.FAILURE
     name = type(error).__name__
     return f"unexpected {name}: {error}; run again with --debug for details", ExitCode.FAILURE

@@ -124,8 +124,11 @@ def _value(depth: DepthMap, point: KnownPoint) -> float:
 def _line(values: npt.NDArray[np.float64], wanted: npt.NDArray[np.float64]) -> tuple[float, float]:
     """Scale and shift of the best line; the scale alone for a single point."""
     if len(values) == 1:
-        if values[0] == 0:
-            raise UsageError("the anchor's own depth is 0, so it fits no scale; choose another")
+        if values[0] <= 0:
+            raise UsageError(
+                f"the anchor's own value in the map is {values[0]:g}, not above 0, so it fits no "
+                "scale; give two anchors"
+            )
         return float(wanted[0] / values[0]), 0.0
     if np.ptp(values) == 0:
         raise UsageError("all anchors have the same depth in the map; spread them over the scene")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from depthcli.errors import InputError
+from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.picture_end import flaw
 from depthcli.io.picture_header import picture_size
@@ -54,13 +54,15 @@ def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> npt.NDArr
         turned upright, because OpenCV's reader always does so.
 
     Raises:
-        InputError: empty, truncated, damaged, not a picture, or too large.
+        InputError: empty, truncated, damaged, not a picture, or too large, also for the memory.
     """
     check(data, name, max_pixels)
     try:
         with silent_opencv():
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS)
-    except cv2.error:
+    except cv2.error as error:
+        if is_out_of_memory(error):
+            raise InputError(f"{name} needs more memory than there is; make it smaller") from error
         pixels = None
     if pixels is None or pixels.size == 0:
         raise InputError(f"{name} is damaged, or of a variant that cannot be decoded; save it anew")

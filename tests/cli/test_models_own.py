@@ -54,6 +54,23 @@ def test_a_taken_name_is_refused_without_force(cli: Cli, download: Path) -> None
     assert Path(told["path"]) == cli.models / "mine"
 
 
+def test_a_bundled_model_is_hidden_with_force_and_comes_back(cli: Cli, download: Path) -> None:
+    own = {"DEPTHCLI_MODELS": str(cli.folder / "own")}
+    bundled = json.loads(cli("models", "show", "default", **own).stdout)
+    add = ("models", "add", download, "--card", "midas-small", "--name", "default")
+    refused = cli(*add, **own)
+    assert (refused.returncode, refused.stdout) == (2, b"")
+    assert b"_bundled" in refused.stderr
+    assert b"--force" in refused.stderr
+    assert cli(*add, "--force", **own).returncode == 0
+    shown = json.loads(cli("models", "show", "default", **own).stdout)
+    assert shown["bytes"] == download.stat().st_size
+    assert cli("models", "remove", "default", **own).returncode == 0
+    assert json.loads(cli("models", "show", "default", **own).stdout) == bundled
+    kept = cli("models", "remove", "default", **own)
+    assert kept.returncode == 2
+
+
 @pytest.mark.parametrize(
     ("words", "code", "problem"),
     [

@@ -62,6 +62,14 @@ def noisy(path: Path, scenes: int = 2, length: int = 25) -> Path:
     return write_video(path, frames)
 
 
+def times_ms(path: Path) -> list[float]:
+    """When a video's frames are shown, as another program sees it."""
+    capture, times = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG), []
+    while capture.grab():
+        times.append(capture.get(cv2.CAP_PROP_POS_MSEC))
+    return times
+
+
 def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
     (line,) = done.stdout.decode().splitlines()
     found: dict[str, Any] = json.loads(line)
@@ -162,6 +170,9 @@ def test_start_end_and_every(cli: Cli) -> None:
     steps = list(DepthVideo(cli.folder / "whole.mkv").steps())
     part = list(DepthVideo(cli.folder / "part" / "clip.depth.mkv").steps())
     np.testing.assert_array_equal(part, [steps[i] for i in indices])
+    assert times_ms(cli.folder / "part" / "clip.depth.mkv") == pytest.approx(
+        [round(i * 3 * 1001 / 30) for i in range(5)]  # the part begins at 0
+    )
 
 
 def test_smoothing_lowers_the_flicker_and_stops_at_a_cut(cli: Cli) -> None:

@@ -115,6 +115,39 @@ def test_one_anchor_fits_the_scale() -> None:
     assert fit_anchors(depth, [Point(1, 0, 3.0)]).values == pytest.approx(np.array([[1.5, 3.0]]))
 
 
+def test_what_the_fit_puts_behind_the_camera_has_no_depth() -> None:
+    near_and_far = [Point(2, 0, 1.0), Point(3, 0, 4.0)]  # depth = 3 × value − 5
+    depth = DepthMap(np.float32([[0.0, 1.6, 2.0, 3.0]]), DepthKind.RELATIVE)
+    fitted = fit_anchors(depth, near_and_far)
+    np.testing.assert_allclose(fitted.values, [[np.nan, np.nan, 1, 4]], rtol=1e-5)
+    inverse = DepthMap(np.float32([[0.0, 0.49, 1.0, 0.625]]), DepthKind.INVERSE)
+    fitted = fit_anchors(inverse, near_and_far)  # 1 / depth = 2 × value − 1
+    np.testing.assert_allclose(fitted.values, [[np.nan, np.nan, 1, 4]], rtol=1e-5)
+    nothing = DepthMap(np.float32([[0.0, 2.0]]), DepthKind.RELATIVE)
+    np.testing.assert_allclose(fit_anchors(nothing, [Point(1, 0, 3.0)]).values, [[np.nan, 3]])
+
+
+@pytest.mark.parametrize("kind", list(DepthKind))
+def test_an_anchor_behind_the_camera_is_refused(kind: DepthKind) -> None:
+    """The best line through these three is below 0 at one of them."""
+    values = np.float32([[0.0, 1.0, 2.0]])
+    wanted = (0.01, 0.02, 3.0)
+    points = [
+        Point(x, 0, 1 / value if kind is DepthKind.INVERSE else value)
+        for x, value in enumerate(wanted)
+    ]
+    with pytest.raises(UsageError, match="ahead of the camera"):
+        fit_anchors(DepthMap(values, kind), points)
+
+
+@pytest.mark.parametrize("value", [0.0, -2.0])
+@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
+def test_one_anchor_never_turns_near_into_far(value: float, kind: DepthKind) -> None:
+    depth = DepthMap(np.float32([[value, 1.0]]), kind)
+    with pytest.raises(UsageError, match="two anchors"):
+        fit_anchors(depth, [Point(0, 0, 3.0)])
+
+
 @pytest.mark.parametrize(
     "points",
     [[Point(9, 0, 1)], [Point(2, 0, 1)], [Point(0, 0, 2), Point(1, 0, 1)]],

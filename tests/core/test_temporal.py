@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from depthcli.core.temporal import GUIDE_PX, Change, Changes, box_mean, guide
@@ -90,6 +90,37 @@ def test_steady_large_changes_are_not_all_cuts() -> None:
     levels = [0.0, 0.03, 0.08, 0.16, 0.25, 0.34]
     cuts = [slow.step(np.full((8, 8), level, np.float32)).is_cut for level in levels]
     assert sum(cuts[1:]) <= 2
+
+
+def cuts(steps: list[float]) -> list[bool]:
+    """Whether each step of a flat picture's brightness is a cut."""
+    changes = Changes()
+    level = 0.5
+    changes.step(np.full((8, 8), level, np.float32))
+    found = []
+    for size in steps:
+        level += size if level < 0.5 else -size  # to and fro, within [0, 1]
+        found.append(changes.step(np.full((8, 8), level, np.float32)).is_cut)
+    return found
+
+
+@given(st.lists(st.floats(0, 0.45), max_size=30))
+def test_cuts_are_those_of_a_plain_loop(steps: list[float]) -> None:
+    usual, expected = 0.0, []
+    for size in steps:
+        bound = max(0.08, 3 * usual)
+        assume(abs(size - bound) > 1e-4)
+        expected.append(size > bound)
+        usual = 0.0 if size > bound else 0.8 * usual + 0.2 * size
+    assert cuts(steps) == expected
+
+
+def test_a_cut_stands_out_from_the_changes_of_its_own_scene() -> None:
+    assert cuts([0.06] * 5 + [0.11]) == [False] * 6  # 3 × (1 − 0.8⁵) × 0.06 = 0.121
+    assert cuts([0.06] * 5 + [0.13]) == [False] * 5 + [True]
+    assert cuts([0.06] * 5 + [0.13, 0.09]) == [False] * 5 + [True, True]  # a new scene
+    assert cuts([0.02] * 20 + [0.079, 0.081]) == [False] * 22
+    assert cuts([0.02] * 20 + [0.081]) == [False] * 20 + [True]
 
 
 STILL = Change(np.zeros((12, 16), np.float32), is_cut=False)

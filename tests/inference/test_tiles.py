@@ -16,6 +16,8 @@ from depthcli.inference.card import Transform
 from depthcli.inference.card_specs import OutputSpec
 from depthcli.inference.memory import tile_width_px
 from depthcli.inference.pipeline import Pipeline, load
+from depthcli.inference.postprocess import coarse_depth, full_size
+from depthcli.inference.preprocess import prepare
 from depthcli.inference.tiles import TileGrid, refine
 
 if TYPE_CHECKING:
@@ -135,6 +137,24 @@ def test_a_tile_of_nonsense_changes_little() -> None:
         assert np.abs(joined - plain).max() < 0.2
 
 
+def test_a_tile_that_contradicts_the_whole_adds_no_detail() -> None:
+    """Upside down its detail would look right, and all the rest would still be wrong."""
+    frame = ramp()
+    checks = (np.indices(COARSE).sum(axis=0) % 2).astype(np.float32)
+
+    def agreeing(part: Frame) -> np.ndarray:
+        return seen(part) + checks
+
+    def contradicting(part: Frame) -> np.ndarray:
+        return 10 - agreeing(part)
+
+    fine, smooth = (
+        refine(RELATIVE, seen(frame), frame, 150, network) for network in (agreeing, contradicting)
+    )
+    assert np.abs(np.diff(fine, 2, axis=1)).max() > 0.5
+    assert np.abs(np.diff(smooth, 2, axis=1)).max() < 0.05
+
+
 def test_a_map_with_holes_is_left_as_it_is() -> None:
     overall = np.full(COARSE, np.nan, np.float32)
     assert refine(RELATIVE, overall, ramp(), 100, seen) is overall
@@ -161,6 +181,27 @@ def test_tiles_make_the_map_sharper(camera: Callable[[Detail], Pipeline]) -> Non
         for tile in (None, 32)
     ]
     assert errors[1] < 0.8 * errors[0]
+
+
+def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_picture_reaches(
+    camera: Callable[[Detail], Pipeline],
+) -> None:
+    """Tiles of 32 of 128 columns: the joined map is four times as fine as the whole picture's."""
+    frame = textured()
+    pipeline = camera(Detail(Upsampling.GUIDED, 32))
+    spec = pipeline.card.output
+
+    def predict(part: Frame) -> np.ndarray:
+        batch, place = prepare(pipeline.card.input, part)
+        return coarse_depth(spec, pipeline.session.run(batch)[0], place)
+
+    joined = refine(spec, predict(frame), frame, 32, predict)
+    expected, nearer = (
+        full_size(spec, joined, frame, Upsampling.GUIDED, reach=reach) for reach in (4, 3)
+    )
+    found = pipeline.predict(frame).values
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    assert np.abs(found - nearer).max() > 0.01
 
 
 def test_a_flat_picture_stays_flat(camera: Callable[[Detail], Pipeline]) -> None:

@@ -101,6 +101,16 @@ def test_png_and_webp_stand_upright(suffix: str, orientation: int, order: str) -
     assert (frame.orientation, frame.focal_35mm) == (orientation, 28)
 
 
+@pytest.mark.parametrize("length", [1, 2, 3, 4])
+def test_webp_exif_is_found_after_a_chunk_of_any_length(length: int) -> None:
+    ok, data = cv2.imencode(".webp", np.zeros((4, 6, 3), np.uint8))
+    assert ok
+    padded = b"x" * length + bytes(length % 2)
+    other = b"XMP " + length.to_bytes(4, "little") + padded
+    whole = made.webp_with_exif(data.tobytes() + other, made.exif(6, focal_35mm=28), 6, 4)
+    assert tuple(read_exif(whole)) == (6, 28)
+
+
 @pytest.mark.parametrize("quarters", range(4))
 @pytest.mark.parametrize("axis", [None, 0, 1])
 def test_avif_turns_and_mirrors_are_undone(quarters: int, axis: int | None) -> None:

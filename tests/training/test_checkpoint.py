@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 from dataclasses import fields, replace
 from pathlib import Path
@@ -198,6 +199,23 @@ def test_interrupted_write_keeps_the_one_before(tmp_path: Path) -> None:
 class _Interrupting:
     def __reduce__(self) -> tuple[Any, ...]:
         raise KeyboardInterrupt
+
+
+def test_it_is_on_the_disk_before_the_one_that_it_replaces_is_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a power cut, one of the two has to be whole."""
+    path = _saved(tmp_path)
+    before, reached = path.read_bytes(), []
+
+    def noted(descriptor: int, reach_disk: Any = os.fsync) -> None:
+        reach_disk(descriptor)
+        reached.append((os.fstat(descriptor).st_ino, path.read_bytes() == before))
+
+    monkeypatch.setattr(os, "fsync", noted)
+    replace(_checkpoint(), extra={"pool": [torch.zeros(1, 3, 3)]}).save(path)
+    assert reached == [(path.stat().st_ino, True)]
+    assert path.read_bytes() != before
 
 
 def test_write_into_no_folder_is_one_line(tmp_path: Path) -> None:

@@ -39,6 +39,19 @@ def test_resizing_takes_the_mean_of_what_was_measured(value: float) -> None:
     assert known.tolist() == [True, False]
 
 
+@pytest.mark.parametrize(("width", "columns"), [(2, 1), (49, 2), (53, 2), (12, 5), (41, 1)])
+def test_a_pixel_is_measured_from_exactly_half_of_its_area_on(width: int, columns: int) -> None:
+    half_m = np.zeros((2, width), np.float32)
+    half_m[0] = 3.0
+    shrunk = shrink(half_m, (columns, 1))
+    assert shrunk is not None
+    assert shrunk.known is None
+    np.testing.assert_allclose(shrunk.depth_m, 3.0, rtol=1e-5)
+    less_m = np.zeros((5, width), np.float32)
+    less_m[:2] = 3.0
+    assert shrink(less_m, (columns, 1)) is None
+
+
 def test_holes_take_the_nearest_measurement() -> None:
     depth_m = np.zeros((5, 9), np.float32)
     depth_m[2, 0], depth_m[2, 8] = 1.0, 7.0
