@@ -80,7 +80,8 @@ class OptimConfig:
         ema: decay of the weight average that is validated and exported; 0 keeps none.
         pool_size: image pool of the discriminators; 0 has none.
         width_discriminator: first layer of the discriminators.
-        head_learning_rate: of the patch heads of DCLGAN and SimDCL; 0 is ``learning_rate``.
+        head_learning_rate: of the heads of DCLGAN and SimDCL; 0 is ``learning_rate`` and its betas,
+            as SimDCL has it.
         head_beta1: Adam's first, of those heads.
         head_beta2: Adam's second, of those heads.
     """

@@ -26,6 +26,15 @@ class Fakes(NamedTuple):
     x: Tensor
 
 
+class Maps(NamedTuple):
+    """Feature maps (B, C, H, W) of each tap, of both pictures and both translations."""
+
+    real_x: list[Tensor]
+    fake_y: list[Tensor]
+    real_y: list[Tensor]
+    fake_x: list[Tensor]
+
+
 class Vectors(NamedTuple):
     """Patch vectors (B, P, dim) of each tap, of both pictures and both translations."""
 
@@ -79,7 +88,7 @@ class DclGan(Method):
             return self._judge(x, y, self._made)
         fakes = self._made or self._translate(x, y)
         self._made = None
-        compared = self._compared(self._vectors(x, y, fakes)) if self.heads() else {}
+        compared = self._compared(self._maps(x, y, fakes)) if self.heads() else {}
         return self._deceive(x, y, fakes) | self._identity(x, y) | compared
 
     def _translate(self, x: Tensor, y: Tensor) -> Fakes:
@@ -109,7 +118,17 @@ class DclGan(Method):
         same_x = F.l1_loss(translated(self.backward_generator, x), x)
         return {"identity": self.weights.identity * (same_y + same_x)}
 
-    def _compared(self, vectors: Vectors) -> dict[str, Tensor]:
+    def _maps(self, x: Tensor, y: Tensor, fakes: Fakes) -> Maps:
+        of_gray, of_depth = self.generator.features, self.backward_generator.features
+        taps = self.taps
+        return Maps(
+            of_gray(x, taps), of_depth(fakes.y, taps), of_depth(y, taps), of_gray(fakes.x, taps)
+        )
+
+    def _compared(self, maps: Maps) -> dict[str, Tensor]:
+        return self._contrast(self._vectors(maps))
+
+    def _contrast(self, vectors: Vectors) -> dict[str, Tensor]:
         weights, terms = self.weights, {}
         if weights.contrast_x:
             there = mean_over_taps(patch_nce, vectors.fake_y, vectors.real_x)
@@ -119,13 +138,11 @@ class DclGan(Method):
             terms["contrast_y"] = weights.contrast_y * back
         return terms
 
-    def _vectors(self, x: Tensor, y: Tensor, fakes: Fakes) -> Vectors:
+    def _vectors(self, maps: Maps) -> Vectors:
         """The same positions for a picture and its translation."""
         of_gray, of_depth = present(self.sampler_gray), present(self.sampler_depth)
-        real_x, positions_x = of_gray(self.generator.features(x, self.taps))
-        real_y, positions_y = of_depth(self.backward_generator.features(y, self.taps))
-        maps_y = self.backward_generator.features(fakes.y, self.taps)
-        maps_x = self.generator.features(fakes.x, self.taps)
-        fake_y, _ = of_depth(maps_y, positions_x)
-        fake_x, _ = of_gray(maps_x, positions_y)
+        real_x, positions_x = of_gray(maps.real_x)
+        real_y, positions_y = of_depth(maps.real_y)
+        fake_y, _ = of_depth(maps.fake_y, positions_x)
+        fake_x, _ = of_gray(maps.fake_x, positions_y)
         return Vectors(real_x, fake_y, real_y, fake_x)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from depthcli.training.config import TrainConfig
-    from depthcli.training.methods.dclgan import Vectors
+    from depthcli.training.methods.dclgan import Maps
 
 
 class SimDcl(DclGan):
@@ -34,13 +34,17 @@ class SimDcl(DclGan):
         maps = built(self.map_real_x, self.map_fake_y, self.map_real_y, self.map_fake_x)
         return super().heads() + maps
 
-    def _compared(self, vectors: Vectors) -> dict[str, Tensor]:
+    def _compared(self, maps: Maps) -> dict[str, Tensor]:
+        vectors = self._vectors(maps)
         if not self.weights.similarity:
-            return super()._compared(vectors)
+            return self._contrast(vectors)
+        # A domain has no positions in common with its fakes: theirs are drawn anew.
+        fake_x, _ = present(self.sampler_gray)(maps.fake_x)
+        fake_y, _ = present(self.sampler_depth)(maps.fake_y)
         alike = similarity(
             real_x=present(self.map_real_x)(vectors.real_x),
-            fake_x=present(self.map_fake_x)(vectors.fake_x),
+            fake_x=present(self.map_fake_x)(fake_x),
             real_y=present(self.map_real_y)(vectors.real_y),
-            fake_y=present(self.map_fake_y)(vectors.fake_y),
+            fake_y=present(self.map_fake_y)(fake_y),
         )
-        return super()._compared(vectors) | {"similarity": self.weights.similarity * alike}
+        return self._contrast(vectors) | {"similarity": self.weights.similarity * alike}

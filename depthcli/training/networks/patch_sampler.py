@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor, nn
 
+from depthcli.training.networks.weights import init_xavier
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _EPSILON = 1e-7
-_XAVIER_GAIN = 0.02
 
 
 class PatchSampler(nn.Module):
@@ -30,10 +31,7 @@ class PatchSampler(nn.Module):
             nn.Sequential(nn.Linear(width, dim), nn.ReLU(), nn.Linear(dim, dim))
             for width in channels
         )
-        for layer in self.modules():
-            if isinstance(layer, nn.Linear):
-                nn.init.xavier_normal_(layer.weight, _XAVIER_GAIN)
-                nn.init.zeros_(layer.bias)
+        init_xavier(self)
 
     def forward(
         self, maps: Sequence[Tensor], positions: Sequence[Tensor] | None = None

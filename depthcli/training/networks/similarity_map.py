@@ -8,6 +8,9 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
+from depthcli.training.losses.precision import full_precision
+from depthcli.training.networks.weights import init_xavier
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -15,8 +18,8 @@ if TYPE_CHECKING:
 class SimilarityMap(nn.Module):
     """Convolution, ReLU, global average, Linear, ReLU, Linear, L2-normalise.
 
-    It keeps torch's usual first weights: with the small gain of the other networks its output
-    would be too short to normalise.
+    Its first weights are as small as those of all networks of the CUT family, so its vector is too
+    short for half precision before it is normalised.
 
     Args:
         taps: feature maps whose patch vectors are stacked.
@@ -27,15 +30,17 @@ class SimilarityMap(nn.Module):
         super().__init__()
         self.conv = nn.Conv2d(taps, dim, 3, 2)
         self.linear = nn.Sequential(nn.Linear(dim, dim), nn.ReLU(), nn.Linear(dim, dim))
+        init_xavier(self)
 
     def forward(self, vectors: Sequence[Tensor]) -> Tensor:
         """One unit vector (B, dim) an image, fp32.
 
         Args:
-            vectors: (B, P, C) of each tap, P and C at least 3. Where maps have fewer positions
+            vectors: (B, P, C) fp32 of each tap, P and C at least 3. Where maps have fewer positions
                 than others, as many are used of each.
         """
         patches = min(v.shape[1] for v in vectors)
-        stacked = torch.stack([v[:, :patches] for v in vectors], 1)
-        pooled = F.relu(self.conv(stacked)).mean((2, 3))
-        return F.normalize(self.linear(pooled).float(), dim=1)
+        with full_precision(vectors[0]):
+            stacked = torch.stack([v[:, :patches] for v in vectors], 1)
+            pooled = F.relu(self.conv(stacked)).mean((2, 3))
+            return F.normalize(self.linear(pooled), dim=1)

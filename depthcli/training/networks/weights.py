@@ -17,9 +17,9 @@ def init_normal(network: nn.Module) -> None:
 
 
 def init_xavier(network: nn.Module) -> None:
-    """Xavier-normal kernels of gain 0.02 and zero biases (CUT)."""
+    """Xavier-normal kernels and matrices of gain 0.02 and zero biases (CUT)."""
     for layer in network.modules():
-        if isinstance(layer, _CONVOLUTIONS):
+        if isinstance(layer, (*_CONVOLUTIONS, nn.Linear)):
             nn.init.xavier_normal_(layer.weight, _SPREAD)
             _zero_bias(layer)
 

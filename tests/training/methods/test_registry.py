@@ -72,7 +72,7 @@ def test_schedules_pools_and_pairing_are_the_published_ones(name: str) -> None:
     assert (optim.learning_rate, optim.beta1, optim.beta2) == (2e-4, 0.5, 0.999)
     assert optim.batch_size == 1
     heads = (optim.head_learning_rate, optim.head_beta1, optim.head_beta2)
-    assert heads == ((1e-3, 0.9, 0.999) if name in {"dclgan", "simdcl"} else (0, 0.5, 0.999))
+    assert heads == ((1e-3, 0.9, 0.999) if name == "dclgan" else (0, 0.5, 0.999))
     assert config.data.paired == (name not in UNPAIRED)
     assert config.generator.antialias == (name not in {"cyclegan", "proposed"})
     assert config.generator.residual == ("stem" if name == "proposed" else "none")
