@@ -45,10 +45,12 @@ def add(
     if as_json:
         console.out_json(
             {"name": model.card.name, "path": str(model.path.parent), "sha256": model.sha256}
+            | _preprocessing(model.card)
         )
-    else:
-        said = console.one_line(f"{model.card.name}: {what_comes_out(model.card)}")
-        console.out(f"{said}, in {console.one_line(str(model.path.parent))}")
+        return ExitCode.OK
+    said = console.one_line(f"{model.card.name}: {what_comes_out(model.card)}")
+    console.out(f"{said}, in {console.one_line(str(model.path.parent))}")
+    _warn_of_preprocessing(model.card)
     return ExitCode.OK
 
 
@@ -73,8 +75,13 @@ def cards(as_json: _Json = False) -> int:
             console.out_json(_listed(name, card))
         return ExitCode.OK
     console.table(
-        ("card", "output", "license", "summary"),
-        [(n, what_comes_out(card), card.license, card.summary) for n, card in found.items()],
+        ("card", "output", "license", "run with real weights", "summary"),
+        [(n, what_comes_out(c), c.license, _ran(c), c.summary) for n, c in found.items()],
+    )
+    console.note(
+        "a card that was never run with real weights may prepare pictures wrongly, and only known "
+        "depth shows it: depthcli eval nyu --data NYU --split val --limit 20 --model NAME, with "
+        "--align disparity for inverse depth"
     )
     return ExitCode.OK
 
@@ -84,6 +91,35 @@ def what_comes_out(card: ModelCard) -> str:
     if card.output.max_m is not None and card.output.kind == "metric":
         return f"metric depth up to {card.output.max_m:g} m"
     return f"{card.output.kind} depth, no unit"
+
+
+def _ran(card: ModelCard) -> str:
+    from depthcli.inference.preprocessing_check import preprocessing_check
+
+    check = preprocessing_check(card)
+    return "yes" if check and check.run_with_weights else "no"
+
+
+def _preprocessing(card: ModelCard) -> dict[str, object]:
+    """What a card says of its preprocessing, and how to check it; nothing if it says nothing."""
+    from depthcli.inference.preprocessing_check import command_to_check, preprocessing_check
+
+    check = preprocessing_check(card)
+    if check is None:
+        return {}
+    stated = {"run_with_weights": check.run_with_weights, "verified": check.verified}
+    return {"preprocessing": stated | {"check": command_to_check(card)}}
+
+
+def _warn_of_preprocessing(card: ModelCard) -> None:
+    from depthcli.inference.preprocessing_check import command_to_check, preprocessing_check
+
+    check = preprocessing_check(card)
+    if check is not None and not check.run_with_weights:
+        console.warn(
+            "nobody has run this card with the real weights, so its preprocessing may be wrong. "
+            f"{check.verified} Check it on a few pictures: {command_to_check(card)}"
+        )
 
 
 def _listed(name: str, card: ModelCard) -> dict[str, object]:

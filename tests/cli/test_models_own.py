@@ -112,6 +112,30 @@ def test_the_ready_cards_ship_in_the_wheel(cli: Cli) -> None:
     assert len(rows) == len(cards)
 
 
+def test_a_card_that_nobody_ran_with_real_weights_says_so(cli: Cli, download: Path) -> None:
+    listed = cli("models", "cards")
+    header, *rows = (line.split("\t") for line in listed.stdout.decode().splitlines())
+    ran = {row[0]: row[header.index("run with real weights")] for row in rows}
+    assert (ran["meter-nyu"], ran["midas-small"]) == ("yes", "no")
+    assert b"depthcli eval nyu --data NYU --split val --limit 20 --model NAME" in listed.stderr
+    added = cli("models", "add", download, "--card", "midas-small")
+    (warning,) = added.stderr.decode().splitlines()
+    assert "nobody has run this card with the real weights" in warning
+    assert "eval nyu --data NYU --split val --limit 20 --model midas-small --align disp" in warning
+    told = json.loads(
+        cli("models", "add", download, "--card", "midas-small", "--force", "--json").stdout
+    )
+    assert told["preprocessing"]["run_with_weights"] is False
+    assert "tf/run_onnx.py" in told["preprocessing"]["verified"]
+
+
+def test_a_card_that_was_run_with_real_weights_is_no_warning(cli: Cli) -> None:
+    file = cli.folder / "meter.onnx"
+    file.write_bytes(tiny_onnx(channels=3, size=(256, 192)))
+    added = cli("models", "add", file, "--card", "meter-nyu")
+    assert (added.returncode, added.stderr) == (0, b"")
+
+
 def test_a_ready_card_can_be_shown_and_used_as_a_file(cli: Cli, download: Path) -> None:
     (cli.folder / "mine.json").write_bytes(cli("models", "show", "midas-small").stdout)
     done = cli("models", "add", download, "--card", "mine.json", "--name", "mine")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -18,6 +18,7 @@ from depthcli.inference.catalog import find_model
 from depthcli.inference.install import add_model
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.preprocess import layout, prepare
+from depthcli.inference.preprocessing_check import command_to_check, preprocessing_check
 from depthcli.inference.ready_cards import ready_card, ready_names
 from depthcli.inference.session import Session
 
@@ -153,10 +154,33 @@ def test_only_metric_models_have_metres(name: str) -> None:
     assert (output.max_m is not None) == is_metric
 
 
-def test_centimetres_become_metres(tmp_path: Path) -> None:
+def test_meter_gets_imagenet_s_mean_and_its_centimetres_become_metres(tmp_path: Path) -> None:
     model = add_model(write_network(tmp_path / "m.onnx", METER), "meter-nyu")
-    white = Frame(np.full((20, 30, 3), 255, np.uint8))
-    np.testing.assert_allclose(Pipeline(Session(model)).predict(white).values, 9, rtol=1e-5)
+    gray = Frame(np.full((20, 30, 3), 153, np.uint8))
+    mean, std = np.array(IMAGENET)
+    expected_m = 9 * ((0.6 - mean) / std).mean()  # (x/255 - mean)/std, times 900 cm
+    np.testing.assert_allclose(Pipeline(Session(model)).predict(gray).values, expected_m, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ready_names())
+def test_a_card_says_how_its_preprocessing_was_verified(tmp_path: Path, name: str) -> None:
+    check = preprocessing_check(ready_card(name))
+    assert check is not None
+    assert check.verified.endswith(".")
+    assert check.run_with_weights == (name == "meter-nyu")
+    file = write_network(tmp_path / "m.onnx", dict(CASES)[name])
+    added = add_model(file, name, name="mine").card
+    assert preprocessing_check(added) == check
+    inverse = added.output.kind is DepthKind.INVERSE
+    assert command_to_check(added).endswith("--model mine" + " --align disparity" * inverse)
+
+
+@pytest.mark.parametrize(
+    "stated", [{}, {"preprocessing": "yes"}, {"preprocessing": {"run_with_weights": 1}}]
+)
+def test_a_card_that_says_nothing_of_it_is_a_card(stated: dict[str, object]) -> None:
+    card = replace(ready_card("fastdepth"), training=stated)
+    assert preprocessing_check(card) is None
 
 
 def test_the_graph_s_own_size_is_taken(tmp_path: Path) -> None:
