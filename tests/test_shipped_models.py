@@ -11,6 +11,7 @@ import onnx
 import pytest
 
 import depthcli
+from depthcli.datasets import id_ranges
 from depthcli.inference.card import ModelCard
 
 ROOT = Path(__file__).parents[1]
@@ -49,6 +50,13 @@ def test_the_picture_guides_unless_told_otherwise() -> None:
     seen_m = _depth("default").values[::8, ::8]
     assert np.abs(seen_m - np.load(REFERENCES["default", "guided"])).max() < 0.02
     assert np.abs(seen_m - np.load(REFERENCES["default", "bilinear"])).max() > 0.1
+
+
+def test_its_card_names_the_pairs_it_learned(model: str) -> None:
+    card = ModelCard.from_json((ROOT / "models" / model / "card.json").read_bytes())
+    numbers = id_ranges.read(card.training["nyu_train_ids"])
+    assert len(numbers) == card.training["pairs"]
+    assert max(numbers) < 1000
 
 
 def test_the_fast_model_is_the_default_one_in_fewer_bits() -> None:

@@ -153,6 +153,11 @@ def nyu(
     at_once = workers or cores
     names: Sequence[str | None] = model or ([] if no_model or predictions else [None])
     share = threads or max(1, cores // at_once)
+    if no_model and not predictions and not (trivial and task.split.train):
+        raise UsageError(
+            "nothing to compare: give --model or --predictions, or leave out --no-model or "
+            "--no-trivial (trivial rows need training pairs of the split)"
+        )
     engines = [Engine(name, provider, share, provider_option or ()) for name in names]
     predictors: list[Predictor] = [
         *open_models(engines, detail),

@@ -118,7 +118,7 @@ def aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
 
 def footnotes(report: Report) -> list[str]:
     """What stands under the table."""
-    marked = [f"* {row.note}" for row in report.rows if row.note]
+    marked = dict.fromkeys(f"* {console.one_line(row.note)}" for row in report.rows if row.note)
     empty = sorted({row.empty_count for row in report.rows} - {0})
     left_out = [f"{count} images have no valid pixel and are left out" for count in empty]
     upward = {name for name, metric in METRICS.items() if metric.higher_is_better}

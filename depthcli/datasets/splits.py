@@ -80,6 +80,15 @@ def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
     return split
 
 
+def train_positions(dataset: DepthDataset, name: SplitName) -> tuple[int, ...]:
+    """Positions of a split's training pairs that are here, though it may have none to test.
+
+    Raises:
+        DatasetError: an id is not a label number, or the official split of a pair is not known.
+    """
+    return _DIVIDE[name](dataset, [_label(dataset_id) for dataset_id in dataset.ids]).train
+
+
 def _label(dataset_id: str) -> int:
     if not dataset_id.isdecimal() or int(dataset_id) >= LABELLED_COUNT:
         raise DatasetError(

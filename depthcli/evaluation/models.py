@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from depthcli.core.choices import Detail
     from depthcli.core.types import DepthKind, DepthMap
     from depthcli.evaluation.predictors import Sample
+    from depthcli.inference.card import ModelCard
     from depthcli.inference.pipeline import Pipeline
 
 
@@ -37,6 +38,11 @@ class ModelPredictor:
     pipeline: Pipeline
     warnings: tuple[str, ...] = ()
     source: Source = Source.MODEL
+
+    @property
+    def card(self) -> ModelCard:
+        """The model's card."""
+        return self.pipeline.card
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth at the picture's size.

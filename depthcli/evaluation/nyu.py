@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from depthcli.datasets.splits import Split, SplitName, split_nyu
+from depthcli.evaluation.learned import learned_count
 from depthcli.evaluation.protocol import Protocol
 from depthcli.evaluation.published import PUBLISHED
 from depthcli.evaluation.report import Report
@@ -138,7 +139,9 @@ def score_nyu(
     workers: int = 0,
 ) -> tuple[Row, ...]:
     """The rows that are measured here; arguments and errors as in :func:`evaluate_nyu`."""
-    entries = [enter(predictor, alignments) for predictor in predictors]
+    entries = [
+        enter(predictor, alignments, learned_count(predictor, task)) for predictor in predictors
+    ]
     if trivial and task.split.train:
         entries = [*_trivial_entries(task, protocol, alignments, stage, workers), *entries]
     return evaluate(

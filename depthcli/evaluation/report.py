@@ -45,6 +45,7 @@ class Row:
         model_sha256: checksum of the model, if it is one.
         images: scores per image, if they were asked for.
         boundary: scores of the edges, if they were asked for.
+        learned_count: images among these that it was trained on; None if nothing tells.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Row:
     model_sha256: str | None = None
     images: tuple[ImageScores, ...] = ()
     boundary: BoundaryScores | None = None
+    learned_count: int | None = None
 
     def items(self, *, boundary: bool) -> tuple[tuple[str, float], ...]:
         """(name, value) of every score, in the order of the table's columns."""
@@ -121,15 +123,15 @@ class Report:
         """One line per row; split, protocol and number of images in each."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(
-            ["name", "source", "align", "dataset", "split", "images", "protocol", *self.columns]
-        )
+        origin = ["dataset", "split", "images", "trained_on", "protocol"]
+        writer.writerow(["name", "source", "align", *origin, *self.columns])
         for row in self.rows:
             values = row.items(boundary=self.protocol.boundary)
             scores = ["" if math.isnan(value) else repr(value) for _, value in values]
             align = row.alignment or ""
-            origin = [self.dataset, self.split, row.image_count, self.protocol.name]
-            writer.writerow([row.name, row.source, align, *origin, *scores])
+            learned = "" if row.learned_count is None else str(row.learned_count)
+            facts = [self.dataset, self.split, str(row.image_count), learned, self.protocol.name]
+            writer.writerow([row.name, row.source, align, *facts, *scores])
         return text.getvalue()
 
 
@@ -160,6 +162,8 @@ def row_json(row: Row) -> dict[str, Any]:
         "images_without_valid_pixel": row.empty_count,
         "scores": _all_scores_json(row),
     }
+    if row.learned_count is not None:
+        entry["images_trained_on"] = row.learned_count
     if row.note:
         entry["note"] = row.note
     if row.model_sha256:

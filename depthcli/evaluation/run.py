@@ -30,13 +30,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A predictor and the alignments that it gets a row for."""
+    """A predictor and what its rows say.
+
+    Attributes:
+        predictor: what is scored.
+        alignments: a row for each.
+        learned_count: images of the task that it was trained on; None if nothing tells.
+    """
 
     predictor: Predictor
     alignments: tuple[Alignment, ...] = (Alignment.NONE,)
+    learned_count: int | None = None
 
 
-def enter(predictor: Predictor, wanted: Sequence[Alignment]) -> Entry:
+def enter(
+    predictor: Predictor, wanted: Sequence[Alignment], learned_count: int | None = None
+) -> Entry:
     """Keep the alignments that mean something for what the predictor gives.
 
     Raises:
@@ -49,7 +58,7 @@ def enter(predictor: Predictor, wanted: Sequence[Alignment]) -> Entry:
             f"{predictor.name} gives {predictor.kind} depth, which has no metres before it is "
             f"aligned: add --align {needed}"
         )
-    return Entry(predictor, suitable)
+    return Entry(predictor, suitable, learned_count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,13 +76,15 @@ class _OpenRow:
     predictor: Predictor
     alignment: Alignment
     total: Accumulator
+    learned_count: int | None
     images: list[ImageScores] = field(default_factory=list)
     edges: BoundaryAccumulator | None = None
 
     @classmethod
-    def of(cls, predictor: Predictor, alignment: Alignment, protocol: Protocol) -> _OpenRow:
+    def of(cls, entry: Entry, alignment: Alignment, protocol: Protocol) -> _OpenRow:
         edges = BoundaryAccumulator() if protocol.boundary else None
-        return cls(predictor, alignment, Accumulator(protocol.averaging), edges=edges)
+        total = Accumulator(protocol.averaging)
+        return cls(entry.predictor, alignment, total, entry.learned_count, edges=edges)
 
     def add(self, image_id: str, measured: _Measured, *, keep: bool) -> None:
         scores = self.total.add(measured.sums)
@@ -93,7 +104,19 @@ class _OpenRow:
             model_sha256=self.predictor.model_sha256,
             images=tuple(self.images),
             boundary=self.edges.compute() if self.edges else None,
+            learned_count=self.learned_count,
+            note=_note(self.predictor.name, self.learned_count),
         )
+
+
+def _note(name: str, learned_count: int | None) -> str:
+    """What a reader has to know of a row whose model has seen the answers."""
+    if not learned_count:
+        return ""
+    return (
+        f"{name} was trained on {learned_count} of these images, or on others of their scenes: "
+        "its scores say nothing of new pictures and are not comparable"
+    )
 
 
 def evaluate(
@@ -126,7 +149,7 @@ def evaluate(
     """
     protocol = protocol or Protocol()
     rows = [
-        _OpenRow.of(entry.predictor, alignment, protocol)
+        _OpenRow.of(entry, alignment, protocol)
         for entry in entries
         for alignment in entry.alignments
     ]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from depthcli.core.types import DepthKind
+from depthcli.datasets import id_ranges
 from depthcli.export.graph import (
     IR_VERSION,
     OPSET,
@@ -25,7 +26,7 @@ from depthcli.inference.card import METADATA_KEY, ModelCard
 from depthcli.inference.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
 from depthcli.inference.catalog import CARD_NAME
 from depthcli.io.atomic import atomic_path
-from depthcli.training.checkpoint import Checkpoint, load_generator
+from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -183,6 +184,7 @@ def _training(saved: Checkpoint) -> dict[str, Any]:
         "seed": saved.config.seed,
         "pairs": len(progress.train_ids),
         "held_out_pairs": len(progress.held_out_ids),
+        **_nyu_pairs(progress),
         "steps": progress.step,
         "minutes": round(progress.seconds / 60, 1),
         "validation": {
@@ -190,6 +192,13 @@ def _training(saved: Checkpoint) -> dict[str, Any]:
         },
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
+
+
+def _nyu_pairs(progress: Progress) -> dict[str, str]:
+    """Ids of NYU Depth v2 that were trained on, for whoever evaluates the model."""
+    if not progress.data.startswith("NYU Depth v2"):
+        return {}
+    return {"nyu_train_ids": id_ranges.written(i for i in progress.train_ids if i.isdecimal())}
 
 
 def _cases(spec: InputSpec) -> tuple[tuple[int, int, int], ...]:

@@ -83,6 +83,29 @@ def test_default_model_is_scored(data: Path, capsys: pytest.CaptureFixture[str])
     assert model["scores"]["abs_rel"] < rows[2]["scores"]["abs_rel"] / 3
 
 
+def test_a_model_that_learned_the_pictures_is_flagged(
+    data: Path, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The official split tests on pairs 1, 3, 5, 7, 9."""
+    write_model(models / "seen", training={"nyu_train_ids": "0003-0005,0008"})
+    page, table = tmp_path / "page.html", tmp_path / "table.csv"
+    arguments = ["--split", "official", "--no-trivial", "--model", "seen", "--model", "default"]
+    assert _run(data, *arguments, "--html", str(page), "--csv", str(table)) == ExitCode.OK
+    shown = capsys.readouterr().out
+    note = "seen was trained on 2 of these images"
+    assert "\nseen* " in shown
+    assert f"\n* {note}" in shown
+    assert "\ndefault " in shown
+    assert note in page.read_text()
+    with table.open() as file:
+        assert [line["trained_on"] for line in csv.DictReader(file)] == ["2", ""]
+    assert _run(data, *arguments, "--json") == ExitCode.OK
+    seen, default = _rows(capsys)
+    assert seen["images_trained_on"] == 2
+    assert note in seen["note"]
+    assert "note" not in default
+
+
 @pytest.mark.usefixtures("models")
 def test_table_names_protocol_split_and_images(
     data: Path, capsys: pytest.CaptureFixture[str]
@@ -247,6 +270,7 @@ def test_data_may_come_from_the_environment(
     [
         (["--model", "default", "--no-model"], "exclude each other"),
         (["--no-model", "--per-image"], "add --json"),
+        (["--split", "val", "--no-model", "--no-trivial"], "nothing to compare: give --model or"),
         (["--predictions", ".", "--predictions-kind", "feet", "--split", "val"], "not feet"),
         (["--split", "test"], "'test' is not one of"),
         (["--limit", "0"], "limit"),

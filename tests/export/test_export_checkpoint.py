@@ -58,6 +58,34 @@ def test_card_of_nyu_knows_the_camera(tmp_path: Path) -> None:
     assert card.license == "NOASSERTION"
 
 
+def test_card_of_nyu_names_the_pairs_that_were_learned(tmp_path: Path) -> None:
+    ids = ("0003", "0000", "0001", "0012")
+    checkpoint = write_checkpoint(tmp_path / "last.ckpt", train_ids=ids)
+    card = export_checkpoint(checkpoint, tmp_path / "room.onnx", ExportOptions()).card
+    assert card.training["nyu_train_ids"] == "0000-0001,0003,0012"
+    assert (
+        "nyu_train_ids"
+        not in export_checkpoint(
+            write_checkpoint(tmp_path / "own.ckpt", data="own pairs (yard)", train_ids=ids),
+            tmp_path / "own.onnx",
+            ExportOptions(),
+        ).card.training
+    )
+
+
+@pytest.mark.parametrize(("half", "allowed"), [(False, 1e-3), (True, 2e-2)])
+def test_the_gate_is_as_narrow_as_the_weights_allow(
+    half: bool, allowed: float, tmp_path: Path
+) -> None:
+    checkpoint = write_checkpoint(tmp_path / "last.ckpt")
+    parity = export_checkpoint(checkpoint, tmp_path / "a.onnx", ExportOptions(half=half)).parity
+    assert parity.tolerance == allowed
+    own = ExportOptions(half=half, tolerance=parity.max_abs / 2)
+    with pytest.raises(ParityError, match="nothing was written"):
+        export_checkpoint(checkpoint, tmp_path / "b.onnx", own)
+    assert not (tmp_path / "b.onnx").exists()
+
+
 def test_card_of_other_data_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
     checkpoint = write_checkpoint(
         tmp_path / "last.ckpt",

@@ -1,0 +1,50 @@
+"""Ids that are numbers, as short text: ``0000-0002,0007``."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_DIGITS = 4
+
+
+def written(ids: Iterable[str]) -> str:
+    """Ids as ranges.
+
+    Args:
+        ids: whole numbers, as NYU Depth v2's.
+
+    >>> written(["0001", "0000", "0002", "0007"])
+    '0000-0002,0007'
+    """
+    numbers = sorted({int(name) for name in ids})
+    if not numbers:
+        return ""
+    breaks = [(a, b) for a, b in pairwise(numbers) if b != a + 1]
+    firsts = [numbers[0], *(b for _, b in breaks)]
+    lasts = [*(a for a, _ in breaks), numbers[-1]]
+    return ",".join(_range(a, b) for a, b in zip(firsts, lasts, strict=True))
+
+
+def _range(first: int, last: int) -> str:
+    start = f"{first:0{_DIGITS}d}"
+    return start if first == last else f"{start}-{last:0{_DIGITS}d}"
+
+
+def read(text: str) -> frozenset[int]:
+    """The numbers of ids as ranges.
+
+    Raises:
+        ValueError: the text is no such list.
+
+    >>> sorted(read("0000-0002,0007"))
+    [0, 1, 2, 7]
+    """
+    numbers: set[int] = set()
+    for part in filter(None, text.split(",")):
+        first, _, last = part.partition("-")
+        numbers.update(range(int(first), int(last or first) + 1))
+    return frozenset(numbers)
