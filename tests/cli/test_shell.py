@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -24,9 +23,8 @@ HEAVY = {"numpy", "cv2", "onnxruntime", "torch", "rich", "OpenEXR", "importlib.m
 def loaded(cli: Cli, *arguments: str) -> set[str]:
     """Every module that a command imports."""
     words = [sys.executable, "-X", "importtime", *cli.command(*arguments)[1:]]
-    done = subprocess.run(
-        words, capture_output=True, check=True, cwd=cli.folder, env=cli.environment
-    )
+    plain = {k: v for k, v in cli.environment.items() if not k.startswith("COVERAGE_")}
+    done = subprocess.run(words, capture_output=True, check=True, cwd=cli.folder, env=plain)
     return {line.rsplit("|", 1)[1].strip() for line in done.stderr.decode().splitlines()}
 
 
@@ -44,18 +42,8 @@ def test_a_command_s_help_loads_nothing_heavy(cli: Cli, name: str) -> None:
     assert not modules & HEAVY
 
 
-def fastest_s(words: list[str], cli: Cli) -> float:
-    times = []
-    for _ in range(7):
-        start = time.perf_counter()
-        subprocess.run(words, capture_output=True, check=True, cwd=cli.folder, env=cli.environment)
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
-def test_help_costs_at_most_five_empty_pythons(cli: Cli) -> None:
-    empty = fastest_s([sys.executable, "-c", "pass"], cli)
-    assert fastest_s(cli.command("--help"), cli) <= 5 * empty
+def test_help_loads_little_more_than_python_does(cli: Cli) -> None:
+    assert len(loaded(cli, "--help")) < 100  # typer alone has more
 
 
 def test_help_names_every_command(cli: Cli) -> None:
