@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli import console
-from depthcli.cli.numbers import field_of_view
+from depthcli.cli.numbers import field_of_view, not_negative
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 app = typer.Typer(rich_markup_mode=None)
@@ -42,7 +42,7 @@ def export_onnx(
     tolerance: Annotated[
         float | None,
         typer.Option(
-            min=0.0,
+            callback=not_negative,
             help="Largest difference from torch in the raw output. Default: 0.001, with --fp16 "
             "0.02, with --int8 0.2.",
         ),
