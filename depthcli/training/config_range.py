@@ -11,6 +11,7 @@ from depthcli.training.config_objective import TERMS
 if TYPE_CHECKING:
     from depthcli.training.config import GeneratorConfig, TrainConfig
 
+_ROTATION_ROOM = 0.2  # of zoom, at which a view may be turned by all of data.rotate_deg
 _SMALLEST_PX = 32  # below, the discriminators have no output and the gradients no coarsest scale
 _RESNET_STRIDE = 4
 _EFFICIENT_STRIDE = 32
@@ -89,6 +90,13 @@ def _check_views(config: TrainConfig) -> None:
     data = config.data
     if data.rotate_deg and data.zoom == 1:
         raise UsageError("data.rotate_deg needs room to turn: set data.zoom above 1")
+    longest = max(data.width / data.height, data.height / data.width)
+    most_deg = math.degrees(_ROTATION_ROOM / longest)
+    if data.rotate_deg > most_deg:
+        raise UsageError(
+            f"data.rotate_deg is at most {math.floor(10 * most_deg) / 10} at {data.width} x "
+            f"{data.height}, or views would leave the picture; not {data.rotate_deg}"
+        )
     if data.crop_286 and data.zoom > 1:
         raise UsageError("data.crop_286 and data.zoom exclude each other: leave one out")
     if data.cutmix and config.optim.batch_size == 1:

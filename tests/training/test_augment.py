@@ -9,8 +9,10 @@ import pytest
 import torch
 from torch import Tensor
 
+from depthcli.errors import UsageError
 from depthcli.training.augment import augment, network_input
-from depthcli.training.config import DataConfig
+from depthcli.training.config import DataConfig, TrainConfig
+from depthcli.training.config_range import check_range
 
 PLAIN = DataConfig(width=32, height=24)
 FREE_OF_LIGHT = replace(PLAIN, zoom=2.0, rotate_deg=8)
@@ -101,14 +103,48 @@ def test_rotation_turns_pixels_by_degrees_at_any_aspect() -> None:
     assert float(degrees.min()) < 0.01  # whole pictures are not turned
 
 
-def test_views_stay_inside_the_picture() -> None:
-    rgb, depth_m = torch.full((100, 3, 48, 64), 0.5), torch.full((100, 1, 48, 64), 2.0)
-    rgb[..., 0], rgb[..., -1] = 1, 1
-    rgb[..., 0, :], rgb[..., -1, :] = 1, 1
-    gray, _, _ = augment(rgb, depth_m, FREE_OF_LIGHT, _random(5))
-    bright = (gray > 0.5).flatten(1).float().mean(1)
-    # A border of one stored pixel; replicated outside, it would grow to whole bright corners.
-    assert float(bright.max()) < 2 * (32 + 24) / (32 * 24)
+def _corners(data: DataConfig, count: int, seed: int) -> Tensor:
+    """Where the four corners of random views lie: (count, 4, 2), (x, y) in [-1, 1] of the picture.
+
+    The gray of a picture that grows evenly from one edge (-1) to the other (1) is the place where
+    each pixel was taken; the same random numbers give the same views of either picture.
+    """
+    height, width = 2 * data.height, 2 * data.width
+    across = ((torch.arange(width) + 0.5) / width).expand(count, 3, height, -1)
+    down = ((torch.arange(height) + 0.5) / height)[:, None].expand(count, 3, -1, width)
+    depth_m = torch.ones(count, 1, height, width)
+    places = []
+    for picture in (across, down):
+        gray = augment(picture, depth_m.clone(), data, _random(seed)).gray[:, 0]
+        y, x = data.height // 2, data.width // 2
+        middle, along_x, along_y = gray[:, y, x], gray[:, y, x + 1], gray[:, y + 1, x]
+        right = (along_x - middle)[:, None] * torch.tensor([-x - 0.5, data.width - x - 0.5])
+        below = (along_y - middle)[:, None] * torch.tensor([-y - 0.5, data.height - y - 0.5])
+        places.append((middle[:, None, None] + right[:, None] + below[:, :, None]).flatten(1))
+    return torch.stack(places, -1)
+
+
+@pytest.mark.parametrize(("width", "height"), [(48, 36), (36, 48), (32, 32)])
+def test_views_reach_every_edge_and_never_leave_the_picture(width: int, height: int) -> None:
+    largest_deg = math.degrees(0.2 / max(width / height, height / width)) - 0.01
+    data = DataConfig(width=width, height=height, zoom=1.6, rotate_deg=largest_deg)
+    check_range(TrainConfig(data=data))
+    corners = _corners(data, 600, seed=5)
+    assert float(corners.abs().max()) < 1 + 1e-4
+    assert float(corners.amax((0, 1)).min()) > 0.995
+    assert float(corners.amin((0, 1)).max()) < -0.995
+    # Turned and zoomed views, too, use all the room that there is.
+    zoomed = corners[(corners.amax(1) - corners.amin(1)).amax(1) < 1.7]
+    assert float(zoomed.amax((0, 1)).min()) > 0.95
+    assert float(zoomed.amin((0, 1)).max()) < -0.95
+
+
+@pytest.mark.parametrize(("width", "height"), [(48, 36), (36, 48)])
+def test_a_turn_for_which_no_zoom_makes_room_is_refused(width: int, height: int) -> None:
+    data = DataConfig(width=width, height=height, zoom=1.5, rotate_deg=12)
+    assert float(_corners(data, 200, seed=1).abs().max()) > 1.01
+    with pytest.raises(UsageError, match=r"data\.rotate_deg is at most 8\.5 "):
+        check_range(TrainConfig(data=data))
 
 
 def test_crop_of_the_originals_is_untrue_to_metres() -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
-from rooms import HELD_OUT, PAPER, TRAIN, rooms
+from rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 
 from depthcli.errors import DatasetError, UsageError
-from depthcli.training.batches import Batches, PairStore, whole_pictures
+from depthcli.training.batches import Batch, Batches, PairStore, whole_pictures
 from depthcli.training.loop import divide
 
 CPU = torch.device("cpu")
@@ -92,7 +93,6 @@ def test_unpaired_depth_is_of_other_scenes() -> None:
     paired, unpaired = _batches(size=5, **plain), _batches(size=5, paired=False, **plain)
     assert torch.equal(paired[0].gray, unpaired[0].gray)
     assert not torch.equal(paired[0].depth_m, unpaired[0].depth_m)
-    # Flips are drawn apart too: some depth map differs from every mirrored and unmirrored one.
     alike = [
         any(torch.equal(a, b) or torch.equal(a, b.flip(2)) for b in paired[0].depth_m)
         for a in unpaired[0].depth_m
@@ -103,6 +103,44 @@ def test_unpaired_depth_is_of_other_scenes() -> None:
         for a, b in zip(unpaired[0].depth_m, paired[0].depth_m, strict=True)
     ]
     assert not all(in_place)
+
+
+def _ramps(count: int) -> Rooms:
+    """Pictures that get brighter to the right, as their depth grows from 2 to 4 m."""
+    share = np.broadcast_to(np.linspace(0, 1, WIDTH, dtype=np.float32), (count, HEIGHT, WIDTH))
+    images = np.repeat((255 * share).astype(np.uint8)[..., None], 3, axis=3)
+    return Rooms(images, 2 + 2 * share, tuple(f"den_{i}" for i in range(count)))
+
+
+def _seen(paired: bool, steps: int = 4, size: int = 60, **changes: float) -> Batch:
+    """Some batches of ramps in one."""
+    plain = {"zoom": 1.0, "gamma": 0.0, "brightness": 0.0, "noise": 0.0, "rotate_deg": 0.0}
+    data = replace(DATA, paired=paired, **(plain | changes))  # type: ignore[arg-type]
+    batches = Batches(PairStore(_ramps(size), range(size), data), data, size, 0, CPU)
+    seen = [batches[step] for step in range(steps)]
+    return Batch(*(torch.cat(maps) for maps in zip(*(b[:2] for b in seen), strict=True)))
+
+
+@pytest.mark.parametrize("paired", [True, False])
+def test_flips_are_the_same_for_a_pair_and_drawn_apart_for_two_lists(paired: bool) -> None:
+    seen = _seen(paired)
+    mirrored = [maps[..., 0].mean((1, 2)) > maps[..., -1].mean((1, 2)) for maps in seen[:2]]
+    for flips in mirrored:
+        assert 0.4 < float(flips.float().mean()) < 0.6
+    together = float((mirrored[0] == mirrored[1]).float().mean())
+    assert together == 1 if paired else 0.4 < together < 0.6
+
+
+@pytest.mark.parametrize("paired", [True, False])
+def test_zooms_are_the_same_for_a_pair_and_drawn_apart_for_two_lists(paired: bool) -> None:
+    """How steep a ramp is tells its zoom: of depth, 2 m over the whole, divided by the square."""
+    seen = _seen(paired, zoom=2.0)
+    gray, depth_m = ((maps[..., 16, 24] - maps[..., 16, 8]).abs()[:, 0] for maps in seen[:2])
+    of_gray, of_depth = 1 / gray, (1 / depth_m).sqrt()
+    assert 1.8 < float(of_gray.max()) < 2.1
+    assert 1.8 < float(of_depth.max()) < 2.1
+    correlation = float(torch.corrcoef(torch.stack([of_gray, of_depth]))[0, 1])
+    assert correlation > 0.99 if paired else abs(correlation) < 0.25
 
 
 def test_store_keeps_depth_to_five_millimetres() -> None:

@@ -81,21 +81,30 @@ def test_no_share_changes_nothing() -> None:
     assert torch.equal(mixed, _numbered())
 
 
-@pytest.mark.parametrize("holes", [False, True])
-def test_augmentation_mixes_picture_and_depth_alike(*, holes: bool) -> None:
+def test_augmentation_mixes_picture_and_depth_alike() -> None:
     value = torch.rand(8, 1, 48, 64, generator=_random(5))
     rgb, depth_m = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value
-    known = value > 0 if holes else None
     plain = DataConfig(width=WIDTH, height=HEIGHT)
-    gray, seen_m, seen = augment(rgb, depth_m.clone(), plain, _random(6), known)
-    mixed, mixed_m, mixed_known = augment(
-        rgb, depth_m.clone(), replace(plain, cutmix=0.9), _random(6), known
-    )
+    gray, seen_m, _ = augment(rgb, depth_m.clone(), plain, _random(6))
+    mixed, mixed_m, known = augment(rgb, depth_m.clone(), replace(plain, cutmix=0.9), _random(6))
     torch.testing.assert_close(mixed_m, 1 + 4 * (mixed + 1) / 2)
+    assert known is None
     assert not torch.equal(mixed, gray)
-    assert (mixed_known is None) == (seen is None) == (not holes)
     own = mixed == gray
     torch.testing.assert_close(mixed_m[own], seen_m[own])
+
+
+def test_a_pasted_piece_brings_its_holes_along() -> None:
+    """What is known is where the picture is bright, before and after pieces are pasted."""
+    value = torch.rand(8, 1, HEIGHT, WIDTH, generator=_random(5))
+    rgb, depth_m, known = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value, value > 0.4
+    plain = DataConfig(width=WIDTH, height=HEIGHT)
+    whole = augment(rgb, depth_m.clone(), plain, _random(6), known)
+    mixed = augment(rgb, depth_m.clone(), replace(plain, cutmix=0.9), _random(6), known)
+    for views in (whole, mixed):
+        assert views.known is not None
+        assert torch.equal(views.known, views.gray > 2 * 0.4 - 1)
+    assert not torch.equal(whole.known, mixed.known)
 
 
 def test_one_view_has_no_other_to_take_from() -> None:

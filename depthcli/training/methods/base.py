@@ -34,6 +34,7 @@ class Method(nn.Module):
     Attributes:
         TERMS: the weights of ``LossConfig`` that the method knows; others have to be zero.
         SETTINGS: of the settings that only some methods look at, those that this one does.
+        PAIRED: whether it may be shown pictures and depth maps of one scene point together.
         phases: the order of the two half steps.
         generator: G, gray to depth: the network that is validated and exported.
         share_done: how much of the schedule is done, in [0, 1); the loop keeps it.
@@ -41,6 +42,7 @@ class Method(nn.Module):
 
     TERMS: ClassVar[frozenset[str]]
     SETTINGS: ClassVar[frozenset[str]] = frozenset()
+    PAIRED: ClassVar[bool] = False
     phases: tuple[Phase, ...]
 
     def __init__(self, config: TrainConfig) -> None:

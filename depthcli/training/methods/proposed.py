@@ -31,6 +31,7 @@ class Proposed(CycleGan):
         "loss.l1_backward",
         "loss.weight_penalty",
     }
+    PAIRED: ClassVar = True
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)

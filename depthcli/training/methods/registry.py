@@ -70,6 +70,8 @@ def check_terms(config: TrainConfig) -> None:
     if not any(getattr(config.loss, name) for name in known):
         raise UsageError(f"one of loss.{', loss.'.join(sorted(known))} is above 0")
     _check_settings(config)
+    if config.data.paired and not METHODS[config.method].PAIRED:
+        raise UsageError(f"{config.method} learns without pairs: leave data.paired out")
 
 
 def _check_settings(config: TrainConfig) -> None:

@@ -62,6 +62,19 @@ def test_keys_receive_no_gradient(loss: Loss) -> None:
     assert bool(query.grad.abs().sum() > 0)
 
 
+def test_other_patches_of_the_prediction_are_held_still_too() -> None:
+    """The paired form moves a query away from the others, and not the others away from it."""
+    query, key = unit_vectors(5).requires_grad_(), unit_vectors(6)
+    (found,) = torch.autograd.grad(cfl_nce(query, key), query)
+    still, itself = query.detach(), torch.eye(query.shape[1], dtype=torch.bool)
+    to_truth = query @ key.transpose(1, 2) / TAU
+    to_others = (query @ still.transpose(1, 2) / TAU).masked_fill(itself, -torch.inf)
+    chances = torch.cat([to_truth, to_others], 2).log_softmax(2)
+    loss = -chances.diagonal(dim1=1, dim2=2).mean()
+    (wanted,) = torch.autograd.grad(loss, query)
+    torch.testing.assert_close(found, wanted)
+
+
 @pytest.mark.parametrize("loss", [patch_nce, cfl_nce])
 def test_logits_stay_in_full_precision_under_autocast(loss: Loss) -> None:
     query, key = unit_vectors(7), unit_vectors(8)

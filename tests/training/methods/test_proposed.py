@@ -15,6 +15,7 @@ from depthcli.training.batches import Batch
 from depthcli.training.config import LossConfig
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
 from depthcli.training.losses.regularised_l1 import conv_weights
+from depthcli.training.methods.base import translated
 from depthcli.training.methods.proposed import Proposed
 
 NOTHING = LossConfig(0, 0, 0, 0, 0, 0, 0, 0)
@@ -186,6 +187,21 @@ def test_what_stands_in_a_hole_is_not_learned(config: Any) -> None:
     seen = known[..., ::step, ::step] & known[..., step - 1 :: step, step - 1 :: step]
     truth = F.avg_pool2d(method.encode(plain.depth_m), step)
     torch.testing.assert_close(values[0][0]["l1"], (raw - truth).abs()[seen].mean())
+
+
+@pytest.mark.parametrize("config", [PAPER, EFFICIENT], ids=["resnet", "efficient"])
+def test_backward_l1_is_of_measured_pixels_alone(config: Any) -> None:
+    loss = replace(NOTHING, l1=2.0, l1_backward=True)
+    method, plain = Proposed(replace(config, loss=loss)).eval(), _batch()
+    backward = method.backward_generator
+    assert backward is not None
+    for weight in backward.get_submodule("head").parameters():
+        torch.nn.init.normal_(weight, std=0.1)
+    known = torch.rand(1, 1, 32, 32, generator=torch.Generator().manual_seed(3)) < 0.6
+    error = (translated(backward, method.encode(plain.depth_m)) - plain.gray).abs()
+    found = method(plain._replace(known=known), "generator")["l1_backward"]
+    torch.testing.assert_close(found, 2 * error[known].mean())
+    assert abs((error[known].mean() - error.mean()).item()) > 1e-3
 
 
 def test_backward_l1_needs_a_weight() -> None:
