@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli import options
+from depthcli.cli import console, options
 from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
 from depthcli.core.choices import Upsampling
 from depthcli.errors import UsageError
@@ -67,7 +67,12 @@ def predict(
     from depthcli.cli.detail import choose_detail
     from depthcli.cli.engine import Engine
     from depthcli.cli.looks import choose_looks
-    from depthcli.cli.predict_outputs import STANDARD, choose_formats, plan_jobs
+    from depthcli.cli.predict_outputs import (
+        STANDARD,
+        choose_formats,
+        pictures_among,
+        plan_jobs,
+    )
 
     to_stdout = output == STANDARD
     if as_json and to_stdout:
@@ -87,7 +92,10 @@ def predict(
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = choose_formats(output, formats or ())
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
-    jobs = plan_jobs(images, output, chosen, sidecar=sidecar)
+    pictures, own = pictures_among(images)
+    jobs = plan_jobs(pictures, output, chosen, sidecar=sidecar)
+    for name in () if quiet else own:
+        console.warn(f"{name} was written by depthcli; skipped")
     loading = Engine(model, provider, threads, provider_option or ()).start()
     from depthcli.cli.predict_run import Predictor, Voice
 

@@ -10,6 +10,7 @@ from depthcli.cli.predict_choices import Format
 from depthcli.errors import UsageError
 from depthcli.io.atomic import atomic_path
 from depthcli.io.naming import is_folder, plan_outputs
+from depthcli.io.own_outputs import is_own_picture
 from depthcli.io.writers.registry import SUFFIXES
 
 if TYPE_CHECKING:
@@ -30,6 +31,22 @@ FORMAT_OF_SUFFIX = {
 }
 
 
+def pictures_among(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Inputs, and those left out because depthcli wrote them: ``*.png`` names them as well.
+
+    Raises:
+        UsageError: nothing else is there.
+    """
+    own = [name for name in names if name != STANDARD and is_own_picture(name)]
+    others = [name for name in names if name not in own]
+    if not others:
+        raise UsageError(
+            f"{own[0]} was written by depthcli; name a picture, or use 'depthcli convert' for "
+            "depth files"
+        )
+    return others, own
+
+
 class Job(NamedTuple):
     """One input and its outputs.
 
@@ -48,8 +65,10 @@ def choose_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format,
     """What to write: what was asked for, else what the output's suffix says, else the default.
 
     Raises:
-        UsageError: the output is a file whose suffix says nothing.
+        UsageError: the output is empty, or a file whose suffix says nothing.
     """
+    if output == "":
+        raise UsageError("-o is empty; name a file or a folder, or leave -o out")
     if asked:
         return tuple(dict.fromkeys(asked))
     if output is None or is_folder(output):

@@ -88,7 +88,7 @@ class Predictor(NamedTuple):
                 outcome: Done | Failed = self._one(job)
             except (InputError, OutputError) as error:
                 outcome = Failed(job.name, error)
-                failed.append(console.one_line(job.name))
+                failed.append(console.one_line(job.name) or "''")
             self.voice.tell(outcome)
         self.loading.result()  # a model that fails is told even if no picture got so far
         if failed and len(jobs) > 1:
@@ -120,6 +120,8 @@ class Predictor(NamedTuple):
 
 
 def _read(job: Job, max_pixels: int) -> Frame:
+    if not job.name:
+        raise InputError("an input's name is empty; is a variable of the command not set?")
     data = sys.stdin.buffer.read() if job.source is None else None
     try:
         return read_image(job.source, data, max_pixels=max_pixels)

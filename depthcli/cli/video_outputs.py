@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from depthcli.cli.predict_choices import Format
 from depthcli.cli.video_choices import VideoFormat
 from depthcli.errors import UsageError
-from depthcli.io.naming import is_folder
+from depthcli.io.naming import is_folder, output_bases
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -128,7 +128,8 @@ def plan_video(
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if sidecar else formats))
     if output is None or _is_folder(output):
         folder = source.parent if output is None else Path(output)
-        names = {which: source.stem + SUFFIXES[which] for which in wanted}
+        (base,) = output_bases([source])
+        names = {which: base + SUFFIXES[which] for which in wanted}
     else:
         folder = Path(output).parent
         names = _file_names(Path(output), formats, wanted)

@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.errors import UsageError
+from depthcli.io.own_outputs import is_own_picture
+from depthcli.io.sources.folder import is_media
+from depthcli.io.tree_naming import TreeNames
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -32,9 +35,12 @@ def plan_outputs(
 ) -> list[OutputPlan]:
     """Name every output.
 
-    Without ``out`` outputs stand beside their input. In one folder, inputs of the same stem keep
-    their suffix in the output's name (``a.jpg.depth.png``, ``a.png.depth.png``), so that names do
-    not depend on the order of the inputs.
+    Without ``out`` outputs stand beside their input. Where another picture or video of the same
+    stem lies in the input's folder, or goes to the same folder, the output's name keeps the
+    input's suffix (``a.jpg.depth.png``, ``a.png.depth.png``), so that names depend neither on the
+    order of the inputs nor on what is asked for in one command.
+
+    A folder such as ``.`` or ``/``, which has no name, gets no outputs.
 
     Args:
         sources: the inputs; None is standard input, whose outputs go to the working directory.
@@ -74,16 +80,50 @@ def _one_file(
 def _in_folders(
     sources: Sequence[Path | None], out: Path | None, suffixes: Mapping[str, str]
 ) -> list[OutputPlan]:
-    stems = [Path(STDIN_STEM) if s is None else (out or s.parent) / s.stem for s in sources]
-    if out is not None:
-        stems = [out / stem.name for stem in stems]
-    shared = Counter(_folded(stem) for stem in stems)
+    folders = [_folder(source, out) for source in sources]
+    stems = [
+        folder / (s.stem if s else STDIN_STEM) for folder, s in zip(folders, sources, strict=True)
+    ]
+    shared = Counter(map(_folded, stems))
     plans = []
-    for source, stem in zip(sources, stems, strict=True):
-        shares = shared[_folded(stem)] > 1
-        base = source.name if source and shares else stem.name
-        plans.append(OutputPlan(source, {f: stem.with_name(base + s) for f, s in suffixes.items()}))
+    for source, stem, base in zip(sources, stems, output_bases(sources), strict=True):
+        is_whole = source is not None and shared[_folded(stem)] > 1 and base == source.stem
+        name = source.name if source and is_whole else base
+        wanted = {} if source and not source.name else suffixes
+        plans.append(OutputPlan(source, {f: stem.parent / (name + s) for f, s in wanted.items()}))
     return plans
+
+
+def _folder(source: Path | None, out: Path | None) -> Path:
+    """Where an input's outputs go."""
+    if out is not None:
+        return out
+    return Path() if source is None else source.parent
+
+
+def output_bases(sources: Sequence[Path | None]) -> list[str]:
+    """What the outputs of each input are called before their suffixes.
+
+    Args:
+        sources: the inputs; None is standard input.
+    """
+    inside: dict[Path, set[str]] = {}
+    for source in sources:
+        if source is not None:
+            inside.setdefault(source.parent, set()).add(source.name)
+    names = {folder: TreeNames(_with_namesakes(folder, own)) for folder, own in inside.items()}
+    return [STDIN_STEM if s is None else names[s.parent].base(s.name) for s in sources]
+
+
+def _with_namesakes(folder: Path, own: set[str]) -> set[str]:
+    """Inputs of one folder, and the pictures and videos there whose outputs could meet theirs."""
+    try:
+        there = os.listdir(folder)  # noqa: PTH208 - a name is all that is needed
+    except OSError:
+        return own
+    stems = {os.path.splitext(name)[0].casefold() for name in own}  # noqa: PTH122 - names
+    alike = (name for name in there if os.path.splitext(name)[0].casefold() in stems)  # noqa: PTH122
+    return own | {n for n in alike if is_media(n) and not is_own_picture(folder / n)}
 
 
 def _check(plans: Sequence[OutputPlan]) -> None:

@@ -67,6 +67,55 @@ def test_without_options_a_png_and_a_preview_beside_the_picture(cli: Cli) -> Non
     assert f"min {low:.3f}, median {median:.3f}, max {high:.3f} m" in line
 
 
+@pytest.mark.parametrize("folder", [".", "/", ""])
+def test_a_folder_or_nothing_among_the_inputs_costs_the_others_nothing(
+    cli: Cli, folder: str
+) -> None:
+    room(cli)
+    done = cli("predict", folder, "room.png", folder, "--format", "npy")
+    assert done.returncode == 1
+    assert here(cli) == {"room.png", "room.depth.npy"}
+    expected = "name is empty" if folder == "" else f"{folder} is a folder"
+    first, second, last = error_lines(done)
+    assert expected in first
+    assert first == second
+    assert last.startswith("2 of 3 inputs failed: ")
+
+
+def test_its_own_outputs_are_no_inputs(cli: Cli) -> None:
+    room(cli)
+    assert cli("predict", "room.png").returncode == 0
+    before = here(cli)
+    again = cli("predict", *sorted(before))
+    assert again.returncode == 0
+    assert here(cli) == before
+    assert error_lines(again) == [
+        f"depthcli: warning: {name} was written by depthcli; skipped"
+        for name in ("room.depth.png", "room.preview.png")
+    ]
+    alone = cli("predict", "room.depth.png")
+    assert alone.returncode == 2
+    assert b"room.depth.png was written by depthcli; name a picture" in alone.stderr
+
+
+def test_pictures_of_one_stem_keep_apart_over_several_commands(cli: Cli) -> None:
+    room(cli, "room.jpg")
+    room(cli, "room.png")
+    assert cli("predict", "room.jpg").returncode == 0
+    first = here(cli)
+    assert "room.jpg.depth.png" in first
+    assert cli("predict", "room.png").returncode == 0
+    assert here(cli) == first | {"room.png.depth.png", "room.png.preview.png"}
+
+
+def test_an_empty_output_is_wrong_usage(cli: Cli) -> None:
+    room(cli)
+    done = cli("predict", "room.png", "-o", "")
+    assert done.returncode == 2
+    assert b"-o is empty" in done.stderr
+    assert here(cli) == {"room.png"}
+
+
 @pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
 def test_the_output_s_suffix_chooses_the_format(cli: Cli, suffix: str) -> None:
     room(cli)

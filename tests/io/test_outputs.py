@@ -7,11 +7,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from tiny import write_picture
 
+from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.atomic import atomic_path
 from depthcli.io.naming import plan_outputs
+from depthcli.io.own_outputs import is_own_picture
+from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.writers.preview import PreviewWriter
 
 PNG = {"png16": ".depth.png"}
 
@@ -79,6 +85,42 @@ def test_names_do_not_depend_on_the_order() -> None:
         "in/b.jpg": "out/b.depth.png",
         "other/A.webp": "out/A.webp.depth.png",
     }
+
+
+@pytest.mark.parametrize("there", [["a.png"], ["a.MP4", "b.png"], ["A.jpg"]])
+def test_names_do_not_depend_on_what_else_is_asked_for(tmp_path: Path, there: list[str]) -> None:
+    for name in ("a.jpg", "a.txt", "c.png", *there):
+        (tmp_path / name).touch()
+    sources = [tmp_path / name for name in ("a.jpg", "c.png", *there)]
+    for out in (None, "out/"):
+        together = {p.source: p.outputs for p in plan_outputs(sources, out, PNG)}
+        alone = {s: plan_outputs([s], out, PNG)[0].outputs for s in sources}
+        assert together == alone
+        assert alone[sources[0]]["png16"].name.startswith("a.jpg.")
+        assert alone[sources[1]]["png16"].name == "c.depth.png"
+        assert len({names["png16"] for names in alone.values()}) == len(sources)
+
+
+def test_an_output_of_the_user_s_own_name_is_no_namesake(tmp_path: Path) -> None:
+    depth = DepthMap(np.ones((2, 3), np.float32), DepthKind.METRIC)
+    Png16Writer().write(depth, tmp_path / "a.png")
+    (plan,) = plan_outputs([tmp_path / "a.jpg"], None, PNG)
+    assert plan.outputs["png16"].name == "a.depth.png"
+
+
+def test_a_folder_without_a_name_gets_no_outputs() -> None:
+    plans = plan_outputs([Path(), Path("/"), Path("a.jpg")], None, PNG)
+    assert [len(plan.outputs) for plan in plans] == [0, 0, 1]
+
+
+def test_own_pictures_are_known_by_their_content(tmp_path: Path) -> None:
+    depth = DepthMap(np.ones((2, 3), np.float32), DepthKind.METRIC)
+    Png16Writer().write(depth, tmp_path / "a.png")
+    PreviewWriter().write(depth, tmp_path / "b.preview.png")
+    write_picture(tmp_path / "c.depth.png")
+    (tmp_path / "d.png").write_bytes(b"")
+    names = ("a.png", "b.preview.png", "c.depth.png", "d.png", "missing.png", ".")
+    assert [is_own_picture(tmp_path / name) for name in names] == [True, True, *[False] * 4]
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,12 @@ from depthcli import __version__
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap
 
+SOFTWARE = f"depthcli {__version__}"
+
 
 def facts(depth: DepthMap) -> dict[str, str]:
     """Kind, unit, software and, where known, model of a map; decoding never depends on them."""
-    texts = {"kind": depth.kind.value, "unit": unit(depth), "software": f"depthcli {__version__}"}
+    texts = {"kind": depth.kind.value, "unit": unit(depth), "software": SOFTWARE}
     if depth.provenance:
         if depth.provenance.model:
             texts["model"] = depth.provenance.model

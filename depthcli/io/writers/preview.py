@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from depthcli.core.types import DepthKind
+from depthcli.io.own_outputs import MARK
 from depthcli.io.png_encode import encode_png
 from depthcli.io.writers.colormaps import table
+from depthcli.io.writers.facts import SOFTWARE
 from depthcli.io.writers.legend import with_legend
 
 if TYPE_CHECKING:
@@ -51,7 +53,7 @@ class PreviewWriter:
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write the preview; flat, empty and infinite maps have one too."""
-        path.write_bytes(encode_png(self.render(depth, frame)))
+        path.write_bytes(encode_png(self.render(depth, frame), {MARK: SOFTWARE}))
         return ()
 
     def render(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from depthcli import __version__
 from depthcli.core.types import Provenance
+from depthcli.io.writers.facts import SOFTWARE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ class SidecarWriter:
         known = bool(finite.size)
         source = depth.provenance or Provenance()
         facts = {
-            "software": f"depthcli {__version__}",
+            "software": SOFTWARE,
             "kind": depth.kind.value,
             "unit": "m" if depth.is_metric else None,
             "png16_scale": self.png_scale if depth.is_metric else None,
