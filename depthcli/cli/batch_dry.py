@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from depthcli.cli import console
 from depthcli.cli.batch_recipe import Targets
 from depthcli.cli.batch_video import checked_video
-from depthcli.cli.batch_voice import left_alone
 from depthcli.cli.batch_work import read_input
 from depthcli.errors import ExitCode, InputError
 from depthcli.io.decode import check
 from depthcli.io.journal import known_rows
 from depthcli.io.sources.folder import is_video
+from depthcli.io.sources.skipped import summary
 
 if TYPE_CHECKING:
     from depthcli.cli.batch_plan import Plan
@@ -30,23 +30,30 @@ def dry_run(plan: Plan, recipe: Recipe, pipeline: Pipeline, *, as_json: bool) ->
     """
     targets = Targets(plan, recipe, recipe.origin(pipeline), known_rows(plan.out))
     targets.check_apart()
+    for warning in plan.warnings:
+        console.warn(warning)
     counts = {"do": 0, "keep": 0, "fail": 0}
     for found in plan.inputs:
         what, problem = _verdict(targets, found)
         counts[what] += 1
         paths = [str(path) for path in targets.of(found).values()]
-        if as_json:
-            console.out_json(
-                {"input": found.name, "would": what, "outputs": paths, "error": problem}
-            )
-        else:
-            target = problem or ", ".join(paths)
-            console.out(console.one_line(f"{what:<4}  {found.name} -> {target}"))
+        _tell(what, found.name, paths, problem, as_json=as_json)
+    for file in plan.skipped:
+        _tell("skip", file.name, [], file.reason, as_json=as_json)
+    rest = f"; {summary(plan.skipped)}" if plan.skipped else ""
     console.note(
         f"would do {counts['do']}, keep {counts['keep']} that were done before, fail "
-        f"{counts['fail']}; {left_alone(plan)}"
+        f"{counts['fail']}{rest}"
     )
     return ExitCode.OK
+
+
+def _tell(what: str, name: str, outputs: list[str], problem: str | None, *, as_json: bool) -> None:
+    if as_json:
+        console.out_json({"input": name, "would": what, "outputs": outputs, "error": problem})
+    else:
+        target = problem or ", ".join(outputs)
+        console.out(console.one_line(f"{what:<4}  {name} -> {target}"))
 
 
 def _verdict(targets: Targets, found: Found) -> tuple[str, str | None]:

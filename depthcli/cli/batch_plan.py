@@ -7,13 +7,22 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
+from depthcli.io.own_outputs import is_own_output
 from depthcli.io.sources.folder import Found, is_video, list_folder
 from depthcli.io.sources.path_list import locate, parse_list
+from depthcli.io.sources.skipped import (
+    EXCLUDED,
+    NOT_INCLUDED,
+    OWN,
+    Skipped,
+    summary,
+    to_convert,
+)
 from depthcli.io.tree_naming import TreeNames
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from depthcli.io.globs import NameFilter
 
@@ -27,15 +36,26 @@ class Plan(NamedTuple):
         out: the output folder.
         inputs: in an order that depends on their names alone.
         names: what their outputs are called.
-        skipped_count: files left alone: neither pictures nor videos, or not wanted.
+        skipped: files that are no inputs.
         loops: folders that lead back to a folder that they are in.
+        unmatched: patterns of ``--include`` that no picture or video matches.
     """
 
     out: Path
     inputs: tuple[Found, ...]
     names: TreeNames
-    skipped_count: int
-    loops: tuple[str, ...]
+    skipped: tuple[Skipped, ...]
+    loops: tuple[str, ...] = ()
+    unmatched: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> Iterator[str]:
+        """What is to be known before anything is done, one line each."""
+        for word in self.unmatched:
+            yield f"--include {word!r} matches no picture or video"
+        unreadable = to_convert(self.skipped)
+        if unreadable:
+            yield unreadable
 
     @property
     def pictures(self) -> Iterator[Found]:
@@ -56,18 +76,22 @@ def plan_folder(root: str, out: str, wanted: NameFilter) -> Plan:
     """Plan for all pictures and videos below a folder.
 
     Raises:
-        UsageError: there is no such folder, or outputs would become inputs.
+        UsageError: there is no such folder, outputs would become inputs, or the patterns leave
+            nothing.
+        InputError: there are files, but no picture or video that can be read.
     """
     if not Path(root).is_dir():
         raise UsageError(f"{root} is not a folder; name one, or give --files with a list")
     _check_apart(root, out)
-    listing = list_folder(root, leave_out=out, skip=wanted.leaves)
+    listing = list_folder(root, leave_out=out, skip=wanted.excludes)
     # Names are decided over all that is there, so that they do not depend on what is wanted today.
     names = TreeNames(found.name for found in listing.media)
-    inputs = tuple(f for f in listing.media if f.problem or wanted.takes(f.name))
-    skipped_count = listing.other_count + len(listing.media) - len(inputs)
-    plan = Plan(Path(out), inputs, names, skipped_count, listing.loops)
+    inputs, unwanted = _divided(listing.media, wanted)
+    skipped = (*listing.skipped, *unwanted)
+    unmatched = wanted.unmatched([found.name for found in listing.media])
+    plan = Plan(Path(out), inputs, names, skipped, listing.loops, unmatched)
     _check_outside(plan, root)
+    _check_any(plan, root)
     return plan
 
 
@@ -81,16 +105,51 @@ def plan_files(source: str, root: str, out: str, wanted: NameFilter) -> Plan:
         wanted: which names are taken.
 
     Raises:
-        UsageError: the list cannot be read.
+        UsageError: the list cannot be read, or the patterns leave nothing.
+        InputError: it lists nothing but outputs of depthcli.
     """
     try:
         data = sys.stdin.buffer.read() if source == STANDARD else Path(source).read_bytes()
     except OSError as error:
         raise UsageError(f"cannot read the list {source}: {error.strerror}") from error
     listed = locate(parse_list(data), root)
-    inputs = tuple(found for found in listed if wanted.takes(found.name))
-    names = TreeNames(found.name for found in listed)
-    return Plan(Path(out), inputs, names, len(listed) - len(inputs), ())
+    own = {found for found in listed if is_own_output(found.path)}
+    pictures = [found for found in listed if found not in own]
+    inputs, unwanted = _divided(pictures, wanted)
+    skipped = (*(Skipped(found.name, OWN) for found in own), *unwanted)
+    names = TreeNames(found.name for found in pictures)
+    unmatched = wanted.unmatched([found.name for found in pictures])
+    plan = Plan(Path(out), inputs, names, skipped, unmatched=unmatched)
+    _check_any(plan, f"the list {source}")
+    return plan
+
+
+def _divided(
+    media: Iterable[Found], wanted: NameFilter
+) -> tuple[tuple[Found, ...], tuple[Skipped, ...]]:
+    """Inputs, and what the patterns leave out."""
+    inputs, unwanted = [], []
+    for found in media:
+        reason = None if found.problem else wanted.refusal(found.name)
+        if reason is None:
+            inputs.append(found)
+        else:
+            unwanted.append(Skipped(found.name, reason))
+    return tuple(inputs), tuple(unwanted)
+
+
+def _check_any(plan: Plan, where: str) -> None:
+    """Nothing to do is no success where there was something."""
+    if plan.inputs or not plan.skipped:
+        return
+    if {NOT_INCLUDED, EXCLUDED} & {file.reason for file in plan.skipped}:
+        raise UsageError(
+            f"--include and --exclude leave nothing of {where}: {summary(plan.skipped)}"
+        )
+    hint = to_convert(plan.skipped)
+    raise InputError(
+        f"no picture or video in {where}: {summary(plan.skipped)}{'; ' + hint if hint else ''}"
+    )
 
 
 def _check_apart(root: str, out: str) -> None:

@@ -69,7 +69,7 @@ class Batch(NamedTuple):
             remove_leftovers(self.plan.folders())
         tally = Tally(len(self.plan.inputs))
         late: list[Result] = []
-        self.voice.warn(self.pipeline.session.warnings)
+        self.voice.warn((*self.plan.warnings, *self.pipeline.session.warnings))
         try:
             silent = self.voice.quiet or self.voice.as_json
             with (

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.cli import console
 from depthcli.io.manifest import MANIFEST_NAME
+from depthcli.io.sources.skipped import summary
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -48,7 +49,7 @@ class Voice(NamedTuple):
         if self.quiet:
             return
         for loop in plan.loops:
-            console.warn(f"{loop} leads back to a folder that it is in; left out")
+            console.warn(f"{loop} leads back to a folder that it is in; skipped")
         say = console.note if self.as_json else console.out
         say(", ".join(_account(plan, tally)) + f"; {_speed(tally)}")
         if tally.passed < tally.total:
@@ -62,15 +63,9 @@ def _account(plan: Plan, tally: Tally) -> list[str]:
         parts.append(f"{tally.kept} were done before")
     if tally.failures:
         parts.append(f"{len(tally.failures)} failed")
-    if plan.skipped_count:
-        parts.append(left_alone(plan))
+    if plan.skipped:
+        parts.append(summary(plan.skipped))
     return parts
-
-
-def left_alone(plan: Plan) -> str:
-    """How many files are no inputs."""
-    files = "file" if plan.skipped_count == 1 else "files"
-    return f"{plan.skipped_count} other {files} left alone"
 
 
 def _speed(tally: Tally) -> str:

@@ -1,9 +1,11 @@
-"""Which names are taken and which are left, by patterns as shells and .gitignore have them."""
+"""Which names are included and excluded, by patterns as shells and .gitignore have them."""
 
 from __future__ import annotations
 
 import re
 from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli.io.sources.skipped import EXCLUDED, NOT_INCLUDED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,25 +22,33 @@ class NameFilter(NamedTuple):
     Attributes:
         include: a file has to match one of these, if there are any.
         exclude: a file or a folder must match none of these.
+        include_words: ``include`` as the user writes it.
     """
 
     include: tuple[re.Pattern[str], ...]
     exclude: tuple[re.Pattern[str], ...]
+    include_words: tuple[str, ...]
 
     @classmethod
     def of(cls, include: Sequence[str], exclude: Sequence[str]) -> NameFilter:
         """From patterns as the user writes them."""
-        return cls(tuple(map(_compiled, include)), tuple(map(_compiled, exclude)))
+        return cls(tuple(map(_compiled, include)), tuple(map(_compiled, exclude)), tuple(include))
 
-    def takes(self, name: str) -> bool:
-        """Whether a file is wanted, as far as its own name and its folders' go."""
+    def refusal(self, name: str) -> str | None:
+        """Why a file is not wanted, by its own name and its folders'; None if it is wanted."""
         parts = name.split("/")
         above = ("/".join(parts[:count]) for count in range(1, len(parts)))
-        if self.leaves(name) or any(map(self.leaves, above)):
-            return False
-        return not self.include or any(p.fullmatch(name) for p in self.include)
+        if self.excludes(name) or any(map(self.excludes, above)):
+            return EXCLUDED
+        wanted = not self.include or any(p.fullmatch(name) for p in self.include)
+        return None if wanted else NOT_INCLUDED
 
-    def leaves(self, name: str) -> bool:
+    def unmatched(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Words of ``include`` that no name matches."""
+        found = zip(self.include_words, self.include, strict=True)
+        return tuple(word for word, p in found if not any(map(p.fullmatch, names)))
+
+    def excludes(self, name: str) -> bool:
         """Whether a file or folder is excluded by its own name."""
         return any(pattern.fullmatch(name) for pattern in self.exclude)
 

@@ -34,7 +34,7 @@ def test_the_tree_is_kept_and_outputs_are_those_of_predict(cli: Cli) -> None:
     assert contents(cli, "out").keys() == {
         *("a.depth.png", "hall/b.depth.png", "hall/deep/er/c.depth.png", "manifest.jsonl"),
     }
-    assert b"3 of 3 inputs done, 2 other files left alone" in done.stdout
+    assert b"3 of 3 inputs done, 2 files skipped (1 hidden, 1 .txt)" in done.stdout
     assert b"manifest: out/manifest.jsonl" in done.stdout
     assert cli("predict", "in/hall/b.jpg", "-o", "alone.png").returncode == 0
     alone = (cli.folder / "alone.png").read_bytes()
@@ -180,13 +180,14 @@ def test_a_dry_run_writes_nothing(cli: Cli) -> None:
         "do    a.png -> out/a.depth.png",
         "fail  empty.jpg -> in/empty.jpg is empty",
         "do    hall/b.png -> out/hall/b.depth.png",
+        "skip  notes.txt -> .txt",
     ]
-    assert b"would do 2, keep 0 that were done before, fail 1; 1 other file left" in done.stderr
+    assert b"would do 2, keep 0 that were done before, fail 1; 1 file skipped" in done.stderr
     assert not (cli.folder / "out").exists()
     cli("batch", "in", "--out", "out", "--include", "a.png")
     before = contents(cli, "out")
     found = printed(cli(*dry, "--json"))
-    assert [row["would"] for row in found] == ["keep", "fail", "do"]
+    assert [row["would"] for row in found] == ["keep", "fail", "do", "skip"]
     assert found[0]["outputs"] == ["out/a.depth.png"]
     assert contents(cli, "out") == before
 
@@ -252,7 +253,7 @@ def test_no_bad_file_stops_the_others(cli: Cli) -> None:
     for name, line in zip(bad, errors, strict=True):
         assert line.startswith("depthcli: error: ")
         assert f"in/{name} " in line
-    assert b"2 of 9 inputs done, 7 failed, 1 other file left alone" in done.stdout
+    assert b"2 of 9 inputs done, 7 failed, 1 file skipped (1 .npy)" in done.stdout
     assert contents(cli, "out").keys() == {"a.depth.png", "z.depth.png", "manifest.jsonl"}
     assert {name for name, row in rows(cli, "out").items() if row["error"]} == set(bad)
 
@@ -450,6 +451,65 @@ def test_a_folder_without_pictures(cli: Cli) -> None:
     assert done.returncode == 0
     assert b"0 of 0 inputs done" in done.stdout
     assert contents(cli, "out") == {"manifest.jsonl": b""}
+
+
+def test_a_folder_of_which_nothing_can_be_read_is_a_failure(cli: Cli) -> None:
+    for name in ("a.HEIC", "b.heic", "notes.txt"):
+        (cli.folder / "in").mkdir(exist_ok=True)
+        (cli.folder / "in" / name).touch()
+    done = cli("batch", "in", "--out", "out")
+    assert (done.returncode, done.stdout) == (1, b"")
+    (line,) = done.stderr.decode().splitlines()
+    assert "no picture or video in in: 3 files skipped (2 .heic, 1 .txt); 2 pictures" in line
+    assert line.endswith("convert to JPEG, PNG or TIFF")
+    assert not (cli.folder / "out").exists()
+
+
+def test_pictures_that_are_not_read_are_named_among_others(cli: Cli) -> None:
+    tree(cli, "a.png")
+    (cli.folder / "in" / "b.heic").touch()
+    done = cli("batch", "in", "--out", "out")
+    assert done.returncode == 0
+    (line,) = done.stderr.decode().splitlines()
+    assert "warning: 1 picture of a format that is not read (.heic) skipped" in line
+    assert b"1 of 1 inputs done, 1 file skipped (1 .heic)" in done.stdout
+
+
+def test_patterns_that_match_nothing_are_told(cli: Cli) -> None:
+    tree(cli, "a.png", "b.jpg")
+    nothing = cli("batch", "in", "--out", "out", "--include", "*.jpgg")
+    assert (nothing.returncode, nothing.stdout) == (2, b"")
+    assert b"--include and --exclude leave nothing of in: 2 files skipped (2 not" in nothing.stderr
+    some = cli("batch", "in", "--out", "out", "--include", "*.jpgg", "--include", "*.png")
+    assert some.returncode == 0
+    assert b"warning: --include '*.jpgg' matches no picture or video" in some.stderr
+    assert b"1 of 1 inputs done, 1 file skipped (1 not included)" in some.stdout
+
+
+def test_its_own_outputs_are_no_inputs(cli: Cli) -> None:
+    tree(cli, "a.png")
+    picture(cli, "b.preview.png", synthetic_picture())  # another program's
+    assert cli("predict", "in/a.png").returncode == 0
+    for name in ("clip.depth.mkv", "clip.preview.mp4"):
+        (cli.folder / "in" / name).touch()
+    done = cli("batch", "in", "--out", "in/out")
+    assert done.returncode == 0
+    assert rows(cli, "in/out").keys() == {"a.png", "b.preview.png"}
+    assert b"2 of 2 inputs done, 4 files skipped (4 written by depthcli)" in done.stdout
+    names = sorted(contents(cli, "in"))
+    listed = cli(
+        "batch", "in", "--out", "elsewhere", "--files", "-", stdin="\n".join(names).encode()
+    )
+    assert b"out/a.depth.png" not in listed.stderr
+    assert rows(cli, "elsewhere").keys() == {"a.png", "b.preview.png", "out/manifest.jsonl"}
+
+
+def test_a_list_of_find_in_the_folder(cli: Cli) -> None:
+    tree(cli, "a.png", "hall/b.png", "in/a.png")
+    found = b"in/hall/b.png\nin/a.png\n./in/in/a.png\n"
+    done = cli("batch", "in", "--out", "out", "--files", "-", stdin=found)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert rows(cli, "out").keys() == {"hall/b.png", "in/a.png", "a.png"}
 
 
 def test_workers_threads_and_batch_size_change_no_byte(cli: Cli) -> None:

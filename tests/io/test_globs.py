@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.io.globs import NameFilter
+from depthcli.io.sources.skipped import EXCLUDED, NOT_INCLUDED
 
 
 @pytest.mark.parametrize(
@@ -42,8 +43,8 @@ from depthcli.io.globs import NameFilter
     ],
 )
 def test_what_a_pattern_matches(pattern: str, name: str, matches: bool) -> None:
-    assert NameFilter.of([pattern], []).takes(name) is matches
-    assert NameFilter.of([], [pattern]).leaves(name) is matches
+    assert NameFilter.of([pattern], []).refusal(name) is (None if matches else NOT_INCLUDED)
+    assert NameFilter.of([], [pattern]).excludes(name) is matches
 
 
 @pytest.mark.parametrize(
@@ -56,19 +57,21 @@ def test_what_a_pattern_matches(pattern: str, name: str, matches: bool) -> None:
     ],
 )
 def test_an_excluded_folder_takes_all_that_is_in_it_along(pattern: str, name: str) -> None:
-    assert not NameFilter.of(["*.jpg"], [pattern]).takes(name)
+    assert NameFilter.of(["*.jpg"], [pattern]).refusal(name) == EXCLUDED
 
 
 def test_an_included_folder_is_no_included_file() -> None:
-    assert not NameFilter.of(["hall"], []).takes("hall/a.jpg")
+    assert NameFilter.of(["hall"], []).refusal("hall/a.jpg") == NOT_INCLUDED
 
 
 @given(st.text(st.characters(exclude_characters="/*?["), min_size=1))
 def test_a_name_without_special_characters_matches_itself(name: str) -> None:
     for whole in (name, f"hall/{name}"):
-        assert NameFilter.of([name], []).takes(whole) is not whole.endswith("/")
+        assert NameFilter.of([name], []).refusal(whole) == (
+            NOT_INCLUDED if whole.endswith("/") else None
+        )
 
 
 @given(st.text(), st.text())
 def test_no_pattern_is_an_error(pattern: str, name: str) -> None:
-    NameFilter.of([pattern], [pattern]).takes(name)
+    NameFilter.of([pattern], [pattern]).refusal(name)

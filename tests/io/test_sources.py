@@ -25,7 +25,8 @@ def test_media_of_a_tree_in_the_order_of_their_names(tmp_path: Path) -> None:
     listing = list_folder(str(tmp_path))
     assert [found.name for found in listing.media] == ["a.jpeg", "b.gif", "b/z.PNG", "b/a/c.mp4"]
     assert [found.path for found in listing.media][2] == str(tmp_path / "b/z.PNG")
-    assert (listing.other_count, listing.loops) == (2, ())
+    assert listing.skipped == ((".hidden.jpg", "hidden"), ("c.txt", ".txt"))
+    assert listing.loops == ()
 
 
 def test_links_are_followed_but_not_round_in_circles(tmp_path: Path) -> None:

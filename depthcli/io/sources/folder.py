@@ -1,9 +1,12 @@
-"""The pictures and videos below a folder, found without opening any of them."""
+"""The pictures and videos below a folder."""
 
 from __future__ import annotations
 
 import os
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+from depthcli.io.own_outputs import is_own_output
+from depthcli.io.sources.skipped import HIDDEN, OWN, Skipped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -38,12 +41,12 @@ class Listing(NamedTuple):
 
     Attributes:
         media: pictures, videos and unreadable folders, in an order that depends on names alone.
-        other_count: files that are neither picture nor video by their suffix, or hidden.
+        skipped: files that are neither picture nor video by their suffix, hidden, or outputs.
         loops: folders left out because they lead back to a folder that they are in.
     """
 
     media: tuple[Found, ...]
-    other_count: int
+    skipped: tuple[Skipped, ...]
     loops: tuple[str, ...]
 
 
@@ -58,6 +61,16 @@ def is_media(name: str) -> bool:
     return not name.startswith(".") and (suffix in PICTURE_SUFFIXES or suffix in VIDEO_SUFFIXES)
 
 
+def why_skipped(path: str) -> str | None:
+    """Why a file in a folder is no input; None if it is one."""
+    name = os.path.basename(path)  # noqa: PTH119 - names, not paths
+    if name.startswith("."):
+        return HIDDEN
+    if not is_media(name):
+        return os.path.splitext(name)[1].lower() or "without suffix"  # noqa: PTH122
+    return OWN if is_own_output(path) else None
+
+
 def list_folder(
     root: str, *, leave_out: str | None = None, skip: Callable[[str], bool] = lambda _: False
 ) -> Listing:
@@ -69,12 +82,13 @@ def list_folder(
         skip: whether a folder of this name (from the root, with ``/``) is not entered.
 
     Returns:
-        What is there; files are not opened, so any of them may turn out to be unreadable.
+        What is there; files are not opened (but for PNGs named as outputs are), so any of them may
+        turn out to be unreadable.
     """
     avoided = _identity(leave_out) if leave_out is not None else None
     walk = _Walk(avoided, skip)
     media = tuple(walk.run(root))
-    return Listing(media, walk.other_count, tuple(walk.loops))
+    return Listing(media, tuple(walk.skipped), tuple(walk.loops))
 
 
 class _Walk:
@@ -83,7 +97,7 @@ class _Walk:
     def __init__(self, avoided: _Identity, skip: Callable[[str], bool]) -> None:
         self._avoided = avoided
         self._skip = skip
-        self.other_count = 0
+        self.skipped: list[Skipped] = []
         self.loops: list[str] = []
 
     def run(self, root: str) -> Iterator[Found]:
@@ -103,10 +117,12 @@ class _Walk:
                 if _is_folder(child):
                     entered = self._enter(child, child_name, above)
                     folders += [(child.path, child_name, entered)] if entered else []
-                elif is_media(child.name):
+                    continue
+                skipped = why_skipped(child.path)
+                if skipped is None:
                     yield Found(child_name, child.path)
                 else:
-                    self.other_count += 1
+                    self.skipped.append(Skipped(child_name, skipped))
             stack.extend(reversed(folders))
 
     def _enter(

@@ -22,19 +22,25 @@ def locate(words: list[str], root: str) -> tuple[Found, ...]:
     """Listed paths, by their names below a folder.
 
     Args:
-        words: absolute paths, or paths from ``root``.
+        words: absolute paths, or paths from ``root``; or from the working directory, as ``find
+            root`` prints them, if more of them exist there.
         root: the folder whose tree is kept. A path outside it is named by all its folders.
 
     Returns:
         One for each file, sorted by name, so that nothing depends on the order of the list.
     """
     base = os.path.abspath(root)  # noqa: PTH100 - links stay as named
+    start = max((root, ""), key=lambda folder: _existing(words, folder))
     named: dict[str, Found] = {}
     for word in words:
-        path = os.path.join(root, word)  # noqa: PTH118 - keeps "./" and names with any byte
+        path = os.path.join(start, word)  # noqa: PTH118 - keeps "./" and names with any byte
         name = _name(os.path.abspath(path), base)  # noqa: PTH100
         named.setdefault(name, Found(name, path))
     return tuple(sorted(named.values(), key=lambda found: os.fsencode(found.name)))
+
+
+def _existing(words: list[str], folder: str) -> int:
+    return sum(os.path.lexists(os.path.join(folder, word)) for word in words)  # noqa: PTH118
 
 
 def _name(path: str, base: str) -> str:

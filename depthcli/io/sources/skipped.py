@@ -1,0 +1,55 @@
+"""Files that are no inputs, and why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+HIDDEN = "hidden"
+OWN = "written by depthcli"
+EXCLUDED = "excluded"
+NOT_INCLUDED = "not included"
+_UNREADABLE_PICTURES = frozenset(
+    (
+        *(".heic", ".heif", ".jxl", ".jp2", ".psd"),
+        *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf"),
+    )
+)
+_MOST_REASONS = 6
+
+
+class Skipped(NamedTuple):
+    """A file that is no input.
+
+    Attributes:
+        name: path from the folder, with ``/`` between its parts.
+        reason: one of the words above, or the file's suffix.
+    """
+
+    name: str
+    reason: str
+
+
+def summary(skipped: Sequence[Skipped]) -> str:
+    """How many files, and why: ``3 files skipped (2 .txt, 1 hidden)``."""
+    counts = Counter(file.reason for file in skipped).most_common()
+    shown = [f"{count} {reason}" for reason, count in counts[:_MOST_REASONS]]
+    if len(counts) > _MOST_REASONS:
+        shown.append(f"{sum(count for _, count in counts[_MOST_REASONS:])} others")
+    files = "file" if len(skipped) == 1 else "files"
+    return f"{len(skipped)} {files} skipped ({', '.join(shown)})"
+
+
+def to_convert(skipped: Sequence[Skipped]) -> str | None:
+    """What to do about pictures in formats that are not read; None if there are none."""
+    found = Counter(file.reason for file in skipped if file.reason in _UNREADABLE_PICTURES)
+    if not found:
+        return None
+    pictures = "picture" if found.total() == 1 else "pictures"
+    return (
+        f"{found.total()} {pictures} of a format that is not read ({', '.join(sorted(found))}) "
+        "skipped; convert to JPEG, PNG or TIFF"
+    )
