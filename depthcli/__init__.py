@@ -1,14 +1,13 @@
 """Depth from a single picture.
 
-The Python API, loaded name by name when it is used::
-
-    from pathlib import Path
+The Python API, loaded name by name when it is used; docs/python.md tells more::
 
     import depthcli
 
-    pipeline = depthcli.load()
-    depth = pipeline.predict(depthcli.read_image(Path("room.jpg")))
+    model = depthcli.load_model("default")
+    depth = model.predict("room.jpg")
     depth.values  # (H, W) float32, metres
+    depth.save("room.exr")
 """
 
 from __future__ import annotations
@@ -16,12 +15,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from depthcli.api import DepthMap, DepthModel, DepthVideo, load_model, read_depth
+    from depthcli.core.anchor import Anchor
     from depthcli.core.choices import Detail, Upsampling
-    from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+    from depthcli.core.point_cloud import PointCloud
+    from depthcli.core.types import DepthKind, Frame, Provenance
     from depthcli.errors import (
         CheckpointError,
         DatasetError,
         DepthcliError,
+        DepthcliWarning,
         InputError,
         ModelError,
         OutputError,
@@ -34,20 +37,23 @@ if TYPE_CHECKING:
     from depthcli.inference.catalog import Model, find_model
     from depthcli.inference.pipeline import Pipeline, load
     from depthcli.inference.session import Session
-    from depthcli.io.depth_files import read_depth
-    from depthcli.io.depth_videos import DepthVideo
     from depthcli.io.sources.image import read_image
+    from depthcli.io.sources.picture import Picture
     from depthcli.io.sources.video import VideoSource
 
 __version__ = "0.1.0"
 
+# The stable names; one that is not here may change at any time.
 __all__ = [
+    "Anchor",
     "CheckpointError",
     "DatasetError",
     "DepthKind",
     "DepthMap",
+    "DepthModel",
     "DepthVideo",
     "DepthcliError",
+    "DepthcliWarning",
     "Detail",
     "Frame",
     "InputError",
@@ -56,7 +62,9 @@ __all__ = [
     "ModelError",
     "OutputError",
     "ParityError",
+    "Picture",
     "Pipeline",
+    "PointCloud",
     "Provenance",
     "ProviderError",
     "Session",
@@ -67,21 +75,24 @@ __all__ = [
     "__version__",
     "find_model",
     "load",
+    "load_model",
     "read_depth",
     "read_image",
 ]
 
 _HOMES = {
+    "depthcli.api": ("DepthMap", "DepthModel", "DepthVideo", "load_model", "read_depth"),
+    "depthcli.core.anchor": ("Anchor",),
     "depthcli.core.choices": ("Detail", "Upsampling"),
-    "depthcli.core.types": ("DepthKind", "DepthMap", "Frame", "Provenance"),
-    "depthcli.errors": tuple(name for name in __all__ if name.endswith("Error")),
+    "depthcli.core.point_cloud": ("PointCloud",),
+    "depthcli.core.types": ("DepthKind", "Frame", "Provenance"),
+    "depthcli.errors": tuple(name for name in __all__ if name.endswith(("Error", "Warning"))),
     "depthcli.inference.card": ("ModelCard",),
     "depthcli.inference.catalog": ("Model", "find_model"),
     "depthcli.inference.pipeline": ("Pipeline", "load"),
     "depthcli.inference.session": ("Session",),
-    "depthcli.io.depth_files": ("read_depth",),
-    "depthcli.io.depth_videos": ("DepthVideo",),
     "depthcli.io.sources.image": ("read_image",),
+    "depthcli.io.sources.picture": ("Picture",),
     "depthcli.io.sources.video": ("VideoSource",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

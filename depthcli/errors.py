@@ -41,6 +41,10 @@ class DepthcliError(Exception):
     exit_code: ClassVar[ExitCode] = ExitCode.FAILURE
 
 
+class DepthcliWarning(UserWarning):
+    """Something that a caller should know of a result that is there, in Python's own way."""
+
+
 class UsageError(DepthcliError):
     """The command or its options do not fit together."""
 

@@ -3,28 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
+from depthcli.core.anchor import Anchor
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _PARTS = 3
-
-
-class Anchor(NamedTuple):
-    """A pixel and its depth.
-
-    Attributes:
-        x: column, from 0 at the left.
-        y: row, from 0 at the top.
-        depth_m: in metres along the camera axis.
-    """
-
-    x: int
-    y: int
-    depth_m: float
 
 
 def parse_anchors(words: Sequence[str]) -> tuple[Anchor, ...]:

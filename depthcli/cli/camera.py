@@ -10,7 +10,7 @@ from depthcli.errors import InputError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from depthcli.cli.anchors import Anchor
+    from depthcli.core.anchor import Anchor
     from depthcli.core.types import DepthMap
 
 

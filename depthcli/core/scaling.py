@@ -7,11 +7,12 @@ that learned one camera is right up to the ratio of focal lengths: depth ∝ foc
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -19,27 +20,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from depthcli.core.anchor import Anchor
+
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 _STRAIGHT_ANGLE_DEG = 180.0
-
-
-class KnownPoint(Protocol):
-    """A pixel whose depth is known."""
-
-    @property
-    def x(self) -> int:
-        """Column."""
-        ...
-
-    @property
-    def y(self) -> int:
-        """Row."""
-        ...
-
-    @property
-    def depth_m(self) -> float:
-        """Depth along the camera axis, metres."""
-        ...
 
 
 def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
@@ -79,7 +63,7 @@ def focal_px_of_35mm(focal_35mm: float, width: int, height: int) -> float:
     return focal_35mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
 
 
-def fit_anchors(depth: DepthMap, points: Sequence[KnownPoint]) -> DepthMap:
+def fit_anchors(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
     """Metric depth that fits known points best, in the least-squares sense.
 
     One point fits the scale, two or more fit scale and shift. Metric and relative maps are fitted
@@ -90,12 +74,15 @@ def fit_anchors(depth: DepthMap, points: Sequence[KnownPoint]) -> DepthMap:
         points: pixels of the map and their depth.
 
     Returns:
-        A metric map of the same size; NaN where the fit puts a pixel at or behind the camera.
+        A metric map of the same size, with the points in its provenance; NaN where the fit puts a
+        pixel at or behind the camera.
 
     Raises:
-        UsageError: a point is outside, has no depth, the points do not determine the fit, or the
-            best fit puts one of them at or behind the camera.
+        UsageError: a point is outside, has no depth, or one that is not above 0; there are none, or
+            they do not determine the fit; or the best fit puts one at or behind the camera.
     """
+    if not points:
+        raise UsageError("there are no anchors to fit the map to; give one or more")
     values = np.array([_value(depth, p) for p in points], np.float64)
     truth_m = np.array([p.depth_m for p in points], np.float64)
     inverse = depth.kind is DepthKind.INVERSE
@@ -107,10 +94,15 @@ def fit_anchors(depth: DepthMap, points: Sequence[KnownPoint]) -> DepthMap:
         with np.errstate(divide="ignore", invalid="ignore"):
             fitted = np.float32(1) / fitted
     fitted = np.where(fitted > 0, fitted, np.float32(np.nan)).astype(np.float32)
-    return DepthMap(fitted, DepthKind.METRIC, depth.provenance)
+    source = replace(depth.provenance or Provenance(), anchors=tuple(points))
+    return DepthMap(fitted, DepthKind.METRIC, source)
 
 
-def _value(depth: DepthMap, point: KnownPoint) -> float:
+def _value(depth: DepthMap, point: Anchor) -> float:
+    if not 0 < point.depth_m < math.inf:
+        raise UsageError(
+            f"anchor {point.x},{point.y} has a depth of {point.depth_m:g} m; give one above 0"
+        )
     if not (0 <= point.x < depth.width and 0 <= point.y < depth.height):
         raise UsageError(
             f"anchor {point.x},{point.y} is outside the picture of {depth.width}×{depth.height}"

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from depthcli.core.anchor import Anchor
+
 
 class DepthKind(StrEnum):
     """What the numbers of a depth map mean."""
@@ -86,6 +88,7 @@ class Provenance:
         input_size_px: (width, height) of the tensor the network saw.
         focal_px: focal length used to scale metres, in pixels of the picture; None if not scaled.
         orientation: the EXIF orientation (1-8) of the picture that was undone on reading it.
+        anchors: the known points that metres were fitted to; empty if they were not.
     """
 
     model: str | None = None
@@ -93,6 +96,7 @@ class Provenance:
     input_size_px: tuple[int, int] | None = None
     focal_px: float | None = None
     orientation: int | None = None
+    anchors: tuple[Anchor, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,11 @@ _QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 
 
 def read_image(
-    path: str | Path | None, data: bytes | None = None, *, max_pixels: int = MAX_PIXELS
+    path: str | Path | None,
+    data: bytes | None = None,
+    *,
+    max_pixels: int = MAX_PIXELS,
+    name: str = "standard input",
 ) -> Frame:
     """Decode a picture at its own bit depth and undo its EXIF rotation.
 
@@ -32,6 +36,7 @@ def read_image(
         path: the file; with ``data``, only its name.
         data: the file's content, where it is already at hand (standard input, say).
         max_pixels: pictures that claim more are refused before they are decoded.
+        name: what messages call data without a path.
 
     Returns:
         Gray (H, W) or RGB (H, W, 3); uint8, uint16 or float32.
@@ -41,7 +46,7 @@ def read_image(
             another range than [0, 1].
     """
     path = None if path is None else Path(path)
-    name = "standard input" if path is None else str(path)
+    name = name if path is None else str(path)
     if data is None:
         if path is None:
             raise InputError("neither a file nor data was given")
@@ -49,7 +54,7 @@ def read_image(
     pixels = _framed(decode(data, name, max_pixels=max_pixels), name)
     exif = read_exif(data)
     if not data.startswith(_TIFF_STARTS):  # TIFF comes upright from the decoder
-        pixels = _turned(pixels, exif.orientation)
+        pixels = upright(pixels, exif.orientation)
     return Frame(
         np.ascontiguousarray(pixels),
         path,
@@ -71,8 +76,13 @@ def _framed(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     return np.clip(values, 0, 1)
 
 
-def _turned(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """Undo an EXIF orientation: mirror left to right, then turn counter-clockwise."""
+def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
+    """Undo an EXIF orientation: mirror left to right, then turn counter-clockwise.
+
+    Args:
+        pixels: (H, W) or (H, W, C) as stored.
+        orientation: 1-8.
+    """
     if orientation in _MIRRORED:
         pixels = pixels[:, ::-1]
     return np.rot90(pixels, _QUARTER_TURNS.get(orientation, 0))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from depthcli.core import scaling
+from depthcli.core.point_cloud import point_cloud
 from depthcli.errors import OutputError
 
 if TYPE_CHECKING:
@@ -15,10 +16,12 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from depthcli.core.point_cloud import PointCloud
     from depthcli.core.types import DepthMap, Frame
 
 _NYU_HFOV_DEG = 63.3
 _POINT = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
+_WHITE = 255
 _TYPES = {"<f4": "float", "u1": "uchar"}
 
 
@@ -44,7 +47,7 @@ class PlyWriter:
             )
         stated = depth.provenance.focal_px if depth.provenance else None
         focal_px = stated or scaling.focal_px(self.hfov_deg, depth.width)
-        points = _points(depth.values, focal_px, _colours(depth, frame))
+        points = _points(point_cloud(depth, focal_px, frame=frame))
         lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
         with path.open("wb") as file:
@@ -55,23 +58,10 @@ class PlyWriter:
         return (f"no focal length known; the point cloud assumes {self.hfov_deg:g}° across",)
 
 
-def _points(
-    depth_m: npt.NDArray[np.float32], focal_px: float, colours: npt.NDArray[np.uint8]
-) -> npt.NDArray[np.void]:
-    valid = np.isfinite(depth_m) & (depth_m > 0)
-    rows, columns = np.nonzero(valid)
-    height, width = depth_m.shape
-    points = np.empty(len(rows), _POINT)
-    points["z"] = depth_m[valid]
-    points["x"] = (columns + 0.5 - width / 2) / focal_px * points["z"]
-    points["y"] = (rows + 0.5 - height / 2) / focal_px * points["z"]
+def _points(cloud: PointCloud) -> npt.NDArray[np.void]:
+    points = np.empty(len(cloud), _POINT)
+    for i, name in enumerate(("x", "y", "z")):
+        points[name] = cloud.xyz_m[:, i]
     for i, name in enumerate(("red", "green", "blue")):
-        points[name] = colours[..., i][valid]
+        points[name] = _WHITE if cloud.rgb is None else cloud.rgb[:, i]
     return points
-
-
-def _colours(depth: DepthMap, frame: Frame | None) -> npt.NDArray[np.uint8]:
-    """(H, W, 3) uint8; white where there is no picture."""
-    if frame is None:
-        return np.full((*depth.values.shape, 3), 255, np.uint8)
-    return frame.pixels_8bit()

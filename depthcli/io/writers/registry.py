@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -27,6 +28,16 @@ SUFFIXES = {
     "json": ".depth.json",
 }
 """Ends of the output names, as the classes state them, to name outputs with nothing loaded."""
+
+
+_LAST_SUFFIXES = {PurePath(end).suffix: name for name, end in reversed(SUFFIXES.items())}
+
+
+def format_of(path: PurePath) -> str | None:
+    """The format that a file's name chooses; None if it chooses none."""
+    name = path.name.lower()
+    whole = (known for known, end in SUFFIXES.items() if name.endswith(end))
+    return next(whole, _LAST_SUFFIXES.get(path.suffix.lower()))
 
 
 def writer_class(name: str) -> type[Writer]:

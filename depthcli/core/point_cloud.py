@@ -1,0 +1,74 @@
+"""From a depth map back into space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from depthcli.core.types import DepthMap, Frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
+    """One point for each pixel with depth, row by row.
+
+    Attributes:
+        xyz_m: (N, 3) float32 metres: x right, y down, z along the camera axis.
+        rgb: (N, 3) uint8, of the picture; None without one.
+    """
+
+    xyz_m: npt.NDArray[np.float32]
+    rgb: npt.NDArray[np.uint8] | None = None
+
+    def __len__(self) -> int:
+        return len(self.xyz_m)
+
+    def __array__(
+        self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
+    ) -> npt.NDArray[Any]:
+        """The coordinates; NumPy calls this."""
+        return np.array(self.xyz_m, dtype=dtype, copy=copy)
+
+    def __repr__(self) -> str:
+        colours = "no colours" if self.rgb is None else "colours"
+        return f"<PointCloud {len(self)} points, {colours}>"
+
+
+def point_cloud(
+    depth: DepthMap,
+    focal_px: float,
+    *,
+    centre_px: tuple[float, float] | None = None,
+    frame: Frame | None = None,
+) -> PointCloud:
+    """Every pixel with depth as a point, by the pinhole camera.
+
+    Args:
+        depth: a metric map.
+        focal_px: focal length in pixels of the map.
+        centre_px: (cx, cy), the principal point, where (0, 0) is the middle of the first pixel, as
+            OpenCV's and ROS's calibrations have it; None for the middle of the map.
+        frame: the picture, for colours.
+
+    Raises:
+        UsageError: the map has no metres.
+    """
+    if not depth.is_metric:
+        raise UsageError(
+            f"a point cloud needs metres, and {depth.kind} depth has none; fit it to anchors"
+        )
+    centre_x, centre_y = centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
+    valid = np.isfinite(depth.values) & (depth.values > 0)
+    rows, columns = np.nonzero(valid)
+    xyz_m = np.empty((len(rows), 3), np.float32)
+    xyz_m[:, 2] = depth.values[valid]
+    xyz_m[:, 0] = (columns - centre_x) / focal_px * xyz_m[:, 2]
+    xyz_m[:, 1] = (rows - centre_y) / focal_px * xyz_m[:, 2]
+    return PointCloud(xyz_m, None if frame is None else frame.pixels_8bit()[valid])

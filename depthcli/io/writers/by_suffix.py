@@ -1,0 +1,61 @@
+"""Writing a depth map to a file whose name says the format."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from depthcli.errors import UsageError
+from depthcli.io.atomic import atomic_path
+from depthcli.io.writers.registry import SUFFIXES, format_of, writer_class
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from depthcli.core.types import DepthMap, Frame
+
+_OWNERS = {
+    "png_scale": ("png16", "scale"),
+    "exr_channel": ("exr", "channel"),
+    "half": ("exr", "half"),
+}
+
+
+def write_depth(
+    depth: DepthMap, path: Path, frame: Frame | None, options: Mapping[str, object]
+) -> tuple[str, ...]:
+    """Write a map whole or not at all.
+
+    Args:
+        depth: the map.
+        path: the file; missing folders are made.
+        frame: the picture it belongs to, for formats that show it; its file is never replaced.
+        options: png_scale, exr_channel and half, where they are given; None for the writer's own.
+
+    Returns:
+        Warnings, one line each.
+
+    Raises:
+        OutputError: it cannot be written, or the map cannot be expressed in the format.
+        UsageError: the suffix chooses no format, or an option is of another one.
+    """
+    name = format_of(path)
+    if name is None:
+        raise UsageError(f"{path} says no format; end it in {', '.join(SUFFIXES.values())}")
+    writer = writer_class(name)(**_own(name, options))
+    inputs = () if frame is None or frame.path is None else (frame.path,)
+    with atomic_path(path, inputs=inputs) as temporary:
+        return writer.write(depth, temporary, frame)
+
+
+def _own(name: str, options: Mapping[str, object]) -> dict[str, object]:
+    """The options in the writer's own names."""
+    own = {}
+    for option, value in options.items():
+        owner, attribute = _OWNERS[option]
+        if value is None:
+            continue
+        if owner != name:
+            raise UsageError(f"{option} is for {SUFFIXES[owner]}, not for {SUFFIXES[name]}")
+        own[attribute] = value
+    return own

@@ -1,0 +1,454 @@
+"""The Python API used as its page says: pictures in, depth maps out, nonsense refused in a line."""
+
+from __future__ import annotations
+
+import io
+import math
+import weakref
+from pathlib import Path
+from threading import get_ident
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from tiny import synthetic_picture, write_model, write_picture
+
+import depthcli
+from depthcli.io.depth_facts import stated_facts
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+PIXELS = synthetic_picture()
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> depthcli.DepthModel:
+    """Bright is far; learned 60° across."""
+    folder = write_model(tmp_path / "kinect", camera={"hfov_deg": 60.0})
+    return depthcli.load_model(folder, provider="cpu", threads=1)
+
+
+@pytest.fixture
+def depth(model: depthcli.DepthModel) -> depthcli.DepthMap:
+    """Of the synthetic picture, 64×48, by a lens of 80 pixels."""
+    return model.predict(PIXELS, focal_px=80)
+
+
+def metric(values: list[list[float]], **known: Any) -> depthcli.DepthMap:
+    return depthcli.DepthMap(
+        np.array(values, np.float32), provenance=depthcli.Provenance(**known) if known else None
+    )
+
+
+# Pictures
+
+
+def test_every_way_to_give_a_picture_gives_the_same_depth(
+    model: depthcli.DepthModel, tmp_path: Path
+) -> None:
+    path = write_picture(tmp_path / "room.png")
+    data = path.read_bytes()
+    wanted = model.predict(depthcli.read_image(path)).values
+    with Image.open(path) as opened:
+        ways: list[Any] = [
+            path,
+            str(path),
+            data,
+            bytearray(data),
+            memoryview(data),
+            PIXELS,
+            PIXELS[..., ::-1].copy()[..., ::-1],  # as OpenCV's pictures come when they are turned
+            np.asfortranarray(PIXELS),
+            np.dstack([PIXELS, np.zeros((48, 64), np.uint8)]),  # alpha is dropped
+            depthcli.Frame(PIXELS),
+            opened,
+            Image.fromarray(PIXELS),
+            Image.fromarray(PIXELS).convert("RGBA"),
+        ]
+        for way in ways:
+            np.testing.assert_array_equal(model.predict(way).values, wanted)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, ">u2"])
+def test_gray_of_each_depth(dtype: Any, model: depthcli.DepthModel) -> None:
+    white = np.full((12, 16), np.iinfo(dtype).max, dtype)
+    for pixels in (white, white[..., None], np.dstack([white, white])):
+        assert model.predict(pixels).values == pytest.approx(9)
+
+
+@pytest.mark.parametrize(
+    ("mode", "value", "depth_m"),
+    [("L", 255, 9), ("1", 1, 9), ("I;16", 65535, 9), ("P", 0, 1), ("LA", (255, 0), 9), ("F", 1, 9)],
+)
+def test_pil_pictures_of_each_mode(
+    mode: str, value: Any, depth_m: float, model: depthcli.DepthModel
+) -> None:
+    assert model.predict(Image.new(mode, (16, 12), value)).values == pytest.approx(depth_m)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_pil_picture_as_opened_is_turned_like_its_file(
+    orientation: int, model: depthcli.DepthModel
+) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    exif.get_ifd(0x8769)[0xA405] = 28
+    file = io.BytesIO()
+    Image.fromarray(PIXELS).save(file, "jpeg", exif=exif)
+    data = file.getvalue()
+    with Image.open(io.BytesIO(data)) as opened:
+        found = model.predict(opened)
+        changed = model.predict(opened.rotate(0))
+    wanted = model.predict(data)
+    assert found.values.shape == ((48, 64) if orientation < 5 else (64, 48))
+    assert found.values == pytest.approx(wanted.values, abs=0.2)  # decoders differ by a step
+    assert found.focal_px == wanted.focal_px is not None
+    assert found.frame is not None
+    assert found.frame.orientation == orientation
+    # What a program made of it has the EXIF of a file that it no longer is.
+    assert changed.values.shape == (48, 64)
+    assert changed.frame is not None
+    assert (changed.frame.orientation, changed.frame.focal_35mm) == (1, None)
+
+
+def test_a_truncated_pil_picture_is_an_input_error(model: depthcli.DepthModel) -> None:
+    data = io.BytesIO()
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)).save(
+        data, "jpeg"
+    )
+    cut = Image.open(io.BytesIO(data.getvalue()[:900]))
+    with pytest.raises(depthcli.InputError, match="truncated"):
+        model.predict(cut)
+
+
+@pytest.mark.parametrize(
+    ("picture", "problem"),
+    [
+        ("missing.png", "missing.png is missing"),
+        (b"", "in memory is empty"),
+        (b"no picture", "in memory is not a picture"),
+        (None, "not NoneType"),
+        (3.5, "not float"),
+        (object(), "not object"),
+        (PIXELS.astype(np.float64) / 255, "not float64"),
+        (PIXELS.astype(np.float32), "0 to 1, not 0 to 255"),
+        (PIXELS.transpose(2, 0, 1), "channels first"),
+        (PIXELS[None], "no picture"),
+        (Image.new("I", (4, 4)), "not int32"),
+    ],
+)
+def test_what_is_no_picture_is_refused_in_one_line(
+    picture: Any, problem: str, model: depthcli.DepthModel
+) -> None:
+    with pytest.raises(depthcli.InputError, match=problem) as caught:
+        model.predict(picture)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"focal_px": -400}, "-400 pixels is not a number above 0"),
+        ({"focal_px": 400, "hfov_deg": 60}, "not both"),
+        ({"hfov_deg": 190}, "190°"),
+        ({"anchors": [(3, 4)]}, r"not \(3, 4\)"),
+        ({"anchors": [(3.5, 4, 2)]}, "column, row, metres"),
+        ({"anchors": [(3, 4, -2)]}, "-2 m; give one above 0"),
+        ({"anchors": [(64, 4, 2)]}, "outside the picture"),
+    ],
+)
+def test_a_camera_or_anchors_without_sense_are_refused(
+    options: dict[str, Any], problem: str, model: depthcli.DepthModel
+) -> None:
+    with pytest.raises(depthcli.UsageError, match=problem):
+        model.predict(PIXELS, **options)
+    with pytest.raises(depthcli.UsageError, match=problem):
+        list(model.predict_many([PIXELS], **options))
+
+
+def test_the_camera_s_buffer_may_be_used_again(model: depthcli.DepthModel) -> None:
+    buffer = PIXELS.copy()
+    depth = model.predict(buffer)
+    buffer[:] = 0
+    assert depth.frame is not None
+    np.testing.assert_array_equal(depth.frame.pixels, PIXELS)
+
+
+# Streams
+
+
+def stream(count: int, alive: list[weakref.ref[Any]], most: list[int]) -> Iterator[np.ndarray]:
+    """Gray pictures of growing brightness; counts those that are still held somewhere."""
+    for level in range(count):
+        pixels = np.full((12, 16), level, np.uint8)
+        frame = depthcli.Frame(pixels)
+        alive.append(weakref.ref(pixels))
+        most.append(sum(ref() is not None for ref in alive))
+        del pixels
+        yield frame  # type: ignore[misc]
+        del frame
+
+
+@pytest.mark.parametrize("options", [{}, {"batch_size": 3}, {"workers": 2}])
+def test_a_stream_stays_in_order_and_in_constant_memory(
+    options: dict[str, int], model: depthcli.DepthModel
+) -> None:
+    alive: list[weakref.ref[Any]] = []
+    most: list[int] = []
+    for level, depth in enumerate(model.predict_many(stream(60, alive, most), **options)):
+        assert depth.values == pytest.approx(1 + 8 * level / 255, abs=1e-4)
+        del depth
+    assert len(alive) == 60
+    assert max(most) <= 12
+
+
+def test_a_live_camera_is_never_read_ahead(model: depthcli.DepthModel) -> None:
+    taken = []
+
+    def camera() -> Iterator[np.ndarray]:
+        for level in range(5):
+            taken.append(level)
+            yield np.full((12, 16), level, np.uint8)
+
+    depths = model.predict_many(camera())
+    assert taken == []
+    next(depths)
+    assert taken == [0]
+
+
+def test_workers_are_other_threads(model: depthcli.DepthModel, tmp_path: Path) -> None:
+    path = write_picture(tmp_path / "room.png")
+    seen = set()
+
+    class Name:
+        def __fspath__(self) -> str:
+            seen.add(get_ident())
+            return str(path)
+
+    assert len(list(model.predict_many([Name()] * 4, workers=2))) == 4  # type: ignore[list-item]
+    assert get_ident() not in seen
+
+
+def test_a_bad_picture_ends_the_stream_at_its_turn(model: depthcli.DepthModel) -> None:
+    depths = model.predict_many([PIXELS, b"no picture", PIXELS])
+    next(depths)
+    with pytest.raises(depthcli.InputError, match="not a picture"):
+        next(depths)
+
+
+@pytest.mark.parametrize(
+    "pictures", ["room.png", b"data", Path("room.png"), PIXELS, depthcli.Frame(PIXELS), 3]
+)
+def test_one_picture_is_no_stream(pictures: Any, model: depthcli.DepthModel) -> None:
+    with pytest.raises(depthcli.UsageError, match="predict takes one"):
+        model.predict_many(pictures)
+
+
+@pytest.mark.parametrize("options", [{"batch_size": 0}, {"workers": -1}, {"focal_px": -1}])
+def test_options_of_a_stream_are_refused_at_once(
+    options: dict[str, Any], model: depthcli.DepthModel
+) -> None:
+    with pytest.raises(depthcli.UsageError):
+        model.predict_many([], **options)
+
+
+def test_an_array_of_pictures_is_a_stream(model: depthcli.DepthModel) -> None:
+    assert len(list(model.predict_many(np.stack([PIXELS, PIXELS])))) == 2
+
+
+# Facts
+
+
+def test_a_map_tells_where_it_came_from(depth: depthcli.DepthMap) -> None:
+    assert (depth.model, depth.focal_px, depth.anchors) == ("tiny", 80, ())
+    assert repr(depth).startswith("<DepthMap 64×48, metric, ")
+    assert len(repr(depth)) < 80
+    assert np.shares_memory(np.asarray(depth), depth.values)
+
+
+def test_a_model_is_one_line_at_a_prompt(model: depthcli.DepthModel) -> None:
+    assert repr(model) == "<DepthModel tiny 1.0.0, cpu>"
+
+
+def test_the_focal_length_scales_metres(model: depthcli.DepthModel) -> None:
+    once, twice = (model.predict(PIXELS, focal_px=focal) for focal in (50, 100))
+    assert twice.values == pytest.approx(2 * once.values, rel=1e-5)
+    learned_px = 32 / math.tan(math.radians(30))
+    assert model.predict(PIXELS, focal_px=learned_px).values == pytest.approx(
+        model.predict(PIXELS, hfov_deg=60).values, rel=1e-5
+    )
+
+
+def test_anchors_are_fitted_and_kept(model: depthcli.DepthModel) -> None:
+    points = [(8, 10, 3.0), (50, 20, 7.0)]
+    depth = model.predict(PIXELS, anchors=points)
+    for x, y, depth_m in points:
+        assert depth.values[y, x] == pytest.approx(depth_m, rel=1e-4)
+    assert depth.anchors == tuple(points)
+    assert depth.frame is not None
+    again = model.predict(PIXELS).fit_anchors([depthcli.Anchor(*point) for point in points])
+    np.testing.assert_array_equal(again.values, depth.values)
+
+
+def test_valid_is_where_there_is_depth() -> None:
+    depth = metric([[1, 0, -1], [math.nan, math.inf, 2]])
+    np.testing.assert_array_equal(depth.valid, [[True, False, False], [False, False, True]])
+
+
+# Points
+
+
+def test_points_lie_on_the_rays_of_the_pixels() -> None:
+    cloud = metric([[2, math.nan], [0, 4]], focal_px=10.0).to_points()
+    # (column + half a pixel - middle) / focal * depth
+    np.testing.assert_allclose(cloud.xyz_m, [[-0.1, -0.1, 2], [0.2, 0.2, 4]], rtol=1e-6)
+    assert cloud.rgb is None
+    assert np.asarray(cloud).shape == (len(cloud), 3)
+    assert repr(cloud) == "<PointCloud 2 points, no colours>"
+
+
+def test_points_by_another_camera() -> None:
+    depth = metric([[2.0, 2.0]], focal_px=10.0)
+    np.testing.assert_allclose(
+        depth.to_points(focal_px=1, centre_px=(0, 0)).xyz_m, [[0, 0, 2], [2, 0, 2]]
+    )
+    np.testing.assert_allclose(
+        depth.to_points(hfov_deg=90).xyz_m, [[-1, 0, 2], [1, 0, 2]], atol=1e-6
+    )
+
+
+def test_points_have_the_picture_s_colours(depth: depthcli.DepthMap) -> None:
+    cloud = depth.to_points()
+    assert cloud.rgb is not None
+    np.testing.assert_array_equal(cloud.rgb, PIXELS.reshape(-1, 3))
+    assert cloud.xyz_m[:, 2] == pytest.approx(depth.values.reshape(-1))
+
+
+def test_points_need_metres_and_a_camera() -> None:
+    with pytest.raises(depthcli.UsageError, match="no focal length is known"):
+        metric([[1.0]]).to_points()
+    with pytest.raises(depthcli.UsageError, match="needs metres"):
+        depthcli.DepthMap(np.ones((2, 2), np.float32), depthcli.DepthKind.INVERSE).to_points(
+            focal_px=5
+        )
+    with pytest.raises(depthcli.UsageError, match="not both"):
+        metric([[1.0]]).to_points(focal_px=5, hfov_deg=5)
+
+
+# Files
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy", "A.EXR"])
+def test_what_is_saved_is_read_again(name: str, depth: depthcli.DepthMap, tmp_path: Path) -> None:
+    depth.save(tmp_path / "new" / name)
+    found = depthcli.read_depth(str(tmp_path / "new" / name))
+    assert found.values == pytest.approx(depth.values, abs=0.0005)
+    if not name.endswith("npy"):
+        assert (found.model, found.focal_px) == ("tiny", 80)
+
+
+def test_other_files_are_chosen_by_their_suffix(depth: depthcli.DepthMap, tmp_path: Path) -> None:
+    for name in ("a.preview.png", "a.ply", "a.json"):
+        depth.save(tmp_path / name)
+    assert cv2.imread(str(tmp_path / "a.preview.png"), cv2.IMREAD_UNCHANGED).shape == (48, 64, 3)
+    assert b"element vertex 3072" in (tmp_path / "a.ply").read_bytes()
+    assert '"model": "tiny"' in (tmp_path / "a.json").read_text()
+
+
+def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
+    depth.save(tmp_path / "a.png", png_scale=256)
+    assert stated_facts(tmp_path / "a.png")["scale"] == "256"
+    depth.save(tmp_path / "a.exr", exr_channel="depth.Z", half=True)
+    assert depthcli.read_depth(tmp_path / "a.exr").values == pytest.approx(depth.values, rel=1e-3)
+    with pytest.raises(depthcli.UsageError, match=r"half is for \.depth\.exr"):
+        depth.save(tmp_path / "b.png", half=True)
+    with pytest.raises(depthcli.UsageError, match="says no format"):
+        depth.save(tmp_path / "b.jpg")
+    assert not list(tmp_path.glob("b.*"))
+
+
+def test_a_file_is_whole_or_not_there(depth: depthcli.DepthMap, tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("a file, no folder")
+    with pytest.raises(depthcli.OutputError):
+        depth.save(tmp_path / "a" / "b.png")
+    relative = depthcli.DepthMap(depth.values, depthcli.DepthKind.RELATIVE)
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(depthcli.DepthcliError, match="needs metres"):
+        relative.save(tmp_path / "a.ply")
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_the_picture_itself_is_never_replaced(model: depthcli.DepthModel, tmp_path: Path) -> None:
+    path = write_picture(tmp_path / "room.png")
+    data = path.read_bytes()
+    with pytest.raises(depthcli.OutputError, match="is an input"):
+        model.predict(path).save(path)
+    assert path.read_bytes() == data
+
+
+def test_what_a_format_loses_is_a_warning_at_the_caller(tmp_path: Path) -> None:
+    with pytest.warns(depthcli.DepthcliWarning, match="saturated") as told:
+        metric([[70.0]]).save(tmp_path / "a.png")
+    assert told[0].filename == __file__
+
+
+def test_frames_of_a_depth_video_have_the_same_methods(tmp_path: Path) -> None:
+    from fractions import Fraction  # noqa: PLC0415
+
+    from depthcli.io.writers.video_file import Codec, VideoFile  # noqa: PLC0415
+
+    file = VideoFile(tmp_path / "a.mkv", Codec.FFV1, Fraction(25))
+    file.write(np.full((4, 6), 1500, np.uint16))
+    file.finish([0.0], {})
+    (depth,) = depthcli.DepthVideo(tmp_path / "a.mkv")
+    assert depth.to_points(focal_px=6).xyz_m[:, 2] == pytest.approx(1.5)
+
+
+# Pictures for people
+
+
+def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:
+    colours = depth.colorize()
+    assert (colours.shape, colours.dtype) == ((48, 64, 3), np.uint8)
+    assert colours[:, 0].mean() > colours[:, -1].mean()
+    assert depth.colorize("gray", near="black")[0, 0].mean() < 10
+    assert depth.colorize(legend=True).shape[1] > 64
+    with pytest.raises(depthcli.UsageError, match="no colormap is called 'jet'"):
+        depth.colorize("jet")
+
+
+def test_plot_draws_metres(depth: depthcli.DepthMap) -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    axes = depth.plot(vmax=5)
+    (image,) = axes.images
+    np.testing.assert_array_equal(image.get_array(), depth.values)
+    assert image.get_clim()[1] == 5
+    assert axes.figure.axes[1].get_ylabel() == "depth (m)"
+    assert depth.plot(axes) is axes
+    plt.close("all")
+
+
+def test_plot_without_matplotlib_says_what_to_install(
+    depth: depthcli.DepthMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
+    with pytest.raises(depthcli.UsageError, match="pip install matplotlib"):
+        depth.plot()
+
+
+# Older names
+
+
+def test_the_older_names_still_work(tmp_path: Path) -> None:
+    folder = write_model(tmp_path / "tiny")
+    pipeline = depthcli.load(folder)
+    inner = pipeline.predict(depthcli.read_image(write_picture(tmp_path / "a.png")))
+    depth = depthcli.DepthMap.of(inner)
+    assert isinstance(depth, type(inner))
+    np.testing.assert_array_equal(depth, inner.values)

@@ -1,0 +1,30 @@
+"""The examples of docs/python.md, run one after the other as a reader would."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tiny import synthetic_picture, write_picture
+from videos import write_mp4
+
+if TYPE_CHECKING:
+    import pytest
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+EXAMPLE = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(DOCS / "room.jpg", tmp_path)
+    write_mp4(tmp_path / "walk.mp4", [synthetic_picture(480, 640)] * 2)
+    for name in ("a.jpg", "b.jpg"):
+        write_picture(tmp_path / "pictures" / name)
+    names: dict[str, Any] = {}
+    for code in EXAMPLE.findall((DOCS / "python.md").read_text("utf-8")):
+        exec(compile(code, "docs/python.md", "exec"), names)  # noqa: S102 - our own page
+    written = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
+    assert written >= {"room.exr", "room.ply", "kitti.png", "room.preview.png", "out/a.png"}
