@@ -2,46 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from depthcli.cli import console
+from depthcli.cli.doctor_packages import Check, families, modules, reason, versions
 from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 app = typer.Typer(rich_markup_mode=None)
-
-_PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "typer", "rich", "torch", "onnx")
-_OPTIONAL = {"torch", "onnx"}
-_BUILDS = {
-    "gpu",
-    "directml",
-    "openvino",
-    "rocm",
-    "migraphx",
-    "training",
-    "silicon",
-    "qnn",
-    "gpu-cu12",
-}
-
-
-class Check(NamedTuple):
-    """One finding.
-
-    Attributes:
-        name: what was looked at.
-        status: ``ok``, ``warning`` or ``failed``.
-        detail: what was found, one line.
-    """
-
-    name: str
-    status: str
-    detail: str
 
 
 @app.command()
@@ -65,57 +37,16 @@ def doctor(
 
 
 def _checks(model: str | None, provider: str) -> Iterator[Check]:
-    yield from _versions()
-    yield from _families()
-    yield _guarded("model", lambda: _model(model, provider))
-    yield from _providers(model)
-    yield from _codecs()
-    yield _guarded("codec .exr", _exr)
+    yield from versions()
+    yield from modules()
+    yield from families()
+    yield from _guarded("model", lambda: _model(model, provider))
+    yield from _guarded("providers", lambda: _providers(model))
+    yield from _guarded("codecs", _codecs)
+    yield from _guarded("codec .exr", _exr)
 
 
-def _versions() -> Iterator[Check]:
-    from importlib.metadata import PackageNotFoundError, version
-
-    from depthcli import __version__
-
-    yield Check("depthcli", "ok", __version__)
-    yield Check("Python", "ok", sys.version.split()[0])
-    for package in _PACKAGES:
-        try:
-            yield Check(package, "ok", version(package))
-        except PackageNotFoundError:
-            if package not in _OPTIONAL:
-                yield Check(package, "warning", "not installed under this name")
-
-
-def _families() -> Iterator[Check]:
-    """Packages that hold the same module overwrite each other's files, whichever comes last.
-
-    Of two onnxruntime packages, the GPU is silently lost; of two OpenCV packages, a codec.
-    """
-    from importlib.metadata import distributions
-
-    names = {str(dist.metadata["Name"]).lower().replace("_", "-") for dist in distributions()}
-    for title, module in (("onnxruntime packages", "onnxruntime"), ("OpenCV packages", "opencv")):
-        found = sorted(name for name in names if _holds(module, name))
-        detail = ", ".join(found) or "not installed as a package"
-        if len(found) < 2:  # noqa: PLR2004 - two are a conflict
-            yield Check(title, "ok", detail)
-            continue
-        advice = "overwrite each other; uninstall all of them, then install one"
-        yield Check(title, "failed", f"{detail} {advice}")
-
-
-def _holds(module: str, package: str) -> bool:
-    """Whether a package brings this module: the plain one or a build of it."""
-    if module == "opencv":
-        return package.startswith(("opencv-python", "opencv-contrib-python"))
-    return package == module or (
-        package.startswith(f"{module}-") and package.removeprefix(f"{module}-") in _BUILDS
-    )
-
-
-def _model(name: str | None, provider: str) -> Check:
+def _model(name: str | None, provider: str) -> Iterator[Check]:
     import onnxruntime
 
     from depthcli.inference.catalog import find_model
@@ -129,7 +60,7 @@ def _model(name: str | None, provider: str) -> Check:
         f"onnxruntime {onnxruntime.__version__} has {', '.join(available_providers())}"
     )
     status = "warning" if session.warnings else "ok"
-    return Check("model", status, "; ".join((detail, *session.warnings)))
+    yield Check("model", status, "; ".join((detail, *session.warnings)))
 
 
 def _providers(name: str | None) -> Iterator[Check]:
@@ -160,15 +91,17 @@ def _codecs() -> Iterator[Check]:
         yield Check(f"codec {suffix}", "ok" if works else "warning", detail)
 
 
-def _exr() -> Check:
+def _exr() -> Iterator[Check]:
     import OpenEXR
 
-    return Check("codec .exr", "ok", f"OpenEXR {OpenEXR.__version__}")
+    yield Check("codec .exr", "ok", f"OpenEXR {OpenEXR.__version__}")
 
 
-def _guarded(name: str, check: Callable[[], Check]) -> Check:
-    """A check that turns an error into a finding: one problem never hides the others."""
+def _guarded(name: str, checks: Callable[[], Iterator[Check]]) -> Iterator[Check]:
+    """Checks whose error is a finding too: one problem never hides the others."""
     try:
-        return check()
-    except (DepthcliError, ImportError, OSError) as error:
-        return Check(name, "failed", str(error))
+        yield from checks()
+    except DepthcliError as error:
+        yield Check(name, "failed", str(error))
+    except Exception as error:  # noqa: BLE001 - a broken package raises whatever it likes
+        yield Check(name, "failed", reason(error))

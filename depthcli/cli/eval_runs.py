@@ -11,6 +11,7 @@ import typer
 
 from depthcli.cli import console, options
 from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 from depthcli.metrics.choices import Alignment
@@ -134,9 +135,7 @@ def _open_runs(folder: Path) -> tuple[list[TrainedRun], list[str]]:
     try:
         from depthcli.export.trained import find_runs, open_run
     except ImportError as error:
-        raise DepthcliError(
-            f"reading checkpoints needs {error.name}: pip install 'depthcli[train]'"
-        ) from error
+        raise DepthcliError(f"reading checkpoints needs {error.name}: {INSTALL_TRAIN}") from error
     opened, failed = [], []
     for run in find_runs(folder):
         try:

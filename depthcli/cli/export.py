@@ -9,6 +9,7 @@ import typer
 
 from depthcli.cli import console
 from depthcli.cli.numbers import field_of_view, not_negative
+from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 app = typer.Typer(rich_markup_mode=None)
@@ -67,7 +68,7 @@ def export_onnx(
     try:
         from depthcli.export.onnx import ExportOptions, export_checkpoint
     except ImportError as error:
-        raise DepthcliError(f"export needs {error.name}: pip install 'depthcli[train]'") from error
+        raise DepthcliError(f"export needs {error.name}: {INSTALL_TRAIN}") from error
     if fp16 and int8 is not None:
         raise UsageError("--fp16 and --int8 exclude each other; give one")
     options = ExportOptions(

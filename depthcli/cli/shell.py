@@ -14,6 +14,7 @@ from depthcli import __version__
 from depthcli.cli import console
 from depthcli.cli.app import COMMANDS, PROFILED, PROGRAM, help_text, reader_left
 from depthcli.cli.signals import exit_on_signals
+from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ def _explain(error: Exception) -> tuple[str, int]:
         return _usage(error), ExitCode.USAGE
     if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in _TRAIN_EXTRA:
         needed = f"this command needs {error.name}"
-        return f"{needed}; install it with: pip install 'depthcli[train]'", ExitCode.FAILURE
+        return f"{needed}; install it with: {INSTALL_TRAIN}", ExitCode.FAILURE
     if is_out_of_memory(error):
         return "out of memory; give fewer or smaller inputs", ExitCode.FAILURE
     name = type(error).__name__

@@ -12,6 +12,7 @@ import typer
 
 from depthcli.cli import console
 from depthcli.cli.signals import SIGNAL_BASE, ending_signals
+from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -153,9 +154,7 @@ def resolve_config(
         from depthcli.training.methods.registry import METHODS, check_terms, default_config
         from depthcli.training.preset_files import preset_file
     except ImportError as error:
-        raise DepthcliError(
-            f"training needs {error.name}: pip install 'depthcli[train]'"
-        ) from error
+        raise DepthcliError(f"training needs {error.name}: {INSTALL_TRAIN}") from error
     if method not in METHODS:
         raise typer.BadParameter(f"no method '{method}'; choose from {', '.join(METHODS)}")
     named = [preset_file(preset)] if preset else []

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from depthcli.core.extras import INSTALL_H5PY
 from depthcli.datasets.files import check_plausible, median_m, spread
 from depthcli.errors import DatasetError
 
@@ -91,9 +92,7 @@ def open_mat(path: Path, plausible_m: tuple[float, float]) -> NyuMat:
     try:
         import h5py  # noqa: PLC0415 - optional, and only this format needs it
     except ImportError as error:
-        raise DatasetError(
-            "reading a .mat file needs h5py: pip install 'depthcli[train]'"
-        ) from error
+        raise DatasetError(f"reading a .mat file needs h5py: {INSTALL_H5PY}") from error
     try:
         file = h5py.File(path, "r")
     except OSError as error:

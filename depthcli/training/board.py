@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from depthcli.core.extras import INSTALL_TENSORBOARD
 from depthcli.errors import TrainingError
 from depthcli.training.loop import writing
 from depthcli.training.samples import sample_path
@@ -41,7 +42,7 @@ class Board:
             from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - optional, slow
         except ImportError as error:
             raise TrainingError(
-                "--tensorboard needs tensorboard: pip install 'depthcli[tensorboard]'"
+                f"--tensorboard needs tensorboard: {INSTALL_TENSORBOARD}"
             ) from error
         self._open = SummaryWriter
         self._folder, self._config = folder, config

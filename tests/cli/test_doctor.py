@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import pytest
+
 if TYPE_CHECKING:
     from command_line import Cli
 
@@ -90,3 +92,40 @@ def test_a_provider_that_is_not_there_fails(cli: Cli) -> None:
     else:
         assert done.returncode == 3
         assert "openvino" in model["detail"]
+
+
+BROKEN = {
+    "raises": "raise ImportError('libGL.so.1: cannot open shared object file\\nno such file')",
+    "empty": "",
+    "fails otherwise": "raise RuntimeError('built for another NumPy')",
+}
+
+
+@pytest.mark.parametrize("how", BROKEN)
+@pytest.mark.parametrize(
+    ("module", "package"), [("cv2", "opencv-python-headless"), ("onnxruntime", "onnxruntime")]
+)
+def test_a_broken_package_is_a_finding(cli: Cli, module: str, package: str, how: str) -> None:
+    broken = cli.folder / "broken" / module
+    broken.mkdir(parents=True)
+    (broken / "__init__.py").write_text(BROKEN[how])
+    done = cli("doctor", "--json", PYTHONPATH=f"{broken.parent}:{cli.site}")
+    found = checks(done.stdout)
+    assert (done.returncode, done.stderr) == (3, b"")
+    assert found[f"import {module}"]["status"] == "failed"
+    assert f"pip install --force-reinstall {package}" in found[f"import {module}"]["detail"]
+    assert all("\n" not in check["detail"] for check in found.values())
+    assert found["import numpy"]["status"] == found["codec .exr"]["status"] == "ok"
+    other = "codec .png" if module == "onnxruntime" else "import onnxruntime"
+    assert found[other]["status"] == "ok"
+
+
+def test_without_numpy_there_is_still_a_report(cli: Cli) -> None:
+    broken = cli.folder / "broken" / "numpy"
+    broken.mkdir(parents=True)
+    (broken / "__init__.py").write_text("raise ImportError('numpy C-extensions failed')")
+    done = cli("doctor", PYTHONPATH=f"{broken.parent}:{cli.site}")
+    lines = done.stdout.decode().splitlines()
+    assert done.returncode == 3
+    assert any(line.startswith("failed   import numpy") for line in lines)
+    assert lines[-1].split()[0] == "failed"
