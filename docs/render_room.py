@@ -6,6 +6,7 @@ depth, along the camera axis, so that a prediction can be held against it.
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,8 +131,15 @@ def albedo(item: Box, points: Array, normal: Array) -> Array:
 
 def main() -> None:
     """Write the picture and say how deep it is."""
+    parser = argparse.ArgumentParser(description="Render the room and print its true depth.")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path(__file__).with_name("room.jpg"),
+        help="Default: %(default)s, which is replaced.",
+    )
+    target = parser.parse_args().out
     image, depth_m = render()
-    target = Path(__file__).with_name("room.jpg")
     quality = (cv2.IMWRITE_JPEG_QUALITY, 92)
     _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), quality)
     target.write_bytes(data.tobytes())

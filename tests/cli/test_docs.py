@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from depthcli.cli import shell
 from depthcli.cli.app import COMMANDS
+from depthcli.inference.ready_cards import ready_names
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -29,3 +34,20 @@ def test_every_option_is_in_the_documentation(name: str) -> None:
 def test_every_command_is_in_the_documentation(name: str) -> None:
     text = "".join(path.read_text() for path in DOCS.glob("*.md"))
     assert f"depthcli {name}" in text
+
+
+def test_every_model_of_an_example_is_one() -> None:
+    """A path or a word in capitals is the reader's own."""
+    pages = [*DOCS.glob("*.md"), DOCS.parent / "README.md"]
+    examples = [line for page in pages for line in page.read_text().splitlines()]
+    named = {name for line in examples for name in re.findall(r"--model ([a-z0-9-]+)(?!\S)", line)}
+    bundled = {path.name for path in (DOCS.parent / "models").iterdir() if path.is_dir()}
+    assert named
+    assert named <= bundled | set(ready_names())
+
+
+def test_help_of_the_renderer_leaves_the_picture_alone(tmp_path: Path) -> None:
+    script = shutil.copy(DOCS / "render_room.py", tmp_path)
+    done = subprocess.run([sys.executable, script, "--help"], capture_output=True, check=False)
+    assert (done.returncode, done.stdout[:5]) == (0, b"usage")
+    assert [path.name for path in tmp_path.iterdir()] == ["render_room.py"]
