@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -15,11 +16,17 @@ from depthcli.cli.app import COMMANDS
 from depthcli.inference.ready_cards import ready_names
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
+GENERATED = "cli.md"
+
+
+def written_pages() -> str:
+    """What people wrote; the generated page knows every option and says nothing of its use."""
+    return "".join(path.read_text() for path in DOCS.glob("*.md") if path.name != GENERATED)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_is_in_the_documentation(name: str) -> None:
-    text = "".join(path.read_text() for path in DOCS.glob("*.md"))
+    text = written_pages()
     pending = [shell.load_command(name)]
     while pending:
         command = pending.pop()
@@ -32,14 +39,13 @@ def test_every_option_is_in_the_documentation(name: str) -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_is_in_the_documentation(name: str) -> None:
-    text = "".join(path.read_text() for path in DOCS.glob("*.md"))
+    text = written_pages()
     assert f"depthcli {name}" in text
 
 
 def test_every_model_of_an_example_is_one() -> None:
     """A path or a word in capitals is the reader's own."""
-    pages = [*DOCS.glob("*.md"), DOCS.parent / "README.md"]
-    examples = [line for page in pages for line in page.read_text().splitlines()]
+    examples = (written_pages() + (DOCS.parent / "README.md").read_text()).splitlines()
     named = {name for line in examples for name in re.findall(r"--model ([a-z0-9-]+)(?!\S)", line)}
     bundled = {path.name for path in (DOCS.parent / "models").iterdir() if path.is_dir()}
     assert named
@@ -51,3 +57,9 @@ def test_help_of_the_renderer_leaves_the_picture_alone(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, script, "--help"], capture_output=True, check=False)
     assert (done.returncode, done.stdout[:5]) == (0, b"usage")
     assert [path.name for path in tmp_path.iterdir()] == ["render_room.py"]
+
+
+def test_the_page_of_the_whole_command_line_is_current() -> None:
+    page = runpy.run_path(str(DOCS / "write_cli.py"))["page"]()
+    current = (DOCS / GENERATED).read_text("utf-8") == page
+    assert current, "docs/cli.md is not what the commands say; run: python docs/write_cli.py"
