@@ -27,6 +27,7 @@ class State:
         self.debug = False
 
 
+_GAP = 2  # between columns
 _bars: list[Progress] = []
 """The progress bar on the terminal, if there is one."""
 
@@ -119,17 +120,33 @@ def _encodable(text: str, stream: TextIO) -> str:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on standard output: drawn on a terminal, tab-separated elsewhere."""
-    if not sys.stdout.isatty():
-        for row in (header, *rows):
-            out("\t".join(one_line(cell) for cell in row))
-        return
-    from rich.console import Console
-    from rich.table import Table
+    """A table on standard output: in columns on a terminal, tab-separated elsewhere.
 
-    drawn = Table(box=None, header_style="bold", pad_edge=False)
-    for name in header:
-        drawn.add_column(name, overflow="fold")  # a path that is cut short is no path
-    for row in rows:
-        drawn.add_row(*(one_line(cell) for cell in row))
-    Console(markup=False, highlight=False).print(drawn)
+    Nothing is cut short or folded, so that names and paths can be copied: where a terminal is too
+    narrow for the columns, each row becomes a paragraph.
+    """
+    lines = [[one_line(cell) for cell in row] for row in (header, *rows)]
+    if not sys.stdout.isatty():
+        for line in lines:
+            out("\t".join(line))
+        return
+    from shutil import get_terminal_size
+
+    from rich.cells import cell_len, set_cell_size
+
+    widths = [max(map(cell_len, column)) for column in zip(*lines, strict=True)]
+    if sum(widths) + _GAP * (len(widths) - 1) > get_terminal_size().columns:
+        _paragraphs(lines[0], lines[1:])
+        return
+    for line in lines:
+        cells = (set_cell_size(cell, width) for cell, width in zip(line, widths, strict=True))
+        out((" " * _GAP).join(cells).rstrip())
+
+
+def _paragraphs(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Each row as a heading and a line for each other column."""
+    width = max(map(len, header)) + _GAP
+    for heading, *cells in rows:
+        out(heading)
+        for name, cell in zip(header[1:], cells, strict=True):
+            out(f"  {name:<{width}}{cell}".rstrip())

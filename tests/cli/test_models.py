@@ -6,6 +6,7 @@ import hashlib
 import json
 from typing import TYPE_CHECKING
 
+import pytest
 from command_line import ROOT
 from tiny import write_model, write_picture
 
@@ -29,11 +30,18 @@ def test_the_list_shows_what_is_there(cli: Cli) -> None:
     assert "default" in [row[0] for row in rows]
 
 
-def test_the_list_on_a_narrow_terminal_cuts_nothing_short(cli: Cli) -> None:
-    code, shown = cli.on_a_terminal("models", columns=60)
+@pytest.mark.parametrize("columns", [30, 60, 100, 300])
+def test_no_terminal_is_too_narrow_for_names_and_paths(cli: Cli, columns: int) -> None:
+    long_name = "a-model-with-rather-a-long-name"
+    write_model(cli.models / long_name)
+    code, shown = cli.on_a_terminal("models", columns=columns)
     assert code == 0
-    assert "…" not in shown
-    assert "size" in shown
+    assert str(cli.models / long_name / "card.json") in shown
+    code, shown = cli.on_a_terminal("models", "cards", columns=columns)
+    assert code == 0
+    for line in cli("models", "cards").stdout.decode().splitlines()[1:]:
+        for cell in line.split("\t"):
+            assert cell in shown
 
 
 def test_both_bundled_models_are_in_the_wheel_and_run(cli: Cli) -> None:
