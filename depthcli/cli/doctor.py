@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import console
+from depthcli.cli import completion, console
 from depthcli.cli.doctor_packages import Check, families, modules, reason, versions
 from depthcli.errors import DepthcliError, ExitCode
 
@@ -18,8 +18,14 @@ app = typer.Typer(rich_markup_mode=None)
 
 @app.command()
 def doctor(
-    model: Annotated[str | None, typer.Option(help="Name or path of a model to check.")] = None,
-    provider: Annotated[str, typer.Option(help="Provider to start the model on.")] = "auto",
+    model: Annotated[
+        str | None,
+        typer.Option(autocompletion=completion.models, help="Name or path of a model to check."),
+    ] = None,
+    provider: Annotated[
+        str,
+        typer.Option(autocompletion=completion.providers, help="Provider to start the model on."),
+    ] = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
 ) -> int:
     """Check versions, onnxruntime packages, the provider really active, a model, and codecs.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import options  # noqa: TC001 - typer looks at the annotations
+from depthcli.cli import completion, options
 from depthcli.cli.eval_runs import runs
 from depthcli.core.choices import Upsampling
 from depthcli.datasets.splits import SplitName
@@ -44,7 +44,10 @@ def nyu(
     ],
     model: Annotated[
         list[str] | None,
-        typer.Option(help="Name or path of a model; repeatable. Default: the bundled model."),
+        typer.Option(
+            autocompletion=completion.models,
+            help="Name or path of a model; repeatable. Default: the bundled model.",
+        ),
     ] = None,
     no_model: Annotated[
         bool, typer.Option("--no-model", help="Leave the bundled model out.")

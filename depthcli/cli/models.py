@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import console, models_own
+from depthcli.cli import completion, console, models_own
 from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:
@@ -23,7 +23,11 @@ app = typer.Typer(
 
 _Json = Annotated[bool, typer.Option("--json", help="JSON instead of text.")]
 _Name = Annotated[
-    str, typer.Argument(help="Name, .onnx file, folder with a card.json, or a ready card.")
+    str,
+    typer.Argument(
+        autocompletion=completion.models_and_cards,
+        help="Name, .onnx file, folder with a card.json, or a ready card.",
+    ),
 ]
 
 
@@ -75,7 +79,10 @@ def show(model: _Name = "default") -> int:
 @app.command()
 def verify(
     models: Annotated[
-        list[str] | None, typer.Argument(help="Names or paths; all listed ones by default.")
+        list[str] | None,
+        typer.Argument(
+            autocompletion=completion.models, help="Names or paths; all listed ones by default."
+        ),
     ] = None,
     as_json: _Json = False,
 ) -> int:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import console
+from depthcli.cli import completion, console
 from depthcli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ def add(
         str | None,
         typer.Option(
             metavar="CARD",
+            autocompletion=completion.cards,
             help="A card.json, or the name of a ready card ('depthcli models cards'). Default: the "
             "card inside the file or beside it.",
         ),
@@ -55,7 +56,12 @@ def add(
 
 
 def remove(
-    models: Annotated[list[str], typer.Argument(metavar="NAME...", help="Models that were added.")],
+    models: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="NAME...", autocompletion=completion.own_models, help="Models that were added."
+        ),
+    ],
 ) -> int:
     """Delete models that were added. Bundled ones stay."""
     from depthcli.inference.install import remove_model

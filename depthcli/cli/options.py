@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from depthcli.cli import completion
 from depthcli.cli.numbers import field_of_view, finite, positive
 from depthcli.cli.predict_choices import Colormap, ExrChannel, Format, Near
 from depthcli.core.choices import Upsampling
@@ -15,13 +16,17 @@ MAX_PIXELS = 250_000_000
 
 ModelOption = Annotated[
     str | None,
-    typer.Option(help="Name ('depthcli models list'), .onnx file, or folder with a card.json."),
+    typer.Option(
+        autocompletion=completion.models,
+        help="Name ('depthcli models list'), .onnx file, or folder with a card.json.",
+    ),
 ]
 ProviderOption = Annotated[
     str,
     typer.Option(
+        autocompletion=completion.providers,
         help="auto, cpu, cuda, tensorrt, rocm, migraphx, directml, coreml or openvino. One "
-        "asked for by name has to be there."
+        "asked for by name has to be there.",
     ),
 ]
 ProviderSettingsOption = Annotated[

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from depthcli.cli import console, profile_files
+from depthcli.cli import completion, console, profile_files
 from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -25,7 +25,10 @@ app = typer.Typer(
 
 _GIVEN = "depthcli.profile"
 _Json = Annotated[bool, typer.Option("--json", help="JSON instead of text.")]
-_Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of a profile.")]
+_Name = Annotated[
+    str,
+    typer.Argument(metavar="NAME", autocompletion=completion.profiles, help="Name of a profile."),
+]
 
 
 @app.callback()
@@ -82,7 +85,10 @@ def show(name: _Name) -> int:
 
 @app.command()
 def remove(
-    profiles: Annotated[list[str], typer.Argument(metavar="NAME...", help="Profiles.")],
+    profiles: Annotated[
+        list[str],
+        typer.Argument(metavar="NAME...", autocompletion=completion.profiles, help="Profiles."),
+    ],
 ) -> int:
     """Delete profiles."""
     for name in profiles:

@@ -11,7 +11,7 @@ from typer.core import TyperGroup, TyperOption
 from typer.main import get_command
 
 from depthcli import __version__
-from depthcli.cli import console
+from depthcli.cli import completion, console
 from depthcli.cli.app import COMMANDS, PROFILED, PROGRAM, help_text, reader_left
 from depthcli.cli.signals import exit_on_signals
 from depthcli.core.extras import INSTALL_TRAIN
@@ -150,6 +150,7 @@ def _profile_option() -> TyperOption:
     return TyperOption(
         param_decls=["--profile"],
         metavar="NAME",
+        autocompletion=lambda _context, _words, word: completion.profiles(word),
         expose_value=False,
         callback=_apply_profile,
         is_eager=True,

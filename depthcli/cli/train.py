@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import console
+from depthcli.cli import completion, console
 from depthcli.cli.signals import SIGNAL_BASE, ending_signals
 from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.errors import DepthcliError, ExitCode, UsageError
@@ -22,13 +22,22 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 _Method = Annotated[
     str | None,
-    typer.Argument(help="cyclegan, cut, fastcut, dclgan, simdcl, hnegsrc or proposed."),
+    typer.Argument(
+        metavar="[METHOD]",
+        autocompletion=completion.methods,
+        help="cyclegan, cut, fastcut, dclgan, simdcl, hnegsrc or proposed.",
+    ),
 ]
 _All = Annotated[
     bool, typer.Option("--all", help="Every method, each in a folder METHOD-seedK of --out.")
 ]
 _Methods = Annotated[
-    str | None, typer.Option(metavar="A,B", help="These methods, as --all does; cut,proposed say.")
+    str | None,
+    typer.Option(
+        metavar="A,B",
+        autocompletion=completion.method_lists,
+        help="These methods, as --all does; cut,proposed say.",
+    ),
 ]
 _Seeds = Annotated[
     str | None, typer.Option(metavar="K,L", help="With --all or --methods: a run a seed; 0,1 say.")
@@ -43,7 +52,10 @@ _Data = Annotated[
 _Out = Annotated[
     Path, typer.Option(help="Folder for checkpoint, log and samples; continued if it has one.")
 ]
-_Preset = Annotated[str | None, typer.Option(help="Named settings that ship with depthcli.")]
+_Preset = Annotated[
+    str | None,
+    typer.Option(autocompletion=completion.presets, help="Named settings that ship with depthcli."),
+]
 _Config = Annotated[list[Path] | None, typer.Option(help="TOML file of differences; repeatable.")]
 _Set = Annotated[
     list[str] | None, typer.Option("--set", help="One setting, a.b=value; repeatable.")
@@ -53,7 +65,9 @@ _Minutes = Annotated[
     float | None,
     typer.Option(min=0.0, help="Stop cleanly after so many minutes, to continue later."),
 ]
-_Accelerator = Annotated[str, typer.Option(help="auto, cpu, cuda or mps.")]
+_Accelerator = Annotated[
+    str, typer.Option(autocompletion=completion.accelerators, help="auto, cpu, cuda or mps.")
+]
 _Devices = Annotated[
     int, typer.Option(min=1, help="GPUs, or processes on a CPU, that share each batch.")
 ]

@@ -15,7 +15,11 @@ def preset_file(name: str) -> Path:
     Raises:
         UsageError: there is no such preset.
     """
-    files = {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
-    if name not in files:
-        raise UsageError(f"no preset '{name}'; choose from {', '.join(files)}")
-    return files[name]
+    if name not in preset_names():
+        raise UsageError(f"no preset '{name}'; choose from {', '.join(preset_names())}")
+    return FOLDER / f"{name}.toml"
+
+
+def preset_names() -> tuple[str, ...]:
+    """Names of the presets, in alphabetic order."""
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))

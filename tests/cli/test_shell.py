@@ -8,6 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from tiny import write_model
 
 import depthcli
 from depthcli.cli.app import COMMANDS
@@ -186,3 +187,44 @@ def test_signals_that_the_caller_ignores_stay_ignored() -> None:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("predict a.jpg --model ", ["default", "fast", "other"]),
+        ("predict a.jpg --model o", ["other"]),
+        ("batch in --provider d", ["directml"]),
+        ("video a.mp4 --profile ", ["mine"]),
+        ("eval nyu --model d", ["default"]),
+        ("models add a.onnx --card midas", ["midas-small-torch", "midas-small"]),
+        ("models remove ", ["default", "other"]),
+        ("models show meter", ["meter-nyu"]),
+        ("models verify o", ["other"]),
+        ("profile show ", ["mine"]),
+        ("doctor --provider cp", ["cpu"]),
+        ("train cyc", ["cyclegan"]),
+        ("train --methods cut,p", ["cut,proposed"]),
+        ("train cut --preset d", ["default"]),
+        ("train cut --accelerator m", ["mps"]),
+    ],
+)
+def test_names_are_offered_where_names_are_wanted(cli: Cli, words: str, offered: list[str]) -> None:
+    write_model(cli.models / "other")
+    profile = cli.folder.parent / "home" / "depthcli" / "profiles" / "mine.toml"
+    profile.parent.mkdir(parents=True)
+    profile.touch()
+    typed = f"depthcli {words}"
+    done = cli(
+        _DEPTHCLI_COMPLETE="complete_bash", COMP_WORDS=typed, COMP_CWORD=str(typed.count(" "))
+    )
+    assert done.stdout.decode().split() == offered
+
+
+def test_offered_names_are_those_that_are_taken() -> None:
+    from depthcli.cli import completion  # noqa: PLC0415
+    from depthcli.inference.providers import AUTO, PROVIDERS  # noqa: PLC0415
+    from depthcli.training.methods.registry import METHODS  # noqa: PLC0415
+
+    assert {*completion.PROVIDERS} == {AUTO, *PROVIDERS}
+    assert tuple(METHODS) == completion.METHODS
