@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from depthcli.core.array_protocol import as_array
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ class PointCloud:
         self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
     ) -> npt.NDArray[Any]:
         """The coordinates; NumPy calls this."""
-        return np.array(self.xyz_m, dtype=dtype, copy=copy)
+        return as_array(self.xyz_m, dtype, copy)
 
     def __repr__(self) -> str:
         colours = "no colours" if self.rgb is None else "colours"

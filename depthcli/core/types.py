@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from depthcli.core.array_protocol import as_array
 from depthcli.core.pixels import check_pixels
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ class DepthMap:
         self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
     ) -> npt.NDArray[Any]:
         """The values; NumPy calls this, so a map goes wherever an array does."""
-        return np.array(self.values, dtype=dtype, copy=copy)
+        return as_array(self.values, dtype, copy)
 
     def __repr__(self) -> str:
         finite = self.values[np.isfinite(self.values)]
