@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli import options
-from depthcli.cli.predict_choices import Colormap, ExrChannel, Format, Near
+from depthcli.cli.predict_choices import ExrChannel
 from depthcli.core.choices import Upsampling
 from depthcli.errors import UsageError
+from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,6 +24,7 @@ GPU_BATCH = 8
 
 @app.command()
 def batch(
+    context: typer.Context,
     folder: Annotated[
         str | None,
         typer.Argument(metavar="[DIR]", help="A folder; everything below it is taken."),
@@ -79,10 +81,10 @@ def batch(
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
-    exr_channel: options.ExrChannelOption = ExrChannel.Z,
+    exr_channel: options.ExrChannelOption = ExrChannel.Y,
     half: options.HalfOption = False,
-    colormap: options.ColormapOption = Colormap.INFERNO,
-    near: options.NearOption = Near.WARM,
+    colormap: options.ColormapOption = None,
+    near: options.NearOption = None,
     vmin: options.VminOption = None,
     vmax: options.VmaxOption = None,
     legend: options.LegendOption = False,
@@ -109,6 +111,7 @@ def batch(
     from depthcli.cli.detail import choose_detail
     from depthcli.cli.engine import Engine
     from depthcli.cli.looks import choose_looks
+    from depthcli.cli.unused import refuse_unused
 
     looks = choose_looks(
         png_scale=png_scale,
@@ -124,6 +127,7 @@ def batch(
     )
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
+    refuse_unused(context, chosen, tuple(Format))
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     plan = _plan(folder, output, files, include or (), exclude or ())
     cores = usable_cores()

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli import __version__
-from depthcli.cli.predict_choices import Format
 from depthcli.cli.video_choices import VideoFormat
 from depthcli.errors import UsageError
 from depthcli.io.manifest import Origin, is_intact
 from depthcli.io.sources.folder import is_video
-from depthcli.io.writers.registry import SUFFIXES
+from depthcli.io.writers.formats import FORMATS, Format
 
 if TYPE_CHECKING:
     from depthcli.cli.batch_plan import Plan
@@ -109,7 +108,7 @@ class Targets(NamedTuple):
     def of_picture(self, found: Found) -> dict[Format, Path]:
         """Where the outputs of a picture go."""
         base = self.plan.names.base(found.name)
-        return {f: self.plan.out / (base + SUFFIXES[f]) for f in self.recipe.formats}
+        return {f: self.plan.out / (base + FORMATS[f].suffix) for f in self.recipe.formats}
 
     def of_video(self, found: Found) -> dict[VideoFormat, Path]:
         """Where the outputs of a video go; a sequence's name holds ``%06d``."""

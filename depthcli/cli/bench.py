@@ -89,7 +89,7 @@ def _facts(pipeline: Pipeline, workers: int) -> dict[str, Any]:
     session = pipeline.session
     return {
         "model": pipeline.card.name,
-        "sha256": session.model.sha256,
+        "model_sha256": session.model.sha256,
         "provider": session.provider,
         "workers": workers,
     }

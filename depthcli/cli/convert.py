@@ -7,24 +7,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import console
+from depthcli.cli import console, options
 from depthcli.cli.depth_input import FrameOption, read_map
-from depthcli.cli.numbers import positive
-from depthcli.cli.predict_choices import ExrChannel, Format
-from depthcli.errors import ExitCode, UsageError
+from depthcli.cli.numbers import field_of_view, positive
+from depthcli.cli.predict_choices import ExrChannel
+from depthcli.errors import ExitCode, InputError, UsageError
+from depthcli.io.writers.formats import ENDINGS, MILLIMETRES, Format, format_of
 
 if TYPE_CHECKING:
-    from depthcli.core.types import DepthMap
+    from depthcli.core.types import DepthMap, Frame
     from depthcli.io.writers.base import Writer
 
 app = typer.Typer(rich_markup_mode=None)
 
-_MILLIMETRES = 1000.0
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
 
 @app.command()
 def convert(
+    context: typer.Context,
     source: Annotated[
         str, typer.Argument(metavar="IN", help="16-bit PNG, EXR, NPY, or a depth video (.mkv).")
     ],
@@ -42,88 +43,120 @@ def convert(
         ),
     ] = None,
     frame: FrameOption = None,
-    png_scale: Annotated[
-        float, typer.Option(callback=positive, help="Steps a metre in a PNG that is written.")
-    ] = _MILLIMETRES,
-    png_normalize: Annotated[
-        bool, typer.Option("--png-normalize", help="Stretch a PNG to 1-65535; no unit.")
-    ] = False,
-    exr_channel: Annotated[
-        ExrChannel, typer.Option(help="Name of the channel in EXR.")
-    ] = ExrChannel.Z,
-    half: Annotated[bool, typer.Option("--half", help="16-bit floats in EXR.")] = False,
+    png_scale: options.PngScaleOption = None,
+    png_normalize: options.PngNormalizeOption = False,
+    exr_channel: options.ExrChannelOption = ExrChannel.Y,
+    half: options.HalfOption = False,
+    cloud_focal_px: Annotated[
+        float | None,
+        typer.Option(
+            "--focal-px",
+            callback=positive,
+            help="Focal length in pixels for a point cloud; depth stays as it is. Default: what "
+            "the input states.",
+        ),
+    ] = None,
+    cloud_hfov: Annotated[
+        float | None,
+        typer.Option(
+            "--hfov",
+            callback=field_of_view,
+            help="Horizontal field of view in degrees, in place of --focal-px.",
+        ),
+    ] = None,
+    picture: Annotated[
+        str | None,
+        typer.Option(
+            metavar="IMG", help="The picture whose colours a point cloud gets, of the depth's size."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
+    quiet: options.QuietOption = False,
 ) -> int:
     """Convert a depth file, and report the error of reading it back."""
+    from depthcli.cli.camera import choose_camera
+    from depthcli.cli.convert_report import Converted, RoundTrip
+    from depthcli.cli.unused import refuse_unused
     from depthcli.io.atomic import atomic_path
     from depthcli.io.depth_files import read_depth
-    from depthcli.io.naming import is_folder
-    from depthcli.io.writers.registry import writer_class
 
-    if target == "-" or is_folder(target):
-        raise UsageError(f"{target} is no file; name one, {target.rstrip('/')}/depth.exr say")
     chosen = _format(target, format_)
-    options: dict[Format, dict[str, object]] = {
-        Format.PNG16: {"scale": png_scale, "normalize": png_normalize},
-        Format.EXR: {"channel": exr_channel.value, "half": half},
-    }
-    writer: Writer = writer_class(chosen)(**options.get(chosen, {}))
+    refuse_unused(context, (chosen,), tuple(Format))
+    choose_camera(cloud_focal_px, cloud_hfov, None)
+    writer = _writer(chosen, png_scale, exr_channel, png_normalize=png_normalize, half=half)
     depth = read_map(Path(source), scale=from_scale, frame=frame)
-    with atomic_path(Path(target), inputs=(Path(source),)) as temporary:
-        warnings = writer.write(depth, temporary)
+    depth = _seen_by(depth, cloud_focal_px, cloud_hfov)
+    colours = None if picture is None else _colours(picture, depth)
+    inputs = [Path(name) for name in (source, picture) if name is not None]
+    with atomic_path(Path(target), inputs=inputs) as temporary:
+        warnings = writer.write(depth, temporary, colours)
         again = read_depth(temporary) if chosen in _READABLE else None
-    facts = {
-        "input": source,
-        "output": target,
-        "unit": "m" if depth.is_metric else None,
-        **_error(depth, again),
-        "warnings": list(warnings),
-    }
-    _tell(facts, as_json=as_json, quiet=quiet)
+    round_trip = RoundTrip() if again is None else RoundTrip.of(depth, again)
+    done = Converted(source, target, depth, round_trip, warnings)
+    if as_json:
+        console.out_json(done.as_json())
+    elif not quiet:
+        done.tell()
     return ExitCode.OK
 
 
 def _format(target: str, asked: Format | None) -> Format:
-    from depthcli.cli.predict_outputs import FORMAT_OF_SUFFIX
+    from depthcli.io.naming import is_folder
 
-    found = asked or FORMAT_OF_SUFFIX.get(Path(target).suffix.lower())
+    if target == "-" or is_folder(target):
+        raise UsageError(f"{target} is no file; name one, {target.rstrip('/')}/depth.exr say")
+    found = asked or format_of(target)
     if found is None:
-        known = ", ".join(FORMAT_OF_SUFFIX)
-        raise UsageError(f"{target} says no format; end it in {known}, or give --format")
+        raise UsageError(
+            f"{target} says no format; end it in {', '.join(ENDINGS)}, or give --format"
+        )
     return found
 
 
-def _error(depth: DepthMap, again: DepthMap | None) -> dict[str, object]:
-    """How far what is read back is from what was written, in the map's unit."""
-    import numpy as np
+def _writer(
+    chosen: Format,
+    png_scale: float | None,
+    exr_channel: ExrChannel,
+    *,
+    png_normalize: bool,
+    half: bool,
+) -> Writer:
+    from depthcli.cli.looks import check_looks
+    from depthcli.io.writers.formats import writer_class
 
-    if again is None:
-        return {"max_error": None, "mean_error": None, "lost": None}
-    here, there = np.isfinite(depth.values), np.isfinite(again.values)
-    both = here & there
-    gap = np.abs(depth.values[both].astype(np.float64) - again.values[both])
-    return {
-        "max_error": float(gap.max()) if gap.size else 0.0,
-        "mean_error": float(gap.mean()) if gap.size else 0.0,
-        "lost": int((here & ~there).sum()),
+    check_looks(png_scale, None, None, None, None, png_normalize=png_normalize)
+    scale = png_scale or MILLIMETRES
+    choices: dict[Format, dict[str, object]] = {
+        Format.PNG16: {"scale": scale, "normalize": png_normalize},
+        Format.EXR: {"channel": exr_channel.value, "half": half},
+        Format.JSON: {"png_scale": None if png_normalize else scale},
     }
+    writer: Writer = writer_class(chosen)(**choices.get(chosen, {}))
+    return writer
 
 
-def _tell(facts: dict[str, object], *, as_json: bool, quiet: bool) -> None:
-    if as_json:
-        console.out_json(facts)
-        return
-    if quiet:
-        return
-    line = f"{facts['input']} -> {facts['output']}"
-    if facts["max_error"] is not None:
-        unit = f" {facts['unit']}" if facts["unit"] else ""
-        line += (
-            f"  round trip: max error {facts['max_error']:.3g}{unit}, "
-            f"mean {facts['mean_error']:.3g}{unit}, {facts['lost']} pixels lost"
+def _seen_by(depth: DepthMap, focal_px: float | None, hfov_deg: float | None) -> DepthMap:
+    """The same depth with the camera that the options describe, in place of the stated one."""
+    from dataclasses import replace
+
+    from depthcli.core import scaling
+    from depthcli.core.types import Provenance
+
+    if hfov_deg is not None:
+        focal_px = scaling.focal_px(hfov_deg, depth.width)
+    if focal_px is None:
+        return depth
+    source = replace(depth.provenance or Provenance(), focal_px=focal_px)
+    return replace(depth, provenance=source)
+
+
+def _colours(picture: str, depth: DepthMap) -> Frame:
+    from depthcli.io.sources.image import read_image
+
+    frame = read_image(picture)
+    if (frame.width, frame.height) != (depth.width, depth.height):
+        raise InputError(
+            f"{picture} has {frame.width}×{frame.height} pixels and the depth "
+            f"{depth.width}×{depth.height}; give the picture that the depth was made of"
         )
-    console.out(console.one_line(line))
-    warnings = facts["warnings"]
-    for warning in warnings if isinstance(warnings, list) else ():
-        console.warn(warning)
+    return frame

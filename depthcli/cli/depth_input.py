@@ -31,10 +31,11 @@ def read_map(path: Path, *, scale: float | None, frame: int | None) -> DepthMap:
 
     Raises:
         InputError: missing, damaged, without depth, or shorter than that.
-        UsageError: a video without the number of a frame, or a number for another file.
+        UsageError: a video without the number of a frame, or a number or a scale for another file.
     """
     from depthcli.io.depth_files import read_depth
 
+    check_scale(path, scale)
     if path.suffix.lower() == VIDEO_SUFFIX:
         if frame is None:
             raise UsageError(f"{path} is a video; say which frame with --frame, 0 for the first")
@@ -42,6 +43,18 @@ def read_map(path: Path, *, scale: float | None, frame: int | None) -> DepthMap:
     if frame is not None:
         raise UsageError(f"--frame is for depth videos (.mkv), and {path} is none; leave it out")
     return read_depth(path, png_scale=scale)
+
+
+def check_scale(path: Path, scale: float | None) -> None:
+    """Refuse a scale for a file that holds metres as they are.
+
+    Raises:
+        UsageError: it is neither a PNG nor a depth video.
+    """
+    if scale is not None and path.suffix.lower() not in {".png", VIDEO_SUFFIX}:
+        raise UsageError(
+            f"a scale is for PNG and depth videos (.mkv), and {path} is neither; leave it out"
+        )
 
 
 def _frame(path: Path, scale: float | None, number: int) -> DepthMap:

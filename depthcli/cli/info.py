@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli import console
-from depthcli.cli.depth_input import VIDEO_SUFFIX
+from depthcli.cli.depth_input import VIDEO_SUFFIX, check_scale
 from depthcli.cli.numbers import positive
 from depthcli.errors import ExitCode
 
@@ -37,6 +37,7 @@ def info(
     from depthcli.io.depth_files import read_depth
 
     path = Path(file)
+    check_scale(path, png_scale)
     if path.suffix.lower() == VIDEO_SUFFIX:
         from depthcli.cli.video_info import video_facts
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from depthcli.cli.predict_choices import Colormap, ExrChannel, Format, Near
+from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
 from depthcli.errors import UsageError
+from depthcli.io.writers.formats import MILLIMETRES, Format
 
 if TYPE_CHECKING:
     from depthcli.inference.card import ModelCard
     from depthcli.io.writers.base import Writer
-
-MILLIMETRES = 1000.0
 
 
 class Looks(NamedTuple):
@@ -82,7 +81,13 @@ class Looks(NamedTuple):
 
 
 def check_looks(
-    png_scale: float | None, vmin: float | None, vmax: float | None, *, png_normalize: bool
+    png_scale: float | None,
+    vmin: float | None,
+    vmax: float | None,
+    colormap: str | None,
+    near: str | None,
+    *,
+    png_normalize: bool,
 ) -> None:
     """Refuse options that contradict each other.
 
@@ -91,8 +96,17 @@ def check_looks(
     """
     if png_normalize and png_scale is not None:
         raise UsageError("give --png-scale or --png-normalize, not both")
-    if vmin is not None and vmin == vmax:
-        raise UsageError("--vmin and --vmax are equal; spread them")
+    if vmin is not None and vmax is not None:
+        if vmin == vmax:
+            raise UsageError("--vmin and --vmax are equal; spread them")
+        if vmin > vmax:
+            raise UsageError(f"--vmin {vmin:g} is above --vmax {vmax:g}; swap them")
+    if near == Near.WARM and colormap == Colormap.GRAY:
+        raise UsageError("gray has no warm end; give --near white or --near black")
+    if near in {Near.WHITE, Near.BLACK} and colormap not in {None, Colormap.GRAY}:
+        raise UsageError(
+            f"--near {near} is for --colormap gray; with {colormap}, near is the warm end"
+        )
 
 
 def choose_looks(
@@ -101,8 +115,8 @@ def choose_looks(
     png_normalize: bool,
     exr_channel: ExrChannel,
     half: bool,
-    colormap: Colormap,
-    near: Near,
+    colormap: Colormap | None,
+    near: Near | None,
     vmin: float | None,
     vmax: float | None,
     legend: bool,
@@ -113,7 +127,10 @@ def choose_looks(
     Raises:
         UsageError: they contradict each other.
     """
-    check_looks(png_scale, vmin, vmax, png_normalize=png_normalize)
+    check_looks(png_scale, vmin, vmax, colormap, near, png_normalize=png_normalize)
+    near = near or Near.WARM
+    if colormap is None:
+        colormap = Colormap.INFERNO if near is Near.WARM else Colormap.GRAY
     return Looks(
         png_scale=MILLIMETRES if png_scale is None else png_scale,
         png_normalize=png_normalize,

@@ -8,8 +8,9 @@ import typer
 
 from depthcli.cli import completion
 from depthcli.cli.numbers import field_of_view, finite, positive
-from depthcli.cli.predict_choices import Colormap, ExrChannel, Format, Near
+from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
 from depthcli.core.choices import Upsampling
+from depthcli.io.writers.formats import Format
 
 MAX_PIXELS = 250_000_000
 """As depthcli.io.decode has it, which would load OpenCV for the help."""
@@ -57,17 +58,27 @@ PngNormalizeOption = Annotated[
 ]
 ExrChannelOption = Annotated[ExrChannel, typer.Option(help="Name of the channel in EXR.")]
 HalfOption = Annotated[bool, typer.Option("--half", help="16-bit floats in EXR.")]
-ColormapOption = Annotated[Colormap, typer.Option(help="Colours of the preview.")]
+ColormapOption = Annotated[
+    Colormap | None,
+    typer.Option(help="Colours of the preview. Default: inferno; gray with --near white or black."),
+]
 NearOption = Annotated[
-    Near, typer.Option(help="What near looks like: warm, or for gray white or black.")
+    Near | None,
+    typer.Option(
+        help="What near looks like: warm, or white or black in gray. Default: warm; white in gray."
+    ),
 ]
 VminOption = Annotated[
     float | None,
-    typer.Option(callback=finite, help="Depth at the preview's near end. Default: percentile 2."),
+    typer.Option(
+        callback=finite, help="Least depth with a colour of its own. Default: percentile 2."
+    ),
 ]
 VmaxOption = Annotated[
     float | None,
-    typer.Option(callback=finite, help="Depth at the preview's far end. Default: percentile 98."),
+    typer.Option(
+        callback=finite, help="Largest depth with a colour of its own. Default: percentile 98."
+    ),
 ]
 LegendOption = Annotated[bool, typer.Option("--legend", help="Draw a scale beside the preview.")]
 SideBySideOption = Annotated[

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from depthcli.cli import console
+from depthcli.io.writers.facts import Facts
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -59,19 +60,19 @@ class Done(NamedTuple):
 
     def as_json(self) -> dict[str, object]:
         """The fields of one line of ``--json``."""
-        provenance = self.depth.provenance
+        known = Facts.of(self.depth)
         return {
             "input": self.name,
             "status": "ok",
             "outputs": list(self.outputs),
-            "kind": self.depth.kind.value,
-            "unit": "m" if self.depth.is_metric else None,
+            "kind": known.kind,
+            "unit": known.unit,
             **Range.of(self.depth)._asdict(),
             "width": self.depth.width,
             "height": self.depth.height,
-            "model": provenance.model if provenance else None,
-            "sha256": provenance.model_sha256 if provenance else None,
-            "focal_px": provenance.focal_px if provenance else None,
+            "model": known.model,
+            "model_sha256": known.model_sha256,
+            "focal_px": known.focal_px,
             "provider": self.provider,
             "seconds": round(self.seconds, 6),
             "warnings": list(self.warnings),

@@ -7,15 +7,17 @@ from typing import Annotated
 import typer
 
 from depthcli.cli import console, options
-from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
+from depthcli.cli.predict_choices import ExrChannel
 from depthcli.core.choices import Upsampling
 from depthcli.errors import UsageError
+from depthcli.io.writers.formats import Format
 
 app = typer.Typer(rich_markup_mode=None)
 
 
 @app.command()
 def predict(
+    context: typer.Context,
     images: Annotated[
         list[str], typer.Argument(metavar="IMG...", help="Pictures; '-' reads one from stdin.")
     ],
@@ -38,10 +40,10 @@ def predict(
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
-    exr_channel: options.ExrChannelOption = ExrChannel.Z,
+    exr_channel: options.ExrChannelOption = ExrChannel.Y,
     half: options.HalfOption = False,
-    colormap: options.ColormapOption = Colormap.INFERNO,
-    near: options.NearOption = Near.WARM,
+    colormap: options.ColormapOption = None,
+    near: options.NearOption = None,
     vmin: options.VminOption = None,
     vmax: options.VmaxOption = None,
     legend: options.LegendOption = False,
@@ -73,6 +75,7 @@ def predict(
         pictures_among,
         plan_jobs,
     )
+    from depthcli.cli.unused import refuse_unused
 
     to_stdout = output == STANDARD
     if as_json and to_stdout:
@@ -91,6 +94,8 @@ def predict(
     )
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = choose_formats(output, formats or ())
+    written = [*chosen, Format.JSON] if sidecar else chosen
+    refuse_unused(context, written, tuple(Format))
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     pictures, own = pictures_among(images)
     jobs = plan_jobs(pictures, output, chosen, sidecar=sidecar)

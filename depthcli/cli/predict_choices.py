@@ -5,17 +5,6 @@ from __future__ import annotations
 from enum import StrEnum
 
 
-class Format(StrEnum):
-    """What to write; the names of the writers."""
-
-    PNG16 = "png16"
-    EXR = "exr"
-    NPY = "npy"
-    PREVIEW = "preview"
-    PLY = "ply"
-    JSON = "json"
-
-
 class ExrChannel(StrEnum):
     """Channel names that other programs look for."""
 

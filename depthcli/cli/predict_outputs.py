@@ -6,12 +6,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.cli.predict_choices import Format
 from depthcli.errors import UsageError
 from depthcli.io.atomic import atomic_path
 from depthcli.io.naming import is_folder, plan_outputs
 from depthcli.io.own_outputs import is_own_picture
-from depthcli.io.writers.registry import SUFFIXES
+from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,14 +20,6 @@ if TYPE_CHECKING:
 
 STANDARD = "-"
 DEFAULT_FORMATS = (Format.PNG16, Format.PREVIEW)
-# The writers state the same, but asking them would load every format's library.
-FORMAT_OF_SUFFIX = {
-    ".png": Format.PNG16,
-    ".exr": Format.EXR,
-    ".npy": Format.NPY,
-    ".ply": Format.PLY,
-    ".json": Format.JSON,
-}
 
 
 def pictures_among(names: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -75,14 +66,13 @@ def choose_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format,
         return DEFAULT_FORMATS
     if output == STANDARD:
         return (Format.PNG16,)
-    suffix = Path(output).suffix.lower()
-    if suffix not in FORMAT_OF_SUFFIX:
-        known = ", ".join(FORMAT_OF_SUFFIX)
+    found = format_of(output)
+    if found is None:
         raise UsageError(
-            f"-o {output} says no format; end it in {known}, give --format, or end it in '/' for "
-            "a folder"
+            f"-o {output} says no format; end it in {', '.join(ENDINGS)}, give --format, or end it "
+            "in '/' for a folder"
         )
-    return (FORMAT_OF_SUFFIX[suffix],)
+    return (found,)
 
 
 def plan_jobs(
@@ -104,7 +94,7 @@ def plan_jobs(
     # A sidecar beside the one file that the user named must not change that file's name.
     beside = sidecar and len(formats) == 1 and output is not None and not is_folder(output)
     main = formats if beside else wanted
-    plans = plan_outputs(sources, output, {name: SUFFIXES[name] for name in main})
+    plans = plan_outputs(sources, output, {name: FORMATS[name].suffix for name in main})
     jobs = [
         Job(name, plan.source, {Format(key): path for key, path in plan.outputs.items()})
         for name, plan in zip(names, plans, strict=True)

@@ -12,7 +12,7 @@ from depthcli.cli.predict_outputs import STANDARD, write_output
 from depthcli.errors import ExitCode, InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.sources.image import read_image
-from depthcli.io.writers.registry import writer_class
+from depthcli.io.writers.formats import writer_class
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -46,6 +46,8 @@ def check_together(values: Mapping[str, Value]) -> None:
         number("png-scale"),
         number("vmin"),
         number("vmax"),
+        word("colormap"),
+        word("near"),
         png_normalize=bool(values.get("png-normalize")),
     )
     if "provider" in values:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from depthcli.cli import profile_files
 from depthcli.cli.app import COMMANDS, PROFILED
-from depthcli.cli.predict_outputs import FORMAT_OF_SUFFIX as OF_PICTURE
-from depthcli.cli.video_outputs import FORMAT_OF_SUFFIX as OF_VIDEO
+from depthcli.cli.unused import is_given
+from depthcli.cli.video_outputs import FORMAT_OF_SUFFIX
 from depthcli.errors import UsageError
 from depthcli.io.naming import is_folder
+from depthcli.io.writers.formats import format_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 _NEVER = frozenset({"help", "debug", "profile", "output", "out"})
 """Options that belong to one run, or to the command line itself."""
-_ALTERNATIVES = (("focal_px", "hfov"), ("png_scale", "png_normalize"))
+_ALTERNATIVES = (("focal_px", "hfov"), ("png_scale", "png_normalize"), ("colormap", "near"))
 _FORMATS, _OUTPUT = "formats", "output"
 _FOLDERS_ONLY = "batch"
 
@@ -41,12 +42,14 @@ class Defaults(dict[str, Any]):
 
     def _is_overruled(self, name: str) -> bool:
         others = {other for pair in _ALTERNATIVES if name in pair for other in pair} - {name}
-        if any(_is_given(self._context, other) for other in others):
+        if any(is_given(self._context, other) for other in others):
             return True
-        if name != _FORMATS or not _is_given(self._context, _OUTPUT):
+        if name != _FORMATS or not is_given(self._context, _OUTPUT):
             return False
         output = str(self._context.params.get(_OUTPUT))
-        names_format = Path(output).suffix.lower() in {*OF_PICTURE, *OF_VIDEO}
+        names_format = (
+            format_of(output) is not None or Path(output).suffix.lower() in FORMAT_OF_SUFFIX
+        )
         return names_format and self._context.info_name != _FOLDERS_ONLY and not is_folder(output)
 
 
@@ -105,11 +108,6 @@ def _checked(
         told = getattr(error, "message", None) or str(error)
         raise UsageError(f"profile {name!r}: {key} = {value!r}: {str(told).rstrip('.')}") from error
     return value
-
-
-def _is_given(context: Any, name: str) -> bool:  # noqa: ANN401 - typer's own types
-    source = context.get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
 
 
 def _suggestion(key: str) -> str:

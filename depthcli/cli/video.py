@@ -8,7 +8,7 @@ import typer
 
 from depthcli.cli import options
 from depthcli.cli.numbers import not_negative
-from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
+from depthcli.cli.predict_choices import ExrChannel
 from depthcli.cli.video_choices import VideoFormat
 from depthcli.core.choices import Upsampling
 from depthcli.errors import UsageError
@@ -18,6 +18,7 @@ app = typer.Typer(rich_markup_mode=None)
 
 @app.command()
 def video(
+    context: typer.Context,
     file: Annotated[str, typer.Argument(metavar="FILE", help="A video.")],
     output: Annotated[
         str | None,
@@ -83,10 +84,10 @@ def video(
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
-    exr_channel: options.ExrChannelOption = ExrChannel.Z,
+    exr_channel: options.ExrChannelOption = ExrChannel.Y,
     half: options.HalfOption = False,
-    colormap: options.ColormapOption = Colormap.INFERNO,
-    near: options.NearOption = Near.WARM,
+    colormap: options.ColormapOption = None,
+    near: options.NearOption = None,
     vmin: options.VminOption = None,
     vmax: options.VmaxOption = None,
     legend: options.LegendOption = False,
@@ -115,6 +116,7 @@ def video(
     from depthcli.cli.detail import choose_detail
     from depthcli.cli.engine import Engine
     from depthcli.cli.looks import choose_looks
+    from depthcli.cli.unused import refuse_unused
     from depthcli.cli.video_choices import parse_span
     from depthcli.cli.video_outputs import choose_formats, plan_video
 
@@ -135,6 +137,7 @@ def video(
     chosen = choose_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
+    refuse_unused(context, chosen, tuple(VideoFormat))
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     job = plan_video(file, output, chosen, sidecar=sidecar)
     cores = usable_cores()

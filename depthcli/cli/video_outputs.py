@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.cli.predict_choices import Format
 from depthcli.cli.video_choices import VideoFormat
 from depthcli.errors import UsageError
 from depthcli.io.naming import is_folder, output_bases
+from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli import __version__
 from depthcli.cli import console
 from depthcli.io.frame_rate import rate_text
+from depthcli.io.writers.facts import SOFTWARE, Facts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,7 +80,7 @@ class VideoDone(NamedTuple):
 
     def sidecar(self) -> str:
         """The sidecar's text: what the outputs mean, the same for every run."""
-        facts = {"software": f"depthcli {__version__}", **self._facts()}
+        facts = {"software": SOFTWARE, **self._facts()}
         return json.dumps(facts, indent=2, allow_nan=False) + "\n"
 
     def as_text(self) -> str:
@@ -96,7 +96,7 @@ class VideoDone(NamedTuple):
         )
 
     def _facts(self) -> dict[str, object]:
-        depth, source = self.depth, self.depth.provenance
+        depth, known = self.depth, Facts.of(self.depth)
         return {
             "frames": self.frames,
             "fps": rate_text(self.rate),
@@ -107,15 +107,15 @@ class VideoDone(NamedTuple):
             "width": depth.width,
             "height": depth.height,
             "orientation": self.first.orientation,
-            "kind": depth.kind.value,
-            "unit": "m" if depth.is_metric else None,
+            "kind": known.kind,
+            "unit": known.unit,
             "scale": self.scale if depth.is_metric else None,
             "scenes": self.scenes,
             "flicker": self.flicker,
             "flicker_unsmoothed": self.flicker_unsmoothed,
             "smooth_s": self.smooth_s,
             "lock_s": self.lock_s,
-            "model": source.model if source else None,
-            "sha256": source.model_sha256 if source else None,
-            "focal_px": source.focal_px if source else None,
+            "model": known.model,
+            "model_sha256": known.model_sha256,
+            "focal_px": known.focal_px,
         }

@@ -85,8 +85,11 @@ def _facts_in(path: Path) -> dict[str, object]:
         facts = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    ours = isinstance(facts, dict) and str(facts.get("software")).startswith("depthcli ")
-    return facts if ours else {}
+    if not (isinstance(facts, dict) and str(facts.get("software")).startswith("depthcli ")):
+        return {}
+    if "sha256" in facts:  # as version 0.1 called it in the sidecar of a video
+        facts.setdefault("model_sha256", facts.pop("sha256"))
+    return facts
 
 
 def _beside(path: Path, own: Mapping[str, str]) -> dict[str, str]:

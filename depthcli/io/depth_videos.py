@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
+from depthcli.io.depth_facts import positive, provenance_of
 from depthcli.io.frame_rate import exact_rate
 from depthcli.io.mkv_finish import mkv_labels
 from depthcli.io.video_capture import open_capture
@@ -60,7 +60,7 @@ class DepthVideo:
         kind = self.labels.get("kind")
         self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
         stated = self.labels.get("scale")
-        self.scale = scale or (None if stated == "normalized" else _number(stated, _MILLIMETRES))
+        self.scale = scale or (None if stated == "normalized" else positive(stated) or _MILLIMETRES)
         next(self.steps(), None)
 
     def __iter__(self) -> Iterator[DepthMap]:
@@ -73,7 +73,8 @@ class DepthVideo:
                 values = (steps.astype(np.float32) - 1) / np.float32(_TOP - 1)
             else:
                 values = steps.astype(np.float32) / np.float32(self.scale)
-            yield DepthMap(np.where(steps == 0, np.float32(np.nan), values), self.kind)
+            known = np.where(steps == 0, np.float32(np.nan), values)
+            yield DepthMap(known, self.kind, provenance_of(self.labels))
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
         """The stored numbers, (H, W) uint16: millimetres by default; 0 where there is no depth.
@@ -83,7 +84,7 @@ class DepthVideo:
         """
         capture = self._opened()
         width, height = (
-            int(_number(self.labels.get(name), _TOP + 1)) for name in ("width", "height")
+            int(positive(self.labels.get(name)) or _TOP + 1) for name in ("width", "height")
         )
         try:
             while True:
@@ -106,12 +107,3 @@ class DepthVideo:
 def _fraction(text: str | None) -> Fraction | None:
     found = re.fullmatch(r"([1-9]\d{0,14})/([1-9]\d{0,14})", text or "", re.ASCII)
     return Fraction(int(found[1]), int(found[2])) if found else None
-
-
-def _number(text: str | None, otherwise: float) -> float:
-    """A label as a number; another program may have written anything."""
-    try:
-        value = float(text or "")
-    except ValueError:
-        return otherwise
-    return value if 0 < value < math.inf else otherwise

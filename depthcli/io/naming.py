@@ -11,6 +11,7 @@ from depthcli.errors import UsageError
 from depthcli.io.own_outputs import is_own_picture
 from depthcli.io.sources.folder import is_media
 from depthcli.io.tree_naming import TreeNames
+from depthcli.io.writers.formats import stem_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -74,7 +75,9 @@ def _one_file(
     if len(suffixes) == 1:
         return OutputPlan(sources[0], dict.fromkeys(suffixes, file))
     # Several formats of one input share the stem that the user gave.
-    return OutputPlan(sources[0], {f: file.with_name(file.stem + s) for f, s in suffixes.items()})
+    return OutputPlan(
+        sources[0], {f: file.with_name(stem_of(file.name) + s) for f, s in suffixes.items()}
+    )
 
 
 def _in_folders(

@@ -27,7 +27,7 @@ def test_measures_add_up(cli: Cli) -> None:
     assert found["pictures_per_s"] > 0
     assert found["peak_memory_mb"] > 30
     assert (found["workers"], found["provider"]) == (2, "cpu")
-    assert len(found["sha256"]) == 64
+    assert len(found["model_sha256"]) == 64
 
 
 def test_a_picture_of_ones_own(cli: Cli, picture: Path) -> None:

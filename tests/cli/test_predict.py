@@ -17,11 +17,10 @@ import numpy as np
 import pytest
 from tiny import synthetic_picture, write_model, write_picture
 
-from depthcli.cli.predict_choices import Colormap, Format
-from depthcli.cli.predict_outputs import FORMAT_OF_SUFFIX
+from depthcli.cli.predict_choices import Colormap
 from depthcli.io.depth_files import read_depth
 from depthcli.io.writers.colormaps import NAMES
-from depthcli.io.writers.registry import WRITERS, writer_class
+from depthcli.io.writers.formats import FORMATS, Format, writer_class
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -127,17 +126,17 @@ def test_the_output_s_suffix_chooses_the_format(cli: Cli, suffix: str) -> None:
 
 def test_formats_are_repeatable_and_a_folder_takes_them(cli: Cli) -> None:
     room(cli)
-    formats = [word for name in WRITERS for word in ("--format", name)]
+    formats = [word for name in FORMATS for word in ("--format", name)]
     assert cli("predict", "room.png", "-o", "new/deep/", *formats).returncode == 0
-    names = {f"new/deep/room{writer_class(name).SUFFIX}" for name in WRITERS}
+    names = {f"new/deep/room{writer_class(name).SUFFIX}" for name in FORMATS}
     assert here(cli) == {"room.png", *names}
 
 
 def test_every_format_of_the_registry_can_be_asked_for() -> None:
-    assert set(Format) == set(WRITERS)
+    assert set(Format) == set(FORMATS)
     assert set(Colormap) == set(NAMES)
-    ends = {end: name for name in WRITERS for end in writer_class(name).ENDINGS}
-    assert ends == FORMAT_OF_SUFFIX
+    ends = {end: name for name in FORMATS for end in writer_class(name).ENDINGS}
+    assert ends == {facts.ending: name for name, facts in FORMATS.items() if facts.ending}
 
 
 def test_a_suffix_that_says_nothing_is_wrong_usage(cli: Cli) -> None:
@@ -212,7 +211,9 @@ def test_json_is_one_object_a_line(cli: Cli) -> None:
     assert fine["status"] == "ok"
     assert fine["outputs"] == ["room.depth.png", "room.preview.png"]
     assert (fine["model"], fine["provider"], fine["unit"]) == ("tiny", "cpu", "m")
-    assert fine["sha256"] == json.loads((cli.models / "default/card.json").read_text())["sha256"]
+    assert (
+        fine["model_sha256"] == json.loads((cli.models / "default/card.json").read_text())["sha256"]
+    )
     depth = decode(cli.folder / "room.depth.png") / 1000
     assert fine["min"] == pytest.approx(depth.min(), abs=1e-3)
     assert fine["median"] == pytest.approx(np.median(depth), abs=1e-3)

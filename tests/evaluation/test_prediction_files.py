@@ -11,7 +11,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.prediction_files import open_predictions
 from depthcli.evaluation.predictors import Sample
-from depthcli.io.writers.registry import writer_class
+from depthcli.io.writers.formats import Format, writer_class
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -54,7 +54,7 @@ def test_most_precise_format_is_taken(tmp_path: Path) -> None:
 
 def test_every_depth_format_of_predict_is_found_under_its_own_name(tmp_path: Path) -> None:
     depth = DepthMap(np.full((4, 6), 2.5, np.float32))
-    for name in ("png16", "exr", "npy"):
+    for name in (Format.PNG16, Format.EXR, Format.NPY):
         writer = writer_class(name)()
         folder = tmp_path / name
         folder.mkdir()

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.errors import UsageError
 from depthcli.io.writers.colormaps import NAMES, table
 from depthcli.io.writers.legend import label, value_at, with_legend
 from depthcli.io.writers.preview import PreviewWriter, nearness
@@ -51,12 +52,17 @@ def test_every_map_has_a_preview(
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("vmin", "vmax"),
-    [(None, None), (2, 5), (5, 2), (0, 6), (8.9, None), (None, 1.5), (50, None), (None, 0.1)],
+    [(None, None), (2, 5), (0, 6), (8.9, None), (None, 1.5), (50, None), (None, 0.1)],
 )
 def test_nearer_is_never_colder(kind: DepthKind, vmin: float | None, vmax: float | None) -> None:
     image = render(RAMP_M[:1], kind, vmin=vmin, vmax=vmax, colormap="gray")[0, :, 0].astype(int)
     steps = np.diff(image)
     assert (steps >= 0).all() if kind is DepthKind.INVERSE else (steps <= 0).all()
+
+
+def test_limits_the_wrong_way_round_are_refused() -> None:
+    with pytest.raises(UsageError, match="vmin 5 is above vmax 2"):
+        PreviewWriter(vmin=5, vmax=2)
 
 
 def test_limits_beyond_the_map_leave_one_colour() -> None:
@@ -102,8 +108,9 @@ def test_the_legend_is_a_bar_with_near_at_the_top(height: int) -> None:
     picture = np.zeros((height, 10, 3), np.uint8)
     image = with_legend(picture, colours, 1, 9, DepthKind.METRIC)
     assert (image[:, :10] == 0).all()
-    size = min(max(height / 480, 0.6), 4)
-    bar = image[round(16 * size) : height - round(16 * size), 10 + round(20 * size), 0].astype(int)
+    size = min(max(height / 480, 0.9), 4)
+    top = min(round(16 * size), height // 4)
+    bar = image[top : height - top, 10 + round(20 * size), 0].astype(int)
     if len(bar) > 1:
         assert (bar[0], bar[-1]) == (255, 0)
         assert (np.diff(bar) <= 0).all()
@@ -114,11 +121,23 @@ def test_the_legend_has_numbers_that_do_not_touch() -> None:
         image = with_legend(
             np.zeros((height, 1, 3), np.uint8), table("gray"), 1, 9, DepthKind.METRIC
         )
-        size = min(max(height / 480, 0.6), 4)
+        size = min(max(height / 480, 0.9), 4)
         text = image[:, 1 + round(43 * size) :].max(axis=(1, 2)) > 100
         numbers = np.count_nonzero(np.diff(text.astype(int)) == 1)
         assert numbers >= 2
         assert numbers == 5 or height < 480
+
+
+@pytest.mark.parametrize("height", [24, 60, 96, 240, 480])
+def test_decimal_points_are_seen_at_any_size(height: int) -> None:
+    """A number's lowest rows hold its point and the feet of its digits, with gaps between."""
+    blank = np.zeros((height, 1, 3), np.uint8)
+    image = with_legend(blank, table("gray"), 1.11, 1.11, DepthKind.RELATIVE)
+    size = min(max(height / 480, 0.9), 4)
+    text = image[:, 1 + round(43 * size) :].max(axis=2) > 90
+    lowest = np.flatnonzero(text.any(axis=1))[-1]
+    marks = np.count_nonzero(np.diff(text[lowest].astype(int)) == 1)
+    assert marks == len("1.11")
 
 
 def test_side_by_side_has_the_picture_at_the_left(tmp_path: Path) -> None:

@@ -16,10 +16,10 @@ from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.io.depth_files import depth_channel, read_depth
 from depthcli.io.png_text import read_text
 from depthcli.io.writers.exr import ExrWriter
+from depthcli.io.writers.formats import FORMATS, Format, writer_class
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.preview import PreviewWriter
-from depthcli.io.writers.registry import SUFFIXES, WRITERS, writer_class
 
 SHAPES = array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=9)
 ANY_FLOAT = arrays(np.float32, SHAPES, elements=st.floats(width=32, allow_nan=True))
@@ -114,11 +114,11 @@ def test_depth_channels_of_other_tools(names: list[str], wanted: str | None) -> 
     assert depth_channel(names) == wanted
 
 
-@pytest.mark.parametrize("name", WRITERS)
-def test_every_format_keeps_the_contract(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_keeps_the_contract(name: Format, tmp_path: Path) -> None:
     writer = writer_class(name)
     assert name == writer.NAME
-    assert SUFFIXES[name] == writer.SUFFIX
+    assert FORMATS[name].suffix == writer.SUFFIX
     assert writer.SUFFIX.startswith(".")
     path = tmp_path / f"a{writer.SUFFIX}"
     frame = Frame(np.zeros((4, 5, 3), np.uint8))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.io.tree_naming import TreeNames
-from depthcli.io.writers.registry import SUFFIXES
+from depthcli.io.writers.formats import FORMATS
 
 
 @pytest.mark.parametrize(
@@ -57,5 +57,5 @@ _NAMES = st.sets(
 @given(_NAMES)
 def test_no_two_outputs_are_one_file_anywhere(names: set[str]) -> None:
     trees = TreeNames(names)
-    outputs = [trees.base(name) + suffix for name in names for suffix in SUFFIXES.values()]
+    outputs = [trees.base(name) + facts.suffix for name in names for facts in FORMATS.values()]
     assert len({folded(output) for output in outputs}) == len(outputs)

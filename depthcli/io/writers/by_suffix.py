@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
 from depthcli.io.atomic import atomic_path
-from depthcli.io.writers.registry import SUFFIXES, format_of, writer_class
+from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of, writer_class
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
 
 _OWNERS = {
-    "png_scale": ("png16", "scale"),
-    "exr_channel": ("exr", "channel"),
-    "half": ("exr", "half"),
+    "png_scale": (Format.PNG16, "scale"),
+    "exr_channel": (Format.EXR, "channel"),
+    "half": (Format.EXR, "half"),
 }
 
 
@@ -41,14 +41,14 @@ def write_depth(
     """
     name = format_of(path)
     if name is None:
-        raise UsageError(f"{path} says no format; end it in {', '.join(SUFFIXES.values())}")
+        raise UsageError(f"{path} says no format; end it in {', '.join(ENDINGS)}")
     writer = writer_class(name)(**_own(name, options))
     inputs = () if frame is None or frame.path is None else (frame.path,)
     with atomic_path(path, inputs=inputs) as temporary:
         return writer.write(depth, temporary, frame)
 
 
-def _own(name: str, options: Mapping[str, object]) -> dict[str, object]:
+def _own(name: Format, options: Mapping[str, object]) -> dict[str, object]:
     """The options in the writer's own names."""
     own = {}
     for option, value in options.items():
@@ -56,6 +56,8 @@ def _own(name: str, options: Mapping[str, object]) -> dict[str, object]:
         if value is None:
             continue
         if owner != name:
-            raise UsageError(f"{option} is for {SUFFIXES[owner]}, not for {SUFFIXES[name]}")
+            raise UsageError(
+                f"{option} is for {FORMATS[owner].suffix}, not for {FORMATS[name].suffix}"
+            )
         own[attribute] = value
     return own

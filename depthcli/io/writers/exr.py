@@ -21,7 +21,7 @@ class ExrWriter:
     """One channel, ZIP-compressed.
 
     Attributes:
-        channel: ``Z`` (the EXR convention), ``Y``, ``R`` or ``depth.Z`` (Nuke).
+        channel: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``.
         half: 16-bit instead of 32-bit floats.
     """
 
@@ -29,7 +29,7 @@ class ExrWriter:
     SUFFIX: ClassVar[str] = ".depth.exr"
     ENDINGS: ClassVar[tuple[str, ...]] = (".exr",)
 
-    channel: str = "Z"
+    channel: str = "Y"
     half: bool = False
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:

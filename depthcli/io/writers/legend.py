@@ -14,8 +14,10 @@ if TYPE_CHECKING:
 
 _MOST_TICKS = 5
 _TICK_HEIGHT = 20  # room for one number, at the reference height
+_LEAST_ROOM = 0.6  # closer numbers touch
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
-_REFERENCE_HEIGHT = 480  # at this height the text has OpenCV's size 0.5
+_REFERENCE_HEIGHT = 480  # at this height everything has its plain size
+_LEAST_SIZE = 0.9  # smaller text loses its decimal points
 
 
 def with_legend(
@@ -35,23 +37,29 @@ def with_legend(
         kind: metric maps are labelled in metres.
     """
     height = image.shape[0]
-    size = float(np.clip(height / _REFERENCE_HEIGHT, 0.6, 4))
+    size = float(np.clip(height / _REFERENCE_HEIGHT, _LEAST_SIZE, 4))
     margin, bar_width, width = (round(n * size) for n in (16, 20, 104))
-    bar_height = max(1, height - 2 * margin)
+    top = min(margin, height // 4)
+    bar_height = max(1, height - 2 * top)
     panel = np.full((height, width, 3), 24, np.uint8)
     shades = colours[np.linspace(255, 0, bar_height).round().astype(int)]
-    bar = panel[margin : margin + bar_height, margin : margin + bar_width]
+    bar = panel[top : top + bar_height, margin : margin + bar_width]
     bar[:] = shades[: len(bar), np.newaxis]
     for share in _ticks(bar_height / (_TICK_HEIGHT * size), flat=near == far):
-        y = margin + round(share * (bar_height - 1))
+        y = top + round(share * (bar_height - 1))
         text = label(value_at(1 - share, near, far, kind), kind)
         _draw(panel, text, (margin + bar_width + round(7 * size), y + round(5 * size)), size)
     return np.hstack([image, panel])
 
 
 def _ticks(room: float, *, flat: bool) -> npt.NDArray[np.float64]:
-    """Where numbers stand, 0 at the near end: as many as fit, one if all are the same."""
-    if flat:
+    """Where numbers stand, 0 at the near end: as many as fit, one if all are the same.
+
+    Args:
+        room: how many numbers fit below the first one, at a comfortable distance.
+        flat: both ends are the same.
+    """
+    if flat or room < _LEAST_ROOM:
         return np.array([0.5])
     return np.linspace(0, 1, int(np.clip(1 + room, 2, _MOST_TICKS)))
 

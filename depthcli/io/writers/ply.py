@@ -55,7 +55,8 @@ class PlyWriter:
             points.tofile(file)
         if stated:
             return ()
-        return (f"no focal length known; the point cloud assumes {self.hfov_deg:g}° across",)
+        assumed = f"the point cloud assumes {self.hfov_deg:g}° across"
+        return (f"no focal length known, so that {assumed}; give --focal-px or --hfov",)
 
 
 def _points(cloud: PointCloud) -> npt.NDArray[np.void]:

@@ -10,6 +10,7 @@ import numpy as np
 from depthcli.core.bands import row_bands
 from depthcli.io.png_encode import encode_png
 from depthcli.io.writers.facts import facts
+from depthcli.io.writers.formats import MILLIMETRES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
 
 _TOP = 65535
-MILLIMETRES = 1000.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from depthcli.core.types import DepthKind
+from depthcli.errors import UsageError
 from depthcli.io.own_outputs import MARK
 from depthcli.io.png_encode import encode_png
 from depthcli.io.writers.colormaps import table
@@ -51,6 +52,15 @@ class PreviewWriter:
     legend: bool = False
     side_by_side: bool = False
 
+    def __post_init__(self) -> None:
+        """Refuse limits that are the wrong way round.
+
+        Raises:
+            UsageError: ``vmin`` is above ``vmax``.
+        """
+        if self.vmin is not None and self.vmax is not None and self.vmin > self.vmax:
+            raise UsageError(f"vmin {self.vmin:g} is above vmax {self.vmax:g}; swap them")
+
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write the preview; flat, empty and infinite maps have one too."""
         path.write_bytes(encode_png(self.render(depth, frame), {MARK: SOFTWARE}))
@@ -84,9 +94,9 @@ class PreviewWriter:
     def _limits(self, depth: DepthMap, spread: tuple[float, float]) -> tuple[float, float]:
         """The values at the near and the far end of the colormap."""
         low, high = spread
-        # Near stays near, whichever way round or however far off the user's limits are.
+        # Near stays near, however far off the user's limits are.
         if self.vmin is not None and self.vmax is not None:
-            low, high = sorted((self.vmin, self.vmax))
+            low, high = self.vmin, self.vmax
         elif self.vmin is not None:
             low, high = self.vmin, max(high, self.vmin)
         elif self.vmax is not None:

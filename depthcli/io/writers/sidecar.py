@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from depthcli.core.types import Provenance
-from depthcli.io.writers.facts import SOFTWARE
+from depthcli.io.writers.facts import SOFTWARE, Facts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,23 +34,23 @@ class SidecarWriter:
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""
         finite = depth.values[np.isfinite(depth.values)]
-        known = bool(finite.size)
-        source = depth.provenance or Provenance()
+        has_depth = bool(finite.size)
+        known, source = Facts.of(depth), depth.provenance or Provenance()
         facts = {
             "software": SOFTWARE,
-            "kind": depth.kind.value,
-            "unit": "m" if depth.is_metric else None,
+            "kind": known.kind,
+            "unit": known.unit,
             "png16_scale": self.png_scale if depth.is_metric else None,
             "width": depth.width,
             "height": depth.height,
             "orientation": frame.orientation if frame else source.orientation,
-            "min": float(finite.min()) if known else None,
-            "median": float(np.median(finite)) if known else None,
-            "max": float(finite.max()) if known else None,
-            "model": source.model,
-            "model_sha256": source.model_sha256,
+            "min": float(finite.min()) if has_depth else None,
+            "median": float(np.median(finite)) if has_depth else None,
+            "max": float(finite.max()) if has_depth else None,
+            "model": known.model,
+            "model_sha256": known.model_sha256,
             "network_size_px": source.input_size_px,
-            "focal_px": source.focal_px,
+            "focal_px": known.focal_px,
         }
         path.write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", "utf-8")
         return ()

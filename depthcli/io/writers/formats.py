@@ -1,0 +1,87 @@
+"""The table of output formats; free of numpy, so that help texts can list it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib import import_module
+from pathlib import PurePath
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from depthcli.io.writers.base import Writer
+
+MILLIMETRES = 1000.0
+"""Steps per metre of 16-bit depth, where nothing else is said."""
+
+
+class Format(StrEnum):
+    """What is written of a picture; ``--format`` takes these words."""
+
+    PNG16 = "png16"
+    EXR = "exr"
+    NPY = "npy"
+    PREVIEW = "preview"
+    PLY = "ply"
+    JSON = "json"
+
+
+@dataclass(frozen=True, slots=True)
+class FormatFacts:
+    """What is known of a format before anything of it is loaded.
+
+    Attributes:
+        writer: its class, as ``module:name``. Modules are loaded when a format is used: OpenEXR
+            costs start-up time that PNG need not pay.
+        suffix: end of the default output name, after the input's stem.
+        ending: file suffix that chooses this format where the user names a file; empty if only
+            ``suffix`` does.
+        use_bytes: memory of writing it, bytes a pixel beside picture and depth, measured with some
+            to spare.
+    """
+
+    writer: str
+    suffix: str
+    ending: str
+    use_bytes: int = 10
+
+
+FORMATS = {
+    Format.PNG16: FormatFacts("png16:Png16Writer", ".depth.png", ".png", use_bytes=13),
+    Format.EXR: FormatFacts("exr:ExrWriter", ".depth.exr", ".exr"),
+    Format.NPY: FormatFacts("npy:NpyWriter", ".depth.npy", ".npy"),
+    Format.PREVIEW: FormatFacts("preview:PreviewWriter", ".preview.png", "", use_bytes=20),
+    Format.PLY: FormatFacts("ply:PlyWriter", ".ply", ".ply", use_bytes=46),
+    Format.JSON: FormatFacts("sidecar:SidecarWriter", ".depth.json", ".json"),
+}
+ENDINGS = tuple(facts.ending for facts in FORMATS.values() if facts.ending)
+"""File suffixes that say a format."""
+
+
+def format_of(path: str | PurePath) -> Format | None:
+    """The format that a file's name says; None if it says none.
+
+    The names that depthcli itself gives count whole: ``a.preview.png`` is a preview, ``a.png`` is
+    16-bit depth.
+    """
+    name = PurePath(path).name.lower()
+    for format_, facts in FORMATS.items():
+        if name.endswith(facts.suffix):
+            return format_
+    suffix = PurePath(name).suffix
+    return next((f for f, facts in FORMATS.items() if facts.ending == suffix), None)
+
+
+def stem_of(path: str | PurePath) -> str:
+    """A file's name without what says its format: ``a`` of ``a.png`` and of ``a.preview.png``."""
+    name = PurePath(path).name
+    ends = (facts.suffix for facts in FORMATS.values() if name.lower().endswith(facts.suffix))
+    end = max(ends, key=len, default=PurePath(name).suffix)
+    return name[: len(name) - len(end)] or name
+
+
+def writer_class(name: Format) -> type[Writer]:
+    """The class of a format."""
+    module, _, attribute = FORMATS[name].writer.partition(":")
+    found: type[Writer] = getattr(import_module(f"depthcli.io.writers.{module}"), attribute)
+    return found
