@@ -136,7 +136,7 @@ def test_decimal_points_are_seen_at_any_size(height: int) -> None:
     size = min(max(height / 480, 0.9), 4)
     text = image[:, 1 + round(43 * size) :].max(axis=2) > 90
     lowest = np.flatnonzero(text.any(axis=1))[-1]
-    marks = np.count_nonzero(np.diff(text[lowest].astype(int)) == 1)
+    marks = np.count_nonzero(np.diff(text[lowest].astype(int), prepend=0) == 1)
     assert marks == len("1.11")
 
 

@@ -34,7 +34,7 @@ class FormatFacts:
         writer: its class, as ``module:name``. Modules are loaded when a format is used: OpenEXR
             costs start-up time that PNG need not pay.
         suffix: end of the default output name, after the input's stem.
-        ending: file suffix that chooses this format where the user names a file; empty if only
+        ending: file suffix that chooses this format where the user names a file; None if only
             ``suffix`` does.
         use_bytes: memory of writing it, bytes a pixel beside picture and depth, measured with some
             to spare.
@@ -42,7 +42,7 @@ class FormatFacts:
 
     writer: str
     suffix: str
-    ending: str
+    ending: str | None
     use_bytes: int = 10
 
 
@@ -50,7 +50,7 @@ FORMATS = {
     Format.PNG16: FormatFacts("png16:Png16Writer", ".depth.png", ".png", use_bytes=13),
     Format.EXR: FormatFacts("exr:ExrWriter", ".depth.exr", ".exr"),
     Format.NPY: FormatFacts("npy:NpyWriter", ".depth.npy", ".npy"),
-    Format.PREVIEW: FormatFacts("preview:PreviewWriter", ".preview.png", "", use_bytes=20),
+    Format.PREVIEW: FormatFacts("preview:PreviewWriter", ".preview.png", None, use_bytes=20),
     Format.PLY: FormatFacts("ply:PlyWriter", ".ply", ".ply", use_bytes=46),
     Format.JSON: FormatFacts("sidecar:SidecarWriter", ".depth.json", ".json"),
 }

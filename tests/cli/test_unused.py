@@ -1,0 +1,110 @@
+"""Options that nothing written would use, or that contradict each other, are refused at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from tiny import write_picture
+from videos import flat_frames, write_mp4
+
+from depthcli.cli.looks import Looks, check_looks, choose_looks
+from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from command_line import Cli
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "meant"),
+    [
+        (("-o", "x.png", "--colormap", "turbo"), "--colormap", "preview"),
+        (("-o", "x.png", "--legend"), "--legend", "preview"),
+        (("-o", "x.png", "--vmin", "1"), "--vmin", "preview"),
+        (("-o", "x.exr", "--png-scale", "256"), "--png-scale", "png16"),
+        (("-o", "x.npy", "--half"), "--half", "exr"),
+        (("--exr-channel", "Z"), "--exr-channel", "exr"),
+        (("-o", "x.preview.png", "--png-normalize"), "--png-normalize", "png16"),
+    ],
+)
+def test_predict_refuses_what_no_format_uses(
+    cli: Cli, words: tuple[str, ...], option: str, meant: str
+) -> None:
+    write_picture(cli.folder / "room.png")
+    done = cli("predict", "room.png", *words)
+    (line,) = done.stderr.decode().splitlines()
+    assert done.returncode == 2
+    assert f"error: {option} is for {meant}, and only " in line
+    assert [path.name for path in cli.folder.iterdir()] == ["room.png"]
+
+
+def test_options_that_a_format_uses_are_taken(cli: Cli) -> None:
+    write_picture(cli.folder / "room.png")
+    done = cli("predict", "room.png", "-o", "x.json", "--png-scale", "256")
+    assert done.returncode == 0, done.stderr
+    options = "--colormap", "turbo", "--png-scale", "256"
+    assert cli("predict", "room.png", *options).returncode == 0
+
+
+def test_batch_and_video_refuse_them_too(cli: Cli) -> None:
+    write_picture(cli.folder / "in" / "room.png")
+    clip = write_mp4(cli.folder / "clip.mp4", flat_frames([100, 120]))
+    done = cli("batch", "in", "--out", "out", "--legend")
+    assert done.returncode == 2
+    assert b"--legend is for preview, and only png16 " in done.stderr
+    done = cli("video", clip, "--out", "frames/", "--format", "png16", "--lock", "2")
+    assert done.returncode == 2
+    assert b"--lock is for mp4, and only png16 " in done.stderr
+    assert not (cli.folder / "out").exists()
+    assert not (cli.folder / "frames").exists()
+
+
+def test_a_profile_may_hold_more_than_a_run_uses(cli: Cli) -> None:
+    write_picture(cli.folder / "room.png")
+    assert cli("profile", "save", "own", "--colormap", "turbo", "--half").returncode == 0
+    done = cli("predict", "room.png", "-o", "x.png", "--profile", "own")
+    assert done.returncode == 0, done.stderr
+
+
+def looks(colormap: Colormap | None, near: Near | None, *, vmin: float | None = None) -> Looks:
+    return choose_looks(
+        png_scale=None,
+        png_normalize=False,
+        exr_channel=ExrChannel.Y,
+        half=False,
+        colormap=colormap,
+        near=near,
+        vmin=vmin,
+        vmax=None,
+        legend=False,
+        side_by_side=False,
+    )
+
+
+def test_white_and_black_mean_gray() -> None:
+    assert looks(None, None)[4:6] == ("inferno", "warm")
+    assert looks(None, Near.WARM)[4:6] == ("inferno", "warm")
+    assert looks(None, Near.WHITE)[4:6] == ("gray", "white")
+    assert looks(Colormap.GRAY, Near.BLACK)[4:6] == ("gray", "black")
+    for colormap, near in ((Colormap.INFERNO, Near.BLACK), (Colormap.TURBO, Near.WHITE)):
+        with pytest.raises(UsageError, match=f"--near {near} is for --colormap gray"):
+            looks(colormap, near)
+    with pytest.raises(UsageError, match="gray has no warm end"):
+        looks(Colormap.GRAY, Near.WARM)
+
+
+def test_limits_the_wrong_way_round_are_refused() -> None:
+    with pytest.raises(UsageError, match="--vmin 5 is above --vmax 2; swap them"):
+        check_looks(None, 5, 2, None, None, png_normalize=False)
+
+
+def test_near_white_is_a_gray_picture(cli: Cli) -> None:
+    write_picture(cli.folder / "room.png")
+    assert cli("predict", "room.png", "-o", "x.preview.png", "--near", "white").returncode == 0
+    pixels = cv2.imread(str(cli.folder / "x.preview.png"))
+    assert pixels is not None
+    assert (np.ptp(pixels, axis=2) == 0).all()
+    assert np.ptp(pixels) > 200

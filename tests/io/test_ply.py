@@ -1,0 +1,82 @@
+"""What stands in a point cloud: one vertex a pixel, where the camera saw it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.errors import OutputError
+from depthcli.io.writers.ply import PlyWriter
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+POINT = np.dtype([*((name, "<f4") for name in "xyz"), *((name, "u1") for name in "rgb")])
+DEPTH_M = np.array([[1, 2, 3, 4], [5, np.nan, 0, 8]], np.float32)
+
+
+def seen_by(focal_px: float | None) -> DepthMap:
+    return DepthMap(DEPTH_M, provenance=Provenance(focal_px=focal_px))
+
+
+def points(path: Path) -> np.ndarray:
+    """The vertices, read as the header describes them."""
+    header, _, body = path.read_bytes().partition(b"end_header\n")
+    lines = header.decode("ascii").splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    assert lines[3:] == [
+        *(f"property float {name}" for name in "xyz"),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+    ]
+    found = np.frombuffer(body, POINT)
+    assert lines[2] == f"element vertex {len(found)}"
+    return found
+
+
+def test_a_point_lies_on_the_ray_through_its_pixel_s_middle(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    assert PlyWriter().write(seen_by(2.0), path) == ()
+    cloud = points(path)
+    np.testing.assert_array_equal(cloud["z"], [1, 2, 3, 4, 5, 8])  # row by row, without the holes
+    # 4 × 2 pixels of focal length 2: middles lie at ±0.5 and ±1.5 across, ±0.5 down.
+    np.testing.assert_allclose(cloud["x"] / cloud["z"], [-0.75, -0.25, 0.25, 0.75, -0.75, 0.75])
+    np.testing.assert_allclose(cloud["y"] / cloud["z"], [-0.25, -0.25, -0.25, -0.25, 0.25, 0.25])
+
+
+@pytest.mark.parametrize("hfov_deg", [40.0, 90.0])
+def test_without_a_focal_length_the_field_of_view_counts(hfov_deg: float, tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    (warning,) = PlyWriter(hfov_deg).write(seen_by(None), path)
+    assert f"{hfov_deg:g}°" in warning
+    cloud = points(path)
+    # The middles of the outer pixels are 3/4 of the way to the edges.
+    edge = math.tan(math.radians(hfov_deg / 2))
+    np.testing.assert_allclose(cloud["x"][0] / cloud["z"][0], -0.75 * edge, rtol=1e-5)
+    np.testing.assert_allclose(cloud["x"][3] / cloud["z"][3], 0.75 * edge, rtol=1e-5)
+
+
+def test_a_stated_focal_length_precedes_the_field_of_view(tmp_path: Path) -> None:
+    PlyWriter(10.0).write(seen_by(2.0), tmp_path / "a.ply")
+    PlyWriter(90.0).write(seen_by(2.0), tmp_path / "b.ply")
+    assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
+
+
+def test_points_have_the_picture_s_colours(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (2, 4, 3), np.uint8)
+    PlyWriter().write(seen_by(2.0), tmp_path / "a.ply", Frame(pixels))
+    cloud = points(tmp_path / "a.ply")
+    rgb = np.stack([cloud[name] for name in "rgb"], axis=1)
+    np.testing.assert_array_equal(rgb, pixels[DEPTH_M > 0])
+    PlyWriter().write(seen_by(2.0), tmp_path / "white.ply")
+    assert all((points(tmp_path / "white.ply")[name] == 255).all() for name in "rgb")
+
+
+@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
+def test_depth_without_a_unit_makes_no_cloud(kind: DepthKind, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=f"needs metres, and {kind} depth has none"):
+        PlyWriter().write(DepthMap(DEPTH_M, kind), tmp_path / "a.ply")
+    assert not (tmp_path / "a.ply").exists()
