@@ -155,6 +155,28 @@ def test_a_sidecar_leaves_the_output_s_name_alone(cli: Cli) -> None:
     assert (sidecar["kind"], sidecar["unit"], sidecar["model"]) == ("metric", "m", "tiny")
 
 
+def test_a_sidecar_and_the_report_say_the_focal_length(cli: Cli) -> None:
+    room(cli)
+    write_model(cli.models / "default", camera={"hfov_deg": 90.0})
+    words = ("predict", "room.png", "-o", "d.png", "--sidecar", "--focal-px", "70.5", "--json")
+    (told,) = map(json.loads, cli(*words).stdout.splitlines())
+    sidecar = json.loads((cli.folder / "d.json").read_text())
+    assert (told["focal_px"], sidecar["focal_px"]) == (70.5, 70.5)
+    assert told["model_sha256"] == sidecar["model_sha256"]
+
+
+def test_a_preview_s_name_makes_a_preview(cli: Cli) -> None:
+    room(cli)
+    assert cli("predict", "room.png", "-o", "x.preview.png").returncode == 0
+    assert here(cli) == {"room.png", "x.preview.png"}
+    pixels = cv2.imread(str(cli.folder / "x.preview.png"), cv2.IMREAD_UNCHANGED)
+    assert pixels is not None
+    assert (pixels.dtype, pixels.shape) == (np.uint8, (48, 64, 3))
+    both = ("--format", "png16", "--format", "preview")
+    assert cli("predict", "room.png", "-o", "y.preview.png", *both).returncode == 0
+    assert here(cli) == {"room.png", "x.preview.png", "y.depth.png", "y.preview.png"}
+
+
 def test_a_sidecar_says_the_png_s_scale(cli: Cli) -> None:
     room(cli)
     cli("predict", "room.png", "--sidecar", "--png-scale", "256")

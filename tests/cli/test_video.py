@@ -21,6 +21,7 @@ from depthcli.cli.video_outputs import SEQUENCES, SUFFIXES, choose_formats, plan
 from depthcli.core.choices import Detail
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import load
+from depthcli.io.depth_facts import stated_facts
 from depthcli.io.depth_files import read_depth
 from depthcli.io.depth_videos import DepthVideo
 from depthcli.io.sources.video import VideoSource
@@ -141,6 +142,26 @@ def test_the_report_and_the_sidecar_state_the_exact_rate(cli: Cli) -> None:
     assert facts["status"] == "ok"
     assert facts["outputs"] == ["d.mkv", "d.json"]
     assert here(cli) == {"clip.mp4", "d.mkv", "d.json"}
+
+
+def test_frames_take_what_they_lack_from_their_video_s_sidecar(cli: Cli) -> None:
+    ramp(cli, 2)
+    write_model(cli.models / "default", camera={"hfov_deg": 90.0})
+    words = ("--format", "png16", "--format", "npy", "--sidecar", "--focal-px", "60")
+    assert cli("video", "clip.mp4", *words).returncode == 0
+    path = cli.folder / "clip.depth.json"
+    sidecar = json.loads(path.read_text())
+    assert (len(sidecar["model_sha256"]), sidecar["focal_px"]) == (64, 60)
+    # Version 0.1 called the checksum sha256; other models' sidecars say nothing of a frame.
+    old = {"sha256" if name == "model_sha256" else name: v for name, v in sidecar.items()}
+    other = sidecar | {"model_sha256": "0" * 64}
+    for facts, orientation in ((sidecar, "1"), (old, "1"), (other, None)):
+        path.write_text(json.dumps(facts))
+        assert stated_facts(cli.folder / "clip.depth.000001.png").get("orientation") == orientation
+    path.write_text(json.dumps(old))
+    made_by = read_depth(cli.folder / "clip.depth.000001.npy").provenance
+    assert made_by is not None
+    assert (made_by.model_sha256, made_by.focal_px) == (sidecar["model_sha256"], 60)
 
 
 def test_one_worker_and_several_write_the_same(cli: Cli) -> None:
