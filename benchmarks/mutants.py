@@ -1,0 +1,125 @@
+"""Small faults that can be put into a module, one at a time."""
+
+from __future__ import annotations
+
+import ast
+import copy
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_OTHER: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+}
+
+
+class Mutant(NamedTuple):
+    """A module with one fault.
+
+    Attributes:
+        line: where the fault is, from 1.
+        before: the code that was there.
+        after: the code that is there now.
+        source: the whole module.
+    """
+
+    line: int
+    before: str
+    after: str
+    source: str
+
+
+def mutants(source: str) -> Iterator[Mutant]:
+    """Every fault that is known here, from the top of a module to its end."""
+    data = source.encode()
+    starts = [0]
+    for line in data.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+    for node, faulty in _faults(ast.parse(source)):
+        begin = starts[node.lineno - 1] + node.col_offset
+        end = starts[(node.end_lineno or 0) - 1] + (node.end_col_offset or 0)
+        new = ast.unparse(faulty)
+        if isinstance(faulty, ast.expr) and not isinstance(faulty, ast.Constant):
+            new = f"({new})"
+        changed = data[:begin] + new.encode() + data[end:]
+        yield Mutant(node.lineno, _line(data[begin:end].decode()), _line(new), changed.decode())
+
+
+def _line(code: str) -> str:
+    return " ".join(code.split())
+
+
+def _faults(node: ast.AST) -> Iterator[tuple[ast.expr | ast.stmt, ast.AST]]:
+    """Nodes, each with what takes its place."""
+    if isinstance(node, (ast.expr, ast.stmt)):
+        for faulty in _faulty(node):
+            yield node, faulty
+    for child in _behaviour(node):
+        yield from _faults(child)
+
+
+def _behaviour(node: ast.AST) -> Iterator[ast.AST]:
+    """The children of a node, without those that only describe."""
+    skipped = {"annotation", "returns", "decorator_list", "type_params"}
+    if isinstance(node, ast.JoinedStr):  # messages, whose places Python 3.11 does not know
+        return
+    if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+        return
+    for name, value in ast.iter_fields(node):
+        if name in skipped:
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            if isinstance(child, ast.AST):
+                yield child
+
+
+def _faulty(node: ast.expr | ast.stmt) -> Iterator[ast.AST]:
+    match node:
+        case ast.Compare(ops=[operator]) if type(operator) in _OTHER:
+            yield _with(node, ops=[_OTHER[type(operator)]()])
+        case ast.BinOp(op=operator) | ast.BoolOp(op=operator) if type(operator) in _OTHER:
+            yield _with(node, op=_OTHER[type(operator)]())
+        case ast.UnaryOp(op=ast.Not() | ast.USub(), operand=operand):
+            yield operand
+        case ast.Constant(value=bool() | int() | float() as value):
+            yield ast.Constant(_another(value))
+        case ast.Call(keywords=keywords):
+            for i in range(len(keywords)):
+                yield _with(node, keywords=keywords[:i] + keywords[i + 1 :])
+        case ast.If(test=ast.Name() | ast.Attribute() | ast.Call() as test):
+            yield _with(node, test=ast.UnaryOp(ast.Not(), test))
+        case ast.Expr(value=ast.Call()) | ast.AugAssign() | ast.Raise():
+            yield ast.Pass()
+        case ast.Continue() | ast.Break():
+            yield ast.Pass()
+
+
+def _another(value: float) -> float:
+    if isinstance(value, bool):
+        return not value
+    return value + 1 if isinstance(value, int) else value * 1.5 or 1.0
+
+
+def _with(node: ast.AST, **fields: object) -> ast.AST:
+    changed = copy.copy(node)
+    for name, value in fields.items():
+        setattr(changed, name, value)
+    return changed
