@@ -2,8 +2,9 @@
 
 Figure of merit: the share of mutants (a comparison, an operator, a constant or a flag changed, a
 statement or a keyword argument dropped) with which at least one test of the module fails. The
-tests of a module are the files of its package's folder in tests/ that import it, or all of them
-where none does. Mutants run in a copy of the tree; the survivors are printed, each on a line.
+tests of a module are those that import it: of its package's folder in tests/, else of any, and
+where none does, all of that folder. Mutants run in a copy of the tree; the survivors are printed,
+each on a line.
 Run: ``python benchmarks/mutation.py depthcli/core/*.py [--sample N] [--seed S] [--tests FILE ...]``
 """
 
@@ -50,9 +51,14 @@ def tests_of(module: Path) -> tuple[str, ...]:
     imports = re.compile(
         rf"import {package}\.{name}\b|from {package}(\.{name}\b| import .*\b{name}\b)"
     )
-    files = sorted((ROOT / "tests" / names[1]).rglob("test_*.py"))
-    own = [file for file in files if imports.search(file.read_text("utf-8"))]
-    return tuple(str(file.relative_to(ROOT)) for file in own or files)
+    folder = ROOT / "tests" / names[1]
+    own = _importing(imports, folder) or _importing(imports, ROOT / "tests")
+    return tuple(str(file.relative_to(ROOT)) for file in own or folder.rglob("test_*.py"))
+
+
+def _importing(imports: re.Pattern[str], folder: Path) -> list[Path]:
+    files = sorted(folder.rglob("test_*.py"))
+    return [file for file in files if imports.search(file.read_text("utf-8"))]
 
 
 def passes(folder: Path, tests: Sequence[str], limit_s: float) -> bool:

@@ -72,6 +72,11 @@ def test_value_is_the_largest_channel_at_full_precision(dtype: type, top: int) -
     assert rgb(pixels[..., 0]).shape == (4, 5, 3)
 
 
+def test_float_pixels_are_kept_within_zero_and_one() -> None:
+    pixels = np.float32([[-0.5, 0.25, 1.5]])
+    assert value_channel(pixels).tolist() == [[0, 0.25, 1]]
+
+
 @pytest.mark.parametrize(
     "codec",
     [DepthCodec.linear_m(10), DepthCodec.log_m(0.4, 10), DepthCodec(Transform.RECIPROCAL, 0.5, 1)],
@@ -82,13 +87,21 @@ def test_coding_is_undone(codec: DepthCodec, depth: float) -> None:
     assert codec.decode(there)[0] == pytest.approx(depth, rel=1e-4)
 
 
+def test_linear_coding_is_the_paper_s() -> None:
+    depth_m = DepthCodec.linear_m(10).decode(np.float32([-1, 0, 0.5, 1]))
+    assert depth_m == pytest.approx([0, 5, 7.5, 10])
+    assert DepthCodec().decode(np.float32([3])) == pytest.approx([3])
+
+
 def test_log_coding_puts_its_ends_at_minus_one_and_one() -> None:
     ends = DepthCodec.log_m(0.4, 10).decode(np.array([-1, 1], np.float32))
     assert ends == pytest.approx([0.4, 10], rel=1e-5)
 
 
 def test_reciprocal_of_nothing_is_infinitely_far() -> None:
-    assert DepthCodec(Transform.RECIPROCAL).decode(np.zeros(1, np.float32))[0] == math.inf
+    codec = DepthCodec(Transform.RECIPROCAL)
+    with np.errstate(all="raise"):
+        assert codec.decode(np.float32([0, -1, 4])).tolist() == [math.inf, math.inf, 0.25]
 
 
 def test_focal_lengths() -> None:

@@ -39,6 +39,14 @@ def test_no_more_items_are_pulled_than_fit_in_memory() -> None:
         assert pulled - done <= 4
 
 
+def test_two_items_for_each_worker_are_pulled_by_default() -> None:
+    pulled = iter(range(1000))
+    results = ordered_map(str, pulled, workers=3)
+    assert next(results) == "0"
+    results.close()
+    assert next(pulled) == 6
+
+
 def test_workers_work_at_the_same_time() -> None:
     both = threading.Barrier(2, timeout=10)
     results = ordered_map(lambda _: both.wait(), range(4), workers=2)
@@ -59,6 +67,22 @@ def test_a_closed_map_leaves_no_thread(workers: int) -> None:
     assert next(results) == "0"
     results.close()
     assert threading.active_count() == before
+
+
+def test_what_is_not_begun_when_it_ends_early_is_dropped() -> None:
+    begun, go_on = list[int](), threading.Event()
+
+    def work(item: int) -> int:
+        begun.append(item)
+        if item:
+            go_on.wait(10)
+        return item
+
+    results = ordered_map(work, range(100), workers=2, ahead=20)
+    assert next(results) == 0
+    threading.Timer(0.05, go_on.set).start()
+    results.close()
+    assert set(begun) <= {0, 1, 2}
 
 
 def test_what_was_done_when_it_ends_early_is_not_lost() -> None:
