@@ -27,56 +27,60 @@ def batch(
     context: typer.Context,
     folder: Annotated[
         str | None,
-        typer.Argument(metavar="[DIR]", help="A folder; everything below it is taken."),
+        typer.Argument(metavar="[DIR]", help="Input folder, searched recursively."),
     ] = None,
     output: Annotated[
         str,
         typer.Option(
-            "-o", "--out", "--output", metavar="OUT", help="The folder for outputs, in DIR's tree."
+            "-o",
+            "--out",
+            "--output",
+            metavar="OUT",
+            help="Output folder; keeps the folder structure of DIR.",
         ),
     ] = "",
     files: Annotated[
         str | None,
         typer.Option(
             metavar="LIST",
-            help="A file with one path a line, from DIR or the working directory, in place of "
-            "what is in DIR; '-' for stdin.",
+            help="File with one input path per line, relative to DIR or to the working "
+            "directory; '-' for stdin.",
         ),
     ] = None,
     include: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="GLOB", help="Take only files like this ('*.jpg', 'left/**'); repeatable."
+            metavar="GLOB", help="Process only matching files ('*.jpg', 'left/**'); repeatable."
         ),
     ] = None,
     exclude: Annotated[
         list[str] | None,
-        typer.Option(metavar="GLOB", help="Leave files or folders like this; repeatable."),
+        typer.Option(metavar="GLOB", help="Skip matching files and folders; repeatable."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be done, and write nothing.")
+        bool, typer.Option("--dry-run", help="Show what would be done without writing anything.")
     ] = False,
     formats: Annotated[
         list[Format] | None,
-        typer.Option("--format", help="What to write; repeatable. Default: png16."),
+        typer.Option("--format", help="Output format; repeatable. Default: png16."),
     ] = None,
     model: options.ModelOption = None,
     provider: options.ProviderOption = "auto",
     provider_option: options.ProviderSettingsOption = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Pictures worked on at the same time. Default: one a core."),
+        typer.Option(min=1, help="Pictures processed in parallel. Default: one per core."),
     ] = None,
     threads: Annotated[
         int | None,
-        typer.Option(min=1, help="Threads of the network for one run. Default: cores/workers."),
+        typer.Option(min=1, help="Inference threads per worker. Default: cores / workers."),
     ] = None,
     batch_size: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="Pictures of one size in one run of the network. Default: 1 on the CPU, 8 "
-            "elsewhere.",
+            help="Pictures of equal size per inference. Default: 1 on the CPU, 8 on other "
+            "providers.",
         ),
     ] = None,
     png_scale: options.PngScaleOption = None,
@@ -100,11 +104,11 @@ def batch(
     as_json: options.JsonOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
-    """Depth of all pictures and videos below a folder, or of a list.
+    """Estimate depth for all pictures and videos in a folder tree, or in a list.
 
-    Goes on where an earlier run stopped. Writes OUT/manifest.jsonl, a row for each input.
+    Resumes an interrupted run. Writes OUT/manifest.jsonl with one row per input.
 
-    Exit code 0 if all was done, 1 if some inputs failed, 2 for wrong usage, 3 if the model failed.
+    Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
     from depthcli.cli.camera import choose_camera
     from depthcli.cli.cores import usable_cores

@@ -26,8 +26,8 @@ ProviderOption = Annotated[
     str,
     typer.Option(
         autocompletion=completion.providers,
-        help="auto, cpu, cuda, tensorrt, rocm, migraphx, directml, coreml or openvino. One "
-        "asked for by name has to be there.",
+        help="auto, cpu, cuda, tensorrt, rocm, migraphx, directml, coreml or openvino. A "
+        "provider requested by name must be available.",
     ),
 ]
 ProviderSettingsOption = Annotated[
@@ -35,106 +35,104 @@ ProviderSettingsOption = Annotated[
     typer.Option(
         "--provider-option",
         metavar="KEY=VALUE",
-        help="An option of the provider that --provider names, such as device_id=1; repeatable.",
+        help="Option of the provider given with --provider, such as device_id=1; repeatable.",
     ),
 ]
 FormatOption = Annotated[
     list[Format] | None,
     typer.Option(
         "--format",
-        help="What to write; repeatable. Default: what -o's suffix says, else png16 and preview.",
+        help="Output format; repeatable. Default: from the suffix of -o, else png16 and preview.",
     ),
 ]
 PngScaleOption = Annotated[
     float | None,
     typer.Option(
         callback=positive,
-        help="Steps a metre in png16: 1000 (default, mm), 256 (KITTI), 5000 (TUM), "
+        help="PNG units per metre: 1000 (default, millimetres), 256 (KITTI), 5000 (TUM), "
         "4000 (Matterport).",
     ),
 ]
 PngNormalizeOption = Annotated[
-    bool, typer.Option("--png-normalize", help="Stretch each png16 to 1-65535; no unit.")
+    bool, typer.Option("--png-normalize", help="Normalize each png16 to 1-65535; values have no
+    unit.")
 ]
-ExrChannelOption = Annotated[ExrChannel, typer.Option(help="Name of the channel in EXR.")]
-HalfOption = Annotated[bool, typer.Option("--half", help="16-bit floats in EXR.")]
+ExrChannelOption = Annotated[ExrChannel, typer.Option(help="EXR channel name.")]
+HalfOption = Annotated[bool, typer.Option("--half", help="Write EXR as 16-bit half floats.")]
 ColormapOption = Annotated[
     Colormap | None,
-    typer.Option(help="Colours of the preview. Default: inferno; gray with --near white or black."),
+    typer.Option(help="Colormap of the preview. Default: inferno; gray with --near white or black."),
 ]
 NearOption = Annotated[
     Near | None,
     typer.Option(
-        help="What near looks like: warm, or white or black in gray. Default: warm; white in gray."
+        help="Colour of near depth: warm, or white or black with gray. Default: warm, or white with gray."
     ),
 ]
 VminOption = Annotated[
     float | None,
     typer.Option(
-        callback=finite, help="Least depth with a colour of its own. Default: percentile 2."
+        callback=finite, help="Lower end of the preview's depth range. Default: 2nd percentile."
     ),
 ]
 VmaxOption = Annotated[
     float | None,
     typer.Option(
-        callback=finite, help="Largest depth with a colour of its own. Default: percentile 98."
+        callback=finite, help="Upper end of the preview's depth range. Default: 98th percentile."
     ),
 ]
-LegendOption = Annotated[bool, typer.Option("--legend", help="Draw a scale beside the preview.")]
+LegendOption = Annotated[bool, typer.Option("--legend", help="Draw a colour scale beside the preview.")]
 SideBySideOption = Annotated[
-    bool, typer.Option("--side-by-side", help="Put the picture beside its preview.")
+    bool, typer.Option("--side-by-side", help="Show the input picture beside the preview.")
 ]
 SidecarOption = Annotated[
-    bool, typer.Option("--sidecar", help="Also write a .json with unit, scale, kind, model.")
+    bool, typer.Option("--sidecar", help="Also write a .json file with unit, scale, kind and model.")
 ]
 FocalPxOption = Annotated[
     float | None,
     typer.Option(
         callback=positive,
-        help="Focal length of the camera in pixels of the picture; scales metres.",
+        help="Focal length in pixels of the picture; scales metric depth.",
     ),
 ]
 HfovOption = Annotated[
     float | None,
     typer.Option(
         callback=field_of_view,
-        help="Horizontal field of view in degrees, in place of --focal-px. Default: the "
-        "picture's EXIF, else the model's own camera.",
+        help="Horizontal field of view in degrees, instead of --focal-px. Default: from EXIF, else the model's camera.",
     ),
 ]
 AnchorOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="X,Y,METRES",
-        help="A point whose depth is known; repeatable. One fits the scale, two or more scale "
-        "and shift.",
+        help="Point of known depth; repeatable. One point fits scale, two or more fit scale and shift.",
     ),
 ]
 UpsampleOption = Annotated[
     Upsampling,
     typer.Option(
-        help="How depth gets to the picture's size: along the picture's edges, or bilinear."
+        help="Upsampling to the picture's size: guided by the picture's edges, or bilinear."
     ),
 ]
 TileOption = Annotated[
     str | None,
     typer.Option(
         metavar="auto|PIXELS",
-        help="Refine pictures in tiles of this width; auto is three quarters of the picture's.",
+        help="Refine the depth in tiles of this width; auto is 3/4 of the picture's width.",
     ),
 ]
 MaxMemoryOption = Annotated[
     str | None,
     typer.Option(
         metavar="SIZE",
-        help="Most memory for one picture, from its pixels to its files, beside the program and "
-        "the model: 800M or 2G, say. What needs more is refused.",
+        help="Memory limit per picture, not counting the program and the model (for example 800M or 2G). Pictures that need more are refused.",
     ),
 ]
 MaxPixelsOption = Annotated[
-    int, typer.Option(min=1, help="Refuse pictures with more pixels than this.")
+    int, typer.Option(min=1, help="Maximum number of pixels of a picture.")
 ]
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="One JSON object a line for each input, on stdout.")
+    bool, typer.Option("--json", help="Print one JSON object per input to stdout.")
 ]
-QuietOption = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
+QuietOption = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]

@@ -19,7 +19,7 @@ app = typer.Typer(rich_markup_mode=None)
 def predict(
     context: typer.Context,
     images: Annotated[
-        list[str], typer.Argument(metavar="IMG...", help="Pictures; '-' reads one from stdin.")
+        list[str], typer.Argument(metavar="IMG...", help="Input pictures; '-' reads from stdin.")
     ],
     output: Annotated[
         str | None,
@@ -27,8 +27,8 @@ def predict(
             "-o",
             "--output",
             metavar="OUT",
-            help="A file (one input), a folder (it exists, or the name ends in '/'), or '-' for "
-            "stdout. Default: beside each input.",
+            help="Output file (for one input), folder (existing, or ending in '/'), or '-' for "
+            "stdout. Default: next to each input.",
         ),
     ] = None,
     formats: options.FormatOption = None,
@@ -36,7 +36,7 @@ def predict(
     provider: options.ProviderOption = "auto",
     provider_option: options.ProviderSettingsOption = None,
     threads: Annotated[
-        int | None, typer.Option(min=1, help="Threads of the network. Default: all cores.")
+        int | None, typer.Option(min=1, help="Threads for inference. Default: all cores.")
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
@@ -59,11 +59,11 @@ def predict(
     as_json: options.JsonOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
-    """Depth of one or several pictures.
+    """Estimate depth from one or more pictures.
 
-    Without options, writes a 16-bit PNG in millimetres and a preview beside each picture.
+    By default, writes a 16-bit PNG in millimetres and a preview next to each picture.
 
-    Exit code 0 if all was done, 1 if some inputs failed, 2 for wrong usage, 3 if the model failed.
+    Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
     from depthcli.cli.camera import choose_camera
     from depthcli.cli.detail import choose_detail

@@ -154,7 +154,8 @@ def _profile_option() -> TyperOption:
         expose_value=False,
         callback=_apply_profile,
         is_eager=True,
-        help="Options saved with 'depthcli profile save'; those given here win.",
+        help="Use options saved with 'depthcli profile save'; options on the command line "
+        "override them.",
     )
 
 
@@ -179,7 +180,7 @@ def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
             expose_value=False,
             callback=_set_debug,
             is_eager=True,
-            help="Show a traceback with an error.",
+            help="Show the traceback of an error.",
         )
     )
 

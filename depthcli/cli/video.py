@@ -19,7 +19,7 @@ app = typer.Typer(rich_markup_mode=None)
 @app.command()
 def video(
     context: typer.Context,
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A video.")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="Input video.")],
     output: Annotated[
         str | None,
         typer.Option(
@@ -27,48 +27,47 @@ def video(
             "--out",
             "--output",
             metavar="OUT",
-            help="A .mkv or .mp4 file, or a folder (it exists, ends in '/', or has no suffix). "
-            "Default: beside the video.",
+            help="Output .mkv or .mp4 file, or a folder (existing, ending in '/', or without "
+            "suffix). Default: next to the video.",
         ),
     ] = None,
     formats: Annotated[
         list[VideoFormat] | None,
         typer.Option(
             "--format",
-            help="What to write; repeatable: mkv (lossless 16-bit depth), mp4 (preview), png16, "
-            "exr, npy (a file for each frame), json. Default: what OUT's suffix says, else mkv "
-            "and mp4.",
+            help="Output format; repeatable: mkv (lossless 16-bit depth), mp4 (preview), "
+            "png16, exr, npy (one file per frame), json. Default: from the suffix of OUT, else "
+            "mkv and mp4.",
         ),
     ] = None,
     start: Annotated[
         str | None,
         typer.Option(
-            metavar="PLACE", help="First frame: seconds (12.5, 1:02.5) or a frame number (300f)."
+            metavar="TIME", help="First frame: seconds (12.5, 1:02.5) or a frame number (300f)."
         ),
     ] = None,
     end: Annotated[
-        str | None, typer.Option(metavar="PLACE", help="First frame that is left out again.")
+        str | None, typer.Option(metavar="TIME", help="End frame (exclusive), in the same notation
+        as --start.")
     ] = None,
     every: Annotated[
         str | None,
         typer.Option(
-            metavar="STEP", help="Take every STEP-th frame (2), or one every so often (0.5s)."
+            metavar="STEP", help="Process every STEP-th frame (2), or one frame per interval (0.5s)."
         ),
     ] = None,
     smooth: Annotated[
         float,
         typer.Option(
             callback=not_negative,
-            help="Smooth depth over time, with this time constant in seconds (0.2, say), where "
-            "the picture keeps still. 0: not at all.",
+            help="Time constant of temporal smoothing in static regions, in seconds (for example 0.2). 0 disables it.",
         ),
     ] = 0.0,
     lock: Annotated[
         float,
         typer.Option(
             callback=not_negative,
-            help="Hold the preview's range steady, with this time constant in seconds. 0: each "
-            "frame's own.",
+            help="Time constant in seconds for stabilizing the preview's range. 0: range of each frame.",
         ),
     ] = 1.0,
     model: options.ModelOption = None,
@@ -76,11 +75,11 @@ def video(
     provider_option: options.ProviderSettingsOption = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Frames worked on at the same time. Default: one a core."),
+        typer.Option(min=1, help="Frames processed in parallel. Default: one per core."),
     ] = None,
     threads: Annotated[
         int | None,
-        typer.Option(min=1, help="Threads of the network for one frame. Default: cores/workers."),
+        typer.Option(min=1, help="Inference threads per worker. Default: cores / workers."),
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
@@ -100,16 +99,15 @@ def video(
     max_memory: options.MaxMemoryOption = None,
     max_pixels: options.MaxPixelsOption = options.MAX_PIXELS,
     as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object at the end, on stdout.")
+        bool, typer.Option("--json", help="Print one JSON object to stdout at the end.")
     ] = False,
     quiet: options.QuietOption = False,
 ) -> int:
-    """Depth of every frame of a video.
+    """Estimate depth for every frame of a video.
 
-    Writes lossless 16-bit video in millimetres, a preview, or a file for each frame.
+    Writes lossless 16-bit video in millimetres, a preview video, or one file per frame.
 
-    Exit code 0 if all was done, 1 if the video cannot be read to its end, 2 for wrong usage, 3 if
-    the model failed.
+    Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
     from depthcli.cli.camera import choose_camera
     from depthcli.cli.cores import usable_cores
