@@ -54,19 +54,22 @@ PngScaleOption = Annotated[
     ),
 ]
 PngNormalizeOption = Annotated[
-    bool, typer.Option("--png-normalize", help="Normalize each png16 to 1-65535; values have no
-    unit.")
+    bool,
+    typer.Option("--png-normalize", help="Normalize each png16 to 1-65535; values have no unit."),
 ]
 ExrChannelOption = Annotated[ExrChannel, typer.Option(help="EXR channel name.")]
 HalfOption = Annotated[bool, typer.Option("--half", help="Write EXR as 16-bit half floats.")]
 ColormapOption = Annotated[
     Colormap | None,
-    typer.Option(help="Colormap of the preview. Default: inferno; gray with --near white or black."),
+    typer.Option(
+        help="Colormap of the preview. Default: inferno, or gray with --near white or black."
+    ),
 ]
 NearOption = Annotated[
     Near | None,
     typer.Option(
-        help="Colour of near depth: warm, or white or black with gray. Default: warm, or white with gray."
+        help="Colour of near depth: warm, or white or black with gray. Default: warm, or white "
+        "with gray."
     ),
 ]
 VminOption = Annotated[
@@ -81,12 +84,15 @@ VmaxOption = Annotated[
         callback=finite, help="Upper end of the preview's depth range. Default: 98th percentile."
     ),
 ]
-LegendOption = Annotated[bool, typer.Option("--legend", help="Draw a colour scale beside the preview.")]
+LegendOption = Annotated[
+    bool, typer.Option("--legend", help="Draw a colour scale beside the preview.")
+]
 SideBySideOption = Annotated[
     bool, typer.Option("--side-by-side", help="Show the input picture beside the preview.")
 ]
 SidecarOption = Annotated[
-    bool, typer.Option("--sidecar", help="Also write a .json file with unit, scale, kind and model.")
+    bool,
+    typer.Option("--sidecar", help="Also write a .json file with unit, scale, kind and model."),
 ]
 FocalPxOption = Annotated[
     float | None,
@@ -99,14 +105,16 @@ HfovOption = Annotated[
     float | None,
     typer.Option(
         callback=field_of_view,
-        help="Horizontal field of view in degrees, instead of --focal-px. Default: from EXIF, else the model's camera.",
+        help="Horizontal field of view in degrees, instead of --focal-px. Default: from EXIF, "
+        "else the model's camera.",
     ),
 ]
 AnchorOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="X,Y,METRES",
-        help="Point of known depth; repeatable. One point fits scale, two or more fit scale and shift.",
+        help="Point of known depth; repeatable. One point fits scale, two or more fit scale and "
+        "shift.",
     ),
 ]
 UpsampleOption = Annotated[
@@ -126,12 +134,11 @@ MaxMemoryOption = Annotated[
     str | None,
     typer.Option(
         metavar="SIZE",
-        help="Memory limit per picture, not counting the program and the model (for example 800M or 2G). Pictures that need more are refused.",
+        help="Memory limit per picture, not counting the program and the model (for example 800M "
+        "or 2G). Pictures that need more are refused.",
     ),
 ]
-MaxPixelsOption = Annotated[
-    int, typer.Option(min=1, help="Maximum number of pixels of a picture.")
-]
+MaxPixelsOption = Annotated[int, typer.Option(min=1, help="Maximum number of pixels of a picture.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object per input to stdout.")
 ]

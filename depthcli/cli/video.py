@@ -47,27 +47,32 @@ def video(
         ),
     ] = None,
     end: Annotated[
-        str | None, typer.Option(metavar="TIME", help="End frame (exclusive), in the same notation
-        as --start.")
+        str | None,
+        typer.Option(
+            metavar="TIME", help="End frame (exclusive), in the same notation as --start."
+        ),
     ] = None,
     every: Annotated[
         str | None,
         typer.Option(
-            metavar="STEP", help="Process every STEP-th frame (2), or one frame per interval (0.5s)."
+            metavar="STEP",
+            help="Process every STEP-th frame (2), or one frame per interval (0.5s).",
         ),
     ] = None,
     smooth: Annotated[
         float,
         typer.Option(
             callback=not_negative,
-            help="Time constant of temporal smoothing in static regions, in seconds (for example 0.2). 0 disables it.",
+            help="Time constant of temporal smoothing in static regions, in seconds (for example "
+            "0.2). 0 disables it.",
         ),
     ] = 0.0,
     lock: Annotated[
         float,
         typer.Option(
             callback=not_negative,
-            help="Time constant in seconds for stabilizing the preview's range. 0: range of each frame.",
+            help="Time constant in seconds for stabilizing the preview's range. 0: range of each "
+            "frame.",
         ),
     ] = 1.0,
     model: options.ModelOption = None,
