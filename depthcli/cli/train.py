@@ -68,6 +68,17 @@ _Minutes = Annotated[
 _Accelerator = Annotated[
     str, typer.Option(autocompletion=completion.accelerators, help="auto, cpu, cuda or mps.")
 ]
+_Extra = Annotated[
+    Path | None,
+    typer.Option(
+        help="Further pairs whose metres are less sure, rgb/ and depth/ in millimetres: "
+        "predictions of another model, say."
+    ),
+]
+_Init = Annotated[
+    Path | None,
+    typer.Option(help="Start from the weights of an exported model (.onnx) or a checkpoint."),
+]
 _Devices = Annotated[
     int, typer.Option(min=1, help="GPUs, or processes on a CPU, that share each batch.")
 ]
@@ -88,6 +99,8 @@ def train(
     seeds: _Seeds = None,
     data: _Data = None,
     out: _Out = Path("runs/train"),
+    extra: _Extra = None,
+    init: _Init = None,
     preset: _Preset = None,
     config: _Config = None,
     settings: _Set = None,
@@ -115,6 +128,7 @@ def train(
         raise typer.BadParameter("give the data set with --data")
     from depthcli.cli.train_devices import launched, open_fabric
     from depthcli.cli.train_progress import progress_for, with_board
+    from depthcli.datasets.paired_folder import open_paired_folder
     from depthcli.datasets.training_data import open_training_data
     from depthcli.training.interrupt import Interrupt
     from depthcli.training.loop import Limits, divide
@@ -127,6 +141,8 @@ def train(
         split=resolved.data.split,
         units_per_metre=resolved.data.units_per_metre,
     )
+    if extra is not None:
+        opened = opened._replace(extra=open_paired_folder(extra))
     with launched(fabric):
         _set_threads(threads)
         first = fabric.is_global_zero
@@ -140,7 +156,7 @@ def train(
             if tensorboard and first:
                 watcher = stack.enter_context(with_board(watcher, out, resolved))
             limits = Limits(minutes=math.inf if max_minutes is None else max_minutes)
-            done = run(resolved, opened, out, fabric, watcher, limits, interrupt)
+            done = run(resolved, opened, out, fabric, watcher, limits, interrupt, init)
     if not first:
         return ExitCode.OK
     if not quiet and not as_json:

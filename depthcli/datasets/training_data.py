@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from depthcli.datasets.base import DepthDataset
+    from depthcli.datasets.paired_folder import PairedFolder
 
 NYU_HFOV_DEG = 63.3
 """Horizontal field of view of NYU Depth v2's camera over the full picture width, degrees."""
@@ -36,11 +37,20 @@ class TrainingData(NamedTuple):
         dataset: every pair that may be trained on or held out.
         title: what a model's card calls it.
         hfov_deg: horizontal field of view of its camera in degrees; None if it is not known.
+        extra: pairs whose metres are less sure, such as predicted ones; None if there are none.
     """
 
     dataset: DepthDataset
     title: str
     hfov_deg: float | None
+    extra: PairedFolder | None = None
+
+    @property
+    def extra_title(self) -> str:
+        """What a model's card calls the extra pairs; "" if there are none."""
+        if self.extra is None:
+            return ""
+        return f"{len(self.extra)} extra pairs ({self.extra.root.resolve().name})"
 
 
 def open_training_data(

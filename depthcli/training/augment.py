@@ -1,24 +1,22 @@
-"""Augmentation that keeps metres true: zooming in by s divides depth by s."""
+"""Augmentation that keeps metres true, as :mod:`~depthcli.training.views` has it."""
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 
 from depthcli.training.cutmix import cutmix
+from depthcli.training.views import draw_views, view_size
 
 if TYPE_CHECKING:
     from torch import Tensor
 
     from depthcli.training.config import DataConfig
 
-_UNZOOMED_SHARE = 0.25  # whole pictures, as the model will see them
-_FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation
-_CROP_286 = 286 / 256
 _WHOLLY = 0.999  # of the pixels that a new one is interpolated from
+_BORDER = 0.03  # widest border, as a share of half the picture; NYU Depth v2's white one is .029
 
 
 class Views(NamedTuple):
@@ -41,6 +39,7 @@ def augment(
     data: DataConfig,
     random: torch.Generator,
     known: Tensor | None = None,
+    size: tuple[int, int] | None = None,
 ) -> Views:
     """Random views of pairs.
 
@@ -50,18 +49,21 @@ def augment(
         data: sizes and strengths.
         random: the only source of chance.
         known: (B, 1, h, w) bool, where depth was measured; None if it was everywhere.
+        size: width and height of the views, px; drawn if it is not given.
     """
-    zoom = _zooms(len(rgb), data, random)
-    view = _view(zoom, data, random).to(rgb.device)
-    grid = _grid(view, data.width, data.height)
+    size = view_size(data, random) if size is None else size
+    geometry = draw_views(len(rgb), size, data, random)
+    grid = geometry.grid.to(rgb.device)
     gray = _gray(_recoloured(rgb, data, random), data)  # before resampling, as at inference
-    gray = F.grid_sample(gray, grid, padding_mode="border", align_corners=False)
+    gray = _bordered(gray, grid, data, random)
     depth_m = F.grid_sample(depth_m, grid, padding_mode="border", align_corners=False)
-    metric_zoom = zoom if not data.crop_286 else zoom / _CROP_286
-    depth_m.div_(metric_zoom.view(-1, 1, 1, 1).to(depth_m.device))
+    depth_m = depth_m * geometry.depth_scale.to(depth_m.device)
     if known is not None:
         share = F.grid_sample(known.float(), grid, padding_mode="border", align_corners=False)
         known = share > _WHOLLY
+    if geometry.inside is not None:
+        inside = geometry.inside.to(rgb.device)
+        known = inside if known is None else known & inside
     views = Views(_relit(gray, data, random), depth_m, known)
     return _mixed(views, data.cutmix, random) if data.cutmix else views
 
@@ -84,36 +86,19 @@ def _mixed(views: Views, share: float, random: torch.Generator) -> Views:
     return Views(gray, depth_m, known[0] if known else None)
 
 
-def _zooms(count: int, data: DataConfig, random: torch.Generator) -> Tensor:
-    if data.crop_286:
-        return torch.full((count,), _CROP_286)
-    zoom = torch.exp(torch.rand(count, generator=random) * math.log(data.zoom))
-    whole = torch.rand(count, generator=random) < _UNZOOMED_SHARE
-    return torch.where(whole, torch.ones(()), zoom)
-
-
-def _view(zoom: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
-    """Affine maps (B, 2, 3) from output to input coordinates, with the view inside the picture."""
-    uniform = torch.rand(4, len(zoom), generator=random) * 2 - 1
-    mirror = torch.where(uniform[0] < 0, -1.0, 1.0)
-    room = (zoom - 1).clamp(max=_FULL_ROTATION_ZOOM) / _FULL_ROTATION_ZOOM
-    angle = uniform[1] * math.radians(data.rotate_deg) * room
-    cos, sin = torch.cos(angle) / zoom, torch.sin(angle) / zoom
-    aspect = data.width / data.height
-    shift_x = uniform[2] * (1 - cos - sin.abs() / aspect).clamp(min=0)
-    shift_y = uniform[3] * (1 - cos - sin.abs() * aspect).clamp(min=0)
-    row_x = torch.stack([cos * mirror, -sin / aspect, shift_x], 1)
-    row_y = torch.stack([sin * aspect * mirror, cos, shift_y], 1)
-    return torch.stack([row_x, row_y], 1)
-
-
-def _grid(view: Tensor, width: int, height: int) -> Tensor:
-    """Where each pixel of the views lies in the pictures, (B, H, W, 2) in [-1, 1]."""
-    # F.affine_grid gives the same, but its batched matrix product takes 1.4 ms of a 190 ms step.
-    x = (torch.arange(width, device=view.device) * 2 + 1) / width - 1
-    y = (torch.arange(height, device=view.device) * 2 + 1) / height - 1
-    along_x, along_y, shift = view[:, None, None].unbind(-1)
-    return along_x * x[:, None] + (along_y * y[:, None, None] + shift)
+def _bordered(gray: Tensor, grid: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
+    """Sample V, some of it with the picture's border painted over or replaced by what is inside."""
+    if not data.border:
+        return F.grid_sample(gray, grid, padding_mode="border", align_corners=False)
+    drawn = torch.rand(3, len(gray), 1, 1, 1, generator=random).to(gray.device)
+    chosen, width, level = drawn[0], drawn[1] * _BORDER, drawn[2]
+    replaced, painted = chosen < data.border / 2, chosen > 1 - data.border / 2
+    limit = torch.where(replaced, 1 - _BORDER, 1.0)
+    seen = F.grid_sample(
+        gray, grid.clamp(-limit, limit), padding_mode="border", align_corners=False
+    )
+    outer = (grid.abs() > 1 - width).any(-1)[:, None]
+    return torch.where(outer & painted, level, seen)
 
 
 def _recoloured(rgb: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
@@ -136,7 +121,17 @@ def _relit(gray: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
     if data.brightness:
         gain = torch.exp(normal(count, 1, 1, 1) * data.brightness)
         gray = gray * gain + normal(count, 1, 1, 1) * (data.brightness / 4)
+    if data.blur:
+        blend = torch.rand(count, 1, 1, 1, generator=random).to(gray.device) * data.blur
+        gray = torch.lerp(gray, _smoothed(gray), blend)
     if data.noise:
         strength = torch.rand(count, 1, 1, 1, generator=random).to(gray.device) * data.noise
         gray = normal(*gray.shape).mul_(strength).add_(gray)
     return gray.clamp(0, 1).mul_(2).sub_(1)
+
+
+def _smoothed(gray: Tensor) -> Tensor:
+    """The binomial filter [1, 4, 6, 4, 1] / 16 along both axes."""
+    kernel = torch.tensor([1.0, 4.0, 6.0, 4.0, 1.0], device=gray.device) / 16
+    gray = F.conv2d(F.pad(gray, (2, 2, 0, 0), mode="replicate"), kernel.view(1, 1, 1, 5))
+    return F.conv2d(F.pad(gray, (0, 0, 2, 2), mode="replicate"), kernel.view(1, 1, 5, 1))

@@ -36,6 +36,8 @@ class Progress:
         held_out_ids: pairs they were validated on.
         data: what they are pairs of, as a model's card says it.
         hfov_deg: horizontal field of view of their camera in degrees; None if it is not known.
+        extra: what the extra pairs are; "" if there are none.
+        start: whose weights it started from; "" if they were drawn.
     """
 
     step: int = 0
@@ -46,6 +48,8 @@ class Progress:
     held_out_ids: tuple[str, ...] = ()
     data: str = NYU_PAPER
     hfov_deg: float | None = NYU_HFOV_DEG
+    extra: str = ""
+    start: str = ""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

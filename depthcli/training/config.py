@@ -36,6 +36,8 @@ class GeneratorConfig:
         decoder: channels of ``efficient`` at strides 16, 8, 4, 2.
         depths: residual blocks of ``efficient`` at strides 4, 8, 16, 32.
         dropout: share of bottleneck channels of ``efficient`` dropped while training.
+        norm: of ``efficient``: ``batch``, or ``none`` to go on from an exported model's weights,
+            into which it is folded.
     """
 
     name: Literal["resnet", "efficient"] = "resnet"
@@ -47,6 +49,7 @@ class GeneratorConfig:
     decoder: tuple[int, ...] = (128, 96, 64, 48)
     depths: tuple[int, ...] = (2, 2, 2, 2)
     dropout: float = 0.0
+    norm: Literal["batch", "none"] = "batch"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +85,17 @@ class DataConfig:
         paired: pictures and depth maps of one scene point together; False draws them apart.
         crop_286: resize to 286/256 of the size and crop, as the originals do; untrue to metres.
         zoom: largest zoom-in; depth is divided by the zoom, so metres stay true.
+        aspects: width by height of further shapes of view; half of the batches have one of them.
+        turn: share of the views whose camera is turned to them; the others are cut out.
         rotate_deg: largest rotation about the optical axis, degrees.
         colour_jitter: standard deviation of the log gain of each colour channel.
         gamma: standard deviation of the log gamma of V.
         brightness: standard deviation of the log gain of V.
+        blur: largest weight of a binomial filter, in [0, 1].
+        border: share of the views without the picture's own border: half replaced, half painted.
         noise: largest standard deviation of pixel noise, in [0, 1] units.
         cutmix: probability that a view gets a rectangle of another one, picture and depth alike.
+        extra_share: share of each batch from the extra pairs, if some are given.
         split: NYU Depth v2 gives its training pairs of this split; its test pairs never.
         units_per_metre: what one metre is in the depth images of a folder of one's own.
         holdout_every: every n-th scene by name is held out for validation; 0 holds out none.
@@ -100,11 +108,16 @@ class DataConfig:
     paired: bool = True
     crop_286: bool = False
     zoom: float = 1.0
+    aspects: tuple[float, ...] = ()
+    turn: float = 0.0
     rotate_deg: float = 0.0
     colour_jitter: float = 0.0
     gamma: float = 0.0
     brightness: float = 0.0
+    blur: float = 0.0
+    border: float = 0.0
     noise: float = 0.0
+    extra_share: float = 0.5
     cutmix: float = 0.0
     split: Literal["paper", "official"] = "paper"
     units_per_metre: float = 1000.0

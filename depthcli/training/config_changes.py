@@ -80,9 +80,12 @@ def _checked(name: str, value: Any, hint: Any) -> Any:  # noqa: ANN401
             raise UsageError(f"{name} is one of {', '.join(get_args(hint))}, not {value!r}")
         return value
     if get_origin(hint) is tuple:
-        if isinstance(value, (list, tuple)) and all(type(item) is int for item in value):
-            return tuple(value)
-        raise UsageError(f"{name} is a list of whole numbers, not {value!r}")
+        kind, numbers = get_args(hint)[0], isinstance(value, (list, tuple))
+        if numbers and all(type(item) in {int, kind} for item in value):
+            return tuple(kind(item) for item in value)
+        raise UsageError(
+            f"{name} is a list of {'whole ' if kind is int else ''}numbers, not {value!r}"
+        )
     if hint is float and type(value) is int:
         return float(value)
     if type(value) is not hint:

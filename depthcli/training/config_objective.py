@@ -34,6 +34,8 @@ class LossConfig:
         l1: λ6, eq. 1; zero is the unpaired ablation.
         weight_penalty: λ of eq. 1, on squared convolution weights.
         gradient: multi-scale gradient matching, beyond the paper.
+        extra_scale: how much of an extra pair's error in scale counts, in [0, 1]: 0 leaves relative
+            depth alone, 1 holds the networks to its metres.
         gan: form of the adversarial terms.
         contrast: ``cut`` compares output with input, ``cfl`` output with paired truth.
         l1_backward: also hold F to the paired picture by eq. 1.
@@ -52,6 +54,7 @@ class LossConfig:
     l1: float = 10.0
     weight_penalty: float = 1e-6
     gradient: float = 0.0
+    extra_scale: float = 0.0
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"
     contrast: Literal["cut", "cfl"] = "cut"
     l1_backward: bool = False

@@ -49,12 +49,16 @@ _AT_LEAST: dict[str, dict[str, float]] = {
 _SHARES = (
     ("generator", "dropout"),
     ("data", "cutmix"),
+    ("data", "extra_share"),
     ("optim", "beta1"),
     ("optim", "beta2"),
     ("optim", "head_beta1"),
     ("optim", "head_beta2"),
     ("optim", "ema"),
 )
+
+_WHOLE_SHARES = (("data", "turn"), ("data", "blur"), ("data", "border"), ("loss", "extra_scale"))
+_ASPECTS = 1 / 4, 4
 
 
 def check_range(config: TrainConfig) -> None:
@@ -73,6 +77,10 @@ def check_range(config: TrainConfig) -> None:
         value = getattr(getattr(config, group), name)
         if not 0 <= value < 1:
             raise UsageError(f"{_path(group, name)} is at least 0 and below 1, not {value}")
+    for group, name in _WHOLE_SHARES:
+        value = getattr(getattr(config, group), name)
+        if not 0 <= value <= 1:
+            raise UsageError(f"{_path(group, name)} is from 0 to 1, not {value}")
     if not 0 < config.output.min_m < config.output.max_m < math.inf:
         raise UsageError(
             "output.min_m is above 0 and below output.max_m, "
@@ -97,6 +105,12 @@ def _check_views(config: TrainConfig) -> None:
             f"data.rotate_deg is at most {math.floor(10 * most_deg) / 10} at {data.width} x "
             f"{data.height}, or views would leave the picture; not {data.rotate_deg}"
         )
+    if data.turn and data.zoom == 1:
+        raise UsageError("data.turn needs room to turn: set data.zoom above 1")
+    if any(not _ASPECTS[0] <= aspect <= _ASPECTS[1] for aspect in data.aspects):
+        raise UsageError(f"data.aspects are from 1/4 to 4, not {list(data.aspects)}")
+    if data.crop_286 and data.aspects:
+        raise UsageError("data.crop_286 and data.aspects exclude each other: leave one out")
     if data.crop_286 and data.zoom > 1:
         raise UsageError("data.crop_286 and data.zoom exclude each other: leave one out")
     if data.cutmix and config.optim.batch_size == 1:

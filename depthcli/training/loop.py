@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from depthcli.datasets.splits import held_out_scenes
-from depthcli.errors import OutputError, TrainingError
+from depthcli.errors import OutputError, TrainingError, UsageError
 from depthcli.training import metrics_log
 from depthcli.training.batches import Batches, PairStore
 from depthcli.training.checkpoint import Progress
@@ -65,6 +65,7 @@ def train(
     watcher: Watcher,
     limits: Limits | None = None,
     interrupt: Interrupt | None = None,
+    start: Path | None = None,
 ) -> Progress:
     """Train until the schedule, a limit or a signal ends it; continue a folder's checkpoint.
 
@@ -76,6 +77,7 @@ def train(
         watcher: is told of each step and epoch.
         limits: stop early, cleanly, to continue later.
         interrupt: stop after the step in which a signal comes, and save; entered here.
+        start: exported model or checkpoint whose weights a new run starts from.
 
     Returns:
         How far the run has come.
@@ -100,6 +102,7 @@ def train(
             fabric.device,
             fabric.global_rank,
             fabric.world_size,
+            _extra_store(data, config),
         )
         check_batch(config, batches.own_size)
         validation = Validation(dataset, held_out, config) if held_out and first else None
@@ -109,6 +112,8 @@ def train(
             held_out_ids=tuple(dataset.ids[i] for i in held_out),
             data=data.title,
             hfov_deg=data.hfov_deg,
+            extra=data.extra_title,
+            start=run.start_from(start) if start else "",
         )
         run.resume(folder / CHECKPOINT)
         if first:
@@ -145,6 +150,14 @@ def train(
             if stops:
                 break
     return run.progress
+
+
+def _extra_store(data: TrainingData, config: TrainConfig) -> PairStore | None:
+    if data.extra is None:
+        return None
+    if config.output.coding != "log" or config.method != "proposed":
+        raise UsageError("extra pairs need the method proposed and output.coding=log")
+    return PairStore(data.extra, range(len(data.extra)), config.data)
 
 
 def _validate(run: Run, validation: Validation, folder: Path) -> None:

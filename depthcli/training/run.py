@@ -12,6 +12,7 @@ from depthcli.training.average import WeightAverage
 from depthcli.training.checkpoint import Checkpoint, Progress
 from depthcli.training.devices import average_gradients, of_others
 from depthcli.training.finite import check_weights, finite
+from depthcli.training.initial import start_from
 from depthcli.training.methods.registry import build_method
 from depthcli.training.optimizers import build_optimizer
 from depthcli.training.schedule import factor
@@ -67,6 +68,17 @@ class Run:
     def best_generator(self) -> nn.Module:
         """The network that is validated: the average, where there is one."""
         return self.average.network if self.average else self.method.generator
+
+    def start_from(self, path: Path) -> str:
+        """Start from the weights of an exported model or a checkpoint; what they are.
+
+        Raises:
+            CheckpointError: they do not fit.
+        """
+        started = start_from(self.method.generator, path)
+        if self.average:
+            self.average = WeightAverage(self.method.generator, self.config.optim.ema)
+        return started
 
     def step(self, batch: Batch) -> dict[str, float]:
         """One optimisation step of every phase; the loss terms by name.
@@ -126,7 +138,10 @@ class Run:
         if not path.exists():
             return
         saved = Checkpoint.load(path)
-        same_data = saved.progress.train_ids == self.progress.train_ids
+        same_data = all(
+            getattr(saved.progress, name) == getattr(self.progress, name)
+            for name in ("train_ids", "extra", "start")
+        )
         if saved.config != self.config or not same_data:
             raise CheckpointError(
                 f"{path} belongs to another run: give another --out, or the run's own settings"

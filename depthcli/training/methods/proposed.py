@@ -9,7 +9,7 @@ import torch.nn.functional as F  # noqa: N812
 from depthcli.training.losses.gradient import gradient_loss
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
 from depthcli.training.losses.regularised_l1 import regularised_l1
-from depthcli.training.methods.base import Phase, built, present
+from depthcli.training.methods.base import Phase, built, present, sized
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.methods.cyclegan import CycleGan, Made
 
@@ -54,12 +54,29 @@ class Proposed(CycleGan):
     def _terms(self, batch: Batch, y: Tensor, made: Made) -> dict[str, Tensor]:
         """Weighted terms of eq. 7."""
         x, known, penalty = batch.gray, batch.known, self.weights.weight_penalty
-        terms = self._supervised(made.raw_y, y, known) | super()._terms(batch, y, made)
+        raw_y = self._scaled(made.raw_y, y, batch)
+        terms = self._supervised(raw_y, y, known) | super()._terms(batch, y, made)
         if self._backward_l1:
             backward = present(self.backward_generator)
             l1 = regularised_l1(present(made.fake_x), x, backward, penalty, known)
             terms["l1_backward"] = self.weights.l1 * l1
         return terms | self._contrasted(x, y, made)
+
+    def _scaled(self, raw_y: Tensor, y: Tensor, batch: Batch) -> Tensor:
+        """The output, where an extra pair's metres count in part, moved towards its mean truth.
+
+        With log depth the mean difference is the error in scale.
+        """
+        if batch.extra is None:
+            return raw_y
+        difference = sized(y, raw_y) - raw_y
+        if batch.known is not None:
+            known = sized(batch.known.float(), raw_y)
+            offset = (difference * known).sum((1, 2, 3)) / known.sum((1, 2, 3)).clamp(min=1)
+        else:
+            offset = difference.mean((1, 2, 3))
+        moved = batch.extra * (1 - self.weights.extra_scale) * offset
+        return raw_y + moved[:, None, None, None]
 
     def _supervised(self, raw_y: Tensor, y: Tensor, known: Tensor | None) -> dict[str, Tensor]:
         """Eq. 1 and the gradients, of measured pixels alone."""

@@ -17,7 +17,13 @@ Generator = EfficientGenerator | ResnetGenerator
 def build_generator(config: GeneratorConfig) -> Generator:
     """The generator that a configuration describes, with fresh weights."""
     if config.name == "efficient":
-        return EfficientGenerator(config.encoder, config.decoder, config.depths, config.dropout)
+        return EfficientGenerator(
+            config.encoder,
+            config.decoder,
+            config.depths,
+            config.dropout,
+            norm=config.norm == "batch",
+        )
     return ResnetGenerator(
         width=config.width,
         blocks=config.blocks,

@@ -20,6 +20,7 @@ class EfficientGenerator(nn.Module):
         decoder: channels at strides 16, 8, 4, 2.
         depths: residual blocks at strides 4, 8, 16, 32.
         dropout: share of bottleneck channels dropped while training.
+        norm: batch norm behind each convolution; without it they have biases.
     """
 
     TAPS = ("stride2", "stride4", "stride8", "stride16")
@@ -30,14 +31,16 @@ class EfficientGenerator(nn.Module):
         decoder: Sequence[int] = (128, 96, 64, 48),
         depths: Sequence[int] = (2, 2, 2, 2),
         dropout: float = 0.0,
+        *,
+        norm: bool = True,
     ) -> None:
         super().__init__()
         self.encoder_channels = tuple(encoder)
-        self.stem = ConvNorm(1, encoder[0], stride=2)
+        self.stem = ConvNorm(1, encoder[0], stride=2, norm=norm)
         self.stages = nn.ModuleList(
             nn.Sequential(
-                ResidualBlock(below, width, stride=2),
-                *(ResidualBlock(width, width) for _ in range(depth - 1)),
+                ResidualBlock(below, width, stride=2, norm=norm),
+                *(ResidualBlock(width, width, norm=norm) for _ in range(depth - 1)),
             )
             for below, width, depth in zip(encoder, encoder[1:], depths, strict=False)
         )
@@ -46,7 +49,7 @@ class EfficientGenerator(nn.Module):
         self.dropout = nn.Dropout2d(dropout)
         inner = (deepest, *decoder)
         self.fusions = nn.ModuleList(
-            ConvNorm(below + skip, width)
+            ConvNorm(below + skip, width, norm=norm)
             for below, skip, width in zip(inner, reversed(encoder[:-1]), decoder, strict=False)
         )
         self.head = nn.Conv2d(decoder[-1], 1, 3, padding=1)
@@ -80,14 +83,21 @@ class EfficientGenerator(nn.Module):
 
 
 class ConvNorm(nn.Sequential):
-    """Convolution, batch norm and, unless told otherwise, ReLU."""
+    """Convolution, batch norm if wanted and, unless told otherwise, ReLU."""
 
     def __init__(
-        self, inputs: int, outputs: int, size: int = 3, stride: int = 1, *, relu: bool = True
+        self,
+        inputs: int,
+        outputs: int,
+        size: int = 3,
+        stride: int = 1,
+        *,
+        norm: bool,
+        relu: bool = True,
     ) -> None:
         layers: list[nn.Module] = [
-            nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False),
-            nn.BatchNorm2d(outputs),
+            nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=not norm),
+            nn.BatchNorm2d(outputs) if norm else nn.Identity(),
         ]
         if relu:
             layers.append(nn.ReLU(inplace=True))
@@ -97,13 +107,16 @@ class ConvNorm(nn.Sequential):
 class ResidualBlock(nn.Module):
     """Two 3×3 convolutions added to their input."""
 
-    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+    def __init__(self, inputs: int, outputs: int, stride: int = 1, *, norm: bool) -> None:
         super().__init__()
         self.body = nn.Sequential(
-            ConvNorm(inputs, outputs, stride=stride), ConvNorm(outputs, outputs, relu=False)
+            ConvNorm(inputs, outputs, stride=stride, norm=norm),
+            ConvNorm(outputs, outputs, norm=norm, relu=False),
         )
         straight = inputs == outputs and stride == 1
-        self.skip = nn.Identity() if straight else ConvNorm(inputs, outputs, 1, stride, relu=False)
+        self.skip: nn.Module = nn.Identity()
+        if not straight:
+            self.skip = ConvNorm(inputs, outputs, 1, stride, norm=norm, relu=False)
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, inputs, H, W) to (B, outputs, H/stride, W/stride)."""

@@ -1,0 +1,69 @@
+"""Weights to start from: those of an exported model, or of another run's checkpoint."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+import onnx
+import torch
+from onnx import numpy_helper
+
+from depthcli.errors import CheckpointError
+from depthcli.training.checkpoint import load_generator
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from torch import Tensor, nn
+
+_HALF = "_half"  # how float16 weights are named that the graph widens
+_HASH_LENGTH = 16
+
+
+def start_from(generator: nn.Module, path: Path) -> str:
+    """Give a generator the weights of a file.
+
+    Args:
+        generator: of the same architecture; for an exported model, without batch norm, which is
+            folded into its weights.
+        path: an ONNX file that `depthcli export-onnx` made of floats, or a checkpoint.
+
+    Returns:
+        What the weights are, for a model's card: the file's name and its SHA-256.
+
+    Raises:
+        CheckpointError: the file cannot be read or holds other networks.
+    """
+    weights = _of_onnx(path) if path.suffix == ".onnx" else _of_checkpoint(path)
+    wanted = generator.state_dict()
+    strange = [
+        name
+        for name, now in wanted.items()
+        if name not in weights or weights[name].shape != now.shape
+    ]
+    if strange:
+        raise CheckpointError(
+            f"{path} has no weights for {strange[0]}: set generator.* as they were when it was "
+            "trained, with generator.norm=none for an exported float model"
+        )
+    generator.load_state_dict({name: weights[name] for name in wanted})
+    return f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_LENGTH]}"
+
+
+def _of_onnx(path: Path) -> dict[str, Tensor]:
+    try:
+        graph = onnx.load(path, load_external_data=False).graph
+        arrays = {tensor.name: numpy_helper.to_array(tensor) for tensor in graph.initializer}
+    except Exception as error:  # what is no graph fails in any way
+        raise CheckpointError(f"{path} is not a whole ONNX file in itself") from error
+    return {
+        name.removesuffix(_HALF): torch.from_numpy(values.astype(np.float32))
+        for name, values in arrays.items()
+    }
+
+
+def _of_checkpoint(path: Path) -> dict[str, Tensor]:
+    generator, _ = load_generator(path)
+    return dict(generator.state_dict())
