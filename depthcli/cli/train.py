@@ -141,8 +141,7 @@ def train(
         split=resolved.data.split,
         units_per_metre=resolved.data.units_per_metre,
     )
-    if extra is not None:
-        opened = opened._replace(extra=open_paired_folder(extra))
+    opened = opened._replace(extra=None if extra is None else open_paired_folder(extra))
     with launched(fabric):
         _set_threads(threads)
         first = fabric.is_global_zero

@@ -180,6 +180,8 @@ def _training(saved: Checkpoint) -> dict[str, Any]:
     progress = saved.progress
     return {
         "data": progress.data,
+        **({"extra": progress.extra} if progress.extra else {}),
+        **({"start": progress.start} if progress.start else {}),
         "method": saved.config.method,
         "seed": saved.config.seed,
         "pairs": len(progress.train_ids),

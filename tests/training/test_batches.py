@@ -43,7 +43,7 @@ def test_neither_reads_nor_moves_the_global_generator() -> None:
 
 
 def test_shapes_and_ranges() -> None:
-    gray, depth_m, known = _batches(size=3, width=48)[0]
+    gray, depth_m, known, _ = _batches(size=3, width=48)[0]
     assert known is None
     assert gray.shape == depth_m.shape == (3, 1, 32, 48)
     assert gray.dtype == depth_m.dtype == torch.float32

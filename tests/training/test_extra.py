@@ -1,0 +1,158 @@
+"""Extra pairs, whose metres are less sure, and weights to start from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+import torch
+from lightning_fabric import Fabric
+from rooms import EFFICIENT, PAPER, TRAIN, room_data, rooms, write_rooms
+
+from depthcli.cli.train_progress import Silent
+from depthcli.datasets.paired_folder import open_paired_folder
+from depthcli.errors import CheckpointError, UsageError
+from depthcli.export.onnx import ExportOptions, export_checkpoint
+from depthcli.training.batches import Batch, Batches, PairStore
+from depthcli.training.checkpoint import Checkpoint, load_generator
+from depthcli.training.config import LossConfig
+from depthcli.training.initial import start_from
+from depthcli.training.loop import CHECKPOINT, Limits, train
+from depthcli.training.methods.proposed import Proposed
+from depthcli.training.networks.build import build_generator
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.training.config import TrainConfig
+
+CPU = torch.device("cpu")
+L1 = LossConfig(0, 0, 0, 0, 0, 1, 0, 0)
+SUPERVISED = replace(
+    EFFICIENT,
+    loss=L1,
+    output=replace(EFFICIENT.output, coding="log"),
+    optim=replace(EFFICIENT.optim, batch_size=4),
+)
+BARE = replace(SUPERVISED, generator=replace(SUPERVISED.generator, norm="none"))
+
+
+def _train(config: TrainConfig, folder: Path, start: Path | None = None, extra: Path | None = None):  # noqa: ANN202
+    data = room_data()
+    if extra is not None:
+        data = data._replace(extra=open_paired_folder(extra))
+    fabric = Fabric(accelerator="cpu", devices=1)
+    return train(config, data, folder, fabric, Silent(), Limits(steps=2), start=start)
+
+
+def test_a_batch_has_its_share_of_extra_pairs() -> None:
+    data = replace(PAPER.data, extra_share=0.25, zoom=1.2, turn=1.0)
+    store, dark = PairStore(rooms(), TRAIN, data), PairStore(rooms(), TRAIN, data)
+    dark.rgb.zero_()
+    batches = Batches(store, data, 4, 0, CPU, extra=dark)
+    assert batches.steps_per_epoch == len(TRAIN) // 3
+    for step in range(4):
+        batch = batches[step]
+        assert batch.extra is not None
+        assert batch.extra.tolist() == [False, False, False, True]
+        darkness = (batch.gray == -1).all(3).all(2).all(1)
+        assert torch.equal(darkness, batch.extra)
+        again = batches[step]
+        assert torch.equal(again.gray, batch.gray)
+    seen = torch.cat([batches._extra_rows(dark, step) for step in range(5)])
+    assert sorted(seen.tolist()) == list(range(5))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1])
+def test_a_share_that_is_no_part_of_a_batch_is_refused(share: float) -> None:
+    data = replace(PAPER.data, extra_share=share)
+    store = PairStore(rooms(), TRAIN, data)
+    with pytest.raises(UsageError, match=r"data\.extra_share"):
+        Batches(store, data, 4, 0, CPU, extra=store)
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.4, 1.0])
+def test_the_scale_of_an_extra_pair_counts_in_part(scale: float) -> None:
+    """A truth that is farther by a factor costs the logarithm of it times ``extra_scale``."""
+    torch.manual_seed(0)
+    method = Proposed(replace(SUPERVISED, loss=replace(L1, extra_scale=scale))).eval()
+    gray = torch.rand(2, 1, 32, 32) * 2 - 1
+    depth_m = method.codec.decode(method.generator(gray).detach().numpy())
+    depth_m = torch.nn.functional.interpolate(torch.from_numpy(depth_m), (32, 32))
+    farther = depth_m * 1.5
+    for extra in (torch.tensor([True, True]), torch.tensor([False, False])):
+        same = method(Batch(gray, depth_m, None, extra), "generator")["l1"]
+        apart = method(Batch(gray, farther, None, extra), "generator")["l1"]
+        wanted = torch.log(torch.tensor(1.5)) / method.codec.scale
+        wanted = wanted * scale if extra[0] else wanted
+        assert float(same.detach()) == pytest.approx(0, abs=1e-6)
+        assert float(apart.detach()) == pytest.approx(float(wanted), abs=1e-4)
+
+
+def test_what_is_not_known_of_an_extra_pair_does_not_move_its_scale() -> None:
+    torch.manual_seed(0)
+    method = Proposed(SUPERVISED).eval()
+    gray, depth_m = torch.rand(2, 1, 32, 32) * 2 - 1, torch.rand(2, 1, 32, 32) * 3 + 1
+    known = torch.ones(2, 1, 32, 32, dtype=torch.bool)
+    known[..., :16] = False
+    wild = torch.where(known, depth_m, torch.tensor(9.0))
+    extra = torch.tensor([True, True])
+    one = method(Batch(gray, depth_m, known, extra), "generator")["l1"]
+    other = method(Batch(gray, wild, known, extra), "generator")["l1"]
+    torch.testing.assert_close(one, other)
+
+
+def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
+    _train(SUPERVISED, tmp_path / "first")
+    model = tmp_path / "first" / "model.onnx"
+    exported = export_checkpoint(tmp_path / "first" / CHECKPOINT, model, ExportOptions("first"))
+    taught, _ = load_generator(tmp_path / "first" / CHECKPOINT)
+    generator = build_generator(BARE.generator).eval()
+    assert start_from(generator, model) == f"model.onnx {exported.card.sha256[:16]}"
+    gray = torch.rand(2, 1, 32, 32) * 2 - 1
+    torch.testing.assert_close(generator(gray), taught(gray), atol=1e-4, rtol=1e-4)
+
+    extra = write_rooms(tmp_path / "extra")
+    (extra / "index.csv").unlink()
+    _train(BARE, tmp_path / "second", model, extra)
+    progress = Checkpoint.load(tmp_path / "second" / CHECKPOINT).progress
+    assert progress.start == f"model.onnx {exported.card.sha256[:16]}"
+    assert progress.extra == "6 extra pairs (extra)"
+    assert _train(BARE, tmp_path / "second", model, extra).step == 4
+    with pytest.raises(CheckpointError, match="another run"):
+        _train(BARE, tmp_path / "second", model)
+    with pytest.raises(CheckpointError, match="another run"):
+        _train(BARE, tmp_path / "second", None, extra)
+    card = export_checkpoint(
+        tmp_path / "second" / CHECKPOINT, tmp_path / "second.onnx", ExportOptions("second")
+    ).card
+    assert card.training is not None
+    assert card.training["start"] == progress.start
+    assert card.training["extra"] == progress.extra
+
+
+def test_a_checkpoint_gives_its_weights(tmp_path: Path) -> None:
+    _train(SUPERVISED, tmp_path)
+    generator = build_generator(SUPERVISED.generator).eval()
+    start_from(generator, tmp_path / CHECKPOINT)
+    taught, _ = load_generator(tmp_path / CHECKPOINT)
+    for name, weights in generator.state_dict().items():
+        assert torch.equal(weights, taught.state_dict()[name])
+
+
+def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
+    _train(SUPERVISED, tmp_path)
+    with pytest.raises(CheckpointError, match=r"no weights for stem\.0\.bias"):
+        start_from(build_generator(BARE.generator), tmp_path / CHECKPOINT)
+    (tmp_path / "broken.onnx").write_bytes(b"no graph")
+    with pytest.raises(CheckpointError, match=r"broken\.onnx is not a whole ONNX file"):
+        start_from(build_generator(BARE.generator), tmp_path / "broken.onnx")
+
+
+def test_extra_pairs_need_log_depth(tmp_path: Path) -> None:
+    extra = write_rooms(tmp_path / "extra")
+    (extra / "index.csv").unlink()
+    config = replace(SUPERVISED, output=replace(SUPERVISED.output, coding="linear"))
+    with pytest.raises(UsageError, match=r"output\.coding=log"):
+        _train(config, tmp_path / "run", None, extra)

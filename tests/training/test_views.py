@@ -1,0 +1,146 @@
+"""Views against the pinhole camera, ray by ray, in plain loops."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from depthcli.training.augment import augment
+from depthcli.training.config import DataConfig
+from depthcli.training.views import Geometry, draw_views, view_size
+
+DATA = DataConfig(width=64, height=48, zoom=1.6, turn=1.0)
+HALF_X = math.tan(math.radians(63.3 / 2))
+HALF_Y = HALF_X * 48 / 64
+
+
+def _random(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def _point(geometry: Geometry, i: int, row: int, column: int) -> tuple[float, float, float]:
+    """Where a wall at z = 1 is hit, and the depth that the view gives it."""
+    x, y = geometry.grid[i, row, column].tolist()
+    scale = geometry.depth_scale.expand(-1, 1, *geometry.grid.shape[1:3])
+    return x * HALF_X, y * HALF_Y, float(scale[i, 0, row, column])
+
+
+def _view_ray(row: int, column: int, size: tuple[int, int], zoom: float) -> tuple[float, float]:
+    """Direction of a view's pixel, z = 1, for the network's focal length times the zoom."""
+    across, down = HALF_X * size[0] / 64, HALF_Y * size[1] / 48
+    x = ((column * 2 + 1) / size[0] - 1) * across / zoom
+    y = ((row * 2 + 1) / size[1] - 1) * down / zoom
+    return x, y
+
+
+@pytest.mark.parametrize("size", [(64, 48), (48, 64)])
+def test_a_turned_view_is_what_a_turned_camera_sees(size: tuple[int, int]) -> None:
+    """Angles between rays are kept, and depth is the distance along the turned axis."""
+    geometry = draw_views(12, size, DATA, _random(1))
+    wide, high = size
+    for i in range(12):
+        corners = [(0, 0), (0, wide - 1), (high - 1, 0), (high // 2, wide // 3)]
+        points = [_point(geometry, i, *corner) for corner in corners]
+        # The zoom divides depth on top of the geometry; it is found from one pair of rays.
+        rays = [(x / n, y / n, 1 / n) for x, y, _ in points for n in [math.hypot(x, y, 1)]]
+        apart = sum(a * b for a, b in zip(rays[0], rays[3], strict=True))
+        zoom = _zoom_for(apart, corners[0], corners[3], size)
+        for k in range(3):
+            for m in range(k):
+                wanted = _cosine(corners[k], corners[m], size, zoom)
+                found = sum(a * b for a, b in zip(rays[k], rays[m], strict=True))
+                assert found == pytest.approx(wanted, abs=2e-5)
+            x, y, scale = points[k]
+            view_x, view_y = _view_ray(*corners[k], size, zoom)
+            # The same length along the ray: |(x, y, 1)| = depth · zoom · |(view_x, view_y, 1)|.
+            length = scale * zoom * math.hypot(view_x, view_y, 1)
+            assert length == pytest.approx(math.hypot(x, y, 1), rel=1e-4)
+
+
+def _cosine(a: tuple[int, int], b: tuple[int, int], size: tuple[int, int], zoom: float) -> float:
+    first, second = (*_view_ray(*a, size, zoom), 1), (*_view_ray(*b, size, zoom), 1)
+    dot = sum(p * q for p, q in zip(first, second, strict=True))
+    return dot / (math.hypot(*first) * math.hypot(*second))
+
+
+def _zoom_for(
+    cosine: float, a: tuple[int, int], b: tuple[int, int], size: tuple[int, int]
+) -> float:
+    low, high = 0.5, 5.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _cosine(a, b, size, middle) < cosine else (low, middle)
+    return low
+
+
+def test_without_turning_a_view_is_a_plain_cut() -> None:
+    plain = draw_views(8, (64, 48), replace(DATA, turn=0.0), _random(2))
+    assert plain.inside is None
+    assert plain.depth_scale.shape == (8, 1, 1, 1)
+    steps = plain.grid[:, :, 1:, 0] - plain.grid[:, :, :-1, 0]
+    assert float((steps.amax((1, 2)) - steps.amin((1, 2))).abs().max()) < 1e-5
+
+
+def test_views_of_other_shapes_fit_and_keep_the_focal_length() -> None:
+    """A portrait view of a landscape picture is zoomed in until it fits, and metres follow."""
+    geometry = draw_views(40, (48, 64), replace(DATA, turn=0.0), _random(3))
+    assert float(geometry.grid.abs().max()) <= 1
+    step_y = (geometry.grid[:, 1, 0, 1] - geometry.grid[:, 0, 0, 1]) * HALF_Y
+    focal = 1 / step_y / (48 / (2 * HALF_Y))  # in units of the network's
+    torch.testing.assert_close(1 / geometry.depth_scale.flatten(), focal, rtol=1e-4, atol=0)
+    assert float(focal.min()) == pytest.approx(64 / 48, rel=1e-4)
+
+
+def test_what_lies_outside_of_the_picture_is_not_known() -> None:
+    geometry = draw_views(60, (64, 48), DATA, _random(4))
+    assert geometry.inside is not None
+    outside = (geometry.grid.abs() > 1).any(-1)[:, None]
+    assert torch.equal(geometry.inside, ~outside)
+    assert 0 < int(outside.sum()) < 0.05 * outside.numel()
+    rgb, depth_m = torch.rand(60, 3, 96, 128), torch.full((60, 1, 96, 128), 2.0)
+    known = augment(rgb, depth_m, DATA, _random(4)).known
+    assert known is not None
+    assert not known.all()
+
+
+def test_sizes_of_views_keep_the_number_of_pixels() -> None:
+    data = DataConfig(width=192, height=144, aspects=(16 / 9, 1.0, 0.75))
+    random = _random(5)
+    sizes = [view_size(data, random) for _ in range(300)]
+    assert set(sizes) == {(192, 144), (224, 128), (160, 160), (144, 192)}
+    assert 110 < sizes.count((192, 144)) < 190
+    assert view_size(DATA, random) == (64, 48)
+
+
+def _border_levels(**changes: float) -> Tensor:
+    """Levels of the outermost pixels of gray pictures with a white border."""
+    rgb = torch.full((200, 3, 96, 128), 0.5)
+    rgb[..., 0], rgb[..., -1], rgb[..., 0, :], rgb[..., -1, :] = 1, 1, 1, 1
+    data = replace(DATA, zoom=1.0, turn=0.0, **changes)  # type: ignore[arg-type]
+    gray = augment(rgb, torch.ones(200, 1, 96, 128), data, _random(6)).gray
+    assert torch.all(gray[..., 4:-4, 4:-4] == 0)
+    return (gray[:, 0, 20, 0] + 1) / 2
+
+
+def test_borders_are_kept_replaced_or_painted() -> None:
+    assert torch.all(_border_levels() > 0.7)
+    levels = _border_levels(border=1.0)
+    replaced = (levels - 0.5).abs() < 1e-6
+    assert 70 < int(replaced.sum()) < 130
+    painted = levels[~replaced]
+    assert float(painted.min()) < 0.2
+    assert len(painted.unique()) > 40
+    assert int((_border_levels(border=0.5) > 0.74).sum()) > 70
+
+
+def test_blur_smooths_and_keeps_the_mean() -> None:
+    rgb = torch.rand(20, 1, 96, 128, generator=_random(7)).expand(-1, 3, -1, -1)
+    plain = replace(DATA, zoom=1.0, turn=0.0)
+    sharp = augment(rgb, torch.ones(20, 1, 96, 128), plain, _random(8)).gray
+    soft = augment(rgb, torch.ones(20, 1, 96, 128), replace(plain, blur=1.0), _random(8)).gray
+    assert float(soft.std()) < 0.9 * float(sharp.std())
+    torch.testing.assert_close(soft.mean(), sharp.mean(), atol=2e-3, rtol=0)
