@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def test_defaults_are_the_papers() -> None:
     config = TrainConfig()
-    assert config.loss == LossConfig(1, 0.5, 0.5, 5, 10, 10, 1e-6, 0, "lsgan", "cut")
+    assert config.loss == LossConfig(1, 0.5, 0.5, 5, 10, 10, 1e-6, gan="lsgan", contrast="cut")
     generator, optim, data = config.generator, config.optim, config.data
     assert (generator.name, generator.width, generator.blocks) == ("resnet", 64, 9)
     assert generator.residual == "stem"

@@ -95,7 +95,7 @@ def test_batches_never_show_zero_and_say_what_is_known() -> None:
     assert float(store.depth_m.min()) >= 0.9
     for changes in ({}, {"paired": False}, {"crop_286": True}):
         data = replace(DATA, **changes)
-        gray, depth_m, known = Batches(store, data, 5, 0, torch.device("cpu"))[0]
+        gray, depth_m, known, _ = Batches(store, data, 5, 0, torch.device("cpu"))[0]
         assert known is not None
         assert known.shape == depth_m.shape == gray.shape
         assert known.dtype == torch.bool
