@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 MILLIMETRES = 1000.0
+PREDICTED = ".depth"
+"""What ``predict`` and ``batch`` add to a picture's name; ``depth/a.depth.png`` belongs to ``a``."""
 PLAUSIBLE_M = (0.1, 100.0)
 
 
@@ -142,6 +144,8 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
         if file.name.startswith(".") or file.suffix.lower() not in suffixes or not file.is_file():
             continue
         name = file.relative_to(folder).with_suffix("").as_posix()
+        if kind == "depth":
+            name = name.removesuffix(PREDICTED)
         if name in found:
             raise DatasetError(f"{found[name]} and {file} share one name: remove one of them")
         found[name] = file

@@ -32,6 +32,16 @@ def test_subfolders_are_scenes(tmp_path: Path) -> None:
     assert [int(dataset.image(i)[0, 0, 0]) for i in range(3)] == [0, 10, 20]
 
 
+def test_predicted_depth_belongs_to_its_picture(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb" / "hall" / "a.png", 10, depth=False)
+    _write(tmp_path / "depth" / "hall" / "a.depth.png", 2000, depth=True)
+    dataset = open_paired_folder(tmp_path)
+    assert (dataset.ids, float(dataset.depth_m(0)[0, 0])) == (("hall/a",), 2.0)
+    _write(tmp_path / "depth" / "hall" / "a.png", 2000, depth=True)
+    with pytest.raises(DatasetError, match="share one name"):
+        open_paired_folder(tmp_path)
+
+
 def test_other_unit(tmp_path: Path) -> None:
     _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
     _write(tmp_path / "depth" / "a.png", 512, depth=True)
