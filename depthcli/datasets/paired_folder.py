@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 MILLIMETRES = 1000.0
 PREDICTED = ".depth"
-"""What ``predict`` and ``batch`` add to a picture's name; ``depth/a.depth.png`` belongs to ``a``."""
+"""What ``predict`` and ``batch`` add to names: ``depth/a.depth.png`` belongs to ``a``."""
 PLAUSIBLE_M = (0.1, 100.0)
 
 
