@@ -58,8 +58,17 @@ def focal_px(hfov_deg: float, width: int) -> float:
     return width / 2 / math.tan(math.radians(hfov_deg) / 2)
 
 
+def hfov_deg(focal_px: float, width: int) -> float:
+    """Horizontal field of view in degrees of a focal length in pixels."""
+    return math.degrees(2 * math.atan(width / 2 / focal_px))
+
+
 def focal_px_of_35mm(focal_35mm: float, width: int, height: int) -> float:
-    """Focal length in pixels of an EXIF 35-mm-equivalent one; equal diagonals are equivalent."""
+    """Focal length in pixels of an EXIF 35-mm-equivalent one; equal diagonals are equivalent.
+
+    Source: CIPA DCG-001, which EXIF's tag FocalLengthIn35mmFilm follows: the angle of view over the
+    diagonal of the picture is that of a lens of this focal length on a frame of 36 x 24 mm.
+    """
     return focal_35mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
 
 

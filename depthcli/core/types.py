@@ -30,6 +30,17 @@ class DepthKind(StrEnum):
     """Inverse depth up to an unknown scale and shift; larger is nearer."""
 
 
+class CameraSource(StrEnum):
+    """Where a focal length comes from."""
+
+    OPTION = "option"
+    """It was given."""
+    EXIF = "exif"
+    """The picture's file states it."""
+    CARD = "card"
+    """Assumed: the picture is taken to come from the camera that the model learned."""
+
+
 # Identity in place of equality: what == would mean of two arrays is one answer for each pixel.
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
@@ -87,9 +98,11 @@ class Provenance:
         model: name of the model, as in its card.
         model_sha256: checksum of the ONNX file, 64 hex digits.
         input_size_px: (width, height) of the tensor the network saw.
-        focal_px: focal length used to scale metres, in pixels of the picture; None if not scaled.
+        focal_px: focal length in pixels of the picture, to which the metres belong; None if neither
+            the picture's nor the model's is known.
         orientation: the EXIF orientation (1-8) of the picture that was undone on reading it.
         anchors: the known points that metres were fitted to; empty if they were not.
+        camera_source: where ``focal_px`` comes from.
     """
 
     model: str | None = None
@@ -98,6 +111,7 @@ class Provenance:
     focal_px: float | None = None
     orientation: int | None = None
     anchors: tuple[Anchor, ...] = ()
+    camera_source: CameraSource | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

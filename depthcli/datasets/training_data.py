@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 NYU_HFOV_DEG = 63.3
 """Horizontal field of view of NYU Depth v2's camera over the full picture width, degrees."""
+NYU_ASPECT = 4 / 3
+"""Width over height of NYU Depth v2's pictures."""
 NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
 NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
@@ -51,6 +53,12 @@ class TrainingData(NamedTuple):
         if self.extra is None:
             return ""
         return f"{len(self.extra)} extra pairs ({self.extra.root.resolve().name})"
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of the first picture."""
+        height, width = self.dataset.image(0).shape[:2]
+        return float(width / height)
 
 
 def open_training_data(

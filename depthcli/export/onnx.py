@@ -158,9 +158,10 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
             height=config.data.height,
             dynamic=True,
             multiple_of=_FULL_STRIDE,
-            fit=Fit.STRETCH,
+            fit=Fit.KEEP_ASPECT,
             mean=(0.5,),
             std=(0.5,),
+            pixel_aspect=round(saved.progress.aspect * config.data.height / config.data.width, 9),
         ),
         output=OutputSpec(
             kind=DepthKind.METRIC,

@@ -28,7 +28,7 @@ SCHEMA = 1
 METADATA_KEY = "depthcli.card"
 """Key of the ONNX metadata under which a model carries its own card."""
 _MAX_HFOV_DEG = 180.0
-_OPTIONAL_INPUT = {"resize": Resize.AREA, "layout": TensorLayout.NCHW}
+_OPTIONAL_INPUT = {"resize": Resize.AREA, "layout": TensorLayout.NCHW, "pixel_aspect": 1.0}
 _BOUNDS = frozenset({Fit.LOWER_BOUND, Fit.UPPER_BOUND})
 
 
@@ -101,7 +101,7 @@ class ModelCard:
         for name in ("mean", "std"):
             values["input"][name] = list(values["input"][name])
         for name, default in _OPTIONAL_INPUT.items():
-            if values["input"][name] is default:  # cards without it stay readable everywhere
+            if values["input"][name] == default:  # cards without it stay readable everywhere
                 del values["input"][name]
         return (
             json.dumps({"schema": SCHEMA, **values}, indent=2, ensure_ascii=False, allow_nan=False)
@@ -144,11 +144,16 @@ def _input(fields: Fields) -> InputSpec:
         std=fields.numbers("std", lengths),
         resize=fields.optional_choice("resize", Resize.AREA),
         layout=fields.optional_choice("layout", TensorLayout.NCHW),
+        pixel_aspect=fields.number("pixel_aspect") if fields.has("pixel_aspect") else 1.0,
     )
     if min(spec.std) <= 0:
         fields.fail("std", "has to be above 0")
     if spec.fit in _BOUNDS and not spec.dynamic:
         fields.fail("fit", f"is {spec.fit}, which a network of one fixed size cannot have")
+    if spec.pixel_aspect <= 0:
+        fields.fail("pixel_aspect", "has to be above 0")
+    if spec.fit in _BOUNDS and spec.pixel_aspect != 1:
+        fields.fail("pixel_aspect", f"has to be 1, or left out, with a fit of {spec.fit}")
     fields.close()
     return spec
 

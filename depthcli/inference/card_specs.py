@@ -34,7 +34,10 @@ class Fit(StrEnum):
     STRETCH = "stretch"
     """Straight to width x height, whatever the aspect."""
     KEEP_ASPECT = "keep-aspect"
-    """The picture's aspect is kept: same pixel count if the size is dynamic, else a letterbox."""
+    """The picture's aspect is kept: same pixel count if the size is dynamic, else a letterbox.
+
+    A dynamic size is no longer than 4 : 1; longer pictures are stretched to that.
+    """
     LOWER_BOUND = "lower-bound"
     """Dynamic only: the aspect is kept, and neither side is below the nominal size."""
     UPPER_BOUND = "upper-bound"
@@ -76,6 +79,9 @@ class InputSpec:
         std: one number a channel, or one for all.
         resize: how the picture is resized.
         layout: order of the axes.
+        pixel_aspect: width over height of the network's pixels as it learned them, in pixels of the
+            picture: 4/3 if it learned pictures of 4:3 stretched to a square. For ``stretch`` and
+            ``keep-aspect``.
     """
 
     colour: Colour
@@ -88,6 +94,7 @@ class InputSpec:
     std: tuple[float, ...]
     resize: Resize = Resize.AREA
     layout: TensorLayout = TensorLayout.NCHW
+    pixel_aspect: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

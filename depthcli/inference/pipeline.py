@@ -9,8 +9,9 @@ import numpy as np
 
 from depthcli.core import scaling
 from depthcli.core.choices import PLAIN
-from depthcli.core.types import DepthKind, DepthMap, Provenance
+from depthcli.core.types import DepthMap, Provenance
 from depthcli.errors import UsageError
+from depthcli.inference.camera import camera_of, gives_metres
 from depthcli.inference.catalog import find_model
 from depthcli.inference.memory import tile_width_px
 from depthcli.inference.postprocess import coarse_depth, full_size
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
     from depthcli.core.choices import Detail
     from depthcli.core.types import Frame
+    from depthcli.inference.camera import Camera
     from depthcli.inference.card import ModelCard
     from depthcli.inference.preprocess import Layout
 
@@ -53,14 +55,15 @@ class Pipeline:
     ) -> DepthMap:
         """Depth of every pixel of a picture.
 
-        A model that learned one camera is right only for that camera's field of view. Where the
-        picture's own is known, metres are rescaled: depth grows with the focal length.
+        A model that learned one camera is right only for that camera. Where the picture's own is
+        known, metres are rescaled: depth grows with the focal length that the network sees.
 
         Args:
             frame: the picture.
             focal_px: focal length in pixels of the picture.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``. With neither,
-                the 35-mm focal length in the picture's EXIF is used, if it is there.
+                the 35-mm focal length in the picture's EXIF is used, if it is there; else the
+                model's own camera is assumed. The map's provenance says which.
 
         Returns:
             (H, W) at the picture's size, of the card's kind.
@@ -98,12 +101,12 @@ class Pipeline:
         """
         for frame in frames:
             tile_width_px(self.card.input, frame, self.detail)
-        focals = [self._focal_px(frame, focal_px, hfov_deg) for frame in frames]
+        self.check_focal(focal_px, hfov_deg)
         prepared = [prepare(self.card.input, frame) for frame in frames]
         raws = self._run([single for single, _ in prepared])
         return [
-            self._finish(frame, raw, place, focal)
-            for frame, raw, (_, place), focal in zip(frames, raws, prepared, focals, strict=True)
+            self._finish(frame, raw, place, camera_of(self.card, frame, place, focal_px, hfov_deg))
+            for frame, raw, (_, place) in zip(frames, raws, prepared, strict=True)
         ]
 
     def _finish(
@@ -111,7 +114,7 @@ class Pipeline:
         frame: Frame,
         raw: npt.NDArray[np.float32],
         place: Layout,
-        focal_px: float | None,
+        camera: Camera | None,
     ) -> DepthMap:
         coarse = coarse_depth(self.card.output, raw, place)
         tile_px, reach = tile_width_px(self.card.input, frame, self.detail), 1
@@ -120,10 +123,9 @@ class Pipeline:
             coarse = refine(self.card.output, coarse, frame, tile_px, self._coarse)
             reach = math.ceil(coarse.shape[1] / columns)
         values = full_size(self.card.output, coarse, frame, self.detail.upsampling, reach)
-        if focal_px is not None and self.card.camera is not None:
-            learned_px = scaling.focal_px(self.card.camera.hfov_deg, frame.width)
-            values *= np.float32(focal_px / learned_px)
-        source = self._provenance((place.width, place.height), focal_px, frame.orientation)
+        if camera is not None and camera.scale != 1:
+            values *= np.float32(camera.scale)
+        source = self._provenance(frame, place, camera)
         return DepthMap(values, self.card.output.kind, source)
 
     def _coarse(self, frame: Frame) -> npt.NDArray[np.float32]:
@@ -142,10 +144,6 @@ class Pipeline:
             outputs |= zip(members, self.session.run(batch), strict=True)
         return [outputs[i] for i in range(len(inputs))]
 
-    @property
-    def _knows_camera(self) -> bool:
-        return self.card.camera is not None and self.card.output.kind is DepthKind.METRIC
-
     def check_focal(self, focal_px: float | None, hfov_deg: float | None) -> None:
         """Refuse a focal length that makes no sense or would change nothing.
 
@@ -155,32 +153,21 @@ class Pipeline:
         """
         scaling.check_camera(focal_px, hfov_deg)
         stated = focal_px is not None or hfov_deg is not None
-        if stated and not self._knows_camera:
+        if stated and not gives_metres(self.card):
             raise UsageError(
                 f"model {self.card.name!r} gives no metres of a known camera, so a focal "
                 "length does not apply; leave --focal-px and --hfov out"
             )
 
-    def _focal_px(
-        self, frame: Frame, focal_px: float | None, hfov_deg: float | None
-    ) -> float | None:
-        """The picture's focal length, if metres are to be rescaled by it."""
-        self.check_focal(focal_px, hfov_deg)
-        if not self._knows_camera:
-            return None
-        if focal_px is not None:
-            return focal_px
-        if hfov_deg is not None:
-            return scaling.focal_px(hfov_deg, frame.width)
-        if frame.focal_35mm is not None:
-            return scaling.focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
-        return None
-
-    def _provenance(
-        self, size_px: tuple[int, int], focal_px: float | None, orientation: int
-    ) -> Provenance:
-        model = self.session.model
-        return Provenance(self.card.name, model.sha256, size_px, focal_px, orientation)
+    def _provenance(self, frame: Frame, place: Layout, camera: Camera | None) -> Provenance:
+        return Provenance(
+            model=self.card.name,
+            model_sha256=self.session.model.sha256,
+            input_size_px=(place.width, place.height),
+            focal_px=camera.focal_px if camera else None,
+            orientation=frame.orientation,
+            camera_source=camera.source if camera else None,
+        )
 
 
 def load(

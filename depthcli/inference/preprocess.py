@@ -30,6 +30,7 @@ _RESIZES = {
     Resize.CUBIC: resize_cubic,
 }
 _LARGE_PIXELS = 4_000_000  # whose planes of floats are no longer held at once
+_LONGEST = 4  # times its shorter side: what a network that keeps the aspect sees of a long strip
 _MOST_PIXELS = 16  # times the nominal pixel count, for a picture that is one long strip
 
 
@@ -66,14 +67,11 @@ def layout(spec: InputSpec, width: int, height: int) -> Layout:
     if spec.fit is Fit.LOWER_BOUND or spec.fit is Fit.UPPER_BOUND:
         return _bounded(spec, width, height)
     if spec.dynamic:
-        # The same pixel count as the nominal size, so the cost does not depend on the aspect.
-        scale = math.sqrt(spec.width * spec.height / (width * height))
-        return _filled(
-            _multiple(width * scale, spec.multiple_of), _multiple(height * scale, spec.multiple_of)
-        )
-    scale = min(spec.width / width, spec.height / height)
+        return _same_area(spec, width / height)
+    # Rows are denser than columns by the aspect of the network's pixels.
+    scale = min(spec.width / width, spec.height / (height * spec.pixel_aspect))
     inner_width = min(spec.width, max(1, round(width * scale)))
-    inner_height = min(spec.height, max(1, round(height * scale)))
+    inner_height = min(spec.height, max(1, round(height * scale * spec.pixel_aspect)))
     left, top = (spec.width - inner_width) // 2, (spec.height - inner_height) // 2
     return Layout(spec.width, spec.height, left, top, inner_width, inner_height)
 
@@ -104,6 +102,18 @@ def _shrunk(spec: InputSpec, frame: Frame, place: Layout) -> npt.NDArray[np.floa
     if spec.resize is Resize.AREA and frame.width * frame.height > _LARGE_PIXELS:
         return shrink_bands(frame.pixels, planes, *size)
     return _RESIZES[spec.resize](planes(frame.pixels), *size)
+
+
+def _same_area(spec: InputSpec, aspect: float) -> Layout:
+    """The same pixel count as the nominal size, so the cost does not depend on the aspect."""
+    nominal = spec.width / spec.height
+    longest = max(_LONGEST, nominal, 1 / nominal)
+    wanted = min(max(aspect / spec.pixel_aspect, 1 / longest), longest)
+    area = spec.width * spec.height
+    return _filled(
+        _multiple(math.sqrt(area * wanted), spec.multiple_of),
+        _multiple(math.sqrt(area / wanted), spec.multiple_of),
+    )
 
 
 def _bounded(spec: InputSpec, width: int, height: int) -> Layout:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from depthcli.datasets.training_data import NYU_HFOV_DEG, NYU_PAPER
+from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.training.config import TrainConfig
 from depthcli.training.config_changes import updated
@@ -38,6 +38,7 @@ class Progress:
         hfov_deg: horizontal field of view of their camera in degrees; None if it is not known.
         extra: what the extra pairs are; "" if there are none.
         start: whose weights it started from; "" if they were drawn.
+        aspect: width over height of their first picture.
     """
 
     step: int = 0
@@ -50,6 +51,7 @@ class Progress:
     hfov_deg: float | None = NYU_HFOV_DEG
     extra: str = ""
     start: str = ""
+    aspect: float = NYU_ASPECT
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -114,6 +114,7 @@ def train(
             hfov_deg=data.hfov_deg,
             extra=data.extra_title,
             start=run.start_from(start) if start else "",
+            aspect=data.aspect,
         )
         run.resume(folder / CHECKPOINT)
         if first:

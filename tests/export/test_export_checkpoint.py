@@ -16,6 +16,7 @@ from small import EFFICIENT, RESNET, small_network, write_checkpoint
 from depthcli.errors import CheckpointError, OutputError, ParityError
 from depthcli.export.onnx import ExportOptions, card_path, export_checkpoint
 from depthcli.inference.catalog import find_model
+from depthcli.inference.preprocess import layout
 from depthcli.inference.session import Session
 
 if TYPE_CHECKING:
@@ -84,6 +85,20 @@ def test_the_gate_is_as_narrow_as_the_weights_allow(
     with pytest.raises(ParityError, match="nothing was written"):
         export_checkpoint(checkpoint, tmp_path / "b.onnx", own)
     assert not (tmp_path / "b.onnx").exists()
+
+
+@pytest.mark.parametrize(
+    ("aspect", "pixel_aspect"), [(4 / 3, 8 / 9), (1.5, 1.0), (16 / 9, 32 / 27)]
+)
+def test_card_keeps_the_pixels_that_the_network_learned(
+    tmp_path: Path, aspect: float, pixel_aspect: float
+) -> None:
+    """Pictures of any aspect were stretched to 48 x 32."""
+    checkpoint = write_checkpoint(tmp_path / "last.ckpt", aspect=aspect)
+    spec = export_checkpoint(checkpoint, tmp_path / "room.onnx", ExportOptions()).card.input
+    assert (spec.fit, spec.pixel_aspect) == ("keep-aspect", pytest.approx(pixel_aspect))
+    place = layout(spec, round(480 * aspect), 480)
+    assert (place.width, place.height) == (48, 32)
 
 
 def test_card_of_other_data_claims_nothing_that_nobody_said(tmp_path: Path) -> None:

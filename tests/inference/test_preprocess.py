@@ -116,6 +116,18 @@ def test_a_dynamic_size_keeps_aspect_and_pixel_count() -> None:
     assert place.width * place.height == pytest.approx(160 * 120, rel=0.02)
 
 
+@pytest.mark.parametrize("size", [(30000, 1), (1, 30000), (4000, 500), (1, 1_000_000)])
+def test_a_long_strip_is_seen_no_longer_than_four_to_one(size: tuple[int, int]) -> None:
+    place = layout(spec(width=192, height=144, multiple_of=4, fit=Fit.KEEP_ASPECT), *size)
+    assert sorted((place.width, place.height)) == [84, 332]
+    assert (place.width > place.height) == (size[0] > size[1])
+
+
+def test_a_network_that_learned_longer_pictures_sees_them_so() -> None:
+    kitti = spec(width=600, height=100, fit=Fit.KEEP_ASPECT)
+    assert layout(kitti, 1200, 200) == Layout(600, 100, 0, 0, 600, 100)
+
+
 @given(st.integers(1, 5000), st.integers(1, 5000))
 def test_a_letterbox_lies_inside(width: int, height: int) -> None:
     place = layout(spec(dynamic=False, fit=Fit.KEEP_ASPECT), width, height)

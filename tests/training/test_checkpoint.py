@@ -62,10 +62,12 @@ def test_others_may_read_it_if_they_may_read_other_files(tmp_path: Path) -> None
 def test_checkpoints_from_before_the_data_was_named_are_of_nyu(tmp_path: Path) -> None:
     path = _saved(tmp_path)
     content = torch.load(path, weights_only=True)
-    del content["progress"]["data"], content["progress"]["hfov_deg"]
+    for name in ("data", "hfov_deg", "aspect"):
+        del content["progress"][name]
     torch.save(content, path)
     loaded = Checkpoint.load(path).progress
     assert (loaded.data, loaded.hfov_deg) == ("NYU Depth v2, labelled pairs 1-1000", 63.3)
+    assert loaded.aspect == 4 / 3
 
 
 def test_generator_is_the_average_where_there_is_one(tmp_path: Path) -> None:

@@ -164,7 +164,7 @@ def test_run_without_held_out_pairs(tmp_path: Path) -> None:
 
 def test_the_run_says_what_it_learned_from(tmp_path: Path) -> None:
     progress = _train(EFFICIENT, tmp_path, steps=1)
-    assert (progress.data, progress.hfov_deg) == ("six rooms", None)
+    assert (progress.data, progress.hfov_deg, progress.aspect) == ("six rooms", None, 4 / 3)
     saved = Checkpoint.load(tmp_path / CHECKPOINT).progress
     assert (saved.data, saved.hfov_deg) == ("six rooms", None)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from depthcli.core import scaling
 from depthcli.core.point_cloud import point_cloud
+from depthcli.core.types import CameraSource, Provenance
 from depthcli.errors import OutputError
 
 if TYPE_CHECKING:
@@ -45,17 +46,18 @@ class PlyWriter:
             raise OutputError(
                 f"a point cloud needs metres, and {depth.kind} depth has none; fit it with --anchor"
             )
-        stated = depth.provenance.focal_px if depth.provenance else None
-        focal_px = stated or scaling.focal_px(self.hfov_deg, depth.width)
+        source = depth.provenance or Provenance()
+        focal_px = source.focal_px or scaling.focal_px(self.hfov_deg, depth.width)
         points = _points(point_cloud(depth, focal_px, frame=frame))
         lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
         with path.open("wb") as file:
             file.write(("\n".join(lines) + "\nend_header\n").encode("ascii"))
             points.tofile(file)
-        if stated:
+        if source.focal_px and source.camera_source is not CameraSource.CARD:
             return ()
-        assumed = f"the point cloud assumes {self.hfov_deg:g}° across"
+        hfov_deg = scaling.hfov_deg(focal_px, depth.width)
+        assumed = f"the point cloud assumes {hfov_deg:.3g}° across"
         return (f"no focal length known, so that {assumed}; give --focal-px or --hfov",)
 
 

@@ -1,0 +1,82 @@
+"""The camera of a picture, and what follows for the metres of a model that learned another one.
+
+A network that learned one camera is right up to the ratio of focal lengths, both in pixels of the
+network's input: that of the picture there, whatever resizing made of it, to the one it learned.
+Where resizing stretches, the focal length is the geometric mean of both axes'.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli.core import scaling
+from depthcli.core.types import CameraSource, DepthKind
+
+if TYPE_CHECKING:
+    from depthcli.core.types import Frame
+    from depthcli.inference.card import ModelCard
+    from depthcli.inference.card_specs import CameraSpec, InputSpec
+    from depthcli.inference.preprocess import Layout
+
+
+class Camera(NamedTuple):
+    """The camera of one picture.
+
+    Attributes:
+        focal_px: focal length in pixels of the picture.
+        source: where that comes from.
+        scale: what the network's metres are multiplied by.
+    """
+
+    focal_px: float
+    source: CameraSource
+    scale: float = 1.0
+
+
+def gives_metres(card: ModelCard) -> bool:
+    """Whether a model's metres belong to a camera that is known."""
+    return card.camera is not None and card.output.kind is DepthKind.METRIC
+
+
+def camera_of(
+    card: ModelCard, frame: Frame, place: Layout, focal_px: float | None, hfov_deg: float | None
+) -> Camera | None:
+    """The camera that a picture is taken to come from.
+
+    Args:
+        card: of the model.
+        frame: the picture.
+        place: where it lies in the network's input.
+        focal_px: focal length in pixels of the picture, if it was given.
+        hfov_deg: horizontal field of view in degrees, if that was given.
+
+    Returns:
+        The one given, else the one in the picture's EXIF, else that of the card; None if none of
+        them is known.
+    """
+    known = _known(frame, focal_px, hfov_deg)
+    if card.camera is None or not gives_metres(card):
+        return known
+    shrink_x, shrink_y = place.inner_width / frame.width, place.inner_height / frame.height
+    shrink = math.sqrt(shrink_x * shrink_y)
+    learned_px = learned_focal_px(card.input, card.camera)
+    if known is None:
+        return Camera(learned_px / shrink, CameraSource.CARD)
+    return known._replace(scale=known.focal_px * shrink / learned_px)
+
+
+def learned_focal_px(spec: InputSpec, camera: CameraSpec) -> float:
+    """The focal length that a model learned, in pixels of its input."""
+    return scaling.focal_px(camera.hfov_deg, spec.width) * math.sqrt(spec.pixel_aspect)
+
+
+def _known(frame: Frame, focal_px: float | None, hfov_deg: float | None) -> Camera | None:
+    if focal_px is not None:
+        return Camera(focal_px, CameraSource.OPTION)
+    if hfov_deg is not None:
+        return Camera(scaling.focal_px(hfov_deg, frame.width), CameraSource.OPTION)
+    if frame.focal_35mm is not None:
+        in_px = scaling.focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
+        return Camera(in_px, CameraSource.EXIF)
+    return None

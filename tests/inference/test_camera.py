@@ -1,0 +1,140 @@
+"""Metres of pictures of any shape, with and without a focal length."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tiny import write_model
+
+import depthcli
+from depthcli.core.types import CameraSource, Frame
+from depthcli.inference.card import ModelCard
+from depthcli.inference.pipeline import Pipeline, load
+from depthcli.inference.preprocess import layout
+from depthcli.io.writers.ply import PlyWriter
+
+ROOT = Path(__file__).parents[2]
+LEARNED_PX = 8 / math.tan(math.radians(30))
+"""The tiny camera's focal length, in pixels of the network's 16 columns."""
+FITS: tuple[dict[str, Any], ...] = (
+    {"input__fit": "stretch"},
+    {"input__fit": "keep-aspect"},
+    {"input__fit": "keep-aspect", "input__dynamic": False},
+    {"input__fit": "lower-bound"},
+    {"input__fit": "upper-bound"},
+)
+SHAPES = [(40, 30), (30, 40), (40, 40), (64, 36), (84, 36), (200, 20), (3, 500)]
+"""Width and height: landscape, portrait, square, wide, wider, panoramic, a strip."""
+
+
+def black(width: int, height: int, **facts: float) -> Frame:
+    """A picture in which the tiny network sees 1 m everywhere."""
+    return Frame(np.zeros((height, width), np.uint8), **facts)  # type: ignore[arg-type]
+
+
+def model(folder: Path, **changes: object) -> Pipeline:
+    """The tiny network with a camera of 60 degrees."""
+    return load(write_model(folder, **{"camera": {"hfov_deg": 60.0}, **changes}))
+
+
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_metres_follow_the_focal_length_that_the_network_sees(
+    tmp_path: Path, fit: dict[str, object], shape: tuple[int, int]
+) -> None:
+    pipeline, (width, height) = model(tmp_path, **fit), shape
+    depth = pipeline.predict(black(width, height), focal_px=50)
+    place = layout(pipeline.card.input, width, height)
+    seen_px = 50 * math.sqrt(place.inner_width / width * place.inner_height / height)
+    assert depth.values[0, 0] == pytest.approx(seen_px / LEARNED_PX, rel=1e-6)
+
+
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_assumed_camera_is_the_one_that_changes_nothing(
+    tmp_path: Path, fit: dict[str, object], shape: tuple[int, int]
+) -> None:
+    pipeline = model(tmp_path, **fit)
+    plain = pipeline.predict(black(*shape))
+    assert plain.provenance is not None
+    assert plain.provenance.camera_source is CameraSource.CARD
+    same = pipeline.predict(black(*shape), focal_px=plain.provenance.focal_px)
+    np.testing.assert_array_equal(plain.values, 1)
+    np.testing.assert_allclose(same.values, 1, rtol=1e-6)
+
+
+def test_a_picture_held_upright_is_assumed_to_come_from_the_turned_camera(tmp_path: Path) -> None:
+    pipeline = model(tmp_path, input__fit="keep-aspect")
+    focals = [pipeline.predict(black(*size)).provenance for size in ((40, 30), (30, 40))]
+    expected = pytest.approx(20 / math.tan(math.radians(30)))
+    assert [source and source.focal_px for source in focals] == [expected, expected]
+
+
+@pytest.mark.parametrize("fit", ["stretch", "keep-aspect"])
+def test_a_network_that_learned_squeezed_pictures(tmp_path: Path, fit: str) -> None:
+    """4:3 at 12 x 12: what it learned is a focal length between those of both axes."""
+    squeezed = {"input__width": 12, "input__fit": fit, "input__pixel_aspect": 4 / 3}
+    pipeline = model(tmp_path, **squeezed)
+    learned_px = 20 / math.tan(math.radians(30))
+    depth = pipeline.predict(black(40, 30), focal_px=learned_px)
+    assert depth.provenance is not None
+    assert depth.provenance.input_size_px == (12, 12)
+    np.testing.assert_allclose(depth.values, 1, rtol=1e-6)
+    assert '"pixel_aspect": 1.3333333333333333' in pipeline.card.to_json()
+    assert ModelCard.from_json(pipeline.card.to_json()) == pipeline.card
+
+
+def test_a_network_of_squeezed_pixels_keeps_them_in_a_letterbox(tmp_path: Path) -> None:
+    squeezed = {"input__width": 12, "input__dynamic": False, "input__pixel_aspect": 4 / 3}
+    pipeline = model(tmp_path, input__fit="keep-aspect", **squeezed)
+    pixels = np.tile(np.linspace(0, 255, 40).astype(np.uint8), (15, 1))
+    depth = pipeline.predict(Frame(pixels), focal_px=20 / math.tan(math.radians(30)))
+    np.testing.assert_allclose(depth.values, 1 + 8 / 255 * pixels, atol=0.5)
+
+
+def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(tmp_path: Path) -> None:
+    pipeline, frame = model(tmp_path), black(40, 30, focal_35mm=50.0)
+    sources = [
+        pipeline.predict(frame, focal_px=40).provenance,
+        pipeline.predict(frame, hfov_deg=90).provenance,
+        pipeline.predict(frame).provenance,
+        pipeline.predict(black(40, 30)).provenance,
+    ]
+    found = [(source.camera_source, source.focal_px) for source in sources if source]
+    exif_px = 50 * 50 / math.hypot(36, 24)  # the picture's diagonal is 50 pixels
+    assert found == [
+        (CameraSource.OPTION, 40),
+        (CameraSource.OPTION, pytest.approx(20)),
+        (CameraSource.EXIF, pytest.approx(exif_px)),
+        (CameraSource.CARD, pytest.approx(20 / math.tan(math.radians(30)))),
+    ]
+
+
+def test_a_point_cloud_has_the_camera_of_its_metres(tmp_path: Path) -> None:
+    pipeline = model(tmp_path / "tiny", input__fit="keep-aspect")
+    for words in ({}, {"focal_px": 25.0}):
+        depth = pipeline.predict(black(30, 40), **words)
+        assert depth.provenance is not None
+        warnings = PlyWriter().write(depth, tmp_path / "a.ply")
+        assert bool(warnings) == (not words)
+        data = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")[2]
+        points = np.frombuffer(data, [("xyz", "<f4", 3), ("rgb", "u1", 3)])["xyz"]
+        focal_px = (points[0, 2] * (0.5 - 15)) / points[0, 0]
+        assert focal_px == pytest.approx(depth.provenance.focal_px, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", ["default", "fast"])
+def test_a_crop_of_a_picture_has_its_metres(name: str) -> None:
+    """The same camera, whatever is cut off: within what the network itself makes of less room."""
+    pipeline = load(ROOT / "models" / name, provider="cpu", threads=1)
+    pixels = depthcli.read_image(ROOT / "docs" / "room.jpg").pixels
+    whole = pipeline.predict(Frame(pixels), focal_px=518.86).values
+    for width, height in ((360, 480), (480, 480), (640, 360), (640, 274)):
+        left, top = (640 - width) // 2, (480 - height) // 2
+        part = slice(top, top + height), slice(left, left + width)
+        seen = pipeline.predict(Frame(np.ascontiguousarray(pixels[part])), focal_px=518.86)
+        assert 0.8 < np.median(seen.values / whole[part]) < 1.25, (width, height)
