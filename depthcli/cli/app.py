@@ -22,19 +22,22 @@ PROGRAM = "depthcli"
 _GC_THRESHOLD = 50_000
 _LEAVE_AT_ONCE = frozenset({"predict", "batch"})
 COMMANDS = {
-    "predict": ("depthcli.cli.predict", "Depth of pictures: 16-bit PNG, EXR, NPY, preview, PLY."),
-    "batch": ("depthcli.cli.batch", "Depth of a folder tree of pictures and videos; resumes."),
-    "video": ("depthcli.cli.video", "Depth of a video: lossless 16-bit, preview, PNG or EXR."),
-    "models": ("depthcli.cli.models", "The models that are here; add your own."),
-    "profile": ("depthcli.cli.profile", "Options that are saved under a name, for --profile."),
-    "convert": ("depthcli.cli.convert", "A depth file to another format, with the error it costs."),
-    "info": ("depthcli.cli.info", "Unit, scale and range of a depth file."),
-    "probe": ("depthcli.cli.probe", "Depth at one pixel of a depth file."),
-    "eval": ("depthcli.cli.eval", "Accuracy on NYU Depth v2, in the paper's table."),
-    "train": ("depthcli.cli.train", "Train one of the methods."),
-    "export-onnx": ("depthcli.cli.export", "A checkpoint to one ONNX file and its card."),
-    "bench": ("depthcli.cli.bench", "How fast a model is here: latency, throughput, memory."),
-    "doctor": ("depthcli.cli.doctor", "What runs here: provider, model, codecs, conflicts."),
+    "predict": (
+        "depthcli.cli.predict",
+        "Depth maps from pictures: 16-bit PNG, EXR, NPY, preview, PLY.",
+    ),
+    "batch": ("depthcli.cli.batch", "Depth maps for a folder tree; can be resumed."),
+    "video": ("depthcli.cli.video", "Depth video: lossless 16-bit, preview, or image sequence."),
+    "models": ("depthcli.cli.models", "List, inspect, verify, add and remove models."),
+    "profile": ("depthcli.cli.profile", "Save options under a name, for --profile."),
+    "convert": ("depthcli.cli.convert", "Convert a depth file and report the conversion error."),
+    "info": ("depthcli.cli.info", "Show unit, scale and range of a depth file."),
+    "probe": ("depthcli.cli.probe", "Show the depth at given pixels of a depth file."),
+    "eval": ("depthcli.cli.eval", "Evaluate accuracy on NYU Depth v2."),
+    "train": ("depthcli.cli.train", "Train a model with one of seven methods."),
+    "export-onnx": ("depthcli.cli.export", "Export a checkpoint to ONNX with a model card."),
+    "bench": ("depthcli.cli.bench", "Benchmark a model: latency, throughput, memory."),
+    "doctor": ("depthcli.cli.doctor", "Check the installation: provider, model, codecs."),
 }
 """Name -> (module whose ``app`` is the command, one line of help)."""
 PROFILED = frozenset({"predict", "batch", "video"})
@@ -43,19 +46,19 @@ PROFILED = frozenset({"predict", "batch", "video"})
 _HELP = """\
 Usage: depthcli COMMAND [OPTIONS] [ARGUMENTS]...
 
-Depth from a single picture, at a shell prompt.
+Monocular depth estimation on the command line.
 
 Commands:
 {commands}
 
 Options:
   --version             Show the version and exit.
-  -h, --help            Show this text; after a command, the command's options.
+  -h, --help            Show this help, or the help of a command.
   --install-completion  Install completion for the current shell.
-  --show-completion     Show the completion script, to copy or adapt it.
+  --show-completion     Print the completion script for the current shell.
 
-Exit codes: 0 all done, 1 some inputs failed, 2 wrong usage, 3 model or runtime
-failure, 130 interrupted.
+Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model or runtime
+error, 130 interrupted.
 """
 
 

@@ -27,27 +27,34 @@ _MEASUREMENTS = 3  # network, whole picture, throughput
 def bench(
     image: Annotated[
         Path | None,
-        typer.Argument(metavar="[IMG]", help="A picture of yours. Default: a made one."),
+        typer.Argument(metavar="[IMG]", help="Input picture. Default: a synthetic one."),
     ] = None,
     size: Annotated[
-        str, typer.Option(metavar="WxH", help="Size of the made picture in pixels.")
+        str, typer.Option(metavar="WxH", help="Size of the synthetic picture in pixels.")
     ] = "640x480",
     model: options.ModelOption = None,
     provider: options.ProviderOption = "auto",
     provider_option: options.ProviderSettingsOption = None,
     threads: Annotated[
-        int | None, typer.Option(min=1, help="Threads of the network, for one picture at a time.")
+        int | None, typer.Option(min=1, help="Inference threads for the latency measurement.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Pictures at the same time. Default: one a core.")
+        int | None,
+        typer.Option(
+            min=1,
+            help="Pictures processed in parallel for the throughput measurement. Default: one "
+            "per core.",
+        ),
     ] = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
-    seconds: Annotated[float, typer.Option(min=0, help="How long each measurement lasts.")] = 3.0,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    seconds: Annotated[
+        float, typer.Option(min=0, help="Duration of each measurement in seconds.")
+    ] = 3.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> int:
-    """Latency of the network and of a whole picture, throughput, and peak memory.
+    """Measure network latency, end-to-end latency, throughput and peak memory.
 
-    A whole picture goes from an encoded file to a 16-bit PNG on the disk.
+    End-to-end is from the encoded file to a 16-bit PNG on disk.
     """
     from depthcli.cli.cores import usable_cores
     from depthcli.cli.engine import Engine

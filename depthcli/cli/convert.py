@@ -27,19 +27,20 @@ _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 def convert(
     context: typer.Context,
     source: Annotated[
-        str, typer.Argument(metavar="IN", help="16-bit PNG, EXR, NPY, or a depth video (.mkv).")
+        str, typer.Argument(metavar="IN", help="Input: 16-bit PNG, EXR, NPY or depth video (.mkv).")
     ],
     target: Annotated[
-        str, typer.Argument(metavar="OUT", help="A file; its suffix says the format.")
+        str, typer.Argument(metavar="OUT", help="Output file; its suffix selects the format.")
     ],
     format_: Annotated[
-        Format | None, typer.Option("--format", help="The format, where the suffix does not say.")
+        Format | None,
+        typer.Option("--format", help="Output format, if the suffix does not determine it."),
     ] = None,
     from_scale: Annotated[
         float | None,
         typer.Option(
             callback=positive,
-            help="Steps a metre in a PNG or video that is read. Default: what it states, or 1000.",
+            help="Units per metre of the input PNG or video. Default: from the file, else 1000.",
         ),
     ] = None,
     frame: FrameOption = None,
@@ -61,19 +62,17 @@ def convert(
         typer.Option(
             "--hfov",
             callback=field_of_view,
-            help="Horizontal field of view in degrees, in place of --focal-px.",
+            help="Horizontal field of view in degrees, instead of --focal-px.",
         ),
     ] = None,
     picture: Annotated[
         str | None,
-        typer.Option(
-            metavar="IMG", help="The picture whose colours a point cloud gets, of the depth's size."
-        ),
+        typer.Option(metavar="IMG", help="Picture of the same size that colours the point cloud."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     quiet: options.QuietOption = False,
 ) -> int:
-    """Convert a depth file, and report the error of reading it back."""
+    """Convert a depth file and report the round-trip error."""
     from depthcli.cli.camera import choose_camera
     from depthcli.cli.convert_report import Converted, RoundTrip
     from depthcli.cli.unused import refuse_unused

@@ -20,13 +20,15 @@ app = typer.Typer(rich_markup_mode=None)
 def doctor(
     model: Annotated[
         str | None,
-        typer.Option(autocompletion=completion.models, help="Name or path of a model to check."),
+        typer.Option(autocompletion=completion.models, help="Model to check, by name or path."),
     ] = None,
     provider: Annotated[
         str,
-        typer.Option(autocompletion=completion.providers, help="Provider to start the model on."),
+        typer.Option(autocompletion=completion.providers, help="Execution provider to check."),
     ] = "auto",
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object per line.")
+    ] = False,
 ) -> int:
     """Check versions, onnxruntime packages, the provider really active, a model, and codecs.
 

@@ -50,39 +50,45 @@ def nyu(
         ),
     ] = None,
     no_model: Annotated[
-        bool, typer.Option("--no-model", help="Leave the bundled model out.")
+        bool, typer.Option("--no-model", help="Do not evaluate the bundled model.")
     ] = False,
     predictions: Annotated[
         list[Path] | None,
-        typer.Option(help="Folder with ID.npy, ID.exr or ID.png of another tool; repeatable."),
+        typer.Option(
+            help="Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; repeatable."
+        ),
     ] = None,
     predictions_kind: Annotated[
         str | None,
         typer.Option(
             metavar="metric|relative|inverse",
-            help="What the numbers of --predictions mean, where the files do not say.",
+            help="Depth kind of --predictions, if the files do not state it.",
         ),
     ] = None,
     split: Annotated[
         SplitName,
         typer.Option(
-            help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: scenes held out of "
-            "the first 1000."
+            help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: held-out scenes "
+            "of the first 1000."
         ),
     ] = SplitName.PAPER,
     align: Annotated[
         list[Alignment] | None,
         typer.Option(
-            help="Fit to the truth per image: none, median (scale), depth or disparity "
+            help="Alignment to ground truth per image: none, median (scale), depth or disparity "
             "(least-squares scale and shift); repeatable, one row each. Default: none."
         ),
     ] = None,
     average: Annotated[
-        Averaging, typer.Option(help="Average per image, or over pooled pixels.")
+        Averaging, typer.Option(help="Average over images, or over all pixels.")
     ] = Averaging.IMAGE,
     compare_at: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Resize both to N×N first, 256 say."),
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Resize prediction and ground truth to N×N first (for example 256).",
+        ),
     ] = None,
     crop: Annotated[
         Crop, typer.Option(help="eigen: rows 45:471, columns 41:601 only.")
@@ -91,51 +97,58 @@ def nyu(
         Mask, typer.Option(help="raw: only where the sensor measured depth.")
     ] = Mask.FILLED,
     trivial: Annotated[
-        bool, typer.Option(help="Include the rows that never look at the picture.")
+        bool, typer.Option(help="Include baselines that ignore the picture.")
     ] = True,
     boundary: Annotated[
-        bool, typer.Option("--boundary", help="Score edges too: dbe_acc, dbe_comp, edge_f1.")
+        bool,
+        typer.Option(
+            "--boundary", help="Also compute boundary metrics: dbe_acc, dbe_comp, edge_f1."
+        ),
     ] = False,
     upsample: Annotated[
         Upsampling,
         typer.Option(
-            help="How the models' depth gets to the picture's size: bilinear as the protocol has "
-            "it, or guided as predict does."
+            help="Upsampling of the models' depth: bilinear as in the protocol, or guided as in "
+            "predict."
         ),
     ] = Upsampling.BILINEAR,
     tile: options.TileOption = None,
     limit: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Only N images, evenly over the split."),
+        typer.Option(
+            metavar="N", min=1, help="Evaluate only N images, spread evenly over the split."
+        ),
     ] = None,
     provider: options.ProviderOption = "auto",
     provider_option: options.ProviderSettingsOption = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Images worked on at the same time. Default: one a core."),
+        typer.Option(min=1, help="Images processed in parallel. Default: one per core."),
     ] = None,
     threads: Annotated[
         int | None,
-        typer.Option(min=1, help="Threads of the models for one image. Default: cores/workers."),
+        typer.Option(min=1, help="Inference threads per worker. Default: cores / workers."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     per_image: Annotated[
-        bool, typer.Option("--per-image", help="With --json: the scores of each image too.")
+        bool, typer.Option("--per-image", help="With --json, also print the scores of each image.")
     ] = False,
-    csv: Annotated[Path | None, typer.Option(help="Write the table as CSV as well.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Also write the table as CSV.")] = None,
     figures: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write sheets of sample pictures, gray and in colour."),
+        typer.Option(
+            metavar="DIR", help="Write figures of sample pictures, in gray and in colour."
+        ),
     ] = None,
     ids: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Show these pictures in the sheets.")
+        str | None, typer.Option(metavar="A,B", help="Picture ids to show in the figures.")
     ] = None,
     html: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write table and sheets as one HTML file.")
+        Path | None, typer.Option(metavar="FILE", help="Write table and figures to one HTML file.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not show progress.")] = False,
 ) -> None:
-    """Depth metrics on NYU Depth v2 under one named protocol."""
+    """Evaluate depth metrics on NYU Depth v2."""
     from depthcli.cli.cores import usable_cores
     from depthcli.cli.detail import choose_detail
     from depthcli.cli.engine import Engine

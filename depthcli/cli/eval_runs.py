@@ -37,43 +37,47 @@ def runs(
     split: Annotated[
         SplitName,
         typer.Option(
-            help="val: the scenes that the runs held out. paper, official: test part of a split, "
-            "if no run was trained on it."
+            help="val: scenes held out by the runs. paper, official: test part of the split, if "
+            "no run was trained on it."
         ),
     ] = SplitName.VAL,
     align: Annotated[
         list[Alignment] | None,
         typer.Option(
-            help="Fit to the truth per image: none, median, depth or disparity; repeatable, one "
-            "row each. Default: none."
+            help="Alignment to ground truth per image: none, median, depth or disparity; "
+            "repeatable, one row each. Default: none."
         ),
     ] = None,
     trivial: Annotated[
-        bool, typer.Option(help="Include the rows that never look at the picture.")
+        bool, typer.Option(help="Include baselines that ignore the picture.")
     ] = True,
     published: Annotated[bool, typer.Option(help="Include the paper's rows.")] = True,
     limit: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Only N images, evenly over the split."),
+        typer.Option(
+            metavar="N", min=1, help="Evaluate only N images, spread evenly over the split."
+        ),
     ] = None,
     provider: options.ProviderOption = "auto",
     provider_option: options.ProviderSettingsOption = None,
-    threads: Annotated[int | None, typer.Option(min=1, help="Threads of the models.")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Inference threads.")] = None,
     figures: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write sheets of sample pictures, gray and in colour."),
+        typer.Option(
+            metavar="DIR", help="Write figures of sample pictures, in gray and in colour."
+        ),
     ] = None,
     ids: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Show these pictures in the sheets.")
+        str | None, typer.Option(metavar="A,B", help="Picture ids to show in the figures.")
     ] = None,
     html: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write table and sheets as one HTML file.")
+        Path | None, typer.Option(metavar="FILE", help="Write table and figures to one HTML file.")
     ] = None,
-    csv: Annotated[Path | None, typer.Option(help="Write the table as CSV as well.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Also write the table as CSV.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not show progress.")] = False,
 ) -> int:
-    """Compare trained runs on pictures that none of them was trained on.
+    """Compare training runs on pictures that none of them was trained on.
 
     Runs whose folders differ only in -seedK are one row: mean and standard deviation.
     """

@@ -17,51 +17,60 @@ app = typer.Typer(rich_markup_mode=None)
 
 @app.command()
 def export_onnx(
-    checkpoint: Annotated[Path, typer.Argument(metavar="CKPT", help="Written by depthcli train.")],
+    checkpoint: Annotated[
+        Path, typer.Argument(metavar="CKPT", help="Checkpoint written by depthcli train.")
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", help="ONNX file, or a folder. Default: beside the checkpoint."
+            "-o", "--output", help="Output ONNX file or folder. Default: next to the checkpoint."
         ),
     ] = None,
-    name: Annotated[str, typer.Option(help="Name of the model in its card.")] = "custom",
-    model_version: Annotated[str, typer.Option(help="Version in the card.")] = "1.0.0",
+    name: Annotated[str, typer.Option(help="Model name in the card.")] = "custom",
+    model_version: Annotated[str, typer.Option(help="Model version in the card.")] = "1.0.0",
     fp16: Annotated[
-        bool, typer.Option("--fp16", help="Weights as float16: half the file, float32 sums.")
+        bool, typer.Option("--fp16", help="Store weights as float16; computes in float32.")
     ] = False,
     int8: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Weights and activations as int8, calibrated and checked on the pictures of DIR.",
+            help="Quantize weights and activations to int8, calibrated and checked on the "
+            "pictures in DIR.",
         ),
     ] = None,
     mirror: Annotated[
-        bool, typer.Option("--mirror", help="Average with the mirrored picture, at twice the cost.")
+        bool,
+        typer.Option(
+            "--mirror",
+            help="Average with the prediction for the mirrored picture; doubles the cost.",
+        ),
     ] = False,
-    opset: Annotated[int, typer.Option(min=16, max=20, help="ONNX operator set.")] = 17,
+    opset: Annotated[int, typer.Option(min=16, max=20, help="ONNX opset version.")] = 17,
     tolerance: Annotated[
         float | None,
         typer.Option(
             callback=not_negative,
-            help="Largest difference from torch in the raw output. Default: 0.001, with --fp16 "
+            help="Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
             "0.02, with --int8 0.2.",
         ),
     ] = None,
     license_name: Annotated[
-        str, typer.Option("--license", help="Licence of the weights in the card, an SPDX name.")
+        str, typer.Option("--license", help="SPDX license identifier of the weights, for the card.")
     ] = "NOASSERTION",
     hfov: Annotated[
         float | None,
         typer.Option(
             callback=field_of_view,
             help="Horizontal field of view of the training pictures in degrees, for the card. "
-            "Default: NYU's, if they are NYU's.",
+            "Default: that of NYU, if trained on NYU.",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object to stdout.")
+    ] = False,
 ) -> int:
-    """Export a checkpoint to ONNX, check it against torch, and write its card beside it.
+    """Export a checkpoint to ONNX, verify it against torch, and write its model card.
 
     Nothing is written if torch and onnxruntime disagree by more than the tolerance.
     """

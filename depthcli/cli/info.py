@@ -18,16 +18,16 @@ app = typer.Typer(rich_markup_mode=None)
 @app.command()
 def info(
     file: Annotated[
-        str, typer.Argument(help="A depth file: 16-bit PNG, EXR, NPY, or a depth video (.mkv).")
+        str, typer.Argument(help="Depth file: 16-bit PNG, EXR, NPY or depth video (.mkv).")
     ],
     png_scale: Annotated[
         float | None,
         typer.Option(
             callback=positive,
-            help="Steps a metre in a PNG or video. Default: what the file states, else 1000.",
+            help="Units per metre of a PNG or video. Default: from the file, else 1000.",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> int:
     """Show unit, scale, size, range and model of a depth file."""
     import numpy as np

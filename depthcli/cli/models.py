@@ -18,15 +18,15 @@ app = typer.Typer(
     rich_markup_mode=None,
     no_args_is_help=False,
     invoke_without_command=True,
-    help="The models that are bundled or installed.",
+    help="List, inspect, verify, add and remove models.",
 )
 
-_Json = Annotated[bool, typer.Option("--json", help="JSON instead of text.")]
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 _Name = Annotated[
     str,
     typer.Argument(
         autocompletion=completion.models_and_cards,
-        help="Name, .onnx file, folder with a card.json, or a ready card.",
+        help="Model name, .onnx file, folder with a card.json, or name of a ready card.",
     ),
 ]
 
@@ -45,10 +45,10 @@ def _group(context: typer.Context) -> None:
 
 @app.command("list")
 def list_models(as_json: _Json = False) -> int:
-    """List the models that --model finds by name.
+    """List the models available by name.
 
-    They are looked for in the folders of DEPTHCLI_MODELS, then among those that were added with
-    'depthcli models add', then among the bundled ones.
+    Search order: folders in DEPTHCLI_MODELS, models added with 'depthcli models add', bundled
+    models.
     """
     from depthcli.inference.catalog import list_places
 
@@ -81,12 +81,13 @@ def verify(
     models: Annotated[
         list[str] | None,
         typer.Argument(
-            autocompletion=completion.models, help="Names or paths; all listed ones by default."
+            autocompletion=completion.models,
+            help="Model names or paths. Default: all listed models.",
         ),
     ] = None,
     as_json: _Json = False,
 ) -> int:
-    """Check size, checksum and card, load each model and run it once."""
+    """Verify size, checksum and card, and run each model once."""
     from depthcli.inference.catalog import list_places
 
     failed = False

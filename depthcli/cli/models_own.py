@@ -12,31 +12,35 @@ from depthcli.errors import ExitCode
 if TYPE_CHECKING:
     from depthcli.inference.card import ModelCard
 
-_Json = Annotated[bool, typer.Option("--json", help="JSON instead of text.")]
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
 def add(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="An ONNX file, weights inside.")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="ONNX file with embedded weights.")],
     card: Annotated[
         str | None,
         typer.Option(
             metavar="CARD",
             autocompletion=completion.cards,
-            help="A card.json, or the name of a ready card ('depthcli models cards'). Default: the "
-            "card inside the file or beside it.",
+            help="A card.json, or the name of a ready card ('depthcli models cards'). Default: "
+            "the card in or next to the file.",
         ),
     ] = None,
     name: Annotated[
-        str | None, typer.Option(help="What --model shall call it. Default: the card's name.")
+        str | None, typer.Option(help="Name for --model. Default: the name in the card.")
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Replace a model of this name, or hide a bundled one.")
+        bool,
+        typer.Option(
+            "--force", help="Replace an existing model of this name, or override a bundled one."
+        ),
     ] = False,
     as_json: _Json = False,
 ) -> int:
-    """Copy an ONNX file into your models, with a card that was checked and tried.
+    """Add an ONNX model after checking its card.
 
-    The folder is the first of DEPTHCLI_MODELS, else depthcli/models in your data folder.
+    Copies the file to the first folder in DEPTHCLI_MODELS, else to depthcli/models in the user's
+    data folder, after running the model once.
     """
     from pathlib import Path
 
@@ -59,11 +63,11 @@ def remove(
     models: Annotated[
         list[str],
         typer.Argument(
-            metavar="NAME...", autocompletion=completion.own_models, help="Models that were added."
+            metavar="NAME...", autocompletion=completion.own_models, help="Names of added models."
         ),
     ],
 ) -> int:
-    """Delete models that were added. Bundled ones stay."""
+    """Remove added models."""
     from depthcli.inference.install import remove_model
 
     for name in models:
@@ -72,7 +76,7 @@ def remove(
 
 
 def cards(as_json: _Json = False) -> int:
-    """List the ready cards, for models that you download yourself."""
+    """List ready cards for well-known models to download."""
     from depthcli.inference.ready_cards import ready_card, ready_names
 
     found = {name: ready_card(name) for name in ready_names()}

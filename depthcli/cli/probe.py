@@ -23,22 +23,22 @@ app = typer.Typer(rich_markup_mode=None)
 @app.command()
 def probe(
     file: Annotated[
-        str, typer.Argument(help="A depth file: 16-bit PNG, EXR, NPY, or a depth video (.mkv).")
+        str, typer.Argument(help="Depth file: 16-bit PNG, EXR, NPY or depth video (.mkv).")
     ],
     pixels: Annotated[
         list[str],
-        typer.Argument(metavar="X,Y...", help="Columns and rows, from 0 at the top left."),
+        typer.Argument(metavar="X,Y...", help="Pixel column and row, from 0 at the top left."),
     ],
     png_scale: Annotated[
         float | None,
         typer.Option(
             callback=positive,
-            help="Steps a metre in a PNG or video. Default: what the file states, else 1000.",
+            help="Units per metre of a PNG or video. Default: from the file, else 1000.",
         ),
     ] = None,
     frame: FrameOption = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object a line for each pixel.")
+        bool, typer.Option("--json", help="Print one JSON object per pixel.")
     ] = False,
 ) -> int:
     """Show the depth at one or several pixels of a depth file."""

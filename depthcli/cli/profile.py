@@ -20,14 +20,14 @@ app = typer.Typer(
     rich_markup_mode=None,
     no_args_is_help=False,
     invoke_without_command=True,
-    help="Options that are saved under a name, for --profile.",
+    help="Save options under a name, for --profile.",
 )
 
 _GIVEN = "depthcli.profile"
-_Json = Annotated[bool, typer.Option("--json", help="JSON instead of text.")]
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 _Name = Annotated[
     str,
-    typer.Argument(metavar="NAME", autocompletion=completion.profiles, help="Name of a profile."),
+    typer.Argument(metavar="NAME", autocompletion=completion.profiles, help="Profile name."),
 ]
 
 
@@ -42,7 +42,9 @@ def _group(context: typer.Context) -> None:
 def save(
     context: typer.Context,
     name: _Name,
-    force: Annotated[bool, typer.Option("--force", help="Replace a profile of this name.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace an existing profile of this name.")
+    ] = False,
 ) -> int:
     """Save options under a name.
 
@@ -87,7 +89,9 @@ def show(name: _Name) -> int:
 def remove(
     profiles: Annotated[
         list[str],
-        typer.Argument(metavar="NAME...", autocompletion=completion.profiles, help="Profiles."),
+        typer.Argument(
+            metavar="NAME...", autocompletion=completion.profiles, help="Profile names."
+        ),
     ],
 ) -> int:
     """Delete profiles."""

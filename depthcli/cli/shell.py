@@ -64,7 +64,7 @@ def _root(
         False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
     ),
 ) -> None:
-    """Depth from a single picture, at a shell prompt."""
+    """Monocular depth estimation on the command line."""
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -29,41 +29,51 @@ _Method = Annotated[
     ),
 ]
 _All = Annotated[
-    bool, typer.Option("--all", help="Every method, each in a folder METHOD-seedK of --out.")
+    bool, typer.Option("--all", help="Train every method, each in a folder METHOD-seedK of --out.")
 ]
 _Methods = Annotated[
     str | None,
     typer.Option(
         metavar="A,B",
         autocompletion=completion.method_lists,
-        help="These methods, as --all does; cut,proposed say.",
+        help="Train these methods, as --all does (for example cut,proposed).",
     ),
 ]
 _Seeds = Annotated[
-    str | None, typer.Option(metavar="K,L", help="With --all or --methods: a run a seed; 0,1 say.")
+    str | None,
+    typer.Option(
+        metavar="K,L", help="With --all or --methods: one run per seed (for example 0,1)."
+    ),
 ]
 _Data = Annotated[
     Path | None,
     typer.Option(
-        help="NYU Depth v2: the .mat file, or a folder of rgb/, depth/, index.csv; or rgb/ and "
-        "depth/ of your own."
+        help="NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
+        "folder with rgb/ and depth/."
     ),
 ]
 _Out = Annotated[
-    Path, typer.Option(help="Folder for checkpoint, log and samples; continued if it has one.")
+    Path,
+    typer.Option(
+        help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint."
+    ),
 ]
 _Preset = Annotated[
     str | None,
-    typer.Option(autocompletion=completion.presets, help="Named settings that ship with depthcli."),
+    typer.Option(autocompletion=completion.presets, help="Configuration preset."),
 ]
-_Config = Annotated[list[Path] | None, typer.Option(help="TOML file of differences; repeatable.")]
+_Config = Annotated[
+    list[Path] | None, typer.Option(help="TOML file that overrides the configuration; repeatable.")
+]
 _Set = Annotated[
-    list[str] | None, typer.Option("--set", help="One setting, a.b=value; repeatable.")
+    list[str] | None, typer.Option("--set", help="Override one setting, as a.b=value; repeatable.")
 ]
-_Show = Annotated[bool, typer.Option("--show-config", help="Print the whole configuration, stop.")]
+_Show = Annotated[
+    bool, typer.Option("--show-config", help="Print the full configuration and exit.")
+]
 _Minutes = Annotated[
     float | None,
-    typer.Option(min=0.0, help="Stop cleanly after so many minutes, to continue later."),
+    typer.Option(min=0.0, help="Time limit in minutes; the run can be resumed."),
 ]
 _Accelerator = Annotated[
     str, typer.Option(autocompletion=completion.accelerators, help="auto, cpu, cuda or mps.")
@@ -80,14 +90,15 @@ _Init = Annotated[
     typer.Option(help="Start from the weights of an exported model (.onnx) or a checkpoint."),
 ]
 _Devices = Annotated[
-    int, typer.Option(min=1, help="GPUs, or processes on a CPU, that share each batch.")
+    int, typer.Option(min=1, help="Number of GPUs (or CPU processes) for data-parallel training.")
 ]
 _Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; default: all cores.")]
 _TensorBoard = Annotated[
-    bool, typer.Option("--tensorboard", help="Also write event files to OUT/tensorboard.")
+    bool,
+    typer.Option("--tensorboard", help="Also write TensorBoard event files to OUT/tensorboard."),
 ]
-_Json = Annotated[bool, typer.Option("--json", help="One JSON object per epoch.")]
-_Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object per epoch.")]
+_Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
 
 
 @app.command()
@@ -113,7 +124,7 @@ def train(
     as_json: _Json = False,
     quiet: _Quiet = False,
 ) -> int:
-    """Train a method; run the same command again to continue where it stopped."""
+    """Train a method. Run the same command again to resume."""
     if every_method or methods is not None:
         from depthcli.cli.train_all import train_all
 
