@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from depthcli.core.anchor import Anchor
     from depthcli.core.choices import Detail, Upsampling
     from depthcli.core.point_cloud import PointCloud
-    from depthcli.core.types import DepthKind, Frame, Provenance
+    from depthcli.core.types import CameraSource, DepthKind, Frame, Provenance
     from depthcli.errors import (
         CheckpointError,
         DatasetError,
@@ -46,6 +46,7 @@ __version__ = "0.1.0"
 # The stable names; one that is not here may change at any time.
 __all__ = [
     "Anchor",
+    "CameraSource",
     "CheckpointError",
     "DatasetError",
     "DepthKind",
@@ -85,7 +86,7 @@ _HOMES = {
     "depthcli.core.anchor": ("Anchor",),
     "depthcli.core.choices": ("Detail", "Upsampling"),
     "depthcli.core.point_cloud": ("PointCloud",),
-    "depthcli.core.types": ("DepthKind", "Frame", "Provenance"),
+    "depthcli.core.types": ("CameraSource", "DepthKind", "Frame", "Provenance"),
     "depthcli.errors": tuple(name for name in __all__ if name.endswith(("Error", "Warning"))),
     "depthcli.inference.card": ("ModelCard",),
     "depthcli.inference.catalog": ("Model", "find_model"),

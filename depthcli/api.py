@@ -86,6 +86,11 @@ class DepthMap(types.DepthMap):
         return self.provenance.focal_px if self.provenance else None
 
     @property
+    def camera_source(self) -> types.CameraSource | None:
+        """Where the focal length comes from: given, EXIF, or assumed to be the model's own."""
+        return self.provenance.camera_source if self.provenance else None
+
+    @property
     def anchors(self) -> tuple[Anchor, ...]:
         """The known points that metres were fitted to."""
         return self.provenance.anchors if self.provenance else ()
@@ -113,6 +118,8 @@ class DepthMap(types.DepthMap):
     ) -> PointCloud:
         """Every pixel with depth as a point in space, with the picture's colours.
 
+        Where predict had to assume the camera, so does this, with a ``DepthcliWarning``.
+
         Args:
             focal_px: focal length in pixels of the map; None for the one it was predicted with.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
@@ -125,6 +132,9 @@ class DepthMap(types.DepthMap):
         scaling.check_camera(focal_px, hfov_deg)
         if hfov_deg is not None:
             focal_px = scaling.focal_px(hfov_deg, self.width)
+        if focal_px is None and self.camera_source is types.CameraSource.CARD:
+            told = "no focal length is known; the point cloud assumes the camera the model learned"
+            warnings.warn(told, DepthcliWarning, stacklevel=2)
         focal_px = focal_px or self.focal_px
         if focal_px is None:
             raise UsageError("no focal length is known; give focal_px or hfov_deg to predict")
@@ -263,7 +273,8 @@ class DepthModel:
                 uint16 or float32 in [0, 1], whose alpha is dropped; a PIL picture; a ``Frame``.
             focal_px: focal length in pixels of the picture.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``. With neither,
-                the 35-mm focal length in the picture's EXIF is used, if it is there.
+                the 35-mm focal length in the picture's EXIF is used, if it is there, else the
+                camera that the model learned is assumed; ``camera_source`` of the map says which.
             anchors: known points, to fit metres to; see :meth:`DepthMap.fit_anchors`.
 
         Returns:

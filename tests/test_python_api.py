@@ -327,6 +327,17 @@ def test_points_have_the_picture_s_colours(depth: depthcli.DepthMap) -> None:
     assert cloud.xyz_m[:, 2] == pytest.approx(depth.values.reshape(-1))
 
 
+def test_points_by_an_assumed_camera_say_so(model: depthcli.DepthModel) -> None:
+    depth = model.predict(PIXELS)
+    assert depth.camera_source is depthcli.CameraSource.CARD
+    with pytest.warns(depthcli.DepthcliWarning, match="assumes the camera") as told:
+        cloud = depth.to_points()
+    assert told[0].filename == __file__
+    # 60° across 64 pixels
+    known = depth.to_points(hfov_deg=60)
+    np.testing.assert_allclose(cloud.xyz_m, known.xyz_m, rtol=1e-5)
+
+
 def test_points_need_metres_and_a_camera() -> None:
     with pytest.raises(depthcli.UsageError, match="no focal length is known"):
         metric([[1.0]]).to_points()
