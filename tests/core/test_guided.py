@@ -122,6 +122,14 @@ def test_precision_does_not_depend_on_where_depth_begins() -> None:
     np.testing.assert_allclose(far - (1 << 14), near, atol=0.004)  # two of its last digits
 
 
+def test_lines_are_as_steep_wherever_depth_begins() -> None:
+    rng = np.random.default_rng(6)
+    coarse = np.float32(rng.integers(0, 256, (7, 9)) / 256)  # exact, also far from 0
+    guide = rng.uniform(0, 0.2, (7, 9)).astype(np.float32)
+    near, far = (GuidedMap.fit(coarse + np.float32(off), guide).slope for off in (0, 1 << 14))
+    np.testing.assert_allclose(far, near, rtol=1e-3, atol=1e-3)
+
+
 def test_every_pixel_type_guides_alike() -> None:
     _, coarse, frame = scene()
     eight = frame.pixels

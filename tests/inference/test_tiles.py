@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -269,6 +270,32 @@ def test_memory_stays_within_what_was_counted(
     tracemalloc.stop()
     assert peak + frame.pixels.nbytes <= limit
     assert depth.values.shape == (height, width)
+
+
+@pytest.mark.parametrize("colour", ["value", "rgb"])
+@pytest.mark.parametrize("resize", ["area", "linear", "cubic"])
+def test_what_is_counted_is_what_a_picture_takes(tmp_path: Path, resize: str, colour: str) -> None:
+    """All but an area mean sees the whole picture as floats before it shrinks."""
+    import tracemalloc  # noqa: PLC0415 - as above
+
+    pipeline = load(write_model(tmp_path, input__resize=resize, input__colour=colour))
+    frame = Frame(np.full((2400, 3200, 3), 100, np.uint8))  # large enough for bands
+
+    def is_refused(limit: int) -> bool:
+        try:
+            tile_width_px(pipeline.card.input, frame, Detail(max_memory_bytes=limit))
+        except InputError:
+            return True
+        return False
+
+    counted = bisect.bisect_left(range(10**9), 0, key=lambda limit: -is_refused(limit))
+    tracemalloc.start()
+    pipeline.predict(frame)
+    taken = tracemalloc.get_traced_memory()[1] + frame.pixels.nbytes
+    tracemalloc.stop()
+    # NumPy may write a product over its factor, which saves the second of two copies.
+    spare = 2 if (resize != "area" and colour == "rgb") else 1.25
+    assert taken <= counted < spare * taken
 
 
 @pytest.mark.parametrize(
