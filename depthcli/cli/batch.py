@@ -141,11 +141,12 @@ def batch(
     from depthcli.cli.batch_recipe import Recipe
     from depthcli.cli.batch_run import Batch
     from depthcli.cli.batch_voice import Voice
+    from depthcli.core.picture_limit import PictureLimit
     from depthcli.inference.pipeline import Pipeline
 
-    most_pixels = detail.most_pixels(max_pixels)
+    limit = PictureLimit(max_pixels, detail)
     recipe = Recipe(
-        tuple(dict.fromkeys(chosen)), looks, camera, most_pixels, tuple(provider_option or ())
+        tuple(dict.fromkeys(chosen)), looks, camera, limit, tuple(provider_option or ())
     )
     pipeline = Pipeline(loading.result(), detail)
     if dry_run:

@@ -62,7 +62,7 @@ def _verdict(targets: Targets, found: Found) -> tuple[str, str | None]:
             sha256 = checked_video(found, targets)
         else:
             data = read_input(found)
-            check(data, found.path, targets.recipe.max_pixels)
+            check(data, found.path, targets.recipe.limit)
             sha256 = hashlib.sha256(data).hexdigest()
     except InputError as error:
         return "fail", str(error)

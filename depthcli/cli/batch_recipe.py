@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from depthcli.cli.batch_plan import Plan
     from depthcli.cli.camera import Camera
     from depthcli.cli.looks import Looks
+    from depthcli.core.picture_limit import PictureLimit
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.journal import Rows
     from depthcli.io.manifest import Row
@@ -41,14 +42,14 @@ class Recipe(NamedTuple):
         formats: what to write.
         looks: options of the formats.
         camera: what is known of the camera.
-        max_pixels: pictures with more are refused.
+        limit: pictures beyond it are refused.
         provider_options: of the provider, as ``KEY=VALUE`` words.
     """
 
     formats: tuple[Format, ...]
     looks: Looks
     camera: Camera
-    max_pixels: int
+    limit: PictureLimit
     provider_options: tuple[str, ...] = ()
 
     def origin(self, pipeline: Pipeline) -> Origin:

@@ -78,7 +78,7 @@ class VideoWorker(NamedTuple):
             workers=self.workers,
             focal_px=recipe.camera.focal_px,
             hfov_deg=recipe.camera.hfov_deg,
-            max_pixels=recipe.max_pixels,
+            limit=recipe.limit,
         )
         done = run_video(job, self.pipeline, settings)
         files = tuple(

@@ -104,7 +104,7 @@ class Worker:
             row = self._targets.kept(found, sha256)
             if row is not None:
                 return Result(row, is_kept=True)
-            frame = read_image(Path(found.path), data, max_pixels=self._recipe.max_pixels)
+            frame = read_image(Path(found.path), data, max_pixels=self._recipe.limit)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(found, error, start, sha256)
         return _Opened(found, frame, sha256, time.perf_counter() - start)

@@ -103,13 +103,14 @@ def predict(
         console.warn(f"{name} was written by depthcli; skipped")
     loading = Engine(model, provider, threads, provider_option or ()).start()
     from depthcli.cli.predict_run import Predictor, Voice
+    from depthcli.core.picture_limit import PictureLimit
 
     predictor = Predictor(
         loading=loading,
         camera=camera,
         looks=looks,
         detail=detail,
-        max_pixels=detail.most_pixels(max_pixels),
+        limit=PictureLimit(max_pixels, detail),
         voice=Voice(as_json=as_json, quiet=quiet, to_stderr=to_stdout),
     )
     return predictor.run(jobs)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from depthcli.cli.looks import Looks
     from depthcli.cli.predict_outputs import Job
     from depthcli.core.choices import Detail
+    from depthcli.core.picture_limit import PictureLimit
     from depthcli.core.types import DepthMap, Frame
     from depthcli.inference.session import Session
 
@@ -59,7 +60,7 @@ class Predictor(NamedTuple):
         camera: what is known of the camera.
         looks: options of the formats.
         detail: how depth becomes that of a full-size picture.
-        max_pixels: pictures with more are refused.
+        limit: pictures beyond it are refused.
         voice: what is said.
     """
 
@@ -67,7 +68,7 @@ class Predictor(NamedTuple):
     camera: Camera
     looks: Looks
     detail: Detail
-    max_pixels: int
+    limit: PictureLimit
     voice: Voice
 
     def run(self, jobs: Sequence[Job]) -> int:
@@ -97,7 +98,7 @@ class Predictor(NamedTuple):
 
     def _one(self, job: Job) -> Done:
         start = time.perf_counter()
-        frame = _read(job, self.max_pixels)
+        frame = _read(job, self.limit)
         pipeline = Pipeline(self.loading.result(), self.detail)
         depth = self._depth(pipeline, frame)
         warnings = list(pipeline.session.warnings)
@@ -119,11 +120,11 @@ class Predictor(NamedTuple):
         return camera.fitted(depth)
 
 
-def _read(job: Job, max_pixels: int) -> Frame:
+def _read(job: Job, limit: PictureLimit) -> Frame:
     if not job.name:
         raise InputError("an input's name is empty; is a variable of the command not set?")
     data = sys.stdin.buffer.read() if job.source is None else None
     try:
-        return read_image(job.source, data, max_pixels=max_pixels)
+        return read_image(job.source, data, max_pixels=limit)
     except MemoryError as error:
         raise InputError("needs more memory than there is; make it smaller") from error

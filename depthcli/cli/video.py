@@ -149,6 +149,7 @@ def video(
     loading = Engine(model, provider, share, provider_option or ()).start()
     from depthcli.cli.video_reel import VideoSettings
     from depthcli.cli.video_tell import run_and_tell
+    from depthcli.core.picture_limit import PictureLimit
 
     settings = VideoSettings(
         looks=looks,
@@ -158,6 +159,6 @@ def video(
         lock_s=lock,
         focal_px=focal_px,
         hfov_deg=hfov,
-        max_pixels=detail.most_pixels(max_pixels),
+        limit=PictureLimit(max_pixels, detail),
     )
     return run_and_tell(job, loading, settings, detail, as_json=as_json, quiet=quiet)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from depthcli.core import temporal
+from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.temporal_depth import (
     FlickerMeter,
     Smoother,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from depthcli.inference.pipeline import Pipeline
 
 LOCK_S = 1.0
+_LIMIT = PictureLimit(MAX_PIXELS)
 
 
 class VideoSettings(NamedTuple):
@@ -47,7 +49,7 @@ class VideoSettings(NamedTuple):
         lock_s: time constant of the preview's range; 0 for each frame's own.
         focal_px: focal length in pixels of a frame.
         hfov_deg: horizontal field of view in degrees.
-        max_pixels: videos with larger frames are refused.
+        limit: videos with larger frames are refused.
     """
 
     looks: Looks
@@ -57,7 +59,7 @@ class VideoSettings(NamedTuple):
     lock_s: float = LOCK_S
     focal_px: float | None = None
     hfov_deg: float | None = None
-    max_pixels: int = MAX_PIXELS
+    limit: PictureLimit = _LIMIT
 
 
 class Seen(NamedTuple):

@@ -57,7 +57,7 @@ def run_video(
             raise OutputError(
                 f"{job.path(which)} is a folder; move it away or choose another --out"
             )
-    with VideoSource(job.source, max_pixels=settings.max_pixels) as source, ExitStack() as stack:
+    with VideoSource(job.source, max_pixels=settings.limit) as source, ExitStack() as stack:
         rate = settings.span.rate(source.rate)
         videos = [which for which in job.names if which is not VideoFormat.JSON]
         outputs = [

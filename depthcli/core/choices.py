@@ -53,15 +53,6 @@ class Detail:
         if self.tile_px is not None and self.tile_px < 0:
             raise UsageError(f"tiles of {self.tile_px} pixels cannot be; give their width")
 
-    def most_pixels(self, otherwise: int) -> int:
-        """Pixels above which a picture exceeds the limit even in gray, or what is less.
-
-        Such a picture need not be decoded.
-        """
-        if self.max_memory_bytes is None:
-            return otherwise
-        return min(otherwise, self.max_memory_bytes // (1 + DEPTH_BYTES + self.use_bytes))
-
 
 PLAIN = Detail()
 """Guided, in one piece, without a limit."""

@@ -5,8 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from depthcli.core.bands import BAND_PIXELS
-from depthcli.core.choices import AUTO_TILE, DEPTH_BYTES
+from depthcli.core.choices import AUTO_TILE
+from depthcli.core.picture_limit import (
+    bytes_needed,
+    megabytes,
+    memory_limit,
+    size_text,
+    too_little,
+)
 from depthcli.errors import InputError
 from depthcli.inference.card_specs import Colour, Resize
 
@@ -15,11 +21,9 @@ if TYPE_CHECKING:
     from depthcli.core.types import Frame
     from depthcli.inference.card_specs import InputSpec
 
-# Counted in the code, with some to spare: planes of one band, and maps of the size of a tiled map.
-_BYTES_A_BAND_PIXEL = 64
+# Counted in the code, with some to spare: maps of the size of a tiled map.
 _BYTES_A_CELL = 64
 _FLOAT_PLANES = 2  # the plane and its scaled copy
-_MEGABYTE = 1_000_000
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
@@ -36,45 +40,32 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
     Raises:
         InputError: the limit is too low for this picture or these tiles.
     """
-    limit = math.inf if detail.max_memory_bytes is None else detail.max_memory_bytes
-    fixed = _fixed_bytes(spec, frame, detail.use_bytes)
+    width, limit = frame.width, memory_limit(detail)
+    fixed = bytes_needed(
+        width, frame.height, detail, frame.pixels.nbytes, _input_bytes(spec, frame)
+    )
     if fixed > limit:
-        raise InputError(
-            f"{frame.width}×{frame.height} pixels need {_megabytes(fixed)}, more than "
-            f"--max-memory {_megabytes(limit)}; raise it or make the picture smaller"
-        )
-    most_cells = (limit - fixed) / _BYTES_A_CELL
-    least_px = math.ceil(frame.width * math.sqrt(spec.width * spec.height / max(1.0, most_cells)))
+        raise InputError(too_little(width, frame.height, fixed, detail))
+    cells = spec.width * spec.height * width**2  # of the tiled map, times the tiles' width squared
+    least_px = math.ceil(math.sqrt(cells / max(1.0, (limit - fixed) / _BYTES_A_CELL)))
     if detail.tile_px is None:
         return None
     if detail.tile_px == AUTO_TILE:
-        chosen = max(-(-3 * frame.width // 4), spec.width, least_px)
-        return chosen if chosen < frame.width else None
+        chosen = max(-(-3 * width // 4), spec.width, least_px)
+        return chosen if chosen < width else None
     if detail.tile_px < least_px:
+        needed = megabytes(fixed + _BYTES_A_CELL * cells / detail.tile_px**2)
+        other = f"give --tile {least_px}" if least_px < width else "leave --tile out"
         raise InputError(
-            f"tiles of {detail.tile_px} pixels need more than --max-memory {_megabytes(limit)}; "
-            f"raise it or give --tile {min(least_px, frame.width)}"
+            f"tiles of {detail.tile_px} pixels need {needed}, more than --max-memory "
+            f"{size_text(limit)}; raise it to {needed} or {other}"
         )
-    return detail.tile_px if detail.tile_px < frame.width else None
+    return detail.tile_px if detail.tile_px < width else None
 
 
-def _fixed_bytes(spec: InputSpec, frame: Frame, use_bytes: int) -> int:
-    """What is needed without tiles: the pixels, a band, and the most of what comes in turn."""
-    count = frame.width * frame.height
-    band = min(count, max(BAND_PIXELS, frame.width)) * _BYTES_A_BAND_PIXEL
-    depth = DEPTH_BYTES * count
-    then = max(_seen_bytes(spec, count), depth + use_bytes * count)
-    # What bands took is not given back at once.
-    return frame.pixels.nbytes + then + band
-
-
-def _seen_bytes(spec: InputSpec, count: int) -> int:
+def _input_bytes(spec: InputSpec, frame: Frame) -> int:
     """What the network sees at full size; only an area mean is taken band by band."""
     if spec.resize is Resize.AREA:
         return 0
     planes = 3 if spec.colour is Colour.RGB else 1
-    return _FLOAT_PLANES * planes * 4 * count
-
-
-def _megabytes(count: float) -> str:
-    return f"{math.ceil(count / _MEGABYTE)}M"
+    return _FLOAT_PLANES * planes * 4 * frame.width * frame.height

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.picture_end import flaw
@@ -41,7 +42,9 @@ def read_bytes(path: Path) -> bytes:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
 
 
-def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> npt.NDArray[np.generic]:
+def decode(
+    data: bytes, name: str, *, max_pixels: int | PictureLimit = MAX_PIXELS
+) -> npt.NDArray[np.generic]:
     """Pixels at the file's own bit depth, in stored order of rows and columns.
 
     Args:
@@ -69,7 +72,7 @@ def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> npt.NDArr
     return _without_alpha(pixels)
 
 
-def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> None:
+def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:
     """All that can be told of a picture without decoding it.
 
     Raises:
@@ -83,14 +86,20 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> None:
     width, height = size
     if width <= 0 or height <= 0:
         raise InputError(f"{name} claims {width}×{height} pixels; there is nothing to see")
-    if width * height > max_pixels:
-        raise InputError(
-            f"{name} claims {width}×{height} pixels, more than {max_pixels:,}; "
-            "raise --max-pixels (and --max-memory, where given) if it is genuine"
-        )
+    check_size(name, width, height, max_pixels)
     found = flaw(data)
     if found is not None:
         raise InputError(f"{name} {found}; copy it again")
+
+
+def check_size(name: str, width: int, height: int, max_pixels: int | PictureLimit) -> None:
+    """Refuse a picture that is too large, before any of it is decoded.
+
+    Raises:
+        InputError: it is.
+    """
+    limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
+    limit.check(name, width, height)
 
 
 def _without_alpha(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:

@@ -10,8 +10,10 @@ from tiny import write_model
 from depthcli.cli.batch_recipe import Recipe
 from depthcli.cli.camera import choose_camera
 from depthcli.cli.looks import choose_looks
-from depthcli.cli.predict_choices import Colormap, ExrChannel, Format, Near
+from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
+from depthcli.core.picture_limit import PictureLimit
 from depthcli.inference.pipeline import load
+from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,7 +32,9 @@ LOOKS = choose_looks(
     legend=False,
     side_by_side=False,
 )
-RECIPE = Recipe((Format.PNG16,), LOOKS, choose_camera(None, None, None), 1000, ("a=1", "b=2"))
+RECIPE = Recipe(
+    (Format.PNG16,), LOOKS, choose_camera(None, None, None), PictureLimit(1000), ("a=1", "b=2")
+)
 
 
 def origin(folder: Path, recipe: Recipe = RECIPE, **card: object) -> Origin:

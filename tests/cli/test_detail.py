@@ -16,7 +16,8 @@ from depthcli.cli import shell
 from depthcli.cli.detail import choose_detail
 from depthcli.core.bands import BAND_PIXELS
 from depthcli.core.choices import Detail, Upsampling
-from depthcli.errors import UsageError
+from depthcli.core.picture_limit import PictureLimit, bytes_needed, size_text
+from depthcli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from command_line import Cli
@@ -62,9 +63,32 @@ def test_what_is_written_counts() -> None:
 
 
 def test_pictures_that_cannot_fit_are_not_decoded() -> None:
-    assert Detail(max_memory_bytes=50_000).most_pixels(10**9) == 10_000
-    assert Detail(max_memory_bytes=50_000).most_pixels(100) == 100
-    assert Detail().most_pixels(10**9) == 10**9
+    gray = bytes_needed(640, 480, Detail(use_bytes=13), 640 * 480)
+    for limit, problem in (
+        (PictureLimit(640 * 480 - 1), "more than 307,199; raise --max-pixels if it is genuine"),
+        (PictureLimit(10**9, Detail(max_memory_bytes=10, use_bytes=13)), "need 13M, more than"),
+        (PictureLimit(10**9, Detail(max_memory_bytes=gray - 1, use_bytes=13)), "raise it to 13M"),
+    ):
+        with pytest.raises(InputError, match=f"640×480 pixels.*{problem}"):
+            limit.check("a.png", 640, 480)
+    PictureLimit(640 * 480, Detail(max_memory_bytes=gray, use_bytes=13)).check("a.png", 640, 480)
+
+
+def test_a_limit_is_named_as_it_was_given() -> None:
+    sizes = (10, 200_000, 1_500_000_000, 800_000_000, 1_000)
+    assert list(map(size_text, sizes)) == ["10", "200K", "1.5G", "800M", "1K"]
+
+
+def test_the_size_that_a_refusal_names_is_enough(cli: Cli) -> None:
+    """And a little less is not, so that nobody raises it in the dark or further than needed."""
+    picture = write_picture(cli.folder / "room.png", np.zeros((480, 640, 3), np.uint8))
+    for limit in ("10", "9M"):
+        done = cli("predict", picture, "-o", "d.png", "--max-memory", limit)
+        (line,) = done.stderr.decode().splitlines()
+        assert f"more than --max-memory {limit}; raise it to 13M " in line
+        assert "--max-pixels" not in line
+    assert cli("predict", picture, "-o", "d.png", "--max-memory", "12M").returncode == 1
+    assert cli("predict", picture, "-o", "d.png", "--max-memory", "13M").returncode == 0
 
 
 @pytest.mark.parametrize("name", ["predict", "batch", "video"])

@@ -15,6 +15,8 @@ from depthcli.io.exif import read_exif
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from depthcli.core.picture_limit import PictureLimit
+
 _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _MIRRORED = {2, 4, 5, 7}
 _QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
@@ -24,7 +26,7 @@ def read_image(
     path: str | Path | None,
     data: bytes | None = None,
     *,
-    max_pixels: int = MAX_PIXELS,
+    max_pixels: int | PictureLimit = MAX_PIXELS,
     name: str = "standard input",
 ) -> Frame:
     """Decode a picture at its own bit depth and undo its EXIF rotation.

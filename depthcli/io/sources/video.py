@@ -11,7 +11,7 @@ import numpy as np
 
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
-from depthcli.io.decode import MAX_PIXELS
+from depthcli.io.decode import MAX_PIXELS, check_size
 from depthcli.io.frame_rate import exact_rate
 from depthcli.io.sources.video_span import WHOLE
 from depthcli.io.video_capture import open_capture
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import TracebackType
 
+    from depthcli.core.picture_limit import PictureLimit
     from depthcli.io.sources.video_span import Span
 
 FALLBACK_RATE = Fraction(25)
@@ -45,7 +46,7 @@ class VideoSource:
         problem: why frames are missing, once the others have been read; None if all came.
     """
 
-    def __init__(self, path: str | Path, *, max_pixels: int = MAX_PIXELS) -> None:
+    def __init__(self, path: str | Path, *, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:
         """Open a video.
 
         Args:
@@ -60,12 +61,11 @@ class VideoSource:
         self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
         self.width = round(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
         self.height = round(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        if self.width * self.height > max_pixels:
+        try:
+            check_size(str(self.path), self.width, self.height, max_pixels)
+        except InputError:
             self.close()
-            raise InputError(
-                f"{self.path} claims {self.width}×{self.height} pixels, more than {max_pixels:,}; "
-                "raise --max-pixels if it is genuine"
-            )
+            raise
         rate = exact_rate(self._capture.get(cv2.CAP_PROP_FPS))
         self.rate = rate or FALLBACK_RATE
         self.warnings = (
