@@ -26,7 +26,7 @@ class LossConfig:
     A method has some of them (``Method.TERMS``); the others have to be zero.
 
     Attributes:
-        adversarial: λ1, both directions.
+        adversarial: λ1.
         contrast_x: λ2, NCE of x and G(x); hDCE for HnegSRC.
         contrast_y: λ3, NCE of y and G(y); of y and F(y) for DCLGAN and SimDCL.
         identity: λ4, eq. 3.
@@ -37,8 +37,9 @@ class LossConfig:
         extra_scale: how much of an extra pair's error in scale counts, in [0, 1]: 0 leaves relative
             depth alone, 1 holds the networks to its metres.
         gan: form of the adversarial terms.
+        adversarial_backward: judge F's pictures too, not G's depth maps alone.
         contrast: ``cut`` compares output with input, ``cfl`` output with paired truth.
-        l1_backward: also hold F to the paired picture by eq. 1.
+        l1_backward: hold F to the paired picture by eq. 1, too.
         flip_contrast: half of the steps mirror the input of G (FastCUT).
         relation: λ of the semantic relations' consistency (HnegSRC).
         gamma_start: γ of HnegSRC's negatives at the first step.
@@ -56,6 +57,7 @@ class LossConfig:
     gradient: float = 0.0
     extra_scale: float = 0.0
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"
+    adversarial_backward: bool = True
     contrast: Literal["cut", "cfl"] = "cut"
     l1_backward: bool = False
     flip_contrast: bool = False

@@ -47,16 +47,19 @@ class CycleGan(Method):
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)
         self.backward_generator = build_generator(config.generator) if self._both_ways else None
-        adversarial = bool(self.weights.adversarial)
-        self.judge_depth = build_discriminator(config) if adversarial else None
-        self.judge_gray = build_discriminator(config) if adversarial else None
+        self.judge_depth = build_discriminator(config) if self.weights.adversarial else None
+        self.judge_gray = build_discriminator(config) if self._judges_gray else None
         self.pools = (ImagePool(config.optim.pool_size), ImagePool(config.optim.pool_size))
-        self._fakes: tuple[Tensor, Tensor] | None = None
+        self._fake_y: Tensor | None = None
+        self._fake_x: Tensor | None = None
 
     @property
     def _both_ways(self) -> bool:
-        weights = self.weights
-        return bool(weights.cycle or weights.adversarial or weights.identity)
+        return bool(self.weights.cycle or self.weights.identity or self._judges_gray)
+
+    @property
+    def _judges_gray(self) -> bool:
+        return bool(self.weights.adversarial and self.weights.adversarial_backward)
 
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G and F; or the discriminators."""
@@ -70,8 +73,8 @@ class CycleGan(Method):
         if phase == "discriminator":
             return self._judge(x, y)
         made = self._translate(x, y)
-        if made.fake_x is not None:
-            self._fakes = made.fake_x.detach(), made.fake_y.detach()
+        self._fake_y = made.fake_y.detach()
+        self._fake_x = None if made.fake_x is None else made.fake_x.detach()
         return self._terms(batch, y, made)
 
     def _translate(self, x: Tensor, y: Tensor) -> Made:
@@ -108,22 +111,23 @@ class CycleGan(Method):
 
     def _deceive(self, x: Tensor, y: Tensor, made: Made) -> Tensor:
         """The generators' half of eq. 5 and 6."""
-        judge_y, judge_x = present(self.judge_depth), present(self.judge_gray)
-        with frozen([judge_y, judge_x]):
-            loss_y = generator_loss(self.weights.gan, judge_y, real=y, fake=made.fake_y)
-            loss_x = generator_loss(self.weights.gan, judge_x, real=x, fake=present(made.fake_x))
-        return loss_y + loss_x
+        gan, judge_y, judge_x = self.weights.gan, present(self.judge_depth), self.judge_gray
+        with frozen(built(judge_y, judge_x)):
+            loss = generator_loss(gan, judge_y, real=y, fake=made.fake_y)
+            if judge_x is not None:
+                loss = loss + generator_loss(gan, judge_x, real=x, fake=present(made.fake_x))
+        return loss
 
     def _judge(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         """The discriminators' half of eq. 5 and 6, on pooled fakes."""
-        if self.judge_depth is None or self.judge_gray is None or self._fakes is None:
-            return {}
-        gan, (fake_x, fake_y) = self.weights.gan, self._fakes
-        past_x, past_y = self.pools[0].exchange(fake_x), self.pools[1].exchange(fake_y)
-        return {
-            "judge_depth": discriminator_loss(gan, self.judge_depth, real=y, fake=past_y),
-            "judge_gray": discriminator_loss(gan, self.judge_gray, real=x, fake=past_x),
-        }
+        gan, terms = self.weights.gan, {}
+        if self.judge_gray is not None and self._fake_x is not None:
+            past_x = self.pools[0].exchange(self._fake_x)
+            terms["judge_gray"] = discriminator_loss(gan, self.judge_gray, real=x, fake=past_x)
+        if self.judge_depth is not None and self._fake_y is not None:
+            past_y = self.pools[1].exchange(self._fake_y)
+            terms["judge_depth"] = discriminator_loss(gan, self.judge_depth, real=y, fake=past_y)
+        return terms
 
     def extra_state(self) -> dict[str, list[Tensor]]:
         """The image pools."""

@@ -27,6 +27,7 @@ class Proposed(CycleGan):
 
     TERMS: ClassVar = CycleGan.TERMS | {"contrast_x", "contrast_y", "l1", "gradient"}
     SETTINGS: ClassVar = CycleGan.SETTINGS | {
+        "loss.adversarial_backward",
         "loss.contrast",
         "loss.l1_backward",
         "loss.weight_penalty",

@@ -130,6 +130,25 @@ def test_phases_move_their_own_networks_only(gan: str) -> None:
             assert any(g is not None and bool(g.any()) for g in grads) is moves
 
 
+@pytest.mark.parametrize("cycle", [0.0, 1.0])
+def test_one_direction_judges_depth_alone(cycle: float) -> None:
+    method = _method(adversarial=2.0, adversarial_backward=False, cycle=cycle)
+    x, y = _batch().gray, (_batch().depth_m - 5) / 5
+    terms, judge = _terms(method, _batch()), method.judge_depth
+    assert judge is not None
+    assert (method.backward_generator is None) == (not cycle)
+    assert method.networks("discriminator") == [judge]
+    assert set(terms) == {"adversarial", "judge_depth"} | ({"cycle"} if cycle else set())
+    fake = judge(method.generator(x))
+    torch.testing.assert_close(terms["adversarial"], 2 * ((fake - 1) ** 2).mean())
+    wanted = ((judge(y) - 1) ** 2).mean() / 2 + (fake**2).mean() / 2
+    torch.testing.assert_close(terms["judge_depth"], wanted)
+    assert {name: len(images) for name, images in method.extra_state().items()} == {
+        "pool_gray": 0,
+        "pool_depth": 1,
+    }
+
+
 def test_discriminators_see_pooled_fakes() -> None:
     method = _method(adversarial=1.0)
     for seed in range(3):

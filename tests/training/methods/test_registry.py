@@ -100,6 +100,7 @@ OF_SOME = {
     "loss.gamma_end=3": {"hnegsrc"},
     "loss.contrast=cfl": {"proposed"},
     "loss.l1_backward=true": {"proposed"},
+    "loss.adversarial_backward=false": {"proposed"},
     "loss.weight_penalty=0.5": {"proposed"},
 }
 
