@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli import console, options
-from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.choices import Detail, Upsampling, Weights
 from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import DepthcliError, ExitCode, UsageError
@@ -48,6 +48,10 @@ def runs(
             "repeatable, one row each. Default: none."
         ),
     ] = None,
+    weights: Annotated[
+        Weights,
+        typer.Option(help="averaged: the moving average, of runs that keep one; raw: without it."),
+    ] = Weights.AVERAGED,
     trivial: Annotated[
         bool, typer.Option(help="Include baselines that ignore the picture.")
     ] = True,
@@ -99,7 +103,7 @@ def runs(
     grouped(opened)  # refuses what is no seed of a row before anything is exported
     quiet = quiet or as_json
     with tempfile.TemporaryDirectory() as spare, stages(quiet=quiet) as stage:
-        exported = _exported(opened, Path(spare), stage, failed)
+        exported = _exported(opened, Path(spare), weights, stage, failed)
         models = _loaded(exported, provider, provider_option or (), threads)
         report = evaluate_runs(
             task,
@@ -109,6 +113,7 @@ def runs(
             published=published,
             stage=stage,
             workers=usable_cores(),
+            weights=weights,
         )
         sheets: tuple[Figure, ...] = ()
         if figures or html:
@@ -152,7 +157,7 @@ def _open_runs(folder: Path) -> tuple[list[TrainedRun], list[str]]:
 
 
 def _exported(
-    opened: Sequence[TrainedRun], spare: Path, stage: Stage, failed: list[str]
+    opened: Sequence[TrainedRun], spare: Path, weights: Weights, stage: Stage, failed: list[str]
 ) -> list[tuple[TrainedRun, Path]]:
     """Every run with its model; those that cannot be exported join ``failed``.
 
@@ -164,7 +169,7 @@ def _exported(
     done, exported = stage("exporting runs", len(opened)), []
     for run in opened:
         try:
-            exported.append((run, export_run(run, spare)))
+            exported.append((run, export_run(run, spare, weights)))
         except DepthcliError as error:
             failed.append(f"{run.name} ({error})")
         done()

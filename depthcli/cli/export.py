@@ -9,6 +9,7 @@ import typer
 
 from depthcli.cli import console
 from depthcli.cli.numbers import field_of_view, not_negative
+from depthcli.core.choices import Weights
 from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 
@@ -66,6 +67,9 @@ def export_onnx(
             "Default: that of NYU, if trained on NYU.",
         ),
     ] = None,
+    weights: Annotated[
+        Weights, typer.Option(help="averaged: the moving average, if the run keeps one; raw.")
+    ] = Weights.AVERAGED,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object to stdout.")
     ] = False,
@@ -81,7 +85,7 @@ def export_onnx(
     if fp16 and int8 is not None:
         raise UsageError("--fp16 and --int8 exclude each other; give one")
     options = ExportOptions(
-        name, model_version, fp16, mirror, opset, tolerance, int8, license_name, hfov
+        name, model_version, fp16, mirror, opset, tolerance, int8, license_name, hfov, weights
     )
     done = export_checkpoint(checkpoint, _target(checkpoint, output), options)
     parity = done.parity

@@ -1,4 +1,4 @@
-"""What can be chosen about depth maps; free of numpy, so that help texts can list it."""
+"""What can be chosen about depth maps and models; free of numpy, so that help texts can list it."""
 
 from __future__ import annotations
 
@@ -15,6 +15,15 @@ class Upsampling(StrEnum):
     """Edges follow those of the picture."""
     BILINEAR = "bilinear"
     """Between neighbours, without a look at the picture."""
+
+
+class Weights(StrEnum):
+    """Which weights of a training run make its model."""
+
+    AVERAGED = "averaged"
+    """Their moving average (``optim.ema``); those of the last step where none is kept."""
+    RAW = "raw"
+    """Those of the last step."""
 
 
 AUTO_TILE = 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from depthcli.core.choices import Weights
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.nyu import Stage, score_nyu, trivial_notes
 from depthcli.evaluation.protocol import Protocol
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from depthcli.evaluation.nyu import NyuTask
 
+_RAW = "weights of the last step, not their moving average"
 _TABLE_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]
 
 
@@ -106,6 +108,7 @@ def evaluate_runs(
     published: bool = True,
     stage: Stage,
     workers: int = 0,
+    weights: Weights = Weights.AVERAGED,
 ) -> RunsReport:
     """Make the table.
 
@@ -117,6 +120,7 @@ def evaluate_runs(
         published: include the paper's rows.
         stage: told of progress.
         workers: images at the same time; 0 works in the calling thread.
+        weights: which weights of the runs the models have, for the notes.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.
@@ -151,7 +155,10 @@ def evaluate_runs(
         train_count=len(task.split.train) if trivial else 0,
         protocol=protocol,
         rows=tuple(rows),
-        notes=tuple(_notes(task, models, trivial=trivial, published=published)),
+        notes=(
+            *_notes(task, models, trivial=trivial, published=published),
+            *([_RAW] if weights is Weights.RAW else []),
+        ),
     )
 
 

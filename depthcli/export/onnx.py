@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from depthcli.core.choices import Weights
 from depthcli.core.types import DepthKind
 from depthcli.datasets import id_ranges
 from depthcli.export.graph import (
@@ -56,6 +57,7 @@ class ExportOptions:
         license: of the weights, an SPDX name.
         hfov_deg: horizontal field of view of the camera that took the training pictures, degrees;
             None for what the checkpoint knows of it.
+        weights: the average, where the run keeps one, or those of the last step.
     """
 
     name: str = "custom"
@@ -67,6 +69,7 @@ class ExportOptions:
     int8_pictures: Path | None = None
     license: str = NO_LICENSE
     hfov_deg: float | None = None
+    weights: Weights = Weights.AVERAGED
 
     @property
     def allowed(self) -> float:
@@ -106,7 +109,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
         ParityError: the result is not the network; nothing is written.
         OutputError: a file cannot be written.
     """
-    generator, saved = load_generator(checkpoint)
+    generator, saved = load_generator(checkpoint, options.weights)
     model = build_graph(generator, opset=options.opset, mirror=options.mirror)
     card = card_of(saved, options)
     pictures: list[npt.NDArray[np.float32]] = []

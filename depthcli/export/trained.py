@@ -8,6 +8,7 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from depthcli.core.choices import Weights
 from depthcli.errors import CheckpointError, ModelError, OutputError
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.inference.catalog import Place, read_model
@@ -17,7 +18,7 @@ from depthcli.training.loop import CHECKPOINT
 if TYPE_CHECKING:
     from pathlib import Path
 
-CACHE_NAME = "evaluated.onnx"
+CACHE_NAMES = {Weights.AVERAGED: "evaluated.onnx", Weights.RAW: "evaluated-raw.onnx"}
 _HASH_LENGTH = 16
 
 
@@ -94,26 +95,27 @@ def open_run(folder: Path) -> TrainedRun:
     )
 
 
-def export_run(run: TrainedRun, spare: Path) -> Path:
+def export_run(run: TrainedRun, spare: Path, weights: Weights = Weights.AVERAGED) -> Path:
     """The run's model, exported unless that was done already for the same checkpoint.
 
     Args:
         run: its folder receives the model under a name of its own.
         spare: receives it where that folder cannot be written.
+        weights: the average, where the run keeps one, or those of the last step.
 
     Raises:
         CheckpointError: the checkpoint cannot be used.
         ParityError: the exported model is not the network.
     """
-    checkpoint, cached = run.folder / CHECKPOINT, run.folder / CACHE_NAME
+    checkpoint, cached = run.folder / CHECKPOINT, run.folder / CACHE_NAMES[weights]
     version = f"checkpoint-{_sha256(checkpoint)[:_HASH_LENGTH]}"
     if _version(cached) == version:
         return cached
-    options = ExportOptions(name=run.name, version=version)
+    options = ExportOptions(name=run.name, version=version, weights=weights)
     try:
         return export_checkpoint(checkpoint, cached, options).path
     except OutputError:
-        return export_checkpoint(checkpoint, spare / run.name / CACHE_NAME, options).path
+        return export_checkpoint(checkpoint, spare / run.name / cached.name, options).path
 
 
 def _version(model: Path) -> str | None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
+from depthcli.core.choices import Weights
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.training.config import TrainConfig
@@ -142,21 +143,25 @@ def _reach_disk(path: Path) -> None:
         os.fsync(file.fileno())
 
 
-def load_generator(path: Path) -> tuple[nn.Module, Checkpoint]:
-    """The generator that a checkpoint stands for (the average, where there is one), to evaluate.
+def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:
+    """The generator that a checkpoint stands for, to evaluate.
+
+    Args:
+        path: the checkpoint.
+        weights: the average, where there is one, or those of the last step.
 
     Raises:
         CheckpointError: the checkpoint cannot be read or does not fit its configuration.
     """
     checkpoint = Checkpoint.load(path)
     generator = build_generator(checkpoint.config.generator)
-    weights = checkpoint.average
-    if weights is None:
+    state = checkpoint.average if weights is Weights.AVERAGED else None
+    if state is None:
         prefix = "generator."
         named = checkpoint.method.items()
-        weights = {k.removeprefix(prefix): v for k, v in named if k.startswith(prefix)}
+        state = {k.removeprefix(prefix): v for k, v in named if k.startswith(prefix)}
     try:
-        generator.load_state_dict(weights)
+        generator.load_state_dict(state)
     except RuntimeError as error:
         raise CheckpointError(f"{path} does not fit its own configuration") from error
     return generator.eval(), checkpoint

@@ -206,6 +206,25 @@ def test_a_checkpoint_is_exported_once_and_again_when_it_changes(
     assert again["runs"][0]["model_sha256"] != first
 
 
+def test_averaged_and_raw_weights_are_models_of_their_own(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = updated(_config("proposed"), {"optim": {"ema": 0.9}})
+    _train(config, open_nyu(data), tmp_path / "runs" / "proposed-seed0")
+    quiet = ("--json", "--no-trivial", "--no-published")
+    documents = []
+    for weights in ("averaged", "raw", "averaged"):
+        assert _run(tmp_path / "runs", data, "--weights", weights, *quiet) == 0
+        documents.append(_json(capsys))
+    averaged, raw, again = (document["rows"][0] for document in documents)
+    assert averaged["scores"] == again["scores"]
+    assert averaged["scores"] != raw["scores"]
+    told = [any("last step" in note for note in document["notes"]) for document in documents]
+    assert told == [False, True, False]
+    models = {path.name for path in (tmp_path / "runs" / "proposed-seed0").glob("*.onnx")}
+    assert models == {"evaluated.onnx", "evaluated-raw.onnx"}
+
+
 def test_runs_that_held_out_other_pictures_are_not_mixed(
     runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -118,6 +118,17 @@ def test_json_says_what_was_written_and_how_close_it_is(
     assert len(done["cases"]) == 5
 
 
+def test_weights_are_averaged_or_those_of_the_last_step(tmp_path: Path) -> None:
+    last, average = small_network(WIDE, seed=1), small_network(WIDE, seed=2)
+    checkpoint = write_checkpoint(tmp_path / "last.ckpt", last, WIDE, average)
+    for options, network in (([], average), (["--weights", "raw"], last)):
+        path = tmp_path / "m.onnx"
+        assert main(["export-onnx", str(checkpoint), "-o", str(path), *options]) == 0
+        with torch.no_grad():
+            wanted = network(torch.from_numpy(IMAGE))[:, 0].numpy()
+        np.testing.assert_allclose(_raw(path), wanted, atol=1e-3)
+
+
 def test_a_difference_above_the_tolerance_is_refused(
     checkpoint: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
