@@ -56,6 +56,13 @@ def runs(
         bool, typer.Option(help="Include baselines that ignore the picture.")
     ] = True,
     published: Annotated[bool, typer.Option(help="Include the paper's rows.")] = True,
+    against: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROW",
+            help="Also compare this trained row with every other: paired bootstrap over scenes.",
+        ),
+    ] = None,
     limit: Annotated[
         int | None,
         typer.Option(
@@ -100,7 +107,9 @@ def runs(
     opened, failed = _open_runs(folder)
     task = plan_runs(dataset, opened, split, limit)
     positions = positions_of(task, ids)
-    grouped(opened)  # refuses what is no seed of a row before anything is exported
+    names = grouped(opened)  # refuses what is no seed of a row before anything is exported
+    if against is not None and against not in names:
+        raise UsageError(f"--against {against} is no row; choose from {', '.join(names)}")
     quiet = quiet or as_json
     with tempfile.TemporaryDirectory() as spare, stages(quiet=quiet) as stage:
         exported = _exported(opened, Path(spare), weights, stage, failed)
@@ -114,14 +123,15 @@ def runs(
             stage=stage,
             workers=usable_cores(),
             weights=weights,
+            against=against,
         )
         sheets: tuple[Figure, ...] = ()
         if figures or html:
-            names = list(dict.fromkeys(line.row.name for line in report.rows if line.runs))
+            shown = list(dict.fromkeys(line.row.name for line in report.rows if line.runs))
             groups = grouped([model.run for model in models])
             by_run = {model.run.name: model.predictor for model in models}
-            firsts = [by_run[groups[name][0].name] for name in names]
-            sheets = figures_of(task, positions, firsts, names, stage)
+            firsts = [by_run[groups[name][0].name] for name in shown]
+            sheets = figures_of(task, positions, firsts, shown, stage)
     show(report, as_json=as_json)
     if csv is not None:
         write_text(to_csv(report), csv)

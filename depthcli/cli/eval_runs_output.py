@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 from depthcli.cli import console
 from depthcli.cli.eval_output import aligned
 from depthcli.evaluation.runs_report import to_json
+from depthcli.metrics.depth import METRICS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from depthcli.evaluation.differences import Interval
     from depthcli.evaluation.runs_table import RunsReport, RunsRow, Training
     from depthcli.metrics.accumulate import Scores
 
@@ -30,9 +32,33 @@ def show(report: RunsReport, *, as_json: bool) -> None:
     console.out("")
     for line in aligned(cells(report)):
         console.out(line)
+    if report.differences:
+        name = console.one_line(report.differences[0].name)
+        console.out("")
+        console.out(f"{name} minus each row, 95 % of draws of whole scenes; ! clear of zero")
+        console.out("")
+        for line in aligned(difference_cells(report)):
+            console.out(line)
     console.out("")
     for note in notes(report):
         console.out(note)
+
+
+def difference_cells(report: RunsReport) -> list[list[str]]:
+    """The differences from one row as text, header first."""
+    lines = [["minus", "align", *_METRICS]]
+    for difference in report.differences:
+        intervals = dict(zip(METRICS, difference.intervals, strict=True))
+        shown = [_interval(intervals[metric]) for metric in _METRICS]
+        lines.append([console.one_line(difference.other), difference.alignment or "-", *shown])
+    return lines
+
+
+def _interval(interval: Interval) -> str:
+    if math.isnan(interval.mean):
+        return "-"
+    clear = "!" if interval.clear else ""
+    return f"{interval.mean:+.4f}{clear} [{interval.low:+.3f},{interval.high:+.3f}]"
 
 
 def cells(report: RunsReport) -> list[list[str]]:

@@ -12,6 +12,7 @@ from depthcli.evaluation.report import protocol_json, row_json, scores_json
 from depthcli.metrics.depth import METRICS
 
 if TYPE_CHECKING:
+    from depthcli.evaluation.differences import Difference
     from depthcli.evaluation.runs_table import RunsReport, RunsRow, Training
     from depthcli.metrics.accumulate import Scores
 
@@ -33,6 +34,8 @@ def to_json(report: RunsReport) -> str:
         "rows": [_row(row) for row in report.rows],
         "notes": report.notes,
     }
+    if report.differences:
+        document["differences"] = [_difference(difference) for difference in report.differences]
     return json.dumps(document, indent=2)
 
 
@@ -44,6 +47,26 @@ def _row(line: RunsRow) -> dict[str, Any]:
         entry["training"] = _training(line.training)
         entry["runs"] = [row_json(row) for row in line.runs]
     return entry
+
+
+def _difference(difference: Difference) -> dict[str, Any]:
+    return {
+        "row": difference.name,
+        "minus": difference.other,
+        "align": difference.alignment,
+        "intervals": {
+            metric: {
+                "mean": _or_none(interval.mean),
+                "low": _or_none(interval.low),
+                "high": _or_none(interval.high),
+            }
+            for metric, interval in zip(METRICS, difference.intervals, strict=True)
+        },
+    }
+
+
+def _or_none(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 def _training(training: Training) -> dict[str, Any]:

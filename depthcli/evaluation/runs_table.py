@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from depthcli.core.choices import Weights
 from depthcli.datasets.splits import SplitName
+from depthcli.evaluation.differences import Difference, differences_from
 from depthcli.evaluation.nyu import Stage, score_nyu, trivial_notes
 from depthcli.evaluation.protocol import Protocol
 from depthcli.evaluation.published import PUBLISHED, PUBLISHED_COUNT
@@ -17,7 +18,7 @@ from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from depthcli.evaluation.nyu import NyuTask
 
@@ -79,6 +80,7 @@ class RunsReport:
         protocol: how prediction and truth were compared.
         rows: the lines.
         notes: what a reader has to know besides.
+        differences: of one row from every other, if they were asked for.
     """
 
     split: SplitName
@@ -88,6 +90,7 @@ class RunsReport:
     protocol: Protocol
     rows: tuple[RunsRow, ...]
     notes: tuple[str, ...] = ()
+    differences: tuple[Difference, ...] = ()
 
     @property
     def title(self) -> str:
@@ -109,6 +112,7 @@ def evaluate_runs(
     stage: Stage,
     workers: int = 0,
     weights: Weights = Weights.AVERAGED,
+    against: str | None = None,
 ) -> RunsReport:
     """Make the table.
 
@@ -121,6 +125,7 @@ def evaluate_runs(
         stage: told of progress.
         workers: images at the same time; 0 works in the calling thread.
         weights: which weights of the runs the models have, for the notes.
+        against: also compare this trained row with every other, picture by picture.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.
@@ -138,9 +143,12 @@ def evaluate_runs(
         protocol=protocol,
         alignments=alignments,
         trivial=trivial,
+        per_image=against is not None,
         stage=stage,
         workers=workers,
     )
+    differences = () if against is None else _differences(against, task, groups, scored)
+    scored = tuple(replace(row, images=()) for row in scored)
     rows = [RunsRow(row) for row in scored if row.name not in by_name]
     rows += [
         _folded(name, groups[name], scored, alignment)
@@ -159,7 +167,20 @@ def evaluate_runs(
             *_notes(task, models, trivial=trivial, published=published),
             *([_RAW] if weights is Weights.RAW else []),
         ),
+        differences=differences,
     )
+
+
+def _differences(
+    against: str, task: NyuTask, groups: Mapping[str, Sequence[Trained]], scored: Sequence[Row]
+) -> tuple[Difference, ...]:
+    """Those of one row, with the seeds of a method as one."""
+    group_of = {member.run.name: name for name, members in groups.items() for member in members}
+    rows: dict[str, list[Row]] = {}
+    for row in scored:
+        rows.setdefault(group_of.get(row.name, row.name), []).append(row)
+    scenes = {task.dataset.ids[i]: task.dataset.scenes[i] for i in task.test}
+    return differences_from(against, rows, scenes)
 
 
 def _place(name: str) -> tuple[int, str]:

@@ -225,6 +225,37 @@ def test_averaged_and_raw_weights_are_models_of_their_own(
     assert models == {"evaluated.onnx", "evaluated-raw.onnx"}
 
 
+def test_a_row_is_compared_with_every_other(
+    trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    two = ("--align", "none", "--align", "median")
+    assert _run(trained, data, "--json", "--against", "proposed", *two) == 0
+    document = _json(capsys)
+    rows = {(row["name"], row["align"]): row["scores"] for row in document["rows"]}
+    found = {(entry["minus"], entry["align"]): entry for entry in document["differences"]}
+    others = ("constant mean", "per-pixel mean", "fastcut")
+    assert set(found) == {(name, align) for name in others for align in ("none", "median")}
+    for (name, align), entry in found.items():
+        assert entry["row"] == "proposed"
+        for metric in ("abs_rel", "rmse", "d1"):
+            interval = entry["intervals"][metric]
+            difference = rows["proposed", align][metric] - rows[name, align][metric]
+            assert interval["mean"] == pytest.approx(difference, abs=1e-6)
+            assert interval["low"] <= interval["mean"] <= interval["high"]
+    assert _run(trained, data, "--against", "proposed") == 0
+    out = capsys.readouterr().out
+    assert "proposed minus each row" in out
+    interval = found["fastcut", "none"]["intervals"]["abs_rel"]
+    assert f"{interval['mean']:+.4f}" in out
+
+
+def test_a_row_to_compare_with_has_to_be_there(
+    trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(trained, data, "--against", "cut") == 2
+    assert "--against cut is no row; choose from fastcut, proposed" in capsys.readouterr().err
+
+
 def test_runs_that_held_out_other_pictures_are_not_mixed(
     runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,0 +1,111 @@
+"""Whether one row is really better than another: paired differences, bootstrapped over scenes.
+
+Pictures of one scene resemble each other, so whole scenes are drawn, not pictures.
+Source: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13 (percentiles).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.metrics.depth import METRICS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from depthcli.evaluation.report import Row
+    from depthcli.metrics.choices import Alignment
+
+_DRAWS = 10_000
+_PERCENTILES = (2.5, 97.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A mean and the range that holds it in 95 % of the draws."""
+
+    mean: float
+    low: float
+    high: float
+
+    @property
+    def clear(self) -> bool:
+        """Whether zero is outside."""
+        return self.low > 0 or self.high < 0
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One row's scores minus another's, on the same pictures.
+
+    Attributes:
+        name: the row that is subtracted from.
+        other: the row that is subtracted.
+        alignment: of both.
+        intervals: of every metric, in the order of the table; below 0, ``name`` is better where
+            lower is better.
+    """
+
+    name: str
+    other: str
+    alignment: Alignment | None
+    intervals: tuple[Interval, ...]
+
+
+def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> Interval:
+    """The mean over pictures, and its interval when scenes are drawn with replacement.
+
+    Args:
+        values: (N,) one of each picture; NaN where a picture has none.
+        scenes: that of each picture.
+    """
+    known = np.isfinite(values)
+    _, scene = np.unique(np.asarray(scenes)[known], return_inverse=True)
+    sums = np.bincount(scene, values[known])
+    counts = np.bincount(scene)
+    if not len(sums):
+        return Interval(np.nan, np.nan, np.nan)
+    share = np.full(len(sums), 1 / len(sums))
+    drawn = np.random.default_rng(0).multinomial(len(sums), share, _DRAWS)
+    low, high = np.percentile((drawn @ sums) / (drawn @ counts), _PERCENTILES)
+    return Interval(float(sums.sum() / counts.sum()), float(low), float(high))
+
+
+def differences_from(
+    name: str, groups: Mapping[str, Sequence[Row]], scenes: Mapping[str, str]
+) -> tuple[Difference, ...]:
+    """One row against every other of the same alignment.
+
+    Args:
+        name: the row, one of the groups.
+        groups: the rows of each name with their images' scores; several seeds are averaged
+            picture by picture.
+        scenes: that of each image id.
+    """
+    found = []
+    for alignment in dict.fromkeys(row.alignment for row in groups[name]):
+        own = _per_image(groups[name], alignment)
+        order = [scenes[image.id] for image in groups[name][0].images]
+        for other, rows in groups.items():
+            if other == name or all(row.alignment is not alignment for row in rows):
+                continue
+            values = own - _per_image(rows, alignment)
+            intervals = tuple(scene_interval(column, order) for column in values.T)
+            found.append(Difference(name, other, alignment, intervals))
+    return tuple(found)
+
+
+def _per_image(rows: Sequence[Row], alignment: Alignment | None) -> npt.NDArray[np.float64]:
+    """(N, metrics): the scores of each image, averaged over the seeds."""
+    seeds = [
+        [[image.scores[metric] for metric in METRICS] for image in row.images]
+        for row in rows
+        if row.alignment is alignment
+    ]
+    averaged: npt.NDArray[np.float64] = np.asarray(seeds, np.float64).mean(0)
+    return averaged

@@ -1,0 +1,77 @@
+"""The comparison that docs/methods.md plans: every command of it would run, on what it says."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from depthcli.cli.app import main
+from depthcli.training.config_changes import resolve
+from depthcli.training.methods.registry import METHODS, default_config
+from depthcli.training.preset_files import preset_file
+from depthcli.training.schedule import factor
+
+PAGE = (Path(__file__).parents[2] / "docs" / "methods.md").read_text("utf-8")
+CHOSEN = {"W": "50", "N": "80"}
+"""Stand-ins for what the pilot and the clock decide."""
+
+
+def _commands() -> list[list[str]]:
+    """The words of every `depthcli train` on the page, with its variables filled in."""
+    found, values = [], {}
+    for block in re.findall(r"```\n(.*?)```", PAGE, re.DOTALL):
+        for line in block.replace("\\\n", " ").splitlines():
+            if named := re.fullmatch(r'(\w+)="(.*)"', line):
+                values[f"${named[1]}"] = named[2]
+            elif line.startswith("depthcli train"):
+                found.append(shlex.split(_filled(line, values), comments=True)[2:])
+    return found
+
+
+def _filled(line: str, values: dict[str, str]) -> str:
+    line = re.sub(r"\$\w+", lambda named: values[named[0]], line)
+    return re.sub(r"=([WN])\b", lambda letter: f"={CHOSEN[letter[1]]}", line)
+
+
+def _alone(words: list[str]) -> list[list[str]]:
+    """A command for each method that one names."""
+    if "--methods" in words:
+        place = words.index("--methods")
+        names, rest = words[place + 1].split(","), words[:place] + words[place + 2 :]
+    elif "--all" in words:
+        names, rest = list(METHODS), [word for word in words if word != "--all"]
+    else:
+        return [words]
+    if "--seeds" in rest:
+        place = rest.index("--seeds")
+        rest = rest[:place] + rest[place + 2 :]
+    return [[name, *rest] for name in names]
+
+
+def test_every_command_of_the_page_is_one_that_trains(capsys: pytest.CaptureFixture[str]) -> None:
+    commands = [command for words in _commands() for command in _alone(words)]
+    assert len(commands) > 25
+    for command in commands:
+        assert main(["train", *command, "--show-config"]) == 0, command
+        shown = tomllib.loads(capsys.readouterr().out)
+        if "table" in command:
+            assert shown["optim"]["ema"] == 0.999
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_table_trains_every_method_alike(name: str) -> None:
+    config = resolve(default_config(name), [preset_file("table")], [])
+    usual, optim = default_config(name), config.optim
+    assert (config.data.width, config.data.height) == (128, 128)
+    assert (config.generator.width, config.generator.blocks) == (16, 6)
+    assert (optim.batch_size, config.precision) == (1, "32-true")
+    assert (optim.learning_rate, optim.beta1, optim.beta2) == (2e-4, 0.5, 0.999)
+    assert (optim.epochs_constant, optim.epochs_decay, optim.ema) == (10, 10, 0.999)
+    assert [round(1 / factor(optim, epoch * 866, 866)) for epoch in (0, 9, 19)] == [1, 1, 11]
+    assert config.loss == usual.loss
+    assert (optim.pool_size, config.data.paired) == (usual.optim.pool_size, usual.data.paired)
+    assert config.data.holdout_every == 7

@@ -1,0 +1,87 @@
+"""Paired differences of rows, and how sure they are: scenes vote, not pictures."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from depthcli.evaluation.choices import Source
+from depthcli.evaluation.differences import differences_from, scene_interval
+from depthcli.evaluation.report import ImageScores, Row
+from depthcli.metrics.accumulate import Scores
+from depthcli.metrics.choices import Alignment
+from depthcli.metrics.depth import METRICS
+
+SCENES = tuple(f"den_{i % 12}" for i in range(60))
+
+
+def _looped(values: list[float], scenes: list[str], draws: int = 4000) -> tuple[float, float]:
+    """2.5th and 97.5th percentile of the mean over scenes drawn with replacement."""
+    rng, names = np.random.default_rng(4), sorted(set(scenes))
+    of_scene = {n: [v for v, s in zip(values, scenes, strict=True) if s == n] for n in names}
+    means = []
+    for _ in range(draws):
+        drawn = [v for n in rng.choice(names, len(names)) for v in of_scene[str(n)]]
+        means.append(sum(drawn) / len(drawn))
+    means.sort()
+    return means[round(0.025 * draws)], means[round(0.975 * draws)]
+
+
+def test_interval_is_that_of_a_plain_loop() -> None:
+    rng = np.random.default_rng(3)
+    by_scene = dict(zip(sorted(set(SCENES)), rng.normal(0.1, 0.2, 12), strict=True))
+    scenes = [*SCENES, *["den_3"] * 20]  # scenes of different sizes
+    values = np.array([by_scene[s] for s in scenes]) + rng.normal(0, 0.05, len(scenes))
+    interval = scene_interval(values, scenes)
+    low, high = _looped(values.tolist(), scenes)
+    assert interval.mean == pytest.approx(values.mean())
+    assert interval.low == pytest.approx(low, abs=0.01)
+    assert interval.high == pytest.approx(high, abs=0.01)
+
+
+def test_pictures_of_one_scene_are_no_evidence_of_their_own() -> None:
+    values = np.random.default_rng(1).normal(0.1, 0.3, 12)
+    once = scene_interval(values, SCENES[:12])
+    often = scene_interval(np.tile(values, 5), SCENES)
+    assert (often.low, often.high) == pytest.approx((once.low, once.high))
+    apart = scene_interval(np.tile(values, 5), [str(i) for i in range(60)])
+    assert apart.high - apart.low < 0.6 * (once.high - once.low)
+
+
+@pytest.mark.parametrize(("shift", "clear"), [(0.5, True), (-0.5, True), (0.0, False)])
+def test_clear_is_what_leaves_zero_outside(shift: float, clear: bool) -> None:
+    values = np.linspace(-0.2, 0.2, 60)
+    assert scene_interval(values + shift, SCENES).clear is clear
+
+
+def test_pictures_without_a_score_are_left_out() -> None:
+    values = np.array([0.1, math.nan, 0.3])
+    assert scene_interval(values, ["a", "b", "c"]).mean == pytest.approx(0.2)
+    none = scene_interval(np.full(3, math.nan), ["a", "b", "c"])
+    assert math.isnan(none.mean)
+    assert not none.clear
+
+
+def _row(name: str, abs_rel: list[float], alignment: Alignment = Alignment.NONE) -> Row:
+    images = tuple(
+        ImageScores(f"{i:04}", Scores.of(abs_rel=value)) for i, value in enumerate(abs_rel)
+    )
+    mean = Scores.of(abs_rel=sum(abs_rel) / len(abs_rel))
+    return Row(name, Source.MODEL, alignment, len(images), mean, images=images)
+
+
+def test_rows_are_compared_picture_by_picture_with_seeds_averaged() -> None:
+    groups = {
+        "mean": [_row("mean", [0.5, 0.5, 0.5])],
+        "ours": [_row("ours-seed0", [0.1, 0.4, 0.4]), _row("ours-seed1", [0.3, 0.2, 0.4])],
+        "cut": [_row("cut", [0.6, 0.5, 0.3], Alignment.MEDIAN)],
+    }
+    scenes = {"0000": "a", "0001": "b", "0002": "c"}
+    (found,) = differences_from("ours", groups, scenes)
+    assert (found.name, found.other, found.alignment) == ("ours", "mean", Alignment.NONE)
+    interval = found.intervals[list(METRICS).index("abs_rel")]
+    assert interval.mean == pytest.approx(-0.2)
+    assert interval.low == pytest.approx(-0.3)
+    assert interval.high == pytest.approx(-0.1)
