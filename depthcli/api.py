@@ -165,7 +165,7 @@ class DepthMap(types.DepthMap):
             UsageError: there is no such colormap.
         """
         if colormap not in NAMES:
-            raise UsageError(f"no colormap is called {colormap!r}; choose {', '.join(NAMES)}")
+            raise UsageError(f"no colormap named {colormap!r}; choose {', '.join(NAMES)}")
         return PreviewWriter(colormap, near, vmin, vmax, legend).render(self)
 
     def plot(

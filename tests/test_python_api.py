@@ -427,7 +427,7 @@ def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:
     assert colours[:, 0].mean() > colours[:, -1].mean()
     assert depth.colorize("gray", near="black")[0, 0].mean() < 10
     assert depth.colorize(legend=True).shape[1] > 64
-    with pytest.raises(depthcli.UsageError, match="no colormap is called 'jet'"):
+    with pytest.raises(depthcli.UsageError, match="no colormap named 'jet'"):
         depth.colorize("jet")
 
 

@@ -34,7 +34,9 @@ def parse_pixel(word: str) -> tuple[int, int]:
     except ValueError:
         x = y = -1
     if min(x, y) < 0:
-        raise UsageError(f"{word!r} is not X,Y; give a column and a row from 0 up, 320,240 say")
+        raise UsageError(
+            f"{word!r} is not X,Y; give a column and a row from 0, for example 320,240"
+        )
     return x, y
 
 
@@ -47,7 +49,7 @@ def _anchor(word: str) -> Anchor:
         depth_m = math.nan
     if len(parts) != _PARTS or min(x, y) < 0 or not 0 < depth_m < math.inf:
         raise UsageError(
-            f"--anchor {word!r} is not X,Y,METRES; give a column and a row from 0 up and a depth "
-            "above 0, 320,240,2.5 say"
+            f"--anchor {word!r} is not X,Y,METRES; give a column and a row from 0 and a depth "
+            "above 0, for example 320,240,2.5"
         )
     return Anchor(x, y, depth_m)

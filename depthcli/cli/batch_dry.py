@@ -42,7 +42,7 @@ def dry_run(plan: Plan, recipe: Recipe, pipeline: Pipeline, *, as_json: bool) ->
         _tell("skip", file.name, [], file.reason, as_json=as_json)
     rest = f"; {summary(plan.skipped)}" if plan.skipped else ""
     console.note(
-        f"would do {counts['do']}, keep {counts['keep']} that were done before, fail "
+        f"would process {counts['do']}, keep {counts['keep']} already done, fail "
         f"{counts['fail']}{rest}"
     )
     return ExitCode.OK

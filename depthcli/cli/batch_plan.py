@@ -156,7 +156,8 @@ def _check_apart(root: str, out: str) -> None:
     """Outputs among the inputs would be read as pictures by the next run."""
     if _real(root) == _real(out):
         raise UsageError(
-            f"--out {out} is the folder of the inputs; name another, a folder in it say"
+            f"--out {out} is the folder of the inputs; choose another folder, for example one "
+            f"inside it"
         )
 
 

@@ -53,14 +53,14 @@ class Voice(NamedTuple):
         say = console.note if self.as_json else console.out
         say(", ".join(_account(plan, tally)) + f"; {_speed(tally)}")
         if tally.passed < tally.total:
-            console.note("stopped early; the same command goes on from here")
+            console.note("stopped early; run the same command again to resume")
         say(console.one_line(f"manifest: {plan.out / MANIFEST_NAME}"))
 
 
 def _account(plan: Plan, tally: Tally) -> list[str]:
     parts = [f"{tally.done - len(tally.failures)} of {tally.total} inputs done"]
     if tally.kept:
-        parts.append(f"{tally.kept} were done before")
+        parts.append(f"{tally.kept} already done")
     if tally.failures:
         parts.append(f"{len(tally.failures)} failed")
     if plan.skipped:

@@ -186,5 +186,5 @@ def reason(error: Exception) -> str:
     if isinstance(error, DepthcliError):
         return str(error)
     if is_out_of_memory(error):
-        return "needs more memory than there is; make it smaller"
+        return "does not fit into memory; make it smaller"
     return f"unexpected {type(error).__name__}: {error}"

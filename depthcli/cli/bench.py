@@ -86,7 +86,7 @@ def bench(
 def _pixels(size: str) -> tuple[int, int]:
     width, _, height = size.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
-        raise UsageError(f"--size {size!r} is not WIDTHxHEIGHT; write 640x480, say")
+        raise UsageError(f"--size {size!r} is not WIDTHxHEIGHT; for example 640x480")
     if not (0 < int(width) <= _LARGEST_PX and 0 < int(height) <= _LARGEST_PX):
         raise UsageError(f"--size {size!r}: each side is 1 to {_LARGEST_PX} pixels")
     return int(width), int(height)

@@ -103,7 +103,9 @@ def _format(target: str, asked: Format | None) -> Format:
     from depthcli.io.naming import is_folder
 
     if target == "-" or is_folder(target):
-        raise UsageError(f"{target} is no file; name one, {target.rstrip('/')}/depth.exr say")
+        raise UsageError(
+            f"{target} is not a file; name one, for example {target.rstrip('/')}/depth.exr"
+        )
     found = asked or format_of(target)
     if found is None:
         raise UsageError(

@@ -41,7 +41,7 @@ def read_map(path: Path, *, scale: float | None, frame: int | None) -> DepthMap:
             raise UsageError(f"{path} is a video; say which frame with --frame, 0 for the first")
         return _frame(path, scale, frame)
     if frame is not None:
-        raise UsageError(f"--frame is for depth videos (.mkv), and {path} is none; leave it out")
+        raise UsageError(f"--frame is for depth videos (.mkv), but {path} is not one; remove it")
     return read_depth(path, png_scale=scale)
 
 
@@ -53,7 +53,7 @@ def check_scale(path: Path, scale: float | None) -> None:
     """
     if scale is not None and path.suffix.lower() not in {".png", VIDEO_SUFFIX}:
         raise UsageError(
-            f"a scale is for PNG and depth videos (.mkv), and {path} is neither; leave it out"
+            f"a scale is for PNG and depth videos (.mkv), but {path} is neither; remove it"
         )
 
 

@@ -63,5 +63,7 @@ def provider_options(words: Sequence[str]) -> dict[str, str]:
     pairs = [word.partition("=") for word in words]
     for (key, equals, _), word in zip(pairs, words, strict=True):
         if not (key and equals):
-            raise UsageError(f"--provider-option {word!r} is not KEY=VALUE; write device_id=1, say")
+            raise UsageError(
+                f"--provider-option {word!r} is not KEY=VALUE; for example device_id=1"
+            )
     return {key: value for key, _, value in pairs}

@@ -161,7 +161,7 @@ def nyu(
 
     _check_options(models=model, no_model=no_model, per_image=per_image, as_json=as_json)
     if ids and not (figures or html):
-        raise UsageError("--ids is about the sheets: add --figures DIR or --html FILE")
+        raise UsageError("--ids needs --figures DIR or --html FILE")
     detail = choose_detail(upsample, tile, None)
     task = plan_nyu(open_nyu(data), split, limit)
     positions = positions_of(task, ids)
@@ -171,8 +171,8 @@ def nyu(
     share = threads or max(1, cores // at_once)
     if no_model and not predictions and not (trivial and task.split.train):
         raise UsageError(
-            "nothing to compare: give --model or --predictions, or leave out --no-model or "
-            "--no-trivial (trivial rows need training pairs of the split)"
+            "nothing to compare: give --model or --predictions, or remove --no-model or "
+            "--no-trivial (baselines need training pairs of the split)"
         )
     engines = [Engine(name, provider, share, provider_option or ()) for name in names]
     predictors: list[Predictor] = [
@@ -217,6 +217,6 @@ def _check_options(
     *, models: Sequence[str] | None, no_model: bool, per_image: bool, as_json: bool
 ) -> None:
     if models and no_model:
-        raise UsageError("--model and --no-model exclude each other: drop one")
+        raise UsageError("--model and --no-model exclude each other: give one of them")
     if per_image and not as_json:
         raise UsageError("--per-image is part of the JSON output: add --json")

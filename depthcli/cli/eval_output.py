@@ -120,7 +120,7 @@ def footnotes(report: Report) -> list[str]:
     """What stands under the table."""
     marked = dict.fromkeys(f"* {console.one_line(row.note)}" for row in report.rows if row.note)
     empty = sorted({row.empty_count for row in report.rows} - {0})
-    left_out = [f"{count} images have no valid pixel and are left out" for count in empty]
+    left_out = [f"{count} images have no valid pixel and are excluded" for count in empty]
     upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
     direction = ", ".join(c for c in report.columns if c in upward | HIGHER_IS_BETTER)
     return [

@@ -102,7 +102,7 @@ def runs(
     from depthcli.evaluation.trained import grouped, plan_runs
 
     if ids and not (figures or html):
-        raise UsageError("--ids is about the sheets: add --figures DIR or --html FILE")
+        raise UsageError("--ids needs --figures DIR or --html FILE")
     dataset = open_nyu(data)
     opened, failed = _open_runs(folder)
     task = plan_runs(dataset, opened, split, limit)
@@ -141,7 +141,7 @@ def runs(
         description = report.protocol.description
         write_page(html, report.title, description, cells(report), notes(report), sheets)
     if failed:
-        console.error(f"{len(failed)} runs are left out: {'; '.join(failed)}")
+        console.error(f"{len(failed)} runs are skipped: {'; '.join(failed)}")
     return ExitCode.SOME_FAILED if failed else ExitCode.OK
 
 

@@ -51,7 +51,7 @@ def info(
         "height": depth.height,
         "valid": int(np.isfinite(depth.values).sum()),
         **Range.of(depth)._asdict(),
-        "stated": stated_facts(path),
+        "metadata": stated_facts(path),
     }
     return _tell(facts, as_json=as_json)
 
@@ -65,9 +65,9 @@ def _tell(facts: dict[str, object], *, as_json: bool) -> int:
 
 
 def _show(facts: dict[str, object]) -> None:
-    stated = facts.pop("stated")
-    if isinstance(stated, dict):
-        facts |= {f"stated {name}": value for name, value in stated.items()}
+    metadata = facts.pop("metadata")
+    if isinstance(metadata, dict):
+        facts |= {f"metadata {name}": value for name, value in metadata.items()}
     width = max(map(len, facts))
     for name, value in facts.items():
         text = (

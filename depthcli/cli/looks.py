@@ -98,7 +98,7 @@ def check_looks(
         raise UsageError("give --png-scale or --png-normalize, not both")
     if vmin is not None and vmax is not None:
         if vmin == vmax:
-            raise UsageError("--vmin and --vmax are equal; spread them")
+            raise UsageError("--vmin and --vmax are equal; give different values")
         if vmin > vmax:
             raise UsageError(f"--vmin {vmin:g} is above --vmax {vmax:g}; swap them")
     if near == Near.WARM and colormap == Colormap.GRAY:

@@ -1,4 +1,4 @@
-"""``depthcli models``: what is here, its card, its checksum; models of one's own."""
+"""``depthcli models``: what is here, its card, its checksum; models of your own."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def choose_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format,
         UsageError: the output is empty, or a file whose suffix says nothing.
     """
     if output == "":
-        raise UsageError("-o is empty; name a file or a folder, or leave -o out")
+        raise UsageError("-o is empty; name a file or a folder, or omit -o")
     if asked:
         return tuple(dict.fromkeys(asked))
     if output is None or is_folder(output):
@@ -103,7 +103,9 @@ def plan_jobs(
         json_path = str(Path(output).with_suffix(".json"))
         (plan,) = plan_outputs(sources, json_path, {Format.JSON: ""})
         if plan.outputs[Format.JSON] in jobs[0].outputs.values():
-            raise UsageError(f"the sidecar would take the place of -o {output}; end it otherwise")
+            raise UsageError(
+                f"the sidecar would take the place of -o {output}; choose another name"
+            )
         jobs[0].outputs[Format.JSON] = plan.outputs[Format.JSON]
     return tuple(jobs)
 

@@ -127,4 +127,4 @@ def _read(job: Job, limit: PictureLimit) -> Frame:
     try:
         return read_image(job.source, data, max_pixels=limit)
     except MemoryError as error:
-        raise InputError("needs more memory than there is; make it smaller") from error
+        raise InputError("does not fit into memory; make it smaller") from error

@@ -41,7 +41,7 @@ def path_of(name: str) -> Path:
         return Path(name)
     if not _NAME.fullmatch(name):
         raise UsageError(
-            f"{name!r} cannot be a profile's name; take letters, digits, '.', '_' and '-', "
+            f"{name!r} is not a valid profile name; use letters, digits, '.', '_' and '-', "
             "beginning with a letter or digit"
         )
     return folder() / f"{name}{_SUFFIX}"
@@ -58,7 +58,7 @@ def read_text(name: str) -> str:
         return path.read_text("utf-8")
     except FileNotFoundError:
         there = ", ".join(names()) or "none yet"
-        raise UsageError(f"no profile is called {name!r}; there are: {there}") from None
+        raise UsageError(f"no profile named {name!r}; there are: {there}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"profile {path} cannot be read ({error}); save it again") from error
 
@@ -80,7 +80,7 @@ def read(name: str) -> dict[str, Value]:
         parts = value if isinstance(value, list) else [value]
         if not all(isinstance(part, Scalar) for part in parts):
             raise UsageError(
-                f"profile {path}: {key} has to be text, a number, true, false or a list of these"
+                f"profile {path}: {key} must be text, a number, true, false or a list of these"
             )
     return values
 
@@ -97,7 +97,7 @@ def write(name: str, values: Mapping[str, Value], *, force: bool) -> Path:
     """
     path = path_of(name)
     if path.exists() and not force:
-        raise UsageError(f"profile {name!r} is there already; give another name, or --force")
+        raise UsageError(f"profile {name!r} already exists; give another name, or --force")
     lines = [f"{key} = {_toml(value)}\n" for key, value in values.items()]
     with atomic_path(path) as temporary:
         try:

@@ -67,7 +67,7 @@ def apply(context: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN
         if key in own:
             defaults[str(own[key].name)] = _checked(context, name, key, own[key], value)
         elif key not in _all_keys():
-            raise UsageError(f"profile {name!r}: no option is called {key!r}{_suggestion(key)}")
+            raise UsageError(f"profile {name!r}: no option named {key!r}{_suggestion(key)}")
     context.default_map = Defaults(context, defaults)
 
 

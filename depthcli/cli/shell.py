@@ -37,7 +37,7 @@ class LazyGroup(TyperGroup):
             return load_command(cmd_name)
         if ctx.resilient_parsing:
             return None
-        raise UsageError(f"no command is called {cmd_name!r}{_suggestion(cmd_name)}")
+        raise UsageError(f"no command named {cmd_name!r}{_suggestion(cmd_name)}")
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
         """The same text as without any module loaded."""

@@ -97,7 +97,7 @@ def _listed(text: str) -> list[str]:
 
 def _seed(text: str) -> int:
     if not text.isdecimal():
-        raise UsageError(f"--seeds takes whole numbers, 0,1 say, not '{text}'")
+        raise UsageError(f"--seeds takes integers such as 0,1, not '{text}'")
     return int(text)
 
 

@@ -54,7 +54,7 @@ def refuse_unused(
             meant = next(user for user in users if user in available)
             raise UsageError(
                 f"{word} is for {meant}, and only {' and '.join(formats)} would be written; "
-                f"leave it out, or write {meant}"
+                f"remove it, or write {meant}"
             )
 
 

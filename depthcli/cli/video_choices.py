@@ -37,7 +37,7 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     """The part of a video that ``--start``, ``--end`` and ``--every`` describe.
 
     Raises:
-        UsageError: one is no such place, or nothing lies between them.
+        UsageError: one is no such place, or the span is empty them.
     """
     from depthcli.io.sources.video_span import Span
 
@@ -45,9 +45,9 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     last = None if end is None else parse_point(end, "--end")
     step = parse_point(every or "1", "--every", bare_is_frames=True)
     if not step.value:
-        raise UsageError("--every 0 would never move on; give 1 or more")
+        raise UsageError("--every 0 is not a step; give 1 or more")
     if last and first.in_frames == last.in_frames and last.value <= first.value:
-        raise UsageError(f"--end {end} is not after --start {start or 0}; nothing lies between")
+        raise UsageError(f"--end {end} is not after --start {start or 0}; the span is empty")
     return Span(first, last, step)
 
 
@@ -67,7 +67,8 @@ def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Poin
     match = _POINT.fullmatch(word.strip())
     if match is None:
         raise UsageError(
-            f"{option} {word!r} is no place in a video; give seconds (12.5s), minutes (1:02.5) or "
+            f"{option} {word!r} is not a time or frame number; give seconds (12.5s), minutes "
+            f"(1:02.5) or "
             "a frame number (300f)"
         )
     outer, inner, number, letter = match.groups()
@@ -75,7 +76,7 @@ def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Poin
     in_frames = letter == "f" or (not letter and not parts and bare_is_frames)
     value = Fraction(number if number[-1] != "." else number[:-1])
     if in_frames and (parts or value.denominator > 1):
-        raise UsageError(f"{option} {word!r} is no frame number; frames are whole, 300f say")
+        raise UsageError(f"{option} {word!r} is not a frame number; give an integer such as 300f")
     for power, part in enumerate(reversed(parts), start=1):
         value += part * _MINUTE**power
     return Point(value, in_frames)

@@ -46,5 +46,5 @@ def video_facts(path: Path, scale: float | None) -> dict[str, object]:
         "valid": valid,
         "min": low,
         "max": high,
-        "stated": video.labels,
+        "metadata": video.labels,
     }

@@ -121,9 +121,9 @@ def plan_video(
             ``-``.
     """
     if name == "-":
-        raise UsageError("a video is not read from standard input; save it to a file first")
+        raise UsageError("a video cannot be read from standard input; save it to a file first")
     if output == "-":
-        raise UsageError("a video is not written to standard output; name a file or a folder")
+        raise UsageError("a video cannot be written to standard output; name a file or a folder")
     source = Path(name)
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if sidecar else formats))
     if output is None or _is_folder(output):
@@ -152,7 +152,9 @@ def _file_names(
             f"--out {output} is one file and {main[0]} writes one a frame; name a folder"
         )
     if FORMAT_OF_SUFFIX.get(output.suffix.lower()) is not main[0]:
-        raise UsageError(f"--out {output} does not end in .{main[0]}; a player would not know it")
+        raise UsageError(
+            f"--out {output} does not end in .{main[0]}; the suffix has to match the format"
+        )
     names: dict[VideoFormat, str] = {main[0]: output.name}
     if VideoFormat.JSON in wanted:
         names[VideoFormat.JSON] = output.stem + ".json"

@@ -27,7 +27,8 @@ def upsample_guided(
     Args:
         depth: (h, w) float32 of the whole picture.
         frame: the picture.
-        in_log: blend log depth, for which ``depth`` has to be above 0: an edge then looks the same
+        in_log: blend log depth, for which ``depth`` must be greater than 0: an edge then looks the
+        same
             near and far.
         reach: pixels of ``depth`` that a pixel of the network's own output is wide.
 

@@ -69,7 +69,7 @@ class PairedFolder:
         if pixels.shape[:2] != (depth.height, depth.width):
             raise DatasetError(
                 f"{self.images[i]} is {pixels.shape[1]}×{pixels.shape[0]} but its depth is "
-                f"{depth.width}×{depth.height}: bring both to the same size"
+                f"{depth.width}×{depth.height}: resize one of them"
             )
         return pixels
 

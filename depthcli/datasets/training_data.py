@@ -77,7 +77,7 @@ def open_training_data(
         paired: each picture needs its depth. If not, and names or sizes in the two folders differ,
             they are two lists that have nothing to do with each other.
         split: whose training part of NYU Depth v2.
-        units_per_metre: what one metre is in the depth images of a folder of one's own.
+        units_per_metre: what one metre is in the depth images of a folder of your own.
 
     Raises:
         DatasetError: the data is missing, incomplete, damaged, or in another unit.
@@ -85,7 +85,7 @@ def open_training_data(
     has_index = not path.is_dir() or any((path / name).is_file() for name in (MAT_NAME, INDEX_NAME))
     if has_index:
         if units_per_metre != MILLIMETRES:
-            raise DatasetError(f"{path} has an index, and is in millimetres: leave the unit out")
+            raise DatasetError(f"{path} has an index, and is in millimetres: remove the unit")
         whole = open_nyu(path)
         if all(_is_label(name) for name in whole.ids):
             return _training_part(whole, split)

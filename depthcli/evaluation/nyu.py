@@ -179,7 +179,8 @@ def _notes(split: Split, *, comparable: bool, trivial: bool) -> list[str]:
     notes = []
     if not comparable:
         notes.append(
-            "the paper's rows belong to the paper split and the headline protocol: left out here"
+            "the paper's rows belong to the paper split and the headline protocol and are "
+            "omitted here"
         )
     return [*notes, *(trivial_notes(split) if trivial else ())]
 
@@ -187,7 +188,7 @@ def _notes(split: Split, *, comparable: bool, trivial: bool) -> list[str]:
 def trivial_notes(split: Split) -> list[str]:
     """What the trivial rows lack of their split's training pairs."""
     if not split.train:
-        return ["no training pair of this split is here: trivial rows left out"]
+        return ["no training pair of this split is available: baselines are omitted"]
     if len(split.train) != split.train_count:
         known = f"{len(split.train)} of the split's {split.train_count} training pairs"
         return [f"trivial rows know {known}"]

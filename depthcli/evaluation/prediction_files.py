@@ -75,7 +75,8 @@ def open_predictions(
     suffix = next((s for s in SUFFIXES if (folder / f"{ids[0]}{s}").is_file()), None)
     if suffix is None:
         raise DatasetError(
-            f"{folder} has no prediction of {ids[0]}: name the files by id, {ids[0]}.npy say"
+            f"{folder} has no prediction of {ids[0]}: name the files by id, for example "
+            f"{ids[0]}.npy"
         )
     missing = [i for i in ids if not (folder / f"{i}{suffix}").is_file()]
     if missing:

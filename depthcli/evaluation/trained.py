@@ -120,7 +120,7 @@ def plan_runs(
         if seen:
             raise UsageError(
                 f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test pictures: "
-                "choose another --split, or leave it out"
+                "choose another --split, or omit it"
             )
     return task
 

@@ -79,9 +79,7 @@ def fit_trivial(
             counts += valid
             progress()
     if not counts.any():
-        raise DatasetError(
-            "no training depth to take the mean of: trivial rows need training pairs"
-        )
+        raise DatasetError("no training depth to take the mean of: baselines need training pairs")
     return _predictors(sums, counts)
 
 

@@ -147,11 +147,11 @@ def _input(fields: Fields) -> InputSpec:
         pixel_aspect=fields.number("pixel_aspect") if fields.has("pixel_aspect") else 1.0,
     )
     if min(spec.std) <= 0:
-        fields.fail("std", "has to be above 0")
+        fields.fail("std", "must be greater than 0")
     if spec.fit in _BOUNDS and not spec.dynamic:
         fields.fail("fit", f"is {spec.fit}, which a network of one fixed size cannot have")
     if spec.pixel_aspect <= 0:
-        fields.fail("pixel_aspect", "has to be above 0")
+        fields.fail("pixel_aspect", "must be greater than 0")
     if spec.fit in _BOUNDS and spec.pixel_aspect != 1:
         fields.fail("pixel_aspect", f"has to be 1, or left out, with a fit of {spec.fit}")
     fields.close()
@@ -180,7 +180,7 @@ def _camera(fields: Fields | None) -> CameraSpec | None:
         return None
     spec = CameraSpec(hfov_deg=fields.number("hfov_deg"))
     if not 0 < spec.hfov_deg < _MAX_HFOV_DEG:
-        fields.fail("hfov_deg", "has to be between 0 and 180")
+        fields.fail("hfov_deg", "must be between 0 and 180")
     fields.close()
     return spec
 

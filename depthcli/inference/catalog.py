@@ -96,7 +96,7 @@ def locate(name_or_path: str | os.PathLike[str] | None = None) -> Place:
         return place
     if _is_path(name):
         raise ModelError(f"no model at {name!r}; give an .onnx file or a folder with {CARD_NAME}")
-    raise ModelError(f"no model is called {name!r}; see 'depthcli models list', or give a path")
+    raise ModelError(f"no model named {name!r}; see 'depthcli models list', or give a path")
 
 
 def roots() -> tuple[Path, ...]:
@@ -109,7 +109,7 @@ def roots() -> tuple[Path, ...]:
 
 
 def user_root() -> Path:
-    """The folder that takes models of one's own: the variable's first, else the user's."""
+    """The folder that takes models of your own: the variable's first, else the user's."""
     return next(iter(_variable_roots()), data_folder() / "models")
 
 

@@ -1,4 +1,4 @@
-"""Taking a model of one's own into the user's folder, and out of it again."""
+"""Taking a model of your own into the user's folder, and out of it again."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def _place(folder: Path) -> Place | None:
 def _checked_name(name: str) -> str:
     if not _NAME.fullmatch(name) or name.endswith(".onnx"):
         raise UsageError(
-            f"{name!r} cannot be a model's name; give --name with letters, digits, '.', '_' and "
+            f"{name!r} is not a valid model name; give --name with letters, digits, '.', '_' and "
             "'-', beginning with a letter or digit"
         )
     return name
@@ -173,7 +173,7 @@ def _target(name: str, *, force: bool) -> Path:
     taken = next((p for n, p in catalog.list_places() if n == name), None)
     if taken is not None and not force:
         raise UsageError(
-            f"a model is called {name!r} already ({taken.path}); give another --name, or --force"
+            f"a model named {name!r} already exists ({taken.path}); give another --name, or --force"
         )
     return target
 

@@ -141,5 +141,5 @@ class Fields:
             or not isinstance(value, int | float)
             or not math.isfinite(value)
         ):
-            self.fail(name, f"has to be a number, not {value!r}")
+            self.fail(name, f"must be a number, not {value!r}")
         return float(value)

@@ -88,7 +88,7 @@ def refuse_external_data(data: bytes, where: str) -> None:
     if _EXTERNAL_MARK in data:
         raise ModelError(
             f"{where} keeps weights in a second file, which no checksum covers; save it as one, "
-            "with onnx.save(onnx.load('IN.onnx'), 'OUT.onnx') in Python say"
+            "with onnx.save(onnx.load('IN.onnx'), 'OUT.onnx') in Python, for example"
         )
 
 

@@ -156,7 +156,7 @@ class Pipeline:
         if stated and not gives_metres(self.card):
             raise UsageError(
                 f"model {self.card.name!r} gives no metres of a known camera, so a focal "
-                "length does not apply; leave --focal-px and --hfov out"
+                "length does not apply; remove --focal-px and --hfov"
             )
 
     def _provenance(self, frame: Frame, place: Layout, camera: Camera | None) -> Provenance:

@@ -45,7 +45,7 @@ def check_name(provider: str) -> None:
     """
     if provider not in {AUTO, *PROVIDERS}:
         names = ", ".join((AUTO, *PROVIDERS))
-        raise UsageError(f"no provider is called {provider!r}; give one of {names}")
+        raise UsageError(f"no provider named {provider!r}; give one of {names}")
 
 
 def wanted_providers(provider: str) -> tuple[str, ...]:
@@ -79,7 +79,7 @@ def check_options(provider: str, options: Mapping[str, str]) -> None:
     if options and provider in {AUTO, CPU}:
         raise UsageError(
             f"provider {provider!r} takes no options; name one such as cuda with --provider, or "
-            "leave --provider-option out"
+            "remove --provider-option"
         )
 
 

@@ -26,7 +26,7 @@ def ready_fields(name: str) -> dict[str, Any]:
     """
     if name not in ready_names():
         raise UsageError(
-            f"no ready card is called {name!r}; see 'depthcli models cards', or give a .json file"
+            f"no ready card named {name!r}; see 'depthcli models cards', or give a .json file"
         )
     fields: dict[str, Any] = json.loads((FOLDER / f"{name}.json").read_text("utf-8"))
     return fields

@@ -65,10 +65,12 @@ def decode(
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS)
     except cv2.error as error:
         if is_out_of_memory(error):
-            raise InputError(f"{name} needs more memory than there is; make it smaller") from error
+            raise InputError(f"{name} does not fit into memory; make it smaller") from error
         pixels = None
     if pixels is None or pixels.size == 0:
-        raise InputError(f"{name} is damaged, or of a variant that cannot be decoded; save it anew")
+        raise InputError(
+            f"{name} is damaged, or of a variant that cannot be decoded; save it again"
+        )
     return _without_alpha(pixels)
 
 

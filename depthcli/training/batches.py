@@ -75,7 +75,7 @@ class PairStore:
             measured = shrink(dataset.depth_m(position), size)
             if measured is None:
                 raise DatasetError(
-                    f"pair {dataset.ids[position]} has almost no depth: leave it out or repair it"
+                    f"pair {dataset.ids[position]} has almost no depth: remove or repair it"
                 )
             self.depth_m[row, 0] = torch.from_numpy(measured.depth_m)
             if measured.known is not None:
@@ -133,7 +133,7 @@ class Batches:
                 f"devices: set it to a multiple of {processes}"
             )
         if extra and processes > 1:
-            raise UsageError("extra pairs are for one device: leave --devices out")
+            raise UsageError("extra pairs are for one device: remove --devices")
         self.extra = extra
         self._extra_size = round(batch_size * data.extra_share) if extra else 0
         if extra and not 0 < self._extra_size < min(batch_size, len(extra) + 1):

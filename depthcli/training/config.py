@@ -97,7 +97,7 @@ class DataConfig:
         cutmix: probability that a view gets a rectangle of another one, picture and depth alike.
         extra_share: share of each batch from the extra pairs, if some are given.
         split: NYU Depth v2 gives its training pairs of this split; its test pairs never.
-        units_per_metre: what one metre is in the depth images of a folder of one's own.
+        units_per_metre: what one metre is in the depth images of a folder of your own.
         holdout_every: every n-th scene by name is held out for validation; 0 holds out none.
         holdout_offset: the first of them.
     """

@@ -110,9 +110,9 @@ def _check_views(config: TrainConfig) -> None:
     if any(not _ASPECTS[0] <= aspect <= _ASPECTS[1] for aspect in data.aspects):
         raise UsageError(f"data.aspects are from 1/4 to 4, not {list(data.aspects)}")
     if data.crop_286 and data.aspects:
-        raise UsageError("data.crop_286 and data.aspects exclude each other: leave one out")
+        raise UsageError("data.crop_286 and data.aspects exclude each other: remove one of them")
     if data.crop_286 and data.zoom > 1:
-        raise UsageError("data.crop_286 and data.zoom exclude each other: leave one out")
+        raise UsageError("data.crop_286 and data.zoom exclude each other: remove one of them")
     if data.cutmix and config.optim.batch_size == 1:
         raise UsageError("data.cutmix takes a piece of another view: raise optim.batch_size to 2")
 
@@ -126,7 +126,7 @@ def _check_pairing(config: TrainConfig) -> None:
     if needs:
         raise UsageError(
             f"loss.{needs[0]} compares with the truth of the same scene: "
-            "leave it out or set data.paired=true"
+            "remove it or set data.paired=true"
         )
 
 

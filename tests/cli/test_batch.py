@@ -116,7 +116,7 @@ def test_names_with_any_byte(cli: Cli) -> None:
     assert contents(cli, "out").keys() == wanted
     assert rows(cli, "out").keys() == {"new\nline.png", odd}
     again = cli("batch", "in", "--out", "out")
-    assert b"2 were done before" in again.stdout
+    assert b"2 already done" in again.stdout
 
 
 def test_videos_among_the_pictures(cli: Cli) -> None:
@@ -182,7 +182,7 @@ def test_a_dry_run_writes_nothing(cli: Cli) -> None:
         "do    hall/b.png -> out/hall/b.depth.png",
         "skip  notes.txt -> .txt",
     ]
-    assert b"would do 2, keep 0 that were done before, fail 1; 1 file skipped" in done.stderr
+    assert b"would process 2, keep 0 already done, fail 1; 1 file skipped" in done.stderr
     assert not (cli.folder / "out").exists()
     cli("batch", "in", "--out", "out", "--include", "a.png")
     before = contents(cli, "out")

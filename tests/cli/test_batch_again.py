@@ -52,7 +52,7 @@ def maps(cli: Cli, out: str) -> dict[str, bytes]:
 
 
 def kept(cli: Cli, *words: str) -> dict[str, bool]:
-    """Which inputs were done before."""
+    """Which inputs were already done."""
     return {row["input"]: row["kept"] for row in printed(cli("batch", "in", *words, "--json"))}
 
 
@@ -92,7 +92,7 @@ def test_an_interrupted_batch_leaves_a_manifest_and_goes_on(
     running.send_signal(which)
     out, err = running.communicate(timeout=30)
     assert running.returncode == code
-    assert b"the same command goes on from here" in err
+    assert b"run the same command again to resume" in err
     assert b"manifest: out/manifest.jsonl" in out
     done = rows(cli, "out")
     assert 5 <= len(done) < COUNT

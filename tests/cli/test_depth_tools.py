@@ -41,8 +41,8 @@ def test_info_says_what_a_pixel_is(cli: Cli) -> None:
     assert (told["kind"], told["unit"]) == ("metric", "m")
     assert (told["width"], told["height"], told["valid"]) == (64, 48, 64 * 48)
     assert told["max"] == pytest.approx(depth.max())
-    assert told["stated"]["scale"] == "5000"
-    assert told["stated"]["model"] == "tiny"
+    assert told["metadata"]["scale"] == "5000"
+    assert told["metadata"]["model"] == "tiny"
     lines = dict(
         line.split(maxsplit=1) for line in cli("info", "d.png").stdout.decode().split("\n")[:-1]
     )
@@ -53,7 +53,7 @@ def test_info_s_values_stand_in_one_column(cli: Cli) -> None:
     write_picture(cli.folder / "room.png")
     cli("predict", "room.png", "-o", "d.png")
     lines = cli("info", "d.png").stdout.decode().splitlines()
-    begins = {len(re.match(r"(stated )?\S+ +", line)[0]) for line in lines}  # type: ignore[index]
+    begins = {len(re.match(r"(metadata )?\S+ +", line)[0]) for line in lines}  # type: ignore[index]
     assert len(begins) == 1
 
 
@@ -64,19 +64,19 @@ def test_info_states_what_the_sidecar_beside_the_file_knows(cli: Cli, name: str)
     segment = b"\xff\xe1" + struct.pack(">H", 8 + len(orientation_6)) + b"Exif\0\0" + orientation_6
     path.write_bytes(b"\xff\xd8" + segment + path.read_bytes()[2:])
     assert cli("predict", "held.jpg", "-o", name, "--sidecar").returncode == 0
-    stated = json.loads(cli("info", name, "--json").stdout)["stated"]
+    stated = json.loads(cli("info", name, "--json").stdout)["metadata"]
     assert (stated["orientation"], stated["model"]) == ("6", "tiny")
     # A sidecar of another model's map says nothing of this one.
     sidecar = cli.folder / "d.json"
     sidecar.write_text(sidecar.read_text().replace(stated["model_sha256"], "0" * 64))
-    after = json.loads(cli("info", name, "--json").stdout)["stated"]
+    after = json.loads(cli("info", name, "--json").stdout)["metadata"]
     assert ("orientation" in after) == (name == "d.npy")
 
 
 def test_info_on_exr_states_the_model(cli: Cli) -> None:
     write_picture(cli.folder / "room.png")
     cli("predict", "room.png", "-o", "d.exr")
-    assert json.loads(cli("info", "d.exr", "--json").stdout)["stated"]["model"] == "tiny"
+    assert json.loads(cli("info", "d.exr", "--json").stdout)["metadata"]["model"] == "tiny"
 
 
 @pytest.mark.usefixtures("depth_npy")

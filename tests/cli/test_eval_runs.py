@@ -299,7 +299,7 @@ def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(
     shown = capsys.readouterr()
     assert "fastcut" in shown.out
     assert shown.err.splitlines()[-1].startswith(
-        "depthcli: error: 1 runs are left out: proposed-seed0 ("
+        "depthcli: error: 1 runs are skipped: proposed-seed0 ("
     )
 
 

@@ -104,7 +104,7 @@ def test_ctrl_c_says_nothing(
 
 @pytest.mark.parametrize("error", [MemoryError(), opencv_error(-4)])
 def test_an_input_of_a_batch_that_needs_too_much_memory_is_told_so(error: Exception) -> None:
-    assert reason(error) == "needs more memory than there is; make it smaller"
+    assert reason(error) == "does not fit into memory; make it smaller"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux how much memory is in use")
@@ -120,7 +120,7 @@ def test_a_picture_that_is_larger_than_the_memory_costs_only_itself(cli: Cli) ->
         timeout=60,
     )
     assert done.returncode == 1, done.stderr
-    assert b"large.png needs more memory than there is; make it smaller" in done.stderr
+    assert b"large.png does not fit into memory; make it smaller" in done.stderr
     assert [path.name for path in (cli.folder / "out").iterdir()] == ["small.depth.png"]
 
 

@@ -47,7 +47,7 @@ def test_a_taken_name_is_refused_without_force(cli: Cli, download: Path) -> None
     assert cli(*add, "--json").returncode == 0
     again = cli(*add)
     assert (again.returncode, again.stdout) == (2, b"")
-    assert b"is called 'mine' already" in again.stderr
+    assert b"named 'mine' already exists" in again.stderr
     forced = cli(*add, "--force", "--json")
     told = json.loads(forced.stdout)
     assert (forced.returncode, told["name"]) == (0, "mine")
@@ -75,7 +75,7 @@ def test_a_bundled_model_is_hidden_with_force_and_comes_back(cli: Cli, download:
     ("words", "code", "problem"),
     [
         (("download.onnx",), 2, "'depthcli models cards'"),
-        (("download.onnx", "--card", "midas"), 2, "no ready card is called 'midas'"),
+        (("download.onnx", "--card", "midas"), 2, "no ready card named 'midas'"),
         (("none.onnx", "--card", "midas-small"), 3, "No such file or directory; check its name"),
         (("download.onnx", "--card", "none.json"), 3, "cannot read none.json"),
         (("download.onnx", "--card", "midas-small", "--name", "../x"), 2, "name"),
@@ -225,7 +225,7 @@ def test_a_provider_that_nobody_knows_is_wrong_usage(cli: Cli, picture: Path) ->
     done = cli("predict", picture, "--provider", "gpu")
     (line,) = done.stderr.decode().splitlines()
     assert done.returncode == 2
-    assert "no provider is called 'gpu'; give one of auto, cuda" in line
+    assert "no provider named 'gpu'; give one of auto, cuda" in line
 
 
 @pytest.mark.parametrize("words", [("--provider-option", "a"), ("--provider-option", "a=1")])

@@ -103,20 +103,20 @@ def test_without_the_option_no_profile_is_read(home: Home, picture: Path) -> Non
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("hfovv = 60", "no option is called 'hfovv'; did you mean 'hfov'?"),
-        ("output = 'x.png'", "no option is called 'output'"),
-        ("debug = true", "no option is called 'debug'"),
-        ("profile = 'q'", "no option is called 'profile'"),
+        ("hfovv = 60", "no option named 'hfovv'; did you mean 'hfov'?"),
+        ("output = 'x.png'", "no option named 'output'"),
+        ("debug = true", "no option named 'debug'"),
+        ("profile = 'q'", "no option named 'profile'"),
         ("focal_px = 60", "did you mean 'focal-px'?"),
-        ("hfov = 300", "hfov = 300: has to be between 0 and 180"),
+        ("hfov = 300", "hfov = 300: must be between 0 and 180"),
         ("hfov = 'wide'", "hfov = 'wide'"),
         ("colormap = 'jet'", "'jet' is not one of"),
         ("format = ['png16', 'jpg']", "'jpg' is not one of"),
         ("threads = 0", "threads = 0"),
         ("hfov =", "is not TOML"),
-        ("[camera]\nhfov = 60", "camera has to be text, a number"),
-        ("hfov = [1, [2]]", "hfov has to be text, a number"),
-        ("anchor = [1979-05-27]", "anchor has to be text, a number"),
+        ("[camera]\nhfov = 60", "camera must be text, a number"),
+        ("hfov = [1, [2]]", "hfov must be text, a number"),
+        ("anchor = [1979-05-27]", "anchor must be text, a number"),
     ],
 )
 def test_what_is_wrong_in_a_profile_is_one_line(
@@ -135,7 +135,7 @@ def test_a_profile_that_is_not_there_names_those_that_are(home: Home, picture: P
     home.write("kitti", "hfov = 60")
     code, _, err = home.run("predict", picture, "--profile", "kity")
     assert code == 2
-    assert "no profile is called 'kity'; there are: kitti" in err
+    assert "no profile named 'kity'; there are: kitti" in err
 
 
 def test_a_profile_can_be_a_file(home: Home, picture: Path) -> None:
@@ -148,13 +148,13 @@ def test_a_profile_can_be_a_file(home: Home, picture: Path) -> None:
     ("words", "problem"),
     [
         (("save", "p"), "give the options to save"),
-        (("save", "../p", "--half"), "cannot be a profile's name"),
+        (("save", "../p", "--half"), "is not a valid profile name"),
         (("save", "p", "--hfov", "300"), "between 0 and 180"),
         (("save", "p", "--format", "jpg"), "'jpg' is not one of"),
         (("save", "p", "--output", "x.png"), "--output"),
-        (("save", "there", "--half"), "is there already"),
-        (("show", "nothing"), "no profile is called 'nothing'"),
-        (("remove", "nothing"), "no profile is called 'nothing'"),
+        (("save", "there", "--half"), "already exists"),
+        (("show", "nothing"), "no profile named 'nothing'"),
+        (("remove", "nothing"), "no profile named 'nothing'"),
     ],
 )
 def test_what_is_wrong_on_the_command_line_is_one_line(
@@ -246,7 +246,7 @@ def test_what_is_saved_is_read_back(values: dict[str, object]) -> None:
         (("--max-memory", "x"), "--max-memory is a number"),
         (("--start", "foo"), "--start 'foo'"),
         (("--start", "3", "--end", "2"), "not after --start"),
-        (("--provider", "nosuch"), "no provider is called 'nosuch'"),
+        (("--provider", "nosuch"), "no provider named 'nosuch'"),
         (("--provider", "cuda", "--provider-option", "a"), "not KEY=VALUE"),
         (("--focal-px", "5", "--hfov", "60"), "--focal-px or --hfov"),
         (("--png-scale", "5", "--png-normalize"), "--png-scale or --png-normalize"),

@@ -96,7 +96,7 @@ def test_every_command_is_there_and_every_option_has_help(name: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("nonsense",), "no command is called 'nonsense'"),
+        (("nonsense",), "no command named 'nonsense'"),
         (("predikt",), "did you mean 'predict'?"),
         (("--nonsense",), "no such option"),
         (("predict",), "IMG..."),

@@ -295,8 +295,8 @@ def test_what_is_no_video_costs_one_line(cli: Cli, content: bytes | None, reason
         (("--out", "a.mkv", "--format", "mp4"), ".mp4"),
         (("--format", "json"), "another --format"),
         (("--start", "soon"), "no place"),
-        (("--start", "2", "--end", "1"), "nothing lies between"),
-        (("--every", "0"), "never move on"),
+        (("--start", "2", "--end", "1"), "the span is empty"),
+        (("--every", "0"), "is not a step"),
         (("--smooth", "-1"), "0 or above"),
         (("--focal-px", "500", "--hfov", "60"), "not both"),
         (("--format", "mov"), "mov"),
@@ -410,7 +410,7 @@ def test_info_reads_a_depth_video(cli: Cli) -> None:
     facts = report(cli("info", "a.mkv", "--json"))
     assert (facts["frames"], facts["fps"], facts["unit"]) == (5, "30000/1001", "m")
     assert facts["valid"] == 5 * 48 * 64
-    assert facts["stated"]["scale"] == "1000"
+    assert facts["metadata"]["scale"] == "1000"
 
 
 @pytest.mark.parametrize(

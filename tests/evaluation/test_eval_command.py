@@ -351,7 +351,7 @@ def test_page_without_models_has_the_table_alone(data: Path, tmp_path: Path) -> 
     ("words", "code", "problem"),
     [
         (("--provider", "tensorrt"), ExitCode.FAILURE, "tensorrt"),
-        (("--provider", "gpu"), ExitCode.USAGE, "no provider is called 'gpu'"),
+        (("--provider", "gpu"), ExitCode.USAGE, "no provider named 'gpu'"),
         (("--provider-option", "device_id"), ExitCode.USAGE, "not KEY=VALUE"),
         (("--provider-option", "device_id=1"), ExitCode.USAGE, "takes no options"),
     ],

@@ -72,7 +72,7 @@ def test_test_part_alone_has_no_trivial_rows_and_says_so() -> None:
     task = plan_nyu(small_set(3, first=1000), SplitName.PAPER)
     report = evaluate_nyu(task, [], protocol=ANY_SIZE)
     assert report.rows == ()
-    assert any("trivial rows left out" in note for note in report.notes)
+    assert any("baselines are omitted" in note for note in report.notes)
 
 
 def test_published_rows_stand_beside_the_headline_of_the_paper_split_only() -> None:

@@ -80,7 +80,7 @@ def test_a_card_holds_the_codec() -> None:
         ({"input.mean": 0.5}, "input.mean"),
         ({"input.mean": ["0.5"]}, "input.mean"),
         ({"input.std": [0]}, "input.std"),
-        ({"input.pixel_aspect": 0}, "input.pixel_aspect has to be above 0"),
+        ({"input.pixel_aspect": 0}, "input.pixel_aspect must be greater than 0"),
         ({"input.pixel_aspect": 2, "input.fit": "lower-bound"}, "input.pixel_aspect has to be 1"),
         ({"output.kind": "metres"}, "output.kind"),
         ({"output.scale": None}, "output.scale"),

@@ -1,4 +1,4 @@
-"""Models of one's own: complete or not there at all."""
+"""Models of your own: complete or not there at all."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_a_taken_name_needs_force(own: Path, file: Path, tmp_path: Path) -> None
     (own / "tiny" / "card.json").touch()
     before = find_model("tiny")
     file.write_bytes(tiny_onnx(stride=2))
-    with pytest.raises(UsageError, match="is called 'tiny' already"):
+    with pytest.raises(UsageError, match="named 'tiny' already exists"):
         add_model(file, card)
     assert find_model("tiny").sha256 == before.sha256
     after = add_model(file, card, force=True)
@@ -211,7 +211,7 @@ def test_only_own_models_are_removed(own: Path, tmp_path: Path) -> None:
     for name in ("default", "nowhere"):
         with pytest.raises(UsageError, match="not among the models"):
             remove_model(name)
-    with pytest.raises(UsageError, match="cannot be a model's name"):
+    with pytest.raises(UsageError, match="is not a valid model name"):
         remove_model("../own/mine")
     assert remove_model("mine") == own / "mine"
     assert not (own / "mine").exists()

@@ -193,7 +193,7 @@ def test_the_graph_s_own_size_is_taken(tmp_path: Path) -> None:
 
 
 def test_an_unknown_card_is_refused() -> None:
-    with pytest.raises(UsageError, match="no ready card is called 'midas'"):
+    with pytest.raises(UsageError, match="no ready card named 'midas'"):
         ready_card("midas")
 
 

@@ -44,7 +44,7 @@ def test_a_named_provider_runs_or_is_an_error(model_folder: Path, name: str) -> 
 
 
 def test_an_unknown_provider_is_an_error(model_folder: Path) -> None:
-    with pytest.raises(UsageError, match="no provider is called 'gpu'"):
+    with pytest.raises(UsageError, match="no provider named 'gpu'"):
         Session(find_model(model_folder), provider="gpu")
 
 

@@ -176,7 +176,7 @@ def test_millimetres_come_back_frame_for_frame(size: tuple[int, int], tmp_path: 
         np.testing.assert_array_equal(depth.values, values)
     assert (video.rate, video.scale, video.kind) == (NTSC, 1000, DepthKind.METRIC)
     assert video.labels["frame_rate"] == "30000/1001"
-    assert video.labels["unit"] == "1/1000 m"
+    assert video.labels["unit"] == "mm"
 
 
 def test_another_scale_is_labelled_and_obeyed(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from depthcli.core.types import Provenance
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap
 
+_MILLIMETRES = 1000
 SOFTWARE = f"depthcli {__version__}"
 _UNKNOWN = Provenance()
 
@@ -49,3 +50,8 @@ def facts(depth: DepthMap) -> dict[str, str]:
     source = {"model": known.model, "model_sha256": known.model_sha256}
     words |= {name: text for name, text in source.items() if text}
     return words | ({"focal_px": f"{known.focal_px:.6g}"} if known.focal_px else {})
+
+
+def step_unit(scale: float) -> str:
+    """Unit of whole steps, ``mm`` where a metre has 1000 of them."""
+    return "mm" if scale == _MILLIMETRES else f"1/{scale:g} m"

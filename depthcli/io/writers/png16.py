@@ -9,7 +9,7 @@ import numpy as np
 
 from depthcli.core.bands import row_bands
 from depthcli.io.png_encode import encode_png
-from depthcli.io.writers.facts import facts
+from depthcli.io.writers.facts import facts, step_unit
 from depthcli.io.writers.formats import MILLIMETRES
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Png16Writer:
                 warnings = (f"{depth.kind} depth has no unit; {path.suffix[1:]} is normalized",)
         else:
             steps, saturated = quantized(depth.values, self.scale)
-            texts |= {"scale": f"{self.scale:g}", "unit": f"1/{self.scale:g} m"}
+            texts |= {"scale": f"{self.scale:g}", "unit": step_unit(self.scale)}
             if saturated:
                 limit_m = _TOP / self.scale
                 warnings = (f"{saturated} pixels beyond {limit_m:.6g} m were saturated",)

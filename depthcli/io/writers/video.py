@@ -10,7 +10,7 @@ import numpy as np
 from depthcli.errors import OutputError
 from depthcli.io.atomic import atomic_path
 from depthcli.io.atomic_sequence import atomic_sequence
-from depthcli.io.writers.facts import facts
+from depthcli.io.writers.facts import facts, step_unit
 from depthcli.io.writers.png16 import quantized
 from depthcli.io.writers.video_file import Codec, VideoFile
 
@@ -98,7 +98,7 @@ class DepthVideoOutput:
             self._file.finish(times_s, labels | {"scale": "normalized"})
             return (f"{depth.kind} depth has no unit; mkv is normalized to the preview's range",)
         scale = f"{self._scale:g}"
-        self._file.finish(times_s, labels | {"scale": scale, "unit": f"1/{scale} m"})
+        self._file.finish(times_s, labels | {"scale": scale, "unit": step_unit(self._scale)})
         if not self._saturated:
             return ()
         limit_m = _TOP / self._scale

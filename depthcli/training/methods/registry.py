@@ -71,14 +71,14 @@ def check_terms(config: TrainConfig) -> None:
         raise UsageError(f"one of loss.{', loss.'.join(sorted(known))} is above 0")
     _check_settings(config)
     if config.data.paired and not METHODS[config.method].PAIRED:
-        raise UsageError(f"{config.method} learns without pairs: leave data.paired out")
+        raise UsageError(f"{config.method} learns without pairs: remove data.paired")
 
 
 def _check_settings(config: TrainConfig) -> None:
     known, usual = METHODS[config.method].SETTINGS, default_config(config.method)
     for path in _OF_SOME:
         if path not in known and _value(config, path) != _value(usual, path):
-            raise UsageError(f"{config.method} does not look at {path}: leave it out")
+            raise UsageError(f"{config.method} does not use {path}: remove it")
 
 
 def _value(config: TrainConfig, path: str) -> object:

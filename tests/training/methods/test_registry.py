@@ -114,7 +114,7 @@ def test_a_setting_that_would_do_nothing_is_refused(setting: str) -> None:
             check_terms(config)
             continue
         with pytest.raises(
-            UsageError, match=f"{name} does not look at {setting.split('=', maxsplit=1)[0]}"
+            UsageError, match=f"{name} does not use {setting.split('=', maxsplit=1)[0]}"
         ):
             check_terms(config)
 
