@@ -18,8 +18,8 @@ from made_pictures import write_video
 
 import depthcli
 from depthcli.io.depth_files import read_depth
-from depthcli.io.depth_videos import DepthVideo
-from depthcli.io.sources.video import VideoSource
+from depthcli.io.video.depth import DepthVideo
+from depthcli.io.video.source import VideoSource
 
 _MILLIMETRES = 1000
 

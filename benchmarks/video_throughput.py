@@ -28,7 +28,7 @@ from depthcli.cli.video_outputs import plan_video
 from depthcli.cli.video_reel import Reel, VideoSettings
 from depthcli.core.choices import Detail
 from depthcli.inference.pipeline import load
-from depthcli.io.sources.video import VideoSource
+from depthcli.io.video.source import VideoSource
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from depthcli.inference.session import Session
     from depthcli.io.sources.image import read_image
     from depthcli.io.sources.picture import Picture
-    from depthcli.io.sources.video import VideoSource
+    from depthcli.io.video.source import VideoSource
 
 __version__ = "0.1.0"
 
@@ -94,7 +94,7 @@ _HOMES = {
     "depthcli.inference.session": ("Session",),
     "depthcli.io.sources.image": ("read_image",),
     "depthcli.io.sources.picture": ("Picture",),
-    "depthcli.io.sources.video": ("VideoSource",),
+    "depthcli.io.video.source": ("VideoSource",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

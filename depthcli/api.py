@@ -27,8 +27,9 @@ from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.inference.catalog import DEFAULT_MODEL
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.providers import AUTO
-from depthcli.io import depth_files, depth_videos
+from depthcli.io import depth_files
 from depthcli.io.sources.picture import frame_of
+from depthcli.io.video import depth as depth_videos
 from depthcli.io.writers.by_suffix import write_depth
 from depthcli.io.writers.colormaps import NAMES
 from depthcli.io.writers.preview import PreviewWriter, percentiles

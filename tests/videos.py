@@ -4,59 +4,75 @@ from __future__ import annotations
 
 import struct
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
-import cv2
+import av
 import numpy as np
 
-from depthcli.io.ffmpeg_log import silent_ffmpeg
-from depthcli.io.mp4_finish import finish_mp4, opencv_rate
-
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from av.video.stream import VideoStream
+
 NTSC = Fraction(30000, 1001)
+
+
+def encode(
+    path: Path,
+    frames: Iterable[np.ndarray[Any, Any]],
+    rate: Fraction,
+    codec: str,
+    pixel_format: str,
+    *,
+    times_s: Sequence[float] | None = None,
+    options: Mapping[str, str] | None = None,
+    matrix: Sequence[int] | None = None,
+    colours: str = "itu601",
+) -> Path:
+    """RGB frames, (H, W, 3) uint8 or uint16, or (H, W) uint16, with any codec of FFmpeg's.
+
+    The container follows from the path's suffix; ``times_s`` from the first frame's, and
+    ``matrix`` of nine numbers asks for a turn.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    clock = 1 / rate if times_s is None else Fraction(1, 10_000)  # MPEG-4 takes up to 65535
+    output = av.open(str(path), "w")
+    stream = cast("VideoStream", output.add_stream(codec, rate=rate, options=dict(options or {})))
+    stream.time_base = stream.codec_context.time_base = clock
+    stream.pix_fmt = pixel_format
+    stream.set_display_matrix(matrix)
+    for index, pixels in enumerate(frames):
+        if index == 0:
+            stream.height, stream.width = pixels.shape[:2]
+            stream.codec_context.colorspace = 1 if colours == "itu709" else 5
+        name = {"uint8": "rgb24", "uint16": "rgb48le"}[pixels.dtype.name]
+        kind = name if pixels.ndim == 3 else "gray16le"
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), kind)
+        frame = frame.reformat(format=pixel_format, dst_colorspace=colours)
+        frame.pts = index if times_s is None else round(times_s[index] / clock)
+        frame.time_base = clock
+        output.mux(stream.encode(frame))
+    output.mux(stream.encode(None))
+    output.close()
+    return path
 
 
 def write_video(
     path: Path, frames: Iterable[np.ndarray[Any, Any]], rate: Fraction = Fraction(25)
 ) -> Path:
     """RGB frames as Motion JPEG, whose frames are independent and near to what went in."""
-    writer = None
-    path.parent.mkdir(parents=True, exist_ok=True)
-    for frame in frames:
-        if writer is None:
-            size = (frame.shape[1], frame.shape[0])
-            code = cv2.VideoWriter.fourcc(*"MJPG")
-            with silent_ffmpeg():
-                writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, float(rate), size)
-            assert writer.isOpened()
-            writer.set(cv2.VIDEOWRITER_PROP_QUALITY, 100)
-        writer.write(np.ascontiguousarray(frame[..., ::-1]))
-    assert writer is not None
-    writer.release()
-    return path
+    return encode(path, frames, rate, "mjpeg", "yuvj444p", options={"qmin": "1", "qmax": "1"})
 
 
 def write_mp4(
     path: Path,
-    frames: Sequence[np.ndarray[Any, Any]],
+    frames: Iterable[np.ndarray[Any, Any]],
     rate: Fraction = NTSC,
     times_s: Sequence[float] | None = None,
 ) -> Path:
     """RGB frames as MPEG-4 with the exact rate, or with times of their own."""
-    height, width = frames[0].shape[:2]
-    code = cv2.VideoWriter.fourcc(*"mp4v")
-    size = (width, height)
-    with silent_ffmpeg():
-        writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, opencv_rate(rate), size)
-    assert writer.isOpened()
-    for frame in frames:
-        writer.write(np.ascontiguousarray(frame[..., ::-1]))
-    writer.release()
-    finish_mp4(path, rate, times_s or [float(i / rate) for i in range(len(frames))])
-    return path
+    return encode(path, frames, rate, "mpeg4", "yuv420p", times_s=times_s, options={"b": "4M"})
 
 
 def flat_frames(
@@ -64,14 +80,6 @@ def flat_frames(
 ) -> list[np.ndarray[Any, np.dtype[np.uint8]]]:
     """Gray frames, each of one brightness."""
     return [np.full((height, width, 3), level, np.uint8) for level in levels]
-
-
-def turned(mp4: bytes) -> bytes:
-    """The same file with a track that asks to be shown turned clockwise, as phones write it."""
-    at = mp4.index(b"tkhd") + 4 + 40  # version 0: the matrix follows 40 bytes
-    one, whole = 1 << 16, 1 << 30
-    matrix = struct.pack(">9i", 0, one, 0, -one, 0, 0, 0, 0, whole)
-    return mp4[:at] + matrix + mp4[at + len(matrix) :]
 
 
 def trimmed(mp4: bytes, start_s: float, length_s: float) -> bytes:

@@ -58,7 +58,7 @@ def check_scale(path: Path, scale: float | None) -> None:
 
 
 def _frame(path: Path, scale: float | None, number: int) -> DepthMap:
-    from depthcli.io.depth_videos import DepthVideo
+    from depthcli.io.video.depth import DepthVideo
 
     count = 0
     for count, depth in enumerate(DepthVideo(path, scale=scale), start=1):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 # Bytes a pixel beside picture and depth, measured with some to spare; the least is for the numbers
 # that are printed.
 _USE_BYTES = {str(name): facts.use_bytes for name, facts in FORMATS.items()}
-_USE_BYTES |= {"mkv": 16, "mp4": 20}
+_USE_BYTES |= {"mkv": 16, "mp4": 20, "webm": 20, "mov": 24}
 _LEAST_USE_BYTES = 10
 _PICTURE_BESIDE_BYTES = 18
 _UNITS = {"": 1, "K": 1_000, "M": 1_000_000, "G": 1_000_000_000}

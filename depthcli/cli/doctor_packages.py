@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "typer", "rich", "torch", "onnx")
+_PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich", "torch", "onnx")
 _OPTIONAL = {"torch", "onnx"}
 _BUILDS = {
     "gpu",
@@ -26,6 +26,7 @@ _MODULES = {
     "cv2": ("imdecode", "opencv-python-headless"),
     "onnxruntime": ("InferenceSession", "onnxruntime"),
     "OpenEXR": ("File", "OpenEXR"),
+    "av": ("VideoFrame", "av"),
 }
 """What has to be in each module, and the package that brings it."""
 

@@ -9,7 +9,8 @@ from depthcli.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-_PREVIEW = ("preview", "mp4")
+_PREVIEW_VIDEO = ("mp4", "webm", "mov")
+_PREVIEW = ("preview", *_PREVIEW_VIDEO)
 _USED_BY = {
     # The sidecar states the scale of the PNG beside it.
     "png_scale": ("png16", "mkv", "json"),
@@ -22,7 +23,9 @@ _USED_BY = {
     "vmax": _PREVIEW,
     "legend": _PREVIEW,
     "side_by_side": _PREVIEW,
-    "lock": ("mp4", "mkv"),
+    "lock": (*_PREVIEW_VIDEO, "mkv"),
+    "codec": _PREVIEW_VIDEO,
+    "audio": _PREVIEW_VIDEO,
     # Those of convert, which scales no metres.
     "cloud_focal_px": ("ply",),
     "cloud_hfov": ("ply",),

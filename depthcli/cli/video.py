@@ -9,7 +9,7 @@ import typer
 from depthcli.cli import options
 from depthcli.cli.numbers import not_negative
 from depthcli.cli.predict_choices import ExrChannel
-from depthcli.cli.video_choices import VideoFormat
+from depthcli.cli.video_choices import PreviewCodec, VideoFormat
 from depthcli.core.choices import Upsampling
 from depthcli.errors import UsageError
 
@@ -27,17 +27,17 @@ def video(
             "--out",
             "--output",
             metavar="OUT",
-            help="Output .mkv or .mp4 file, or a folder (existing, ending in '/', or without "
-            "suffix). Default: next to the video.",
+            help="Output .mkv, .mp4, .webm or .mov file, or a folder (existing, ending in '/', or "
+            "without suffix). Default: next to the video.",
         ),
     ] = None,
     formats: Annotated[
         list[VideoFormat] | None,
         typer.Option(
             "--format",
-            help="Output format; repeatable: mkv (lossless 16-bit depth), mp4 (preview), "
-            "png16, exr, npy (one file per frame), json. Default: from the suffix of OUT, else "
-            "mkv and mp4.",
+            help="Output format; repeatable: mkv (lossless 16-bit depth), mp4, webm, mov "
+            "(previews), png16, exr, npy (one file per frame), json. Default: from the suffix of "
+            "OUT, else mkv and mp4.",
         ),
     ] = None,
     start: Annotated[
@@ -75,6 +75,14 @@ def video(
             "frame.",
         ),
     ] = 1.0,
+    codec: Annotated[
+        PreviewCodec | None,
+        typer.Option(
+            help="Codec of the preview: h264 (mp4, mov), vp9 or av1 (webm, mp4), prores (mov). "
+            "Default: h264 in mp4, vp9 in webm, prores in mov."
+        ),
+    ] = None,
+    audio: Annotated[bool, typer.Option(help="Include the audio of the video in previews.")] = True,
     model: options.ModelOption = None,
     provider: options.ProviderOption = "auto",
     provider_option: options.ProviderSettingsOption = None,
@@ -142,7 +150,7 @@ def video(
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
     refuse_unused(context, chosen, tuple(VideoFormat))
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
-    job = plan_video(file, output, chosen, sidecar=sidecar)
+    job = plan_video(file, output, chosen, sidecar=sidecar, codec=codec, has_sound=audio)
     cores = usable_cores()
     at_once = workers or cores
     share = threads or max(1, cores // at_once)

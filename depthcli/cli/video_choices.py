@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
-    from depthcli.io.sources.video_span import Point, Span
+    from depthcli.io.video.spans import Point, Span
 
 _POINT = re.compile(r"(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)", re.ASCII)
 _MINUTE = 60
@@ -22,7 +22,11 @@ class VideoFormat(StrEnum):
     MKV = "mkv"
     """Lossless 16-bit video."""
     MP4 = "mp4"
-    """A preview in colours."""
+    """A preview in colours, for any player and browser."""
+    WEBM = "webm"
+    """A preview in a royalty-free format."""
+    MOV = "mov"
+    """A preview for editors."""
     PNG16 = "png16"
     """A 16-bit PNG for each frame."""
     EXR = "exr"
@@ -33,13 +37,22 @@ class VideoFormat(StrEnum):
     """What the numbers of the others mean."""
 
 
+class PreviewCodec(StrEnum):
+    """How a preview is compressed; a part of :class:`depthcli.io.video.codecs.Codec`."""
+
+    H264 = "h264"
+    VP9 = "vp9"
+    AV1 = "av1"
+    PRORES = "prores"
+
+
 def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     """The part of a video that ``--start``, ``--end`` and ``--every`` describe.
 
     Raises:
         UsageError: one is no such place, or the span is empty them.
     """
-    from depthcli.io.sources.video_span import Span
+    from depthcli.io.video.spans import Span
 
     first = parse_point(start or "0", "--start")
     last = None if end is None else parse_point(end, "--end")
@@ -62,7 +75,7 @@ def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Poin
     Raises:
         UsageError: the word is none of these.
     """
-    from depthcli.io.sources.video_span import Point
+    from depthcli.io.video.spans import Point
 
     match = _POINT.fullmatch(word.strip())
     if match is None:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.io.depth_videos import DepthVideo
-from depthcli.io.frame_rate import rate_text
+from depthcli.io.video.depth import DepthVideo
+from depthcli.io.video.rates import rate_text
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.cli.video_choices import VideoFormat
+from depthcli.cli.video_choices import PreviewCodec, VideoFormat
 from depthcli.errors import UsageError
 from depthcli.io.naming import is_folder, output_bases
+from depthcli.io.video.codecs import Codec, preview_codec
 from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
@@ -17,17 +18,22 @@ if TYPE_CHECKING:
 
     from depthcli.cli.looks import Looks
     from depthcli.inference.card import ModelCard
-    from depthcli.io.writers.video import VideoOutput
+    from depthcli.io.video.outputs import VideoOutput
+    from depthcli.io.video.source import VideoSource
 
 DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
 FORMAT_OF_SUFFIX = {
     ".mkv": VideoFormat.MKV,
     ".mp4": VideoFormat.MP4,
+    ".webm": VideoFormat.WEBM,
+    ".mov": VideoFormat.MOV,
     ".json": VideoFormat.JSON,
 }
 SUFFIXES = {
     VideoFormat.MKV: ".depth.mkv",
     VideoFormat.MP4: ".preview.mp4",
+    VideoFormat.WEBM: ".preview.webm",
+    VideoFormat.MOV: ".preview.mov",
     VideoFormat.PNG16: ".depth.%06d.png",
     VideoFormat.EXR: ".depth.%06d.exr",
     VideoFormat.NPY: ".depth.%06d.npy",
@@ -41,6 +47,9 @@ SEQUENCES = {
 }
 
 
+PREVIEWS = {VideoFormat.MP4, VideoFormat.WEBM, VideoFormat.MOV}
+
+
 class VideoJob(NamedTuple):
     """One video and its outputs.
 
@@ -49,35 +58,52 @@ class VideoJob(NamedTuple):
         source: the file.
         folder: where the outputs go.
         names: file name of each format; a sequence's holds ``%06d`` once, behind the stem.
+        codecs: of the previews.
+        has_sound: whether previews are heard.
     """
 
     name: str
     source: Path
     folder: Path
     names: dict[VideoFormat, str]
+    codecs: dict[VideoFormat, Codec] = {}  # noqa: RUF012 - never changed
+    has_sound: bool = True
 
     def path(self, which: VideoFormat) -> Path:
         """Where a format goes."""
         return self.folder / self.names[which]
 
     def open(
-        self, which: VideoFormat, looks: Looks, rate: Fraction, card: ModelCard
+        self, which: VideoFormat, looks: Looks, source: VideoSource, rate: Fraction, card: ModelCard
     ) -> AbstractContextManager[VideoOutput]:
-        """The output of one format, with nothing written yet."""
-        from depthcli.io.writers import video
+        """The output of one format, with nothing written yet.
+
+        Args:
+            which: the format.
+            looks: options of the formats.
+            source: what is read.
+            rate: frames a second of the output.
+            card: of the model.
+        """
+        from depthcli.io.video import outputs
+        from depthcli.io.video.rates import Timing
+        from depthcli.io.video.sound import Sound
         from depthcli.io.writers.preview import PreviewWriter
 
-        inputs = (self.source,)
+        inputs, timing = (self.source,), Timing(rate, source.tick_s)
         if which is VideoFormat.MKV:
-            return video.depth_video(self.path(which), rate, looks.png_scale, inputs)
-        if which is VideoFormat.MP4:
+            return outputs.depth_video(self.path(which), timing, looks.png_scale, inputs)
+        if which in PREVIEWS:
             writer = looks.writer(Format.PREVIEW, card)
             if not isinstance(writer, PreviewWriter):
                 raise TypeError(type(writer))
-            return video.preview_video(self.path(which), rate, writer, inputs)
+            path = self.path(which)
+            codec = self.codecs.get(which) or preview_codec(path.suffix.lower(), None)
+            sound = Sound(self.source, source.start_s) if self.has_sound else None
+            return outputs.preview_video(path, timing, writer, inputs, codec=codec, sound=sound)
         stem, _, suffix = self.names[which].rpartition("%06d")
         writer = looks.writer(SEQUENCES[which], card)
-        return video.frame_sequence(
+        return outputs.frame_sequence(
             self.folder, lambda index: f"{stem}{index:06d}{suffix}", writer, inputs
         )
 
@@ -96,8 +122,8 @@ def choose_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vi
         chosen = (FORMAT_OF_SUFFIX[Path(output).suffix.lower()],)
     else:
         raise UsageError(
-            f"--out {output} says no format; end it in .mkv or .mp4, or name a folder ({output}/) "
-            "and give --format"
+            f"--out {output} says no format; end it in .mkv, .mp4, .webm or .mov, or name a folder "
+            f"({output}/) and give --format"
         )
     if set(chosen) == {VideoFormat.JSON}:
         raise UsageError("json only describes other outputs; give another --format with it")
@@ -105,7 +131,13 @@ def choose_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vi
 
 
 def plan_video(
-    name: str, output: str | None, formats: Sequence[VideoFormat], *, sidecar: bool = False
+    name: str,
+    output: str | None,
+    formats: Sequence[VideoFormat],
+    *,
+    sidecar: bool = False,
+    codec: PreviewCodec | None = None,
+    has_sound: bool = True,
 ) -> VideoJob:
     """Name every output before anything is read.
 
@@ -115,10 +147,12 @@ def plan_video(
             in ``/`` or has no suffix; None for the video's own folder.
         formats: what to write.
         sidecar: write the JSON as well.
+        codec: of the preview; None for the usual one of its container.
+        has_sound: take the video's sound into the preview.
 
     Raises:
         UsageError: a sequence is to go into one file, an output is the video itself, or a name is
-            ``-``.
+            ``-``, or a codec is for another container.
     """
     if name == "-":
         raise UsageError("a video cannot be read from standard input; save it to a file first")
@@ -133,11 +167,17 @@ def plan_video(
     else:
         folder = Path(output).parent
         names = _file_names(Path(output), formats, wanted)
-    job = VideoJob(name, source, folder, names)
+    job = VideoJob(name, source, folder, names, _codecs(names, codec), has_sound)
     for which in names:
         if _same(job.path(which), source):
             raise UsageError(f"{job.path(which)} is the input; choose another --out")
     return job
+
+
+def _codecs(names: dict[VideoFormat, str], asked: PreviewCodec | None) -> dict[VideoFormat, Codec]:
+    previews = [which for which in names if which in PREVIEWS]
+    codec = None if asked is None else Codec(asked)
+    return {which: preview_codec(f".{which}", codec) for which in previews}
 
 
 def _file_names(

@@ -21,9 +21,9 @@ from depthcli.core.temporal_depth import (
 from depthcli.core.temporal_range import RangeLock
 from depthcli.core.types import DepthMap
 from depthcli.io.decode import MAX_PIXELS
-from depthcli.io.sources.video_span import WHOLE, Span
+from depthcli.io.video.outputs import Shot
+from depthcli.io.video.spans import WHOLE, Span
 from depthcli.io.writers.preview import percentiles
-from depthcli.io.writers.video import Shot
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

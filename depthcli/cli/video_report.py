@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.cli import console
-from depthcli.io.frame_rate import rate_text
+from depthcli.io.video.rates import rate_text
 from depthcli.io.writers.facts import SOFTWARE, Facts
 
 if TYPE_CHECKING:

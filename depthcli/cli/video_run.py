@@ -13,7 +13,7 @@ from depthcli.core.opencv_threads import one_thread_each
 from depthcli.core.ordered_map import ordered_map
 from depthcli.errors import InputError, OutputError
 from depthcli.io.atomic import atomic_path
-from depthcli.io.sources.video import VideoSource
+from depthcli.io.video.source import VideoSource
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from depthcli.cli.looks import Looks
     from depthcli.cli.video_outputs import VideoJob
     from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.writers.video import Shot, VideoOutput
+    from depthcli.io.video.outputs import Shot, VideoOutput
 
 _ON_GRID = 1e-6
 
@@ -61,7 +61,7 @@ def run_video(
         rate = settings.span.rate(source.rate)
         videos = [which for which in job.names if which is not VideoFormat.JSON]
         outputs = [
-            stack.enter_context(job.open(which, settings.looks, rate, pipeline.card))
+            stack.enter_context(job.open(which, settings.looks, source, rate, pipeline.card))
             for which in videos
         ]
         sidecar = (
@@ -76,7 +76,7 @@ def run_video(
         times_s = [time_s - reel.times_s[0] for time_s in reel.times_s]
         warnings = [*source.warnings, *pipeline.session.warnings]
         for output in outputs:
-            warnings += output.finish(times_s)
+            warnings += output.finish()
         is_regular = all(abs(t * rate - i) < _ON_GRID for i, t in enumerate(times_s))
         smooths = settings.smooth_s > 0
         done = VideoDone(

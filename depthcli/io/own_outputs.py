@@ -16,7 +16,7 @@ MARK = "depthcli:software"
 """Keyword of the text chunk that every PNG of ours has right behind its header."""
 _HEAD_BYTES = 4096
 _PNG_NAME = re.compile(r"\.(depth(\.\d{6,})?|preview)\.png$", re.IGNORECASE)
-_VIDEO_NAME = re.compile(r"\.(depth\.mkv|preview\.mp4)$", re.IGNORECASE)
+_VIDEO_NAME = re.compile(r"\.(depth\.mkv|preview\.(mp4|webm|mov))$", re.IGNORECASE)
 
 
 def is_own_picture(path: str | Path) -> bool:

@@ -15,7 +15,8 @@ from tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth_files import read_depth
-from depthcli.io.writers.video import Shot, depth_video
+from depthcli.io.video.outputs import Shot, depth_video
+from depthcli.io.video.rates import Timing
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -164,12 +165,14 @@ def test_convert_wants_a_file_with_a_known_suffix(cli: Cli, target: str) -> None
 def depth_mkv(cli: Cli) -> Path:
     """Three frames of 1, 2 and 3 m, in centimetres."""
     path = cli.folder / "d.mkv"
-    frame = Frame(np.zeros((4, 6), np.uint8))
-    with depth_video(path, Fraction(25), 100, ()) as output:
+    picture = np.zeros((4, 6), np.uint8)
+    with depth_video(path, Timing(Fraction(25)), 100, ()) as output:
         for metres in (1, 2, 3):
             depth = DepthMap(np.full((4, 6), metres, np.float32), DepthKind.METRIC)
-            output.append(output.encode(Shot(frame, depth, (0, 1))))
-        output.finish([0, 0.04, 0.08])
+            output.append(
+                output.encode(Shot(Frame(picture, timestamp_s=metres / 25), depth, (0, 1)))
+            )
+        output.finish()
     return path
 
 

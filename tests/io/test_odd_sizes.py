@@ -9,9 +9,10 @@ import pytest
 from videos import NTSC
 
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.sources.video import VideoSource
+from depthcli.io.video.outputs import Shot, preview_video
+from depthcli.io.video.rates import Timing
+from depthcli.io.video.source import VideoSource
 from depthcli.io.writers.preview import PreviewWriter
-from depthcli.io.writers.video import Shot, preview_video
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,11 +23,12 @@ def test_odd_rows_and_columns_are_doubled(width: int, height: int, tmp_path: Pat
     path = tmp_path / "a.mp4"
     depth = DepthMap(np.full((height, width), 2, np.float32))
     writer = PreviewWriter(colormap="viridis")
-    shot = Shot(Frame(np.zeros((height, width), np.uint8)), depth, (1, 3))
-    with preview_video(path, NTSC, writer, ()) as output:
-        for _ in range(2):
+    picture = np.zeros((height, width), np.uint8)
+    with preview_video(path, Timing(NTSC), writer, ()) as output:
+        for time_s in (0, 1 / 30):
+            shot = Shot(Frame(picture, timestamp_s=time_s), depth, (1, 3))
             output.append(output.encode(shot))
-        output.finish([0, float(1 / NTSC)])
+        output.finish()
     with VideoSource(path) as source:
         frames = [frame.pixels.astype(int) for frame in source.frames()]
     colour = writer.render(depth, None, (1, 3))[0, 0].astype(int)

@@ -7,21 +7,22 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth_facts import positive, provenance_of
-from depthcli.io.frame_rate import exact_rate
-from depthcli.io.mkv_finish import mkv_labels
-from depthcli.io.video_capture import open_capture
+from depthcli.io.video.rates import exact_rate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import numpy.typing as npt
 
+    from depthcli.io.video.decoder import FrameDecoder
+
+LABEL_PREFIX = "DEPTHCLI_"
+_DEPTH_FORMAT = "gray16le"
 _MILLIMETRES = 1000.0
 _TOP = 65535
 
@@ -51,17 +52,26 @@ class DepthVideo:
             InputError: missing, damaged, or not 16-bit gray.
         """
         self.path = Path(path)
-        capture = self._opened()
-        fps = capture.get(cv2.CAP_PROP_FPS)
-        capture.release()
-        self.labels = mkv_labels(self.path)
+        # Names of the Python API stand beside this one and need no FFmpeg.
+        from depthcli.io.video.container import open_video  # noqa: PLC0415
+
+        container, stream = open_video(self.path)
+        pixel_format, fps = stream.codec_context.pix_fmt, stream.average_rate
+        stated = dict(container.metadata)
+        container.close()
+        if pixel_format != _DEPTH_FORMAT:
+            raise InputError(f"{self.path} is not 16-bit gray, so it holds no depth")
+        self.labels = {
+            name.removeprefix(LABEL_PREFIX).lower(): text
+            for name, text in stated.items()
+            if name.startswith(LABEL_PREFIX)
+        }
         # A container keeps nanoseconds a frame, which is less than some rates need.
-        self.rate = _fraction(self.labels.get("frame_rate")) or exact_rate(fps)
+        self.rate = _fraction(self.labels.get("frame_rate")) or exact_rate(fps or 0)
         kind = self.labels.get("kind")
         self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
-        stated = self.labels.get("scale")
-        self.scale = scale or (None if stated == "normalized" else positive(stated) or _MILLIMETRES)
-        next(self.steps(), None)
+        said = self.labels.get("scale")
+        self.scale = scale or (None if said == "normalized" else positive(said) or _MILLIMETRES)
 
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, (H, W) float32: metres, NaN where there is no depth.
@@ -80,28 +90,34 @@ class DepthVideo:
         """The stored numbers, (H, W) uint16: millimetres by default; 0 where there is no depth.
 
         Raises:
-            InputError: a frame is not 16-bit gray.
+            InputError: a frame is damaged or missing; those before it have been given.
         """
-        capture = self._opened()
+        from depthcli.io.video.container import open_video  # noqa: PLC0415
+        from depthcli.io.video.decoder import FrameDecoder  # noqa: PLC0415
+        from depthcli.io.video.integrity import is_cut  # noqa: PLC0415
+
+        container, stream = open_video(self.path)
+        # Version 0.1.0 doubled an odd row or column, and stated the true size.
         width, height = (
             int(positive(self.labels.get(name)) or _TOP + 1) for name in ("width", "height")
         )
         try:
-            while True:
-                ok, pixels = capture.read()
-                if not ok:
-                    return
-                if pixels.dtype != np.uint16 or pixels.squeeze().ndim > 2:  # noqa: PLR2004
-                    raise InputError(f"{self.path} is not 16-bit gray, so it holds no depth")
-                gray = pixels.reshape(pixels.shape[:2])
-                yield np.ascontiguousarray(gray[:height, :width])
+            decoder = FrameDecoder(container, stream)
+            count = 0
+            while (frame := decoder.next()) is not None:
+                self._check(decoder, count, frame.pts)
+                steps = frame.to_ndarray()
+                yield np.ascontiguousarray(steps[:height, :width], np.uint16)
+                count += 1
+            self._check(decoder, count)
+            if decoder.ended_early or is_cut(self.path):
+                raise InputError(f"{self.path} is truncated or damaged: it ends after {count}")
         finally:
-            capture.release()
+            container.close()
 
-    def _opened(self) -> cv2.VideoCapture:
-        capture = open_capture(self.path)
-        capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
-        return capture
+    def _check(self, decoder: FrameDecoder, count: int, before: int | None = None) -> None:
+        if decoder.take_failed(before):
+            raise InputError(f"{self.path} is damaged behind frame {count - 1}; write it anew")
 
 
 def _fraction(text: str | None) -> Fraction | None:

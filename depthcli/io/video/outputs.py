@@ -10,18 +10,23 @@ import numpy as np
 from depthcli.errors import OutputError
 from depthcli.io.atomic import atomic_path
 from depthcli.io.atomic_sequence import atomic_sequence
+from depthcli.io.video.codecs import Codec
+from depthcli.io.video.depth import LABEL_PREFIX
+from depthcli.io.video.file import VideoFile, coded
+from depthcli.io.video.rates import rate_text
 from depthcli.io.writers.facts import facts, step_unit
 from depthcli.io.writers.png16 import quantized
-from depthcli.io.writers.video_file import Codec, VideoFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from fractions import Fraction
     from pathlib import Path
 
     import numpy.typing as npt
+    from av.video.frame import VideoFrame
 
     from depthcli.core.types import DepthMap, Frame
+    from depthcli.io.video.rates import Timing
+    from depthcli.io.video.sound import Sound
     from depthcli.io.writers.base import Writer
     from depthcli.io.writers.preview import PreviewWriter
 
@@ -41,6 +46,11 @@ class Shot(NamedTuple):
     depth: DepthMap
     spread: tuple[float, float]
 
+    @property
+    def time_s(self) -> float:
+        """When the frame is shown."""
+        return self.frame.timestamp_s or 0.0
+
 
 class VideoOutput(Protocol):
     """One output of a video."""
@@ -53,8 +63,8 @@ class VideoOutput(Protocol):
         """The part that is done frame after frame."""
         ...
 
-    def finish(self, times_s: Sequence[float]) -> tuple[str, ...]:
-        """Complete the output; frames' times count from the first.
+    def finish(self) -> tuple[str, ...]:
+        """Complete the output.
 
         Returns:
             Warnings, one line each.
@@ -65,65 +75,72 @@ class VideoOutput(Protocol):
 class DepthVideoOutput:
     """Lossless 16-bit gray: steps of depth, 0 = no depth, saturating."""
 
-    def __init__(self, file: VideoFile, rate: Fraction, scale: float) -> None:
+    def __init__(self, file: VideoFile, timing: Timing, scale: float) -> None:
         self._file = file
-        self._rate = rate
+        self._timing = timing
         self._scale = scale
         self._saturated = 0
         self._first: Shot | None = None
 
-    def encode(self, shot: Shot) -> tuple[Shot, npt.NDArray[np.uint16], int]:
+    def encode(self, shot: Shot) -> tuple[Shot, VideoFrame, int]:
         """Depth in whole steps, and how many pixels were saturated."""
         if shot.depth.is_metric:
-            return shot, *quantized(shot.depth.values, self._scale)
-        return shot, within(shot.depth.values, *shot.spread), 0
+            steps, saturated = quantized(shot.depth.values, self._scale)
+        else:
+            steps, saturated = within(shot.depth.values, *shot.spread), 0
+        return shot, coded(steps, Codec.FFV1), saturated
 
-    def append(self, encoded: tuple[Shot, npt.NDArray[np.uint16], int]) -> None:
-        """Write the steps."""
-        shot, steps, saturated = encoded
+    def append(self, encoded: tuple[Shot, VideoFrame, int]) -> None:
+        """Write the steps; with the first ones, labels with rate, scale, unit and model."""
+        shot, frame, saturated = encoded
+        labels = {} if self._first else self._labels(shot)
         self._first = self._first or shot
         self._saturated += saturated
-        self._file.write(steps)
+        self._file.write(frame, shot.time_s, labels)
 
-    def finish(self, times_s: Sequence[float]) -> tuple[str, ...]:
-        """Exact times, and labels with rate, scale, unit and model."""
-        if self._first is None:
-            return ()
-        depth = self._first.depth
-        labels = facts(depth) | {
-            "frame_rate": f"{self._rate.numerator}/{self._rate.denominator}",
-            "first_frame": str(self._first.frame.index),
-        }
-        if not depth.is_metric:
-            self._file.finish(times_s, labels | {"scale": "normalized"})
-            return (f"{depth.kind} depth has no unit; mkv is normalized to the preview's range",)
-        scale = f"{self._scale:g}"
-        self._file.finish(times_s, labels | {"scale": scale, "unit": step_unit(self._scale)})
+    def finish(self) -> tuple[str, ...]:
+        """Complete the file."""
+        self._file.finish()
+        if self._first is not None and not self._first.depth.is_metric:
+            kind = self._first.depth.kind
+            return (f"{kind} depth has no unit; mkv is normalized to the preview's range",)
         if not self._saturated:
             return ()
         limit_m = _TOP / self._scale
         return (f"mkv: {self._saturated} pixels beyond {limit_m:.6g} m were saturated",)
 
+    def _labels(self, shot: Shot) -> dict[str, str]:
+        labels = facts(shot.depth) | {
+            "frame_rate": rate_text(self._timing.rate),
+            "first_frame": str(shot.frame.index),
+        }
+        if shot.depth.is_metric:
+            labels |= {"scale": f"{self._scale:g}", "unit": step_unit(self._scale)}
+        else:
+            labels |= {"scale": "normalized"}
+        return {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
+
 
 class PreviewVideoOutput:
     """Colours for people, in a range that is held steady."""
 
-    def __init__(self, file: VideoFile, writer: PreviewWriter) -> None:
+    def __init__(self, file: VideoFile, codec: Codec, writer: PreviewWriter) -> None:
         self._file = file
+        self._codec = codec
         self._writer = writer
 
-    def encode(self, shot: Shot) -> npt.NDArray[np.uint8]:
+    def encode(self, shot: Shot) -> tuple[VideoFrame, float]:
         """The preview of a frame."""
-        return self._writer.render(shot.depth, shot.frame, shot.spread)
+        pixels = self._writer.render(shot.depth, shot.frame, shot.spread)
+        return coded(pixels, self._codec), shot.time_s
 
-    def append(self, encoded: npt.NDArray[np.uint8]) -> None:
+    def append(self, encoded: tuple[VideoFrame, float]) -> None:
         """Write it."""
-        self._file.write(encoded)
+        self._file.write(*encoded, {})
 
-    def finish(self, times_s: Sequence[float]) -> tuple[str, ...]:
-        """Exact times."""
-        self._file.finish(times_s, {})
-        return ()
+    def finish(self) -> tuple[str, ...]:
+        """Complete the file, with its sound."""
+        return self._file.finish()
 
 
 class SequenceOutput:
@@ -154,9 +171,8 @@ class SequenceOutput:
             self._warning = self._warning or encoded[0]
             self._warned += 1
 
-    def finish(self, times_s: Sequence[float]) -> tuple[str, ...]:
+    def finish(self) -> tuple[str, ...]:
         """Say the first warning once."""
-        del times_s
         if not self._warned:
             return ()
         return (f"{self._writer.NAME}: {self._warned} frames, the first: {self._warning}",)
@@ -164,27 +180,42 @@ class SequenceOutput:
 
 @contextmanager
 def depth_video(
-    path: Path, rate: Fraction, scale: float, inputs: Sequence[Path]
+    path: Path, timing: Timing, scale: float, inputs: Sequence[Path]
 ) -> Iterator[VideoOutput]:
     """A lossless depth video that appears whole or not at all.
 
     Args:
         path: ends in ``.mkv``.
-        rate: frames a second.
+        timing: of the frames.
         scale: steps per metre.
         inputs: files that must not be replaced.
     """
-    with _video_file(path, Codec.FFV1, rate, inputs) as file:
-        yield DepthVideoOutput(file, rate, scale)
+    with _video_file(path, Codec.FFV1, timing, inputs) as file:
+        yield DepthVideoOutput(file, timing, scale)
 
 
 @contextmanager
 def preview_video(
-    path: Path, rate: Fraction, writer: PreviewWriter, inputs: Sequence[Path]
+    path: Path,
+    timing: Timing,
+    writer: PreviewWriter,
+    inputs: Sequence[Path],
+    *,
+    codec: Codec = Codec.H264,
+    sound: Sound | None = None,
 ) -> Iterator[VideoOutput]:
-    """A preview that appears whole or not at all; ``path`` ends in ``.mp4``."""
-    with _video_file(path, Codec.MPEG4, rate, inputs) as file:
-        yield PreviewVideoOutput(file, writer)
+    """A preview that appears whole or not at all.
+
+    Args:
+        path: ends in ``.mp4``, ``.webm`` or ``.mov``.
+        timing: of the frames.
+        writer: of the colours.
+        inputs: files that must not be replaced.
+        codec: one that the container holds.
+        sound: what is heard.
+    """
+    with _video_file(path, codec, timing, inputs, sound) as file:
+        yield PreviewVideoOutput(file, codec, writer)
 
 
 @contextmanager
@@ -215,10 +246,10 @@ def within(values: npt.NDArray[np.float32], low: float, high: float) -> npt.NDAr
 
 @contextmanager
 def _video_file(
-    path: Path, codec: Codec, rate: Fraction, inputs: Sequence[Path]
+    path: Path, codec: Codec, timing: Timing, inputs: Sequence[Path], sound: Sound | None = None
 ) -> Iterator[VideoFile]:
     with atomic_path(path, inputs=inputs) as temporary:
-        file = VideoFile(temporary, codec, rate)
+        file = VideoFile(temporary, codec, timing, sound)
         try:
             yield file
         finally:

@@ -1,0 +1,131 @@
+"""How frames can be compressed, and which containers hold what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from depthcli.errors import OutputError, UsageError
+
+_LEAST_FOR_SLICES = 16
+_CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
+
+
+class Codec(StrEnum):
+    """A way to compress frames."""
+
+    FFV1 = "ffv1"
+    """Lossless, for depth: 16-bit gray."""
+    H264 = "h264"
+    """Plays everywhere, browsers included."""
+    VP9 = "vp9"
+    """Plays in browsers; royalty-free."""
+    AV1 = "av1"
+    """Small; plays in browsers of recent years."""
+    PRORES = "prores"
+    """ProRes 422 HQ, 10 bit, for editors."""
+
+
+@dataclass(frozen=True, slots=True)
+class Encoding:
+    """How a codec is used.
+
+    Attributes:
+        encoder: FFmpeg's name.
+        pixel_format: FFmpeg's name of what the encoder takes.
+        options: of the encoder. The number of threads is fixed, because it can change the bytes.
+        is_all_key: whether each frame stands alone.
+    """
+
+    encoder: str
+    pixel_format: str
+    options: tuple[tuple[str, str], ...]
+    is_all_key: bool = False
+
+    def options_for(self, width: int, height: int) -> dict[str, str]:
+        """The encoder's options for frames of a size."""
+        options = dict(self.options) | {"flags": "+bitexact"}
+        if min(width, height) < _LEAST_FOR_SLICES and "slices" in options:
+            options["slices"] = "1"
+        return options
+
+
+ENCODINGS = {
+    Codec.FFV1: Encoding(
+        "ffv1",
+        "gray16le",
+        (("level", "3"), ("slices", "4"), ("slicecrc", "1"), ("threads", "4")),
+        is_all_key=True,
+    ),
+    # Without B-frames, times in the file are those of the frames in every player.
+    Codec.H264: Encoding(
+        "libx264",
+        "yuv420p",
+        (("preset", "veryfast"), ("crf", "18"), ("bf", "0"), ("threads", "4")),
+    ),
+    Codec.VP9: Encoding(
+        "libvpx-vp9",
+        "yuv420p",
+        (
+            *(("crf", "24"), ("b", "0"), ("deadline", "good"), ("cpu-used", "5"), ("row-mt", "1")),
+            *(("auto-alt-ref", "0"), ("lag-in-frames", "0"), ("threads", "4")),
+        ),
+    ),
+    Codec.AV1: Encoding(
+        "libsvtav1",
+        "yuv420p",
+        (("preset", "9"), ("crf", "26"), ("svtav1-params", "lp=4:pred-struct=1")),
+    ),
+    Codec.PRORES: Encoding(
+        "prores_ks",
+        "yuv422p10le",
+        (("profile", "3"), ("vendor", "apl0"), ("threads", "4")),
+        is_all_key=True,
+    ),
+}
+PREVIEW_CODECS = {
+    ".mp4": (Codec.H264, Codec.AV1, Codec.VP9),
+    ".webm": (Codec.VP9, Codec.AV1),
+    ".mov": (Codec.PRORES, Codec.H264),
+}
+"""Codecs of previews by the file's suffix, the usual one first."""
+
+
+def preview_codec(suffix: str, asked: Codec | None) -> Codec:
+    """The codec of a preview.
+
+    Args:
+        suffix: of the file, ``.mp4`` say.
+        asked: what the user chose; None for the usual one.
+
+    Raises:
+        UsageError: the container does not hold that codec.
+    """
+    choices = PREVIEW_CODECS[suffix]
+    if asked is None:
+        return choices[0]
+    if asked not in choices:
+        names = " or ".join(choices)
+        raise UsageError(f"a {suffix} file holds no {asked}; give --codec {names}")
+    return asked
+
+
+def container_format(suffix: str) -> str:
+    """FFmpeg's name of the container with this suffix."""
+    return _CONTAINERS[suffix]
+
+
+def check_encoder(codec: Codec) -> None:
+    """Refuse a codec that this build of FFmpeg cannot write.
+
+    Raises:
+        OutputError: it is not in PyAV's FFmpeg.
+    """
+    import av  # noqa: PLC0415 - the words of the command line are known without it
+
+    name = ENCODINGS[codec].encoder
+    if name not in av.codecs_available:
+        raise OutputError(
+            f"{codec} cannot be written here: PyAV has no {name}; install PyAV from its wheels, or "
+            "choose another --codec"
+        )

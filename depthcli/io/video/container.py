@@ -1,0 +1,73 @@
+"""Opening a video with FFmpeg's libraries, with one clear line if that fails."""
+
+from __future__ import annotations
+
+import os
+import stat
+from typing import TYPE_CHECKING
+
+import av
+
+from depthcli.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from av.container import InputContainer
+    from av.video.stream import VideoStream
+
+# Playlists, which name other files and addresses, are not among them.
+_FORMATS = (
+    "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,mpegvideo,asf,flv,live_flv,ogg,mxf,gxf,"
+    "nut,ivf,h264,hevc,av1,obu,m4v,mjpeg,dv,rm,wtv,gif,apng,yuv4mpegpipe,nsv,swf,vc1,dnxhd,dirac"
+)
+_OPTIONS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}
+
+
+def open_video(path: Path) -> tuple[InputContainer, VideoStream]:
+    """A file and its video stream, ready for the first packet.
+
+    Raises:
+        InputError: missing, empty, unreadable, or without a video stream that can be decoded.
+    """
+    _check_file(path)
+    container = None
+    try:
+        # An absolute name cannot be taken for a protocol of FFmpeg's.
+        name = os.path.abspath(path)  # noqa: PTH100 - links stay as named
+        container = av.open(name, options=_OPTIONS, metadata_errors="replace")
+        stream = next((s for s in container.streams.video if not _is_cover(s)), None)
+        if stream is not None and stream.codec_context is not None:
+            stream.thread_type = "AUTO"
+            return container, stream
+    except (av.FFmpegError, ValueError):
+        pass  # said below, in one line for all
+    if container is not None:
+        container.close()
+    raise InputError(
+        f"{path} holds no video that can be read: damaged, cut off, without a video stream, "
+        "or of a codec that FFmpeg does not have here"
+    )
+
+
+def _is_cover(stream: VideoStream) -> bool:
+    """Whether a stream is one picture beside the sound of a song."""
+    return bool(stream.disposition & av.stream.Disposition.attached_pic)
+
+
+def _check_file(path: Path) -> None:
+    """Say what is wrong with a file before FFmpeg says less."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
+            raise InputError(f"{path} is a pipe or a device; save the video to a file first")
+        with path.open("rb") as file:
+            empty = not file.read(1)
+    except FileNotFoundError:
+        what = "is a broken link" if path.is_symlink() else "is missing: no such file"
+        raise InputError(f"{path} {what}") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder; name a video in it") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    if empty:
+        raise InputError(f"{path} is empty")

@@ -1,0 +1,198 @@
+"""A video file that is being written, frame after frame, each with its own time."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from typing import TYPE_CHECKING, cast
+
+import av
+import numpy as np
+from av.video.frame import VideoFrame
+from av.video.reformatter import ColorRange, Colorspace, Interpolation
+
+from depthcli.errors import OutputError
+from depthcli.io.video.codecs import ENCODINGS, Codec, check_encoder, container_format
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    import numpy.typing as npt
+    from av.container import OutputContainer
+    from av.video.stream import VideoStream
+
+    from depthcli.io.video.rates import Timing
+    from depthcli.io.video.sound import Sound
+
+_GRAY = "gray16le"
+_BT709 = 1
+_KEY_EVERY_S = 2
+_MOST_BETWEEN_KEYS = 250
+_LONGEST_STEP = 1 << 30
+
+
+class VideoFile:
+    """Frames of one size with their times, and the sound beside them."""
+
+    def __init__(
+        self, path: Path, codec: Codec, timing: Timing, sound: Sound | None = None
+    ) -> None:
+        """Prepare a file; it is opened with the first frame.
+
+        Args:
+            path: straight as it is; callers make it atomic. Its suffix says the container.
+            codec: how frames are compressed.
+            timing: rate and clock.
+            sound: what is heard; None for nothing.
+
+        Raises:
+            OutputError: the codec cannot be written here.
+        """
+        check_encoder(codec)
+        self._path = path
+        self._codec = codec
+        self._timing = timing
+        self._sound = sound
+        self._container: OutputContainer | None = None
+        self._stream: VideoStream | None = None
+        self._before: VideoFrame | None = None
+        self._first_s = 0.0
+
+    def write(self, frame: VideoFrame, time_s: float, labels: Mapping[str, str]) -> None:
+        """Append a frame of :func:`coded`.
+
+        Args:
+            frame: the picture.
+            time_s: when it is shown; the first frame's time becomes 0.
+            labels: name -> text, kept in the file's header; those of the first frame count.
+
+        Raises:
+            OutputError: the codec does not take such frames.
+            OSError: the file cannot be written.
+        """
+        if self._stream is None:
+            self._first_s = time_s
+            self._open(frame, labels)
+        clock = self._timing.clock
+        at = round((time_s - self._first_s) / clock)
+        if self._before is not None:
+            at = max(at, (self._before.pts or 0) + 1)
+            while at - (self._before.pts or 0) > _LONGEST_STEP:
+                # What MP4 cannot count in one step is held by the same picture again.
+                self._encode(self._before, (self._before.pts or 0) + _LONGEST_STEP)
+        self._encode(frame, at)
+
+    def finish(self) -> tuple[str, ...]:
+        """Complete the file.
+
+        Returns:
+            Warnings about the sound, one line each.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        if self._container is None or self._stream is None or self._before is None:
+            return ()
+        end_s = float((self._before.pts or 0) * self._timing.clock + 1 / self._timing.rate)
+        if self._sound is not None:
+            self._sound.play_until(end_s)
+            self._sound.finish()
+        self._container.mux(self._stream.encode())
+        container, self._container = self._container, None
+        container.close()
+        return self._sound.warnings if self._sound is not None else ()
+
+    def close(self) -> None:
+        """Let the file go, finished or not."""
+        if self._sound is not None:
+            self._sound.close()
+        if self._container is not None:
+            with contextlib.suppress(av.FFmpegError):
+                self._container.close()
+            self._container = None
+
+    def _open(self, frame: VideoFrame, labels: Mapping[str, str]) -> None:
+        suffix = self._path.suffix.lower()
+        header = {"fflags": "+bitexact"}
+        if suffix in {".mp4", ".mov"}:
+            header |= {
+                "movflags": "+faststart",
+                "video_track_timescale": str(self._timing.clock.denominator),
+            }
+        self._path.touch()  # what is wrong with the folder is said before the work begins
+        container = av.open(
+            str(self._path), "w", format=container_format(suffix), container_options=header
+        )
+        self._container = container
+        container.metadata.update(labels)
+        if self._codec is Codec.AV1:
+            os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
+        encoding = ENCODINGS[self._codec]
+        options = encoding.options_for(frame.width, frame.height)
+        stream = cast(
+            "VideoStream",
+            container.add_stream(encoding.encoder, rate=self._timing.rate, options=options),
+        )
+        stream.width, stream.height = frame.width, frame.height
+        stream.pix_fmt = encoding.pixel_format
+        stream.time_base = self._timing.clock
+        context = stream.codec_context
+        context.time_base = self._timing.clock
+        context.gop_size = 1 if encoding.is_all_key else self._frames_between_keys()
+        if encoding.pixel_format != _GRAY:
+            context.colorspace = context.color_primaries = context.color_trc = _BT709
+            context.color_range = ColorRange.MPEG
+        self._stream = stream
+        if self._sound is not None:
+            self._sound.open(container, self._first_s)
+        try:
+            container.start_encoding()
+        except (av.ArgumentError, av.ExternalError, av.UndefinedError) as error:
+            raise OutputError(
+                f"{self._codec} video of {frame.width}×{frame.height} pixels cannot be written "
+                "here; choose an image sequence with --format png16 or --format exr"
+            ) from error
+
+    def _frames_between_keys(self) -> int:
+        wanted = round(_KEY_EVERY_S * self._timing.rate)
+        return max(1, min(wanted, _MOST_BETWEEN_KEYS))
+
+    def _encode(self, frame: VideoFrame, at: int) -> None:
+        if self._stream is None or self._container is None:
+            raise TypeError(self._stream)
+        clock = self._timing.clock
+        frame.pts, frame.time_base = at, clock
+        frame.duration = max(1, round(1 / (self._timing.rate * clock)))
+        if self._sound is not None:
+            self._sound.play_until(float(at * clock))
+        self._container.mux(self._stream.encode(frame))
+        self._before = frame
+
+
+def coded(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Codec) -> VideoFrame:
+    """Pixels as a codec takes them; for any thread.
+
+    Args:
+        pixels: (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8. Where the codec halves the
+            colours' rows and columns, an odd row or column is doubled.
+        codec: how the frame will be compressed.
+    """
+    wanted = ENCODINGS[codec].pixel_format
+    if wanted == _GRAY:
+        return VideoFrame.from_ndarray(np.ascontiguousarray(pixels, np.uint16), _GRAY)
+    return VideoFrame.from_ndarray(_even(pixels), "rgb24").reformat(
+        format=wanted,
+        dst_colorspace=Colorspace.ITU709,
+        dst_color_range=ColorRange.MPEG,
+        dst_color_trc=None,
+        interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND,
+        threads=1,
+    )
+
+
+def _even(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.uint8]:
+    height, width = pixels.shape[:2]
+    if height % 2 or width % 2:
+        pixels = np.pad(pixels, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+    return np.ascontiguousarray(pixels, np.uint8)

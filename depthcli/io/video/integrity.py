@@ -1,0 +1,109 @@
+"""Whether a video file is whole, by what it states and by the checksums that it holds."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from typing import TYPE_CHECKING
+
+import av
+from av import logging as av_logging
+
+from depthcli.io.video.container import open_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from typing import BinaryIO
+
+_EBML = b"\x1aE\xdf\xa3"
+_MATROSKA = "matroska,webm"
+_MP4_STARTS = {b"ftyp", b"moov", b"mdat", b"free", b"wide", b"skip"}
+_SLICE_END = 8  # bytes: three of the slice's size, one of its state, four of its checksum
+_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+_ONES = 0xFFFFFFFF
+
+
+def is_cut(path: Path) -> bool:
+    """Whether an end or a part is missing, by what MP4, MOV, Matroska, WebM or AVI state.
+
+    Other containers state nothing and are never cut. Matroska is read once more, without decoding.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        head = file.read(12)
+        end = file.seek(0, os.SEEK_END)
+        if head[4:8] in _MP4_STARTS:
+            return _mp4_end(file, end) > end
+        if head.startswith(b"RIFF"):
+            return int.from_bytes(head[4:8], "little") + 8 > end
+    return head.startswith(_EBML) and _has_gap(path)
+
+
+def counts_frames(path: Path) -> bool:
+    """Whether a file states how many frames are in it, each of which has to come.
+
+    AVI does. MP4 may hide some by an edit; they say by its boxes whether they are whole.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        return file.read(4) == b"RIFF"
+
+
+def slices_are_whole(packet: bytes) -> bool:
+    """Whether the checksum of every slice of an FFV1 frame is right (RFC 9043, 4.9.3).
+
+    FFmpeg fills slices that are damaged from the frame before, and says so only in its log.
+
+    Args:
+        packet: a frame of version 3 with checksums.
+    """
+    end = len(packet)
+    while end > 0:
+        start = end - _SLICE_END - int.from_bytes(packet[max(0, end - 8) : max(0, end - 5)])
+        if start < 0 or _crc(packet[start:end]):
+            return False
+        end = start
+    return bool(packet)
+
+
+def _crc(data: bytes) -> int:
+    """CRC-32 that takes the high bit of a byte first and begins with 0, mirrored."""
+    return zlib.crc32(data.translate(_MIRRORED), _ONES) ^ _ONES
+
+
+def _has_gap(path: Path) -> bool:
+    """Whether the demuxer stumbles; it goes on behind a damaged place and only logs it."""
+    container, stream = open_video(path)
+    level, skips = av_logging.get_level(), av_logging.get_skip_repeated()
+    av_logging.set_level(av_logging.ERROR)
+    av_logging.set_skip_repeated(False)
+    try:
+        with av_logging.Capture() as log:
+            for _ in container.demux(stream):
+                pass
+    except av.FFmpegError:
+        return True
+    finally:
+        av_logging.set_level(level)
+        av_logging.set_skip_repeated(skips)
+        container.close()
+    return any(name == _MATROSKA for _, name, _ in log)
+
+
+def _mp4_end(file: BinaryIO, end: int) -> int:
+    """Where the last box ends."""
+    at = 0
+    while at < end:
+        file.seek(at)
+        head = file.read(16)
+        if len(head) < 8:  # noqa: PLR2004
+            return end + 1
+        size = int.from_bytes(head[:4])
+        if size == 0:  # up to the end of the file, wherever that is
+            return end
+        at += max(8, int.from_bytes(head[8:]) if size == 1 else size)
+    return at

@@ -1,0 +1,84 @@
+"""The pixels of a decoded frame: red, green and blue at full precision, standing upright."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from av.sidedata.sidedata import Type
+from av.video.reformatter import ColorRange, Colorspace, Interpolation
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    from av.video.frame import VideoFrame
+    from av.video.reformatter import VideoReformatter
+
+_EIGHT_BIT = 8
+_UNSTATED = 2
+_SD_ROWS = 576
+_ONE = 1 << 16  # in a display matrix
+_TOLERANCE = 0.02
+_AS_IT_IS = (1, 0, 0, 1)
+_EXIF_OF_MATRIX = {
+    _AS_IT_IS: 1,
+    (-1, 0, 0, 1): 2,
+    (-1, 0, 0, -1): 3,
+    (1, 0, 0, -1): 4,
+    (0, 1, 1, 0): 5,
+    (0, 1, -1, 0): 6,
+    (0, -1, -1, 0): 7,
+    (0, -1, 1, 0): 8,
+}
+_PERCEPTUAL = {16: "PQ", 18: "HLG"}
+
+
+def rgb_pixels(
+    frame: VideoFrame, reformatter: VideoReformatter
+) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+    """A frame's colours by its own colour space and range, as stored.
+
+    Where it states no colour space, it is BT.601 up to 576 rows and BT.709 above, as players take
+    it.
+
+    Returns:
+        (H, W, 3) RGB: uint8 of 8-bit video, else uint16; 10 bits, say, reach from 0 to 65535.
+
+    Raises:
+        av.FFmpegError: the format cannot be converted.
+    """
+    is_deep = any(component.bits > _EIGHT_BIT for component in frame.format.components)
+    guessed = Colorspace.ITU709 if frame.height > _SD_ROWS else Colorspace.ITU601
+    rgb = reformatter.reformat(
+        frame,
+        format="rgb48le" if is_deep else "rgb24",
+        src_colorspace=guessed if frame.colorspace == _UNSTATED else None,
+        dst_color_range=ColorRange.JPEG,
+        interpolation=Interpolation.BICUBIC,
+    )
+    return rgb.to_ndarray()  # type: ignore[return-value]
+
+
+def orientation_of(frame: VideoFrame) -> int:
+    """The EXIF orientation (1-8) that undoes how a frame is stored; 1 for odd angles.
+
+    Containers state a matrix that players turn and mirror by.
+    """
+    side_data: Any = frame.side_data  # whose type is stated wrongly
+    data = side_data.get(Type.DISPLAYMATRIX)
+    if data is None:
+        return 1
+    matrix = np.frombuffer(bytes(data), "<i4")
+    a, b, _, c, d = (matrix[:5] / _ONE).tolist()
+    turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose((a, b, c, d), turn, atol=_TOLERANCE))
+    return _EXIF_OF_MATRIX[next(turns, _AS_IT_IS)]
+
+
+def transfer_warning(frame: VideoFrame) -> str | None:
+    """What to say of high dynamic range, which is not mapped to what the network learned."""
+    name = _PERCEPTUAL.get(frame.color_trc)
+    if name is None:
+        return None
+    return (
+        f"the colours are high dynamic range ({name}) and are taken as they are stored; for better "
+        "depth, convert the video to BT.709 first"
+    )

@@ -1,0 +1,144 @@
+"""The sound of a video, taken into its preview: copied where the container takes it as it is."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, cast
+
+import av
+
+from depthcli.io.video.container import open_video
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from av.audio.stream import AudioStream
+    from av.container import InputContainer, OutputContainer
+    from av.packet import Packet
+
+_COPIED = {
+    "mp4": {"aac", "mp3", "ac3", "eac3", "alac", "opus", "flac"},
+    "webm": {"opus", "vorbis"},
+    "mov": {"aac", "mp3", "ac3", "eac3", "alac", "pcm_s16le", "pcm_s24le"},
+}
+_ENCODERS = {"mp4": "aac", "webm": "libopus", "mov": "aac"}
+_LAYOUTS = {1: "mono", 6: "5.1", 8: "7.1"}
+_OPUS_HZ = 48_000
+
+
+class Sound:
+    """The first sound of a video, from the time of a preview's first frame on.
+
+    Attributes:
+        warnings: one-line texts, once it has been played.
+    """
+
+    def __init__(self, source: Path, start_s: Fraction) -> None:
+        """Remember where the sound is; nothing is opened yet.
+
+        Args:
+            source: the video.
+            start_s: time of the video's first frame on the file's own clock.
+        """
+        self._path = source
+        self._start_s = start_s
+        self._input: InputContainer | None = None
+        self._output: OutputContainer | None = None
+        self._stream: AudioStream | None = None
+        self._packets: Iterator[Packet[AudioStream]] = iter(())
+        self._waiting: Packet[AudioStream] | None = None
+        self._is_copied = False
+        self.warnings: tuple[str, ...] = ()
+
+    def open(self, output: OutputContainer, first_s: float) -> None:
+        """Add a stream of sound to a file, if the video has one.
+
+        Args:
+            output: a file whose header is not written yet.
+            first_s: time of the preview's first frame, from the video's first one.
+        """
+        container, _ = open_video(self._path)
+        self._input = container
+        stream = next(iter(container.streams.audio), None)
+        if stream is None or stream.codec_context is None:
+            return
+        name = output.format.name
+        self._from_s = self._start_s + Fraction(first_s)
+        try:
+            self._is_copied = stream.codec_context.name in _COPIED[name]
+            if self._is_copied:
+                self._stream = output.add_stream_from_template(stream)
+            else:
+                rate = _OPUS_HZ if name == "webm" else stream.codec_context.sample_rate
+                self._stream = cast(
+                    "AudioStream",
+                    output.add_stream(_ENCODERS[name], rate, options={"flags": "+bitexact"}),
+                )
+                channels = stream.codec_context.layout.nb_channels
+                self._stream.codec_context.layout = _LAYOUTS.get(channels, "stereo")
+        except (av.FFmpegError, ValueError) as error:
+            self._give_up(error)
+            return
+        self._output = output
+        self._packets = container.demux(stream)
+        self._waiting = self._next()
+
+    def play_until(self, time_s: float) -> None:
+        """Write what is heard before a time of the preview."""
+        until_s = Fraction(time_s)
+        while self._waiting is not None and _time_s(self._waiting) - self._from_s < until_s:
+            packet, self._waiting = self._waiting, None
+            self._write(packet)
+            self._waiting = self._next()
+
+    def finish(self) -> None:
+        """Write what an encoder still holds."""
+        if self._output is not None and self._stream is not None and not self._is_copied:
+            self._output.mux(self._stream.encode(None))
+
+    def close(self) -> None:
+        """Let the source go."""
+        if self._input is not None:
+            self._input.close()
+            self._input = None
+
+    def _next(self) -> Packet[AudioStream] | None:
+        """The next packet that has a time."""
+        try:
+            return next((p for p in self._packets if p.size and p.pts is not None), None)
+        except av.FFmpegError as error:
+            self._give_up(error)
+            return None
+
+    def _write(self, packet: Packet[AudioStream]) -> None:
+        if self._output is None or self._stream is None:
+            return
+        if self._is_copied:
+            if _time_s(packet) >= self._from_s:
+                shift = round(self._from_s / (packet.time_base or 1))
+                packet.pts = (packet.pts or 0) - shift
+                packet.dts = packet.pts
+                packet.stream = self._stream
+                self._output.mux(packet)
+            return
+        try:
+            frames = packet.decode()
+        except av.FFmpegError as error:
+            self._give_up(error)
+            return
+        for frame in frames:
+            if frame.pts is None or frame.time_base is None:
+                continue
+            shift = round(self._from_s / frame.time_base)
+            if frame.pts >= shift:
+                frame.pts -= shift
+                self._output.mux(self._stream.encode(frame))
+
+    def _give_up(self, error: Exception) -> None:
+        reason = getattr(error, "strerror", None) or str(error)
+        self.warnings = (f"the sound is damaged and missing in the preview, or its end: {reason}",)
+
+
+def _time_s(packet: Packet[AudioStream]) -> Fraction:
+    return (packet.pts or 0) * Fraction(packet.time_base or 1)

@@ -1,0 +1,226 @@
+"""The frames of a video file, one after the other, upright and with their times."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import av
+from av.video.reformatter import VideoReformatter
+
+from depthcli.core.types import Frame
+from depthcli.errors import InputError
+from depthcli.io.decode import MAX_PIXELS, check_size
+from depthcli.io.sources.image import upright
+from depthcli.io.video.container import open_video
+from depthcli.io.video.decoder import FrameDecoder
+from depthcli.io.video.integrity import counts_frames, is_cut
+from depthcli.io.video.pixels import orientation_of, rgb_pixels, transfer_warning
+from depthcli.io.video.rates import exact_rate
+from depthcli.io.video.spans import WHOLE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import TracebackType
+
+    from av.video.frame import VideoFrame
+
+    from depthcli.core.picture_limit import PictureLimit
+    from depthcli.io.video.spans import Span
+
+FALLBACK_RATE = Fraction(25)
+_MISSING_SHARE = 200
+_TURNED = 5
+"""The first EXIF orientation whose columns are rows."""
+
+
+class VideoSource:
+    """A video file, read from its beginning to its end with one frame in memory.
+
+    Attributes:
+        path: the file.
+        rate: frames a second, exact; the mean where frames are not evenly spaced.
+        tick_s: seconds of which every frame's time is a multiple.
+        frames_stated: frames that the file says it has; None if it does not say.
+        width: columns of an upright frame.
+        height: rows of an upright frame.
+        warnings: one-line texts about the file.
+        problem: why frames are missing, once the others have been read; None if all came.
+        start_s: time of the first frame on the file's own clock, which its sound shares.
+    """
+
+    def __init__(self, path: str | Path, *, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:
+        """Open a video.
+
+        Args:
+            path: whatever FFmpeg reads, but for playlists.
+            max_pixels: frames that claim more are refused.
+
+        Raises:
+            InputError: missing, empty, no video, no frame in it, or too large.
+        """
+        self.path = Path(path)
+        self._container, stream = open_video(self.path)
+        self._stream = stream
+        self._check_size(stream.width, stream.height, max_pixels)
+        rate = exact_rate(stream.average_rate or stream.guessed_rate or 0)
+        self.rate = rate or FALLBACK_RATE
+        self.warnings: tuple[str, ...] = (
+            () if rate else (f"the file states no frame rate; {FALLBACK_RATE} a second is taken",)
+        )
+        self._time_base = stream.time_base or 1 / self.rate
+        is_even = stream.average_rate == stream.base_rate
+        self.tick_s = Fraction(1, self.rate.numerator) if is_even else self._time_base
+        self.frames_stated = stream.frames or self._frames_of_length(stream.duration)
+        self.problem: str | None = None
+        self.start_s = Fraction(0)
+        self._decoder = FrameDecoder(self._container, stream)
+        self._reformatter = VideoReformatter()
+        self._lost = 0
+        self._unplaced = 0
+        self._index = 0
+        self._time_s = Fraction(-1)
+        self._first = self._decoder.next()
+        if self._first is None:
+            self.close()
+            raise InputError(f"{self.path} holds no frame that can be decoded; it is damaged")
+        self._at_hand = self._first
+        self._describe(self._first, max_pixels)
+
+    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
+        """Decode the frames of a span; to be called once.
+
+        Frames before and between are decoded too, for exactness, but not converted.
+
+        Yields:
+            RGB, (H, W, 3): uint8, or uint16 of a video of more than 8 bits; ``index`` counts all
+            frames of the file from 0, also damaged ones, which are passed over; ``timestamp_s``
+            counts from the first and always grows. A turn or mirror that the file asks for is
+            done.
+        """
+        for wanted in span.picks(self._places()):
+            if not wanted:
+                continue
+            try:
+                pixels = rgb_pixels(self._at_hand, self._reformatter)
+            except av.FFmpegError:
+                self.problem = "a frame cannot be converted; the frames before it are done"
+                return
+            pixels = upright(pixels, self._orientation)
+            if pixels.shape[:2] != (self.height, self.width):
+                self.problem = "the frames change their size; those before are done"
+                return
+            yield Frame(
+                pixels.copy() if self._orientation > 1 else pixels,
+                self.path,
+                self._index,
+                float(self._time_s),
+                orientation=self._orientation,
+            )
+
+    def close(self) -> None:
+        """Let the file go."""
+        self._container.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _check_size(self, width: int, height: int, max_pixels: int | PictureLimit) -> None:
+        try:
+            check_size(str(self.path), width, height, max_pixels)
+        except InputError:
+            self.close()
+            raise
+
+    def _describe(self, first: VideoFrame, max_pixels: int | PictureLimit) -> None:
+        """Take over what only a decoded frame says."""
+        self._check_size(first.width, first.height, max_pixels)
+        self._orientation = orientation_of(first)
+        size = first.width, first.height
+        self.width, self.height = size[::-1] if self._orientation >= _TURNED else size
+        warning = transfer_warning(first)
+        if warning:
+            self.warnings += (warning,)
+
+    def _frames_of_length(self, stream_ticks: int | None) -> int | None:
+        """About how many frames there are, by how long it lasts."""
+        length_s: Fraction | None = None
+        if stream_ticks:
+            length_s = stream_ticks * self._time_base
+        elif self._container.duration:
+            length_s = Fraction(self._container.duration, av.time_base)
+        return round(length_s * self.rate) or None if length_s else None
+
+    def _places(self) -> Iterator[tuple[int, Fraction]]:
+        """Number and time of each frame, while it is the one at hand."""
+        index = 0
+        frame, self._first = self._first, None
+        while frame is not None:
+            self._unplaced += self._decoder.take_failed(frame.pts)
+            at_s = None if frame.pts is None else frame.pts * self._time_base
+            if self._time_s < 0:
+                self.start_s = self._start_s(at_s or Fraction(0))
+            measured_s = None if at_s is None else at_s - self.start_s
+            index += self._missed(index, measured_s) if self._unplaced else 0
+            self._time_s = self._time(index, measured_s)
+            self._index = index
+            self._at_hand = frame
+            yield index, self._time_s
+            index += 1
+            frame = self._decoder.next()
+        self._judge_end(index)
+
+    def _start_s(self, first_s: Fraction) -> Fraction:
+        """Time of the first frame; if that is lost, what the file states."""
+        stated = self._stream.start_time
+        if not self._unplaced or stated is None:
+            return first_s
+        return min(first_s, stated * self._time_base)
+
+    def _missed(self, index: int, measured_s: Fraction | None) -> int:
+        """How many frames are missing before the one at hand, by its time if that is regular."""
+        missing = self._unplaced
+        if measured_s is not None:
+            by_time = round(measured_s * self.rate)
+            if self._is_regular(by_time, measured_s):
+                missing = max(0, by_time - index)
+        if missing:
+            self._unplaced = max(0, self._unplaced - missing)
+            self._lost += missing
+            self._say_damaged()
+        return missing
+
+    def _time(self, index: int, measured_s: Fraction | None) -> Fraction:
+        """The frame's place on the grid of the exact rate, or its own time if that is not there."""
+        if measured_s is None:
+            return self._time_s + 1 / self.rate if index else Fraction(0)
+        time_s = index / self.rate if self._is_regular(index, measured_s) else measured_s
+        # Times can stand still or go back where streams were joined.
+        return time_s if time_s > self._time_s else self._time_s + 1 / self.rate
+
+    def _is_regular(self, index: int, measured_s: Fraction) -> bool:
+        # Two roundings, of the frame's time and of the first one's, and the rate's own.
+        return abs(index / self.rate - measured_s) <= self._time_base * Fraction(11, 10)
+
+    def _judge_end(self, read: int) -> None:
+        """Compare what came with what the file said."""
+        self._lost += self._unplaced + self._decoder.take_failed()
+        if self._lost:
+            self._say_damaged()
+        stated = self.frames_stated if counts_frames(self.path) else None
+        short = stated is not None and stated - read > max(1, stated // _MISSING_SHARE)
+        if short or self._decoder.ended_early or is_cut(self.path):
+            of = "" if stated is None else f" of {stated}"
+            self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
+
+    def _say_damaged(self) -> None:
+        self.problem = f"it is damaged: {self._lost} frames cannot be decoded"
