@@ -92,7 +92,10 @@ _Init = Annotated[
 _Devices = Annotated[
     int, typer.Option(min=1, help="Number of GPUs (or CPU processes) for data-parallel training.")
 ]
-_Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; default: all cores.")]
+_Threads = Annotated[
+    int | None,
+    typer.Option(min=1, help="CPU threads. Default: the fastest in a short trial."),
+]
 _TensorBoard = Annotated[
     bool,
     typer.Option("--tensorboard", help="Also write TensorBoard event files to OUT/tensorboard."),
@@ -131,13 +134,14 @@ def train(
         return train_all(context)
     if method is None or seeds is not None:
         raise typer.BadParameter("name a METHOD; --seeds goes with --all or --methods")
-    resolved = resolve_config(method, preset, config or [], settings or [])
+    folder = None if show_config else out
+    resolved = resolve_config(method, preset, config or [], settings or [], folder)
     if show_config:
         _print_config(resolved)
         return ExitCode.OK
     if data is None:
         raise typer.BadParameter("give the data set with --data")
-    from depthcli.cli.train_devices import launched, open_fabric
+    from depthcli.cli.train_devices import launched, open_fabric, set_threads
     from depthcli.cli.train_progress import progress_for, with_board
     from depthcli.datasets.paired_folder import open_paired_folder
     from depthcli.datasets.training_data import open_training_data
@@ -154,8 +158,8 @@ def train(
     )
     opened = opened._replace(extra=None if extra is None else open_paired_folder(extra))
     with launched(fabric):
-        _set_threads(threads)
         first = fabric.is_global_zero
+        set_threads(threads, resolved, out, fabric, quiet=quiet or as_json or not first)
         if first and not quiet and resolved.data.holdout_every:
             _, held_out = divide(opened.dataset, resolved.data)
             if not held_out:
@@ -174,23 +178,29 @@ def train(
     return ExitCode.OK if interrupt.number is None else SIGNAL_BASE + interrupt.number
 
 
-def _set_threads(threads: int | None) -> None:
-    import torch
-
-    if threads:
-        torch.set_num_threads(threads)
-
-
 def resolve_config(
-    method: str, preset: str | None, files: list[Path], settings: list[str]
+    method: str,
+    preset: str | None,
+    files: list[Path],
+    settings: list[str],
+    folder: Path | None = None,
 ) -> TrainConfig:
     """The configuration that a command line stands for.
 
+    Args:
+        method: that was named.
+        preset: name of a preset.
+        files: of differences.
+        settings: ``a.b=c``.
+        folder: of a run, whose own configuration counts if there is one.
+
     Raises:
         UsageError: a name or a value is wrong.
+        CheckpointError: the folder's run has not what was given.
     """
     try:
         from depthcli.training.config_changes import resolve
+        from depthcli.training.continued import continued, saved_run
         from depthcli.training.methods.registry import METHODS, check_terms, default_config
         from depthcli.training.preset_files import preset_file
     except ImportError as error:
@@ -198,6 +208,9 @@ def resolve_config(
     if method not in METHODS:
         raise typer.BadParameter(f"no method '{method}'; choose from {', '.join(METHODS)}")
     named = [preset_file(preset)] if preset else []
+    saved = None if folder is None else saved_run(folder)
+    if folder is not None and saved is not None:
+        return continued(folder, saved.config, method, [*named, *files], settings)
     resolved = resolve(default_config(method), [*named, *files], settings)
     if resolved.method != method:
         raise UsageError(

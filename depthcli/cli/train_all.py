@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 _OWN = {"method", "every_method", "methods", "seeds", "out", "max_minutes", "show_config"}
 """Options that are not handed on as they are."""
+_NO_TIME = "no time of --max-minutes was left for it; give more minutes"
 
 
 def train_all(context: typer.Context) -> int:
@@ -56,7 +58,8 @@ def train_all(context: typer.Context) -> int:
     minutes = math.inf if options["max_minutes"] is None else options["max_minutes"]
     shown = Shown(as_json=options["as_json"], quiet=options["quiet"])
     runner = _Runner(_handed_on(context), shown, 60 * minutes)
-    sittings = runner.train(plan_runs(configs, Path(options["out"])))
+    planned = plan_runs(configs, Path(options["out"]))
+    sittings = runner.train([_own_config(run, options) for run in planned])
     shown.summary(sittings)
     if runner.signal_number is not None:
         return SIGNAL_BASE + runner.signal_number
@@ -85,6 +88,20 @@ def _configs(options: dict[str, Any]) -> list[TrainConfig]:
         for name in names
         for seed in extra
     ]
+
+
+def _own_config(run: PlannedRun, options: dict[str, Any]) -> PlannedRun:
+    """The same run, with the configuration that it was begun with."""
+    from depthcli.cli.train import resolve_config
+
+    method, seed = run.config.method, f"seed={run.config.seed}"
+    files = [Path(file) for file in options["config"] or ()]
+    settings = [*(options["settings"] or ()), seed]
+    try:
+        config = resolve_config(method, options["preset"], files, settings, run.folder)
+    except CheckpointError:
+        return run  # it says the same when its turn comes, and stops no other
+    return replace(run, config=config)
 
 
 def _listed(text: str) -> list[str]:
@@ -132,13 +149,18 @@ class _Runner:
 
     def train(self, runs: Sequence[PlannedRun]) -> list[Sitting]:
         """Train them all, those that were trained least first."""
+        from depthcli.training.planned_runs import next_share_s
+
         sittings = {run.name: _looked_up(run) for run in runs}
         waiting = [s for s in sittings.values() if s.state == "waiting"]
         self._shown.plan(list(sittings.values()))
         while waiting and self.signal_number is None:
             waiting.sort(key=lambda sitting: sitting.progress.seconds)
-            share_s = self._share_s(waiting)
+            left_s = self._ends - time.monotonic()
+            spent_s = [sitting.progress.seconds for sitting in waiting]
+            share_s = next_share_s(spent_s, left_s, self._overhead_s)
             if share_s <= 0:
+                self._leave(waiting, sittings)
                 break
             before = waiting.pop(0)
             started = time.monotonic()
@@ -149,12 +171,12 @@ class _Runner:
             self._shown.sitting(after)
         return list(sittings.values())
 
-    def _share_s(self, waiting: Sequence[Sitting]) -> float:
-        """What the first of them gets."""
-        from depthcli.training.planned_runs import fair_shares_s
-
-        left_s = self._ends - time.monotonic() - len(waiting) * self._overhead_s
-        return fair_shares_s([s.progress.seconds for s in waiting], left_s)[0]
+    def _leave(self, waiting: Sequence[Sitting], sittings: dict[str, Sitting]) -> None:
+        """Say of each run why it is not trained now."""
+        for sitting in waiting:
+            left = replace(sitting, reason=_NO_TIME)
+            sittings[left.run.name] = left
+            self._shown.sitting(left)
 
     def _train_one(self, run: PlannedRun, share_s: float) -> Sitting:
         words = [sys.executable, "-m", "depthcli", "train", run.config.method, *self._words]

@@ -26,7 +26,7 @@ class Sitting:
         run: which.
         state: finished (all epochs), stopped (its share is used up), failed, or waiting.
         progress: how far it has come.
-        reason: why it failed.
+        reason: why it failed, or was not trained.
     """
 
     run: PlannedRun

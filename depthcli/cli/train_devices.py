@@ -6,13 +6,17 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal
 
+from depthcli.cli import console
 from depthcli.errors import TrainingError, UsageError
 
 if TYPE_CHECKING:
     import subprocess
     from collections.abc import Iterator
+    from pathlib import Path
 
     from lightning_fabric import Fabric
+
+    from depthcli.training.config import TrainConfig
 
 Precision = Literal["32-true", "bf16-mixed", "16-mixed"]
 _GRACE_S = 3.0
@@ -42,6 +46,30 @@ def open_fabric(accelerator: str, precision: Precision, devices: int = 1) -> Fab
             f"cannot train with --accelerator {accelerator}, --devices {devices} and "
             f"precision={precision} here: {error}"
         ) from error
+
+
+def set_threads(
+    threads: int | None, config: TrainConfig, folder: Path, fabric: Fabric, *, quiet: bool
+) -> None:
+    """Use so many CPU threads; without a number those of the folder's run, or the fastest."""
+    import torch
+
+    from depthcli.cli.cores import usable_cores
+    from depthcli.training.continued import saved_run
+    from depthcli.training.threads import default_threads
+
+    cores = usable_cores()
+    saved = saved_run(folder) if threads is None else None
+    if saved is not None:  # another number would change its last digits
+        threads = min(cores, saved.progress.threads or torch.get_num_threads())
+    if threads is None:
+        threads = default_threads(config, fabric, cores)
+        if threads < cores and not quiet:
+            console.note(
+                f"training on {threads} of {cores} CPU cores, as fast as more of them in a short "
+                "trial; --threads sets the number"
+            )
+    torch.set_num_threads(threads)
 
 
 @contextmanager

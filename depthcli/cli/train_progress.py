@@ -88,12 +88,21 @@ class Silent:
 class JsonLines(Silent):
     """One JSON object an epoch on standard output."""
 
+    def __init__(self) -> None:
+        self._losses: dict[str, float] = {}
+
+    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+        """Keep the losses until the epoch ends."""
+        del progress, steps
+        self._losses = losses
+
     def epoch(self, progress: Progress) -> None:
-        """Step, seconds and scores of the epoch."""
+        """Step, seconds, scores, and the losses of the last step."""
         from depthcli.training.metrics_log import finite_or_none
 
         values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
         del values["train_ids"], values["held_out_ids"]
+        values["losses"] = self._losses
         console.out_json(values)
 
 

@@ -40,6 +40,7 @@ class Progress:
         extra: what the extra pairs are; "" if there are none.
         start: whose weights it started from; "" if they were drawn.
         aspect: width over height of their first picture.
+        threads: CPU threads of the last sitting, on which the last digits depend; 0 if unknown.
     """
 
     step: int = 0
@@ -53,6 +54,7 @@ class Progress:
     extra: str = ""
     start: str = ""
     aspect: float = NYU_ASPECT
+    threads: int = 0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
+import torch
+
 from depthcli.datasets.splits import held_out_scenes
 from depthcli.errors import OutputError, TrainingError, UsageError
 from depthcli.training import metrics_log
@@ -117,6 +119,7 @@ def train(
             aspect=data.aspect,
         )
         run.resume(folder / CHECKPOINT)
+        run.progress = replace(run.progress, threads=torch.get_num_threads())
         if first:
             with writing(folder):
                 metrics_log.cut(folder / METRICS_LOG, run.progress.step)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from depthcli.errors import CheckpointError
 from depthcli.training.checkpoint import Checkpoint, Progress
+from depthcli.training.config_differences import another_run, differences
 from depthcli.training.loop import CHECKPOINT
 
 if TYPE_CHECKING:
@@ -44,9 +44,7 @@ class PlannedRun:
             return Progress()
         saved = Checkpoint.load(path)
         if saved.config != self.config:
-            raise CheckpointError(
-                f"{path} belongs to another run: give another --out, or the run's own settings"
-            )
+            raise another_run(path, differences(saved.config, self.config))
         return saved.progress
 
     def is_finished(self, progress: Progress) -> bool:
@@ -80,3 +78,20 @@ def fair_shares_s(spent_s: Sequence[float], budget_s: float) -> tuple[float, ...
         if level <= upper:
             break
     return tuple(max(0.0, level - spent) for spent in spent_s)
+
+
+def next_share_s(spent_s: Sequence[float], left_s: float, overhead_s: float) -> float:
+    """What the first of some waiting runs may train.
+
+    Args:
+        spent_s: what each has had, seconds.
+        left_s: what is left of the budget, seconds; may be infinite.
+        overhead_s: what a run costs besides its training (starting, reading data), seconds.
+
+    Returns:
+        Its share in seconds, such that all the others still get theirs; 0 if nothing is left.
+
+    >>> next_share_s([0, 0], left_s=100, overhead_s=10)
+    40.0
+    """
+    return fair_shares_s(spent_s, left_s - len(spent_s) * overhead_s)[0]

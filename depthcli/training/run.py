@@ -10,6 +10,7 @@ from torch import nn
 from depthcli.errors import CheckpointError
 from depthcli.training.average import WeightAverage
 from depthcli.training.checkpoint import Checkpoint, Progress
+from depthcli.training.config_differences import another_run, data_differences, differences
 from depthcli.training.devices import average_gradients, of_others
 from depthcli.training.finite import check_weights, finite
 from depthcli.training.initial import start_from
@@ -138,14 +139,10 @@ class Run:
         if not path.exists():
             return
         saved = Checkpoint.load(path)
-        same_data = all(
-            getattr(saved.progress, name) == getattr(self.progress, name)
-            for name in ("train_ids", "extra", "start")
-        )
-        if saved.config != self.config or not same_data:
-            raise CheckpointError(
-                f"{path} belongs to another run: give another --out, or the run's own settings"
-            )
+        strange = differences(saved.config, self.config)
+        strange += data_differences(saved.progress, self.progress)
+        if strange:
+            raise another_run(path, strange)
         devices = len(saved.others) + 1
         if devices != self.fabric.world_size:
             raise CheckpointError(

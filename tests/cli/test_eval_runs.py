@@ -155,6 +155,28 @@ def test_what_was_trained_stands_in_the_row(
     assert any("proposed-seed0" in note and "before" in note for note in document["notes"])
 
 
+def test_each_alignment_has_its_own_row_of_its_own_scores(
+    trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = ("--json", "--no-trivial", "--no-published")
+    assert _run(trained, data, *few, "--align", "median") == 0
+    alone = {row["name"]: row for row in _json(capsys)["rows"]}
+    assert _run(trained, data, *few, "--align", "none", "--align", "median") == 0
+    rows = _json(capsys)["rows"]
+    assert [(row["name"], row["align"]) for row in rows] == [
+        *(("fastcut", "none"), ("fastcut", "median")),
+        *(("proposed", "none"), ("proposed", "median")),
+    ]
+    for plain, scaled in zip(rows[::2], rows[1::2], strict=True):
+        for row in (plain, scaled):
+            assert [run["align"] for run in row["runs"]] == [row["align"]] * len(row["runs"])
+        assert len(plain["runs"]) == len(scaled["runs"]) == (2 if plain["name"] == "fastcut" else 1)
+        assert scaled["scores"] == alone[scaled["name"]]["scores"]
+        assert scaled["standard_deviation"] == alone[scaled["name"]]["standard_deviation"]
+        assert scaled["scores"]["abs_rel"] != plain["scores"]["abs_rel"]
+        assert scaled["scores"]["silog"] == pytest.approx(plain["scores"]["silog"], rel=0.1)
+
+
 def test_text_csv_and_page_show_the_same_table(
     trained: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,6 +14,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
 
+from depthcli.training.checkpoint import Checkpoint
+
 ROOT = Path(__file__).parents[2]
 TINY = """
 [generator]
@@ -69,6 +71,9 @@ def test_trains_stops_continues_and_reports(folder: Path) -> None:
     assert done.returncode == 0, done.stderr
     lines = [json.loads(line) for line in done.stdout.splitlines()]
     assert [(line["epoch"], line["step"]) for line in lines] == [(1, 2), (2, 4)]
+    logged = (folder / "run" / "metrics.jsonl").read_text().splitlines()
+    assert [line["losses"] for line in lines] == [json.loads(line)["losses"] for line in logged]
+    assert lines[0]["losses"]["l1"] > 0
     assert 0 < lines[-1]["scores"]["rmse"] < 20
     names = sorted(p.name for p in (folder / "run").iterdir())
     assert names == ["last.ckpt", "metrics.jsonl", "samples"]
@@ -76,8 +81,27 @@ def test_trains_stops_continues_and_reports(folder: Path) -> None:
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")
     other = _train(folder, *settings, "--set", "seed=1")
     assert other.returncode == 3
-    assert "belongs to another run" in other.stderr
+    assert "belongs to another run: seed is 0 there, 1 here; give what" in other.stderr
     assert other.stderr.count("\n") == 1
+
+
+def test_a_run_goes_on_with_its_own_settings_and_threads(folder: Path) -> None:
+    """Nothing has to be said again, and what is said again has to be the same."""
+    assert _train(folder, "--set", "seed=3", "--threads", "2", "--max-minutes", "0").returncode == 0
+    begun = Checkpoint.load(folder / "run" / "last.ckpt")
+    common = ("--data", "data", "--out", "run", "--accelerator", "cpu", "--quiet")
+    again = ("--preset", "default", "--config", "tiny.toml", "--set", "seed=3")
+    for given in ((), again):
+        done = _run(folder, "proposed", *common, *given, "--max-minutes", "0")
+        assert (done.returncode, done.stderr) == (0, "")
+    saved = Checkpoint.load(folder / "run" / "last.ckpt")
+    assert saved.config == begun.config
+    assert (saved.progress.step, saved.config.seed) == (3, 3)
+    if (os.cpu_count() or 1) > 1:
+        assert begun.progress.threads == saved.progress.threads == 2
+    other = _run(folder, "cut", *common, "--set", "optim.batch_size=4")
+    assert other.returncode == 3
+    assert 'method is "proposed" there, "cut" here; optim.batch_size is 2' in other.stderr
 
 
 def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> None:
@@ -121,7 +145,7 @@ def test_failures_are_one_line(folder: Path) -> None:
         (("--data", "nowhere"), "nowhere"),
         (("--data", "data", "--out", "file", "--set", "data.width=32"), "file"),
     ):
-        done = _run(folder, "proposed", *arguments, "--accelerator", "cpu")
+        done = _run(folder, "proposed", *arguments, "--accelerator", "cpu", "--threads", "1")
         assert done.returncode in {1, 3}
         assert reason in done.stderr
         assert "unexpected" not in done.stderr

@@ -14,7 +14,7 @@ from rooms import EFFICIENT, PAPER, room_data
 
 from depthcli.errors import CheckpointError
 from depthcli.training.loop import Limits, train
-from depthcli.training.planned_runs import PlannedRun, fair_shares_s, plan_runs
+from depthcli.training.planned_runs import PlannedRun, fair_shares_s, next_share_s, plan_runs
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,6 +43,13 @@ def test_no_budget_and_no_end() -> None:
     assert fair_shares_s([], 10) == ()
 
 
+def test_what_starting_costs_is_kept_for_each_that_waits() -> None:
+    assert next_share_s([0, 0], left_s=100, overhead_s=10) == 40
+    assert next_share_s([30, 60], left_s=100, overhead_s=5) == 60  # both end at 90
+    assert next_share_s([0, 0, 0], left_s=30, overhead_s=10) == 0  # nothing but starting
+    assert next_share_s([7], left_s=math.inf, overhead_s=10) == math.inf
+
+
 def test_names_by_method_and_seed(tmp_path: Path) -> None:
     runs = plan_runs([PAPER, replace(PAPER, seed=0), replace(PAPER, method="cut")], tmp_path)
     assert [run.name for run in runs] == ["proposed-seed3", "proposed-seed0", "cut-seed3"]
@@ -63,5 +70,5 @@ def test_progress_of_a_folder(tmp_path: Path) -> None:
     train(EFFICIENT, room_data(), run.folder, fabric, Silent())
     assert (run.progress().step, run.is_finished(run.progress())) == (6, True)
     other = PlannedRun(replace(EFFICIENT, seed=9), run.folder)
-    with pytest.raises(CheckpointError, match="belongs to another run"):
+    with pytest.raises(CheckpointError, match="another run: seed is 3 there, 9 here; give"):
         other.progress()

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
-from tiny_methods import batch, coded, tiny_method
+from lightning_fabric import Fabric
+from tiny_methods import batch, coded, tiny, tiny_method
 
 from depthcli.training.losses.hdce import hdce
 from depthcli.training.losses.patchnce import patch_nce
 from depthcli.training.losses.src import semantic_relation
+from depthcli.training.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -90,6 +93,16 @@ def test_hnegsrc_hardens_its_negatives_over_the_schedule(share_done: float, gamm
     torch.testing.assert_close(terms["relation"], 0.05 * relation)
     back = contrast(method, hard, y, method.generator(y), flipped=False)
     torch.testing.assert_close(terms["contrast_y"], 0.05 * back)
+
+
+def test_hnegsrc_s_gamma_follows_the_steps_of_a_run() -> None:
+    run = Run(tiny("hnegsrc"), Fabric(accelerator="cpu", devices=1), steps_per_epoch=2)
+    gammas = []
+    for step in range(run.steps):
+        run.progress = replace(run.progress, step=step)
+        run.step(batch())
+        gammas.append(run.method.gamma)  # type: ignore[union-attr]
+    assert gammas == [50, 40, 30, 20]  # 10 would be the step after the last
 
 
 @pytest.mark.parametrize("name", ["cut", "fastcut", "hnegsrc"])

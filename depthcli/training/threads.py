@@ -1,0 +1,105 @@
+"""How many CPU threads a run takes when nobody says: the number that is fastest here and now.
+
+torch's threads wait for each other after every operation. On a machine that has other work, one of
+them is always late, and two threads can be four times slower than one.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import torch
+
+from depthcli.training.networks.build import build_generator
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from lightning_fabric import Fabric
+    from torch import nn
+
+    from depthcli.training.config import TrainConfig
+
+_ROUNDS = 3
+_ENOUGH_S = 5.0
+_WORTH_IT = 0.95  # more threads have to be that much faster, or they only cost the others
+
+
+def default_threads(config: TrainConfig, fabric: Fabric, cores: int) -> int:
+    """The number of threads for a new run.
+
+    Args:
+        config: of the run.
+        fabric: its device and processes.
+        cores: that this process may use.
+    """
+    if fabric.world_size > 1:
+        return max(1, cores // fabric.world_size)
+    if fabric.device.type != "cpu" or cores == 1:
+        return cores
+    return fastest(_measured_s(config, fabric, candidates(cores)))
+
+
+def candidates(cores: int) -> tuple[int, ...]:
+    """The numbers of threads to try, fewest first.
+
+    >>> candidates(6)
+    (1, 2, 4, 6)
+    """
+    doubled = [2**n for n in range(cores.bit_length()) if 2**n < cores]
+    return (*doubled, cores)
+
+
+def fastest(seconds: Mapping[int, float]) -> int:
+    """The fewest threads that no larger number beats by more than a few per cent.
+
+    Args:
+        seconds: what the same work took, by number of threads.
+
+    >>> fastest({1: 1.0, 2: 0.97}), fastest({1: 1.0, 2: 0.6}), fastest({1: 1.0, 2: 4.0})
+    (1, 2, 1)
+    """
+    best = min(seconds)
+    for threads in sorted(seconds):
+        if seconds[threads] < _WORTH_IT * seconds[best]:
+            best = threads
+    return best
+
+
+def _measured_s(config: TrainConfig, fabric: Fabric, tried: tuple[int, ...]) -> dict[int, float]:
+    """Seconds of some steps of the generator with each number of threads, in turns."""
+    data = config.data
+    with _as_it_was():
+        network = build_generator(config.generator)
+        pictures = torch.zeros(config.optim.batch_size, 1, data.height, data.width)
+        spent_s = dict.fromkeys(tried, 0.0)
+        began = time.perf_counter()
+        _step_s(network, pictures, fabric)  # the first one also allocates and plans
+        for _ in range(_ROUNDS):
+            for threads in tried:
+                torch.set_num_threads(threads)
+                spent_s[threads] += _step_s(network, pictures, fabric)
+            if time.perf_counter() - began > _ENOUGH_S:
+                break
+    return spent_s
+
+
+def _step_s(network: nn.Module, pictures: torch.Tensor, fabric: Fabric) -> float:
+    began = time.perf_counter()
+    with fabric.autocast():
+        loss = network(pictures).square().mean()
+    loss.backward()
+    return time.perf_counter() - began
+
+
+@contextmanager
+def _as_it_was() -> Iterator[None]:
+    """Leave no trace in torch's random numbers and number of threads."""
+    threads = torch.get_num_threads()
+    try:
+        with torch.random.fork_rng(devices=[]):
+            yield
+    finally:
+        torch.set_num_threads(threads)
