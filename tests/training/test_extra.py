@@ -120,10 +120,11 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
     assert progress.start == f"model.onnx {exported.card.sha256[:16]}"
     assert progress.extra == "6 extra pairs (extra)"
     assert _train(BARE, tmp_path / "second", model, extra).step == 4
-    with pytest.raises(CheckpointError, match="another run"):
+    with pytest.raises(CheckpointError, match="another run: extra is"):
         _train(BARE, tmp_path / "second", model)
-    with pytest.raises(CheckpointError, match="another run"):
-        _train(BARE, tmp_path / "second", None, extra)
+    assert _train(BARE, tmp_path / "second", None, extra).step == 4  # what it began with is known
+    with pytest.raises(CheckpointError, match="another run: start is"):
+        _train(BARE, tmp_path / "second", tmp_path / "first" / CHECKPOINT, extra)
     card = export_checkpoint(
         tmp_path / "second" / CHECKPOINT, tmp_path / "second.onnx", ExportOptions("second")
     ).card
