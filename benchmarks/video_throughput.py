@@ -22,20 +22,20 @@ import cv2
 from made_pictures import write_video
 
 from depthcli.cli.cores import usable_cores
-from depthcli.cli.looks import Looks
 from depthcli.cli.video_choices import VideoFormat
 from depthcli.cli.video_outputs import plan_video
 from depthcli.cli.video_reel import Reel, VideoSettings
 from depthcli.core.choices import Detail
 from depthcli.inference.pipeline import load
 from depthcli.io.video.source import VideoSource
+from depthcli.io.writers.options import WriterOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
-LOOKS = Looks(1000.0, False, "Z", False, "inferno", "warm", None, None, False, False)
+LOOKS = WriterOptions()
 FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
 
 
@@ -68,7 +68,7 @@ def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
     job = plan_video(str(video), f"{folder}/", FORMATS)
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
-            which: stack.enter_context(job.open(which, settings.looks, source.rate, pipeline.card))
+            which: stack.enter_context(job.open(which, settings.looks, source, source.rate))
             for which in FORMATS
         }
         taken = source.frames()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from dataclasses import astuple
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,12 +19,12 @@ from depthcli.io.writers.formats import FORMATS, Format
 if TYPE_CHECKING:
     from depthcli.cli.batch_plan import Plan
     from depthcli.cli.camera import Camera
-    from depthcli.cli.looks import Looks
     from depthcli.core.picture_limit import PictureLimit
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.journal import Rows
     from depthcli.io.manifest import Row
     from depthcli.io.sources.folder import Found
+    from depthcli.io.writers.options import WriterOptions
 
 COUNTERPART = {
     Format.PNG16: VideoFormat.MKV,
@@ -47,7 +48,7 @@ class Recipe(NamedTuple):
     """
 
     formats: tuple[Format, ...]
-    looks: Looks
+    looks: WriterOptions
     camera: Camera
     limit: PictureLimit
     provider_options: tuple[str, ...] = ()
@@ -59,7 +60,7 @@ class Recipe(NamedTuple):
         # card says decides as much as the weights do, and is no part of their file.
         decisive = (
             tuple(format_.value for format_ in self.formats),
-            tuple(self.looks),
+            astuple(self.looks),
             tuple(self.camera),
             repr(pipeline.detail),
             pipeline.session.provider,

@@ -61,8 +61,6 @@ class Worker:
         self._recipe = targets.recipe
         self._pipeline = pipeline
         self._journal = journal
-        looks = targets.recipe.looks
-        self._writers = {f: looks.writer(f, pipeline.card) for f in targets.recipe.formats}
 
     def work(self, inputs: Sequence[Found]) -> list[Result]:
         """Do some inputs, their networks' turns together.
@@ -118,8 +116,8 @@ class Worker:
         try:
             fitted = self._recipe.camera.fitted(depth)
             warnings: list[str] = []
-            for name, writer in self._writers.items():
-                warnings += write_output(writer, outputs[name], fitted, opened.frame, job)
+            for name in outputs:
+                warnings += write_output(self._recipe.looks, name, fitted, opened.frame, job)
             files = tuple(written(self._targets.plan.out, path) for path in outputs.values())
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(found, error, start, opened.sha256)

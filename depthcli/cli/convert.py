@@ -16,7 +16,6 @@ from depthcli.io.writers.formats import ENDINGS, MILLIMETRES, Format, format_of
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
-    from depthcli.io.writers.base import Writer
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -75,20 +74,23 @@ def convert(
     """Convert a depth file and report the round-trip error."""
     from depthcli.cli.camera import choose_camera
     from depthcli.cli.convert_report import Converted, RoundTrip
+    from depthcli.cli.looks import check_looks
     from depthcli.cli.unused import refuse_unused
     from depthcli.io.atomic import atomic_path
     from depthcli.io.depth_files import read_depth
+    from depthcli.io.writers.options import WriterOptions
 
     chosen = _format(target, format_)
     refuse_unused(context, (chosen,), tuple(Format))
     choose_camera(cloud_focal_px, cloud_hfov, None)
-    writer = _writer(chosen, png_scale, exr_channel, png_normalize=png_normalize, half=half)
+    check_looks(png_scale, None, None, None, None, png_normalize=png_normalize)
+    written = WriterOptions(png_scale or MILLIMETRES, png_normalize, exr_channel.value, half)
     depth = read_map(Path(source), scale=from_scale, frame=frame)
     depth = _seen_by(depth, cloud_focal_px, cloud_hfov)
     colours = None if picture is None else _colours(picture, depth)
     inputs = [Path(name) for name in (source, picture) if name is not None]
     with atomic_path(Path(target), inputs=inputs) as temporary:
-        warnings = writer.write(depth, temporary, colours)
+        warnings = written.writer(chosen).write(depth, temporary, colours)
         again = read_depth(temporary) if chosen in _READABLE else None
     round_trip = RoundTrip() if again is None else RoundTrip.of(depth, again)
     done = Converted(source, target, depth, round_trip, warnings)
@@ -112,28 +114,6 @@ def _format(target: str, asked: Format | None) -> Format:
             f"{target} says no format; end it in {', '.join(ENDINGS)}, or give --format"
         )
     return found
-
-
-def _writer(
-    chosen: Format,
-    png_scale: float | None,
-    exr_channel: ExrChannel,
-    *,
-    png_normalize: bool,
-    half: bool,
-) -> Writer:
-    from depthcli.cli.looks import check_looks
-    from depthcli.io.writers.formats import writer_class
-
-    check_looks(png_scale, None, None, None, None, png_normalize=png_normalize)
-    scale = png_scale or MILLIMETRES
-    choices: dict[Format, dict[str, object]] = {
-        Format.PNG16: {"scale": scale, "normalize": png_normalize},
-        Format.EXR: {"channel": exr_channel.value, "half": half},
-        Format.JSON: {"png_scale": None if png_normalize else scale},
-    }
-    writer: Writer = writer_class(chosen)(**choices.get(chosen, {}))
-    return writer
 
 
 def _seen_by(depth: DepthMap, focal_px: float | None, hfov_deg: float | None) -> DepthMap:

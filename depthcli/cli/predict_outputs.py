@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from depthcli.core.types import DepthMap, Frame
     from depthcli.io.writers.base import Writer
+    from depthcli.io.writers.options import WriterOptions
 
 STANDARD = "-"
 DEFAULT_FORMATS = (Format.PNG16, Format.PREVIEW)
@@ -111,9 +112,9 @@ def plan_jobs(
 
 
 def write_output(
-    writer: Writer, path: Path | None, depth: DepthMap, frame: Frame, job: Job
+    looks: WriterOptions, name: Format, depth: DepthMap, frame: Frame, job: Job
 ) -> tuple[str, ...]:
-    """Write one output whole or not at all.
+    """Write one output of a job whole or not at all.
 
     Returns:
         Warnings, one line each.
@@ -121,19 +122,20 @@ def write_output(
     Raises:
         OutputError: it cannot be written, or an input is in its place.
     """
+    path, writer = job.outputs[name], looks.writer(name)
     if path is None:
-        return _write_stdout(writer, depth, frame)
+        return _write_stdout(writer, name, depth, frame)
     inputs = () if job.source is None else (job.source,)
     with atomic_path(path, inputs=inputs) as temporary:
         return writer.write(depth, temporary, frame)
 
 
-def _write_stdout(writer: Writer, depth: DepthMap, frame: Frame) -> tuple[str, ...]:
+def _write_stdout(writer: Writer, name: Format, depth: DepthMap, frame: Frame) -> tuple[str, ...]:
     """The formats' libraries want a file, so there is one for a moment."""
     from tempfile import TemporaryDirectory
 
     with TemporaryDirectory() as folder:
-        path = Path(folder) / f"depth{Path(writer.SUFFIX).suffix}"
+        path = Path(folder) / f"depth{Path(FORMATS[name].suffix).suffix}"
         warnings = writer.write(depth, path, frame)
         sys.stdout.buffer.write(path.read_bytes())
     sys.stdout.buffer.flush()

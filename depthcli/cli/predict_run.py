@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
     from depthcli.cli.background import Background
     from depthcli.cli.camera import Camera
-    from depthcli.cli.looks import Looks
     from depthcli.cli.predict_outputs import Job
     from depthcli.core.choices import Detail
     from depthcli.core.picture_limit import PictureLimit
     from depthcli.core.types import DepthMap, Frame
     from depthcli.inference.session import Session
+    from depthcli.io.writers.options import WriterOptions
 
 
 class Voice(NamedTuple):
@@ -66,7 +66,7 @@ class Predictor(NamedTuple):
 
     loading: Background[Session]
     camera: Camera
-    looks: Looks
+    looks: WriterOptions
     detail: Detail
     limit: PictureLimit
     voice: Voice
@@ -102,9 +102,8 @@ class Predictor(NamedTuple):
         pipeline = Pipeline(self.loading.result(), self.detail)
         depth = self._depth(pipeline, frame)
         warnings = list(pipeline.session.warnings)
-        for name, path in job.outputs.items():
-            writer = self.looks.writer(name, pipeline.card)
-            warnings += write_output(writer, path, depth, frame, job)
+        for name in job.outputs:
+            warnings += write_output(self.looks, name, depth, frame, job)
         return Done(
             name=job.name,
             outputs=tuple(str(path or STANDARD) for path in job.outputs.values()),

@@ -16,10 +16,9 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from fractions import Fraction
 
-    from depthcli.cli.looks import Looks
-    from depthcli.inference.card import ModelCard
     from depthcli.io.video.outputs import VideoOutput
     from depthcli.io.video.source import VideoSource
+    from depthcli.io.writers.options import WriterOptions
 
 DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
 FORMAT_OF_SUFFIX = {
@@ -74,7 +73,7 @@ class VideoJob(NamedTuple):
         return self.folder / self.names[which]
 
     def open(
-        self, which: VideoFormat, looks: Looks, source: VideoSource, rate: Fraction, card: ModelCard
+        self, which: VideoFormat, looks: WriterOptions, source: VideoSource, rate: Fraction
     ) -> AbstractContextManager[VideoOutput]:
         """The output of one format, with nothing written yet.
 
@@ -83,7 +82,6 @@ class VideoJob(NamedTuple):
             looks: options of the formats.
             source: what is read.
             rate: frames a second of the output.
-            card: of the model.
         """
         from depthcli.io.video import outputs
         from depthcli.io.video.rates import Timing
@@ -94,7 +92,7 @@ class VideoJob(NamedTuple):
         if which is VideoFormat.MKV:
             return outputs.depth_video(self.path(which), timing, looks.png_scale, inputs)
         if which in PREVIEWS:
-            writer = looks.writer(Format.PREVIEW, card)
+            writer = looks.writer(Format.PREVIEW)
             if not isinstance(writer, PreviewWriter):
                 raise TypeError(type(writer))
             path = self.path(which)
@@ -102,9 +100,9 @@ class VideoJob(NamedTuple):
             sound = Sound(self.source, source.start_s) if self.has_sound else None
             return outputs.preview_video(path, timing, writer, inputs, codec=codec, sound=sound)
         stem, _, suffix = self.names[which].rpartition("%06d")
-        writer = looks.writer(SEQUENCES[which], card)
+        writer = looks.writer(SEQUENCES[which])
         return outputs.frame_sequence(
-            self.folder, lambda index: f"{stem}{index:06d}{suffix}", writer, inputs
+            which.value, self.folder, lambda index: f"{stem}{index:06d}{suffix}", writer, inputs
         )
 
 

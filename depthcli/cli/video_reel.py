@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from depthcli.cli.looks import Looks
     from depthcli.core.types import Frame
     from depthcli.inference.pipeline import Pipeline
+    from depthcli.io.writers.options import WriterOptions
 
 LOCK_S = 1.0
 _LIMIT = PictureLimit(MAX_PIXELS)
@@ -52,7 +52,7 @@ class VideoSettings(NamedTuple):
         limit: videos with larger frames are refused.
     """
 
-    looks: Looks
+    looks: WriterOptions
     workers: int
     span: Span = WHOLE
     smooth_s: float = 0.0

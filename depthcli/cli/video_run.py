@@ -18,10 +18,10 @@ from depthcli.io.video.source import VideoSource
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from depthcli.cli.looks import Looks
     from depthcli.cli.video_outputs import VideoJob
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.video.outputs import Shot, VideoOutput
+    from depthcli.io.writers.options import WriterOptions
 
 _ON_GRID = 1e-6
 
@@ -61,8 +61,7 @@ def run_video(
         rate = settings.span.rate(source.rate)
         videos = [which for which in job.names if which is not VideoFormat.JSON]
         outputs = [
-            stack.enter_context(job.open(which, settings.looks, source, rate, pipeline.card))
-            for which in videos
+            stack.enter_context(job.open(which, settings.looks, source, rate)) for which in videos
         ]
         sidecar = (
             stack.enter_context(atomic_path(job.path(VideoFormat.JSON), inputs=(job.source,)))
@@ -133,7 +132,7 @@ def _through(
             watch(done, total)
 
 
-def _scale(job: VideoJob, looks: Looks) -> float | None:
+def _scale(job: VideoJob, looks: WriterOptions) -> float | None:
     """Steps a metre in what is written with 16 bits."""
     is_stretched = looks.png_normalize and VideoFormat.PNG16 in job.names
     return None if is_stretched else looks.png_scale

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -49,8 +50,8 @@ def origin(folder: Path, recipe: Recipe = RECIPE, **card: object) -> Origin:
         RECIPE._replace(formats=(Format.PNG16, Format.NPY)),
         RECIPE._replace(camera=choose_camera(300.0, None, None)),
         *(
-            RECIPE._replace(looks=LOOKS._replace(**{name: "other"}))  # type: ignore[arg-type]
-            for name in LOOKS._fields
+            RECIPE._replace(looks=replace(LOOKS, **{field.name: "other"}))
+            for field in fields(LOOKS)
         ),
     ],
 )

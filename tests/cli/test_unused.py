@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tiny import write_picture
 
-from depthcli.cli.looks import Looks, check_looks, choose_looks
+from depthcli.cli.looks import check_looks, choose_looks
 from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
 from depthcli.cli.shell import load_command
 from depthcli.errors import UsageError
@@ -72,26 +72,27 @@ def test_a_profile_may_hold_more_than_a_run_uses(cli: Cli) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def looks(colormap: Colormap | None, near: Near | None, *, vmin: float | None = None) -> Looks:
-    return choose_looks(
+def looks(colormap: Colormap | None, near: Near | None) -> tuple[str, str]:
+    chosen = choose_looks(
         png_scale=None,
         png_normalize=False,
         exr_channel=ExrChannel.Y,
         half=False,
         colormap=colormap,
         near=near,
-        vmin=vmin,
+        vmin=None,
         vmax=None,
         legend=False,
         side_by_side=False,
     )
+    return chosen.colormap, chosen.near
 
 
 def test_white_and_black_mean_gray() -> None:
-    assert looks(None, None)[4:6] == ("inferno", "warm")
-    assert looks(None, Near.WARM)[4:6] == ("inferno", "warm")
-    assert looks(None, Near.WHITE)[4:6] == ("gray", "white")
-    assert looks(Colormap.GRAY, Near.BLACK)[4:6] == ("gray", "black")
+    assert looks(None, None) == ("inferno", "warm")
+    assert looks(None, Near.WARM) == ("inferno", "warm")
+    assert looks(None, Near.WHITE) == ("gray", "white")
+    assert looks(Colormap.GRAY, Near.BLACK) == ("gray", "black")
     for colormap, near in ((Colormap.INFERNO, Near.BLACK), (Colormap.TURBO, Near.WHITE)):
         with pytest.raises(UsageError, match=f"--near {near} is for --colormap gray"):
             looks(colormap, near)

@@ -11,7 +11,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.prediction_files import open_predictions
 from depthcli.evaluation.predictors import Sample
-from depthcli.io.writers.formats import Format, writer_class
+from depthcli.io.writers.formats import FORMATS, Format, writer_class
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -59,7 +59,7 @@ def test_every_depth_format_of_predict_is_found_under_its_own_name(tmp_path: Pat
         folder = tmp_path / name
         folder.mkdir()
         for dataset_id in IDS:
-            writer.write(depth, folder / f"{dataset_id}{writer.SUFFIX}")
+            writer.write(depth, folder / f"{dataset_id}{FORMATS[name].suffix}")
         read = open_predictions(folder, IDS).predict(Sample(small_set(), 1))
         np.testing.assert_array_equal(read.values, depth.values)
 

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 import cv2
 import made
@@ -24,12 +23,9 @@ from depthcli.io.depth_facts import stated_facts
 from depthcli.io.depth_files import depth_channel, read_depth
 from depthcli.io.png_encode import encode_png
 from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.npy import NpyWriter
+from depthcli.io.writers.formats import FORMATS, Format, writer_class
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.sidecar import SidecarWriter
-
-if TYPE_CHECKING:
-    from depthcli.io.writers.base import Writer
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
 SCANLINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -159,7 +155,7 @@ def test_texts_that_make_no_sense_leave_millimetres(texts: dict[str, str], tmp_p
 
 
 def test_a_stated_scale_wins_over_normalization(tmp_path: Path) -> None:
-    Png16Writer(normalize=True).write(DepthMap(DEPTH_M), tmp_path / "a.png")
+    Png16Writer(png_normalize=True).write(DepthMap(DEPTH_M), tmp_path / "a.png")
     assert read_depth(tmp_path / "a.png").values == pytest.approx(DEPTH_M, abs=1e-4)
     assert read_depth(tmp_path / "a.png", png_scale=65535).values.max() == 1
 
@@ -217,11 +213,11 @@ def test_pictures_and_other_suffixes_are_no_depth(tmp_path: Path) -> None:
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.sampled_from([Png16Writer, ExrWriter, NpyWriter]), st.data())
-def test_damage_is_an_error_or_a_map(kind: type, draw: st.DataObject) -> None:
+@given(st.sampled_from([Format.PNG16, Format.EXR, Format.NPY]), st.data())
+def test_damage_is_an_error_or_a_map(name: Format, draw: st.DataObject) -> None:
     with TemporaryDirectory() as folder:
-        path = Path(folder) / f"a{kind.ENDINGS[0]}"
-        kind().write(DepthMap(DEPTH_M), path)
+        path = Path(folder) / f"a{FORMATS[name].suffix}"
+        writer_class(name)().write(DepthMap(DEPTH_M), path)
         data = bytearray(path.read_bytes())
         for at in draw.draw(st.lists(st.integers(0, len(data) - 1), max_size=4)):
             data[at] = draw.draw(st.integers(0, 255))
@@ -251,10 +247,10 @@ def test_nothing_is_left_of_a_map_that_cannot_be_written(tmp_path: Path) -> None
 STATED = Provenance("nyu", "ab" * 32, (192, 144), focal_px=518.75, orientation=6)
 
 
-@pytest.mark.parametrize("writer", [Png16Writer(), ExrWriter(), NpyWriter()])
-def test_stated_facts_are_kept(writer: Writer, tmp_path: Path) -> None:
-    path = tmp_path / f"a{writer.SUFFIX}"
-    writer.write(DepthMap(DEPTH_M, provenance=STATED), path)
+@pytest.mark.parametrize("name", [Format.PNG16, Format.EXR, Format.NPY])
+def test_stated_facts_are_kept(name: Format, tmp_path: Path) -> None:
+    path = tmp_path / f"a{FORMATS[name].suffix}"
+    writer_class(name)().write(DepthMap(DEPTH_M, provenance=STATED), path)
     SidecarWriter().write(DepthMap(DEPTH_M, provenance=STATED), path.with_suffix(".json"))
     found = read_depth(path)
     assert found.kind is DepthKind.METRIC

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,8 +17,9 @@ from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.io.depth_files import depth_channel, read_depth
 from depthcli.io.png_text import read_text
 from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.formats import FORMATS, Format, writer_class
+from depthcli.io.writers.formats import FORMATS, Format, format_of, writer_class
 from depthcli.io.writers.npy import NpyWriter
+from depthcli.io.writers.options import WriterOptions
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.preview import PreviewWriter
 
@@ -42,7 +44,7 @@ def test_png_is_exact_to_half_a_millimetre(values: np.ndarray) -> None:
 @pytest.mark.parametrize("scale", [256.0, 4000.0, 5000.0])
 def test_png_scales_are_read_back_and_can_be_stated(scale: float, tmp_path: Path) -> None:
     depth = DepthMap(np.array([[1.0, 2.5]], np.float32))
-    Png16Writer(scale=scale).write(depth, tmp_path / "a.png")
+    Png16Writer(png_scale=scale).write(depth, tmp_path / "a.png")
     for stated in (None, scale):
         found = read_depth(tmp_path / "a.png", png_scale=stated).values
         assert found == pytest.approx(depth.values, abs=0.5 / scale)
@@ -83,7 +85,7 @@ def test_png_without_metres_is_normalized_and_says_so(kind: DepthKind, tmp_path:
 @settings(deadline=None, max_examples=25)
 @given(ANY_FLOAT, st.sampled_from(["Z", "Y", "R", "depth.Z"]))
 def test_exr_is_exact(values: np.ndarray, channel: str) -> None:
-    found = written(ExrWriter(channel=channel), DepthMap(values), ".exr")
+    found = written(ExrWriter(exr_channel=channel), DepthMap(values), ".exr")
     assert np.array_equal(found.values, values, equal_nan=True)
 
 
@@ -116,13 +118,17 @@ def test_depth_channels_of_other_tools(names: list[str], wanted: str | None) -> 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_keeps_the_contract(name: Format, tmp_path: Path) -> None:
-    writer = writer_class(name)
-    assert name == writer.NAME
-    assert FORMATS[name].suffix == writer.SUFFIX
-    assert writer.SUFFIX.startswith(".")
-    path = tmp_path / f"a{writer.SUFFIX}"
+    facts = FORMATS[name]
+    assert facts.suffix.startswith(".")
+    assert format_of(f"a{facts.suffix}") is name
+    assert facts.ending is None or format_of(f"a{facts.ending}") is name
+    path = tmp_path / f"a{facts.suffix}"
     frame = Frame(np.zeros((4, 5, 3), np.uint8))
-    warnings = writer().write(DepthMap(np.full((4, 5), 2, np.float32)), path, frame)
+    options = WriterOptions()
+    # What a writer does by itself is what it does with the options' own defaults.
+    assert options.writer(name) == writer_class(name)()
+    assert set(facts.options) <= {field.name for field in fields(options)}
+    warnings = options.writer(name).write(DepthMap(np.full((4, 5), 2, np.float32)), path, frame)
     assert isinstance(warnings, tuple)
     assert path.stat().st_size > 0
 

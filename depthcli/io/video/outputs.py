@@ -146,7 +146,10 @@ class PreviewVideoOutput:
 class SequenceOutput:
     """A file for each frame, in one of the formats of pictures."""
 
-    def __init__(self, folder: Path, name: Callable[[int], str], writer: Writer) -> None:
+    def __init__(
+        self, label: str, folder: Path, name: Callable[[int], str], writer: Writer
+    ) -> None:
+        self._label = label
         self._folder = folder
         self._name = name
         self._writer = writer
@@ -175,7 +178,7 @@ class SequenceOutput:
         """Say the first warning once."""
         if not self._warned:
             return ()
-        return (f"{self._writer.NAME}: {self._warned} frames, the first: {self._warning}",)
+        return (f"{self._label}: {self._warned} frames, the first: {self._warning}",)
 
 
 @contextmanager
@@ -220,18 +223,19 @@ def preview_video(
 
 @contextmanager
 def frame_sequence(
-    folder: Path, name: Callable[[int], str], writer: Writer, inputs: Sequence[Path]
+    label: str, folder: Path, name: Callable[[int], str], writer: Writer, inputs: Sequence[Path]
 ) -> Iterator[VideoOutput]:
     """Files, one for each frame, that appear together or not at all.
 
     Args:
+        label: what warnings call the format.
         folder: of the files.
         name: gives a file's name for a frame's number.
         writer: of each file.
         inputs: files that must not be replaced.
     """
     with atomic_sequence(folder, inputs=inputs) as temporary:
-        yield SequenceOutput(temporary, name, writer)
+        yield SequenceOutput(label, temporary, name, writer)
 
 
 def within(values: npt.NDArray[np.float32], low: float, high: float) -> npt.NDArray[np.uint16]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -11,17 +11,7 @@ if TYPE_CHECKING:
 
 
 class Writer(Protocol):
-    """One output format with its options.
-
-    Attributes:
-        NAME: what ``--format`` calls it.
-        SUFFIX: end of the default output name, after the input's stem.
-        ENDINGS: file suffixes that choose this format when the user names a file.
-    """
-
-    NAME: ClassVar[str]
-    SUFFIX: ClassVar[str]
-    ENDINGS: ClassVar[tuple[str, ...]]
+    """One output format with its options; the table of formats knows its name and suffix."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write a depth map.

@@ -14,12 +14,6 @@ if TYPE_CHECKING:
 
     from depthcli.core.types import DepthMap, Frame
 
-_OWNERS = {
-    "png_scale": (Format.PNG16, "scale"),
-    "exr_channel": (Format.EXR, "channel"),
-    "half": (Format.EXR, "half"),
-}
-
 
 def write_depth(
     depth: DepthMap, path: Path, frame: Frame | None, options: Mapping[str, object]
@@ -49,15 +43,10 @@ def write_depth(
 
 
 def _own(name: Format, options: Mapping[str, object]) -> dict[str, object]:
-    """The options in the writer's own names."""
-    own = {}
-    for option, value in options.items():
-        owner, attribute = _OWNERS[option]
-        if value is None:
-            continue
-        if owner != name:
-            raise UsageError(
-                f"{option} is for {FORMATS[owner].suffix}, not for {FORMATS[name].suffix}"
-            )
-        own[attribute] = value
-    return own
+    """The given options, all of which are the writer's."""
+    given = {option: value for option, value in options.items() if value is not None}
+    for option in given:
+        if option not in FORMATS[name].options:
+            owner = next(facts for facts in FORMATS.values() if option in facts.options)
+            raise UsageError(f"{option} is for {owner.suffix}, not for {FORMATS[name].suffix}")
+    return given

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,15 +21,11 @@ class ExrWriter:
     """One channel, ZIP-compressed.
 
     Attributes:
-        channel: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``.
+        exr_channel: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``.
         half: 16-bit instead of 32-bit floats.
     """
 
-    NAME: ClassVar[str] = "exr"
-    SUFFIX: ClassVar[str] = ".depth.exr"
-    ENDINGS: ClassVar[tuple[str, ...]] = (".exr",)
-
-    channel: str = "Y"
+    exr_channel: str = "Y"
     half: bool = False
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
@@ -38,10 +34,10 @@ class ExrWriter:
         values = np.ascontiguousarray(depth.values)
         texts = {f"depthcli:{name}": text for name, text in facts(depth).items()}
         if not self.half:
-            write_exr(path, {self.channel: values}, texts)
+            write_exr(path, {self.exr_channel: values}, texts)
             return ()
         with np.errstate(over="ignore"):
             halves = values.astype(np.float16)
-        write_exr(path, {self.channel: halves}, texts)
+        write_exr(path, {self.exr_channel: halves}, texts)
         lost = np.count_nonzero(np.isinf(halves) & np.isfinite(values))
         return (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()

@@ -36,6 +36,8 @@ class FormatFacts:
         suffix: end of the default output name, after the input's stem.
         ending: file suffix that chooses this format where the user names a file; None if only
             ``suffix`` does.
+        options: those of :class:`~depthcli.io.writers.options.WriterOptions` that the writer has,
+            under the same names.
         use_bytes: memory of writing it, bytes a pixel beside picture and depth, measured with some
             to spare.
     """
@@ -43,16 +45,26 @@ class FormatFacts:
     writer: str
     suffix: str
     ending: str | None
+    options: tuple[str, ...] = ()
     use_bytes: int = 10
 
 
+_COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
+
 FORMATS = {
-    Format.PNG16: FormatFacts("png16:Png16Writer", ".depth.png", ".png", use_bytes=13),
-    Format.EXR: FormatFacts("exr:ExrWriter", ".depth.exr", ".exr"),
+    Format.PNG16: FormatFacts(
+        "png16:Png16Writer", ".depth.png", ".png", ("png_scale", "png_normalize"), use_bytes=13
+    ),
+    Format.EXR: FormatFacts("exr:ExrWriter", ".depth.exr", ".exr", ("exr_channel", "half")),
     Format.NPY: FormatFacts("npy:NpyWriter", ".depth.npy", ".npy"),
-    Format.PREVIEW: FormatFacts("preview:PreviewWriter", ".preview.png", None, use_bytes=20),
+    Format.PREVIEW: FormatFacts(
+        "preview:PreviewWriter", ".preview.png", None, _COLOURS, use_bytes=20
+    ),
     Format.PLY: FormatFacts("ply:PlyWriter", ".ply", ".ply", use_bytes=46),
-    Format.JSON: FormatFacts("sidecar:SidecarWriter", ".depth.json", ".json"),
+    # It describes the PNG beside it.
+    Format.JSON: FormatFacts(
+        "sidecar:SidecarWriter", ".depth.json", ".json", ("png_scale", "png_normalize")
+    ),
 }
 ENDINGS = tuple(facts.ending for facts in FORMATS.values() if facts.ending)
 """File suffixes that say a format."""

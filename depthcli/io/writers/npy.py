@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,10 +16,6 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, slots=True)
 class NpyWriter:
     """(H, W) float32; metres for metric maps."""
-
-    NAME: ClassVar[str] = "npy"
-    SUFFIX: ClassVar[str] = ".depth.npy"
-    ENDINGS: ClassVar[tuple[str, ...]] = (".npy",)
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write the values as they are; the format has no place for their kind."""

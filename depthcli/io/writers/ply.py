@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,10 +33,6 @@ class PlyWriter:
     Attributes:
         hfov_deg: horizontal field of view where the map itself states no focal length.
     """
-
-    NAME: ClassVar[str] = "ply"
-    SUFFIX: ClassVar[str] = ".ply"
-    ENDINGS: ClassVar[tuple[str, ...]] = (".ply",)
 
     hfov_deg: float = _NYU_HFOV_DEG
 

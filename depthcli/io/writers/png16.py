@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,32 +27,28 @@ class Png16Writer:
     """uint16 gray PNG.
 
     Attributes:
-        scale: steps per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport).
-        normalize: stretch each map to 1-65535 instead; no unit is left.
+        png_scale: steps per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport).
+        png_normalize: stretch each map to 1-65535 instead; no unit is left.
     """
 
-    NAME: ClassVar[str] = "png16"
-    SUFFIX: ClassVar[str] = ".depth.png"
-    ENDINGS: ClassVar[tuple[str, ...]] = (".png",)
-
-    scale: float = MILLIMETRES
-    normalize: bool = False
+    png_scale: float = MILLIMETRES
+    png_normalize: bool = False
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write (H, W) uint16; depth beyond the range saturates, with a warning."""
         del frame
         texts = facts(depth)
         warnings: tuple[str, ...] = ()
-        if self.normalize or not depth.is_metric:
+        if self.png_normalize or not depth.is_metric:
             steps, low, high = stretched(depth.values)
             texts |= {"scale": "normalized", "range": f"{low:.9g} {high:.9g}"}
-            if not self.normalize:
+            if not self.png_normalize:
                 warnings = (f"{depth.kind} depth has no unit; {path.suffix[1:]} is normalized",)
         else:
-            steps, saturated = quantized(depth.values, self.scale)
-            texts |= {"scale": f"{self.scale:g}", "unit": step_unit(self.scale)}
+            steps, saturated = quantized(depth.values, self.png_scale)
+            texts |= {"scale": f"{self.png_scale:g}", "unit": step_unit(self.png_scale)}
             if saturated:
-                limit_m = _TOP / self.scale
+                limit_m = _TOP / self.png_scale
                 warnings = (f"{saturated} pixels beyond {limit_m:.6g} m were saturated",)
         labels = {f"depthcli:{name}": text for name, text in texts.items()}
         path.write_bytes(encode_png(steps, labels))

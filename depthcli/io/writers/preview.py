@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -40,10 +40,6 @@ class PreviewWriter:
         legend: draw a scale at the right.
         side_by_side: put the picture at the left.
     """
-
-    NAME: ClassVar[str] = "preview"
-    SUFFIX: ClassVar[str] = ".preview.png"
-    ENDINGS: ClassVar[tuple[str, ...]] = ()
 
     colormap: str = "inferno"
     near: Literal["warm", "white", "black"] = "warm"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from depthcli.core.types import Provenance
 from depthcli.io.writers.facts import SOFTWARE, Facts
+from depthcli.io.writers.formats import MILLIMETRES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,14 +23,12 @@ class SidecarWriter:
     """Unit, scale, kind, orientation, model, resize, focal length, range and version.
 
     Attributes:
-        png_scale: steps per metre of the 16-bit PNG beside it; None if that is normalized.
+        png_scale: steps per metre of the 16-bit PNG beside it.
+        png_normalize: that is normalized instead.
     """
 
-    NAME: ClassVar[str] = "json"
-    SUFFIX: ClassVar[str] = ".depth.json"
-    ENDINGS: ClassVar[tuple[str, ...]] = (".json",)
-
-    png_scale: float | None = 1000.0
+    png_scale: float = MILLIMETRES
+    png_normalize: bool = False
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""
@@ -40,7 +39,7 @@ class SidecarWriter:
             "software": SOFTWARE,
             "kind": known.kind,
             "unit": known.unit,
-            "png16_scale": self.png_scale if depth.is_metric else None,
+            "png16_scale": None if self.png_normalize or not depth.is_metric else self.png_scale,
             "width": depth.width,
             "height": depth.height,
             "orientation": frame.orientation if frame else source.orientation,
