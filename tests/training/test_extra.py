@@ -122,9 +122,10 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
     assert _train(BARE, tmp_path / "second", model, extra).step == 4
     with pytest.raises(CheckpointError, match="another run: extra is"):
         _train(BARE, tmp_path / "second", model)
-    assert _train(BARE, tmp_path / "second", None, extra).step == 4  # what it began with is known
+    assert _train(BARE, tmp_path / "second", None, extra).step == 6  # what it began with is known
+    renamed = model.rename(tmp_path / "other.onnx")
     with pytest.raises(CheckpointError, match="another run: start is"):
-        _train(BARE, tmp_path / "second", tmp_path / "first" / CHECKPOINT, extra)
+        _train(BARE, tmp_path / "second", renamed, extra)
     card = export_checkpoint(
         tmp_path / "second" / CHECKPOINT, tmp_path / "second.onnx", ExportOptions("second")
     ).card
