@@ -121,13 +121,15 @@ def _seen_by(depth: DepthMap, focal_px: float | None, hfov_deg: float | None) ->
     from dataclasses import replace
 
     from depthcli.core import scaling
-    from depthcli.core.types import Provenance
+    from depthcli.core.types import CameraSource, Provenance
 
     if hfov_deg is not None:
         focal_px = scaling.focal_px(hfov_deg, depth.width)
     if focal_px is None:
         return depth
-    source = replace(depth.provenance or Provenance(), focal_px=focal_px)
+    source = replace(
+        depth.provenance or Provenance(), focal_px=focal_px, camera_source=CameraSource.OPTION
+    )
     return replace(depth, provenance=source)
 
 

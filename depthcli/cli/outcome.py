@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from depthcli.cli import console
-from depthcli.io.writers.facts import Facts
+from depthcli.io.writers.facts import Facts, camera_words
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -73,20 +73,24 @@ class Done(NamedTuple):
             "model": known.model,
             "model_sha256": known.model_sha256,
             "focal_px": known.focal_px,
+            "camera_source": known.camera_source,
+            "camera": known.camera,
             "provider": self.provider,
             "seconds": round(self.seconds, 6),
             "warnings": list(self.warnings),
         }
 
     def as_text(self) -> str:
-        """One line: where the outputs are, and the range of depth."""
+        """One line: where the outputs are, the range of depth, and the camera it belongs to."""
         low, median, high = Range.of(self.depth)
         names = ", ".join(console.one_line(name) for name in self.outputs)
         if low is None:
             return f"{console.one_line(self.name)} -> {names}  no depth"
         unit = " m" if self.depth.is_metric else f" ({self.depth.kind}, no unit)"
         numbers = f"min {low:.3f}, median {median:.3f}, max {high:.3f}{unit}"
-        return f"{console.one_line(self.name)} -> {names}  {numbers}"
+        camera = camera_words(self.depth)
+        seen_by = f"  camera: {camera}" if camera else ""
+        return f"{console.one_line(self.name)} -> {names}  {numbers}{seen_by}"
 
 
 class Failed(NamedTuple):

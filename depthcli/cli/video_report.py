@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.cli import console
 from depthcli.io.video.rates import rate_text
-from depthcli.io.writers.facts import SOFTWARE, Facts
+from depthcli.io.writers.facts import SOFTWARE, Facts, camera_words
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -84,15 +84,17 @@ class VideoDone(NamedTuple):
         return json.dumps(facts, indent=2, allow_nan=False) + "\n"
 
     def as_text(self) -> str:
-        """One line: where the outputs are, how many frames, how steady."""
+        """One line: where the outputs are, how many frames, how steady, the camera."""
         names = ", ".join(console.one_line(name) for name in self.outputs)
         flicker = "" if self.flicker is None else f", flicker {self.flicker:.2%} a frame"
         before = self.flicker_unsmoothed
         smoothed = "" if before is None else f" ({before:.2%} before smoothing)"
+        camera = camera_words(self.depth)
+        seen_by = f"  camera: {camera}" if camera else ""
         frames = "1 frame" if self.frames == 1 else f"{self.frames} frames"
         return (
             f"{console.one_line(self.name)} -> {names}  {frames} at "
-            f"{rate_text(self.rate)} fps in {self.seconds:.1f} s{flicker}{smoothed}"
+            f"{rate_text(self.rate)} fps in {self.seconds:.1f} s{flicker}{smoothed}{seen_by}"
         )
 
     def _facts(self) -> dict[str, object]:
@@ -118,4 +120,6 @@ class VideoDone(NamedTuple):
             "model": known.model,
             "model_sha256": known.model_sha256,
             "focal_px": known.focal_px,
+            "camera_source": known.camera_source,
+            "camera": known.camera,
         }

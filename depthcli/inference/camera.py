@@ -59,11 +59,9 @@ def camera_of(
     if card.camera is None or not gives_metres(card):
         return known
     shrink_x, shrink_y = place.inner_width / frame.width, place.inner_height / frame.height
-    shrink = math.sqrt(shrink_x * shrink_y)
-    learned_px = learned_focal_px(card.input, card.camera)
-    if known is None:
-        return Camera(learned_px / shrink, CameraSource.CARD)
-    return known._replace(scale=known.focal_px * shrink / learned_px)
+    camera = known or _assumed(card.input, card.camera, frame)
+    seen_px = camera.focal_px * math.sqrt(shrink_x * shrink_y)
+    return camera._replace(scale=seen_px / learned_focal_px(card.input, card.camera))
 
 
 def learned_focal_px(spec: InputSpec, camera: CameraSpec) -> float:
@@ -80,3 +78,16 @@ def _known(frame: Frame, focal_px: float | None, hfov_deg: float | None) -> Came
         in_px = scaling.focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
         return Camera(in_px, CameraSource.EXIF)
     return None
+
+
+def _assumed(spec: InputSpec, camera: CameraSpec, frame: Frame) -> Camera:
+    """The camera that a model learned.
+
+    A picture of another shape is taken for the largest crop of that camera's, held upright or not;
+    docs/cameras.md has what else was measured.
+    """
+    aspect = spec.width / spec.height * spec.pixel_aspect
+    long, short = sorted((frame.width, frame.height), reverse=True)
+    long_px = max(long, short * max(aspect, 1 / aspect))
+    width_px = long_px if aspect >= 1 else long_px * aspect
+    return Camera(width_px * scaling.focal_px(camera.hfov_deg, 1), CameraSource.CARD)

@@ -7,7 +7,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from depthcli.core.types import Provenance
+from depthcli.core.types import CameraSource, Provenance
 from depthcli.io.decode import read_bytes
 from depthcli.io.png_text import read_text
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 _PREFIX = "depthcli:"
 _FRAME_NUMBER = re.compile(r"\.\d{6,}$")
 _ORIENTATIONS = frozenset("12345678")
-_SHARED = ("software", "orientation", "model", "model_sha256", "focal_px")
+_CAMERA = ("focal_px", "camera_source", "camera")
+_SHARED = ("software", "orientation", "model", "model_sha256", *_CAMERA)
 
 
 def stated_facts(path: Path) -> dict[str, str]:
@@ -54,12 +55,13 @@ def completed(path: Path, texts: Mapping[str, str]) -> dict[str, str]:
 
 def provenance_of(facts: Mapping[str, str]) -> Provenance | None:
     """Where a map came from, as far as its facts say; None if they say nothing of it."""
-    orientation = facts.get("orientation")
+    orientation, source = facts.get("orientation"), facts.get("camera_source")
     found = Provenance(
         model=facts.get("model"),
         model_sha256=facts.get("model_sha256"),
-        focal_px=positive(facts.get("focal_px")),
+        focal_px=positive(facts.get("focal_px", "camera_source")),
         orientation=int(orientation) if orientation in _ORIENTATIONS else None,
+        camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
     )
     return None if found == Provenance() else found
 

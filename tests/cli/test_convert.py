@@ -11,7 +11,7 @@ import pytest
 from tiny import write_picture
 
 from depthcli.cli.shell import load_command
-from depthcli.core.types import DepthMap, Provenance
+from depthcli.core.types import CameraSource, DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.io.depth_files import read_depth
 from depthcli.io.writers.exr import ExrWriter
@@ -70,6 +70,13 @@ def test_a_cloud_of_an_unknown_camera_says_what_it_assumes(cli: Cli) -> None:
     assert done.returncode == 0
     assert b"assumes 63.3" in done.stderr
     assert b"--focal-px" in done.stderr
+
+
+def test_a_cloud_of_an_assumed_camera_says_so(cli: Cli) -> None:
+    source = Provenance(focal_px=4.0, camera_source=CameraSource.CARD)
+    Png16Writer().write(DepthMap(DEPTH.values, provenance=source), cli.folder / "d.png")
+    assert b"assumes 90\xc2\xb0 across" in cli("convert", "d.png", "a.ply").stderr
+    assert cli("convert", "d.png", "b.ply", "--focal-px", "4").stderr == b""
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_metres_follow_the_focal_length_that_the_network_sees(
 
 @pytest.mark.parametrize("fit", FITS)
 @pytest.mark.parametrize("shape", SHAPES)
-def test_the_assumed_camera_is_the_one_that_changes_nothing(
+def test_the_assumed_camera_counts_as_if_it_had_been_given(
     tmp_path: Path, fit: dict[str, object], shape: tuple[int, int]
 ) -> None:
     pipeline = model(tmp_path, **fit)
@@ -63,15 +63,39 @@ def test_the_assumed_camera_is_the_one_that_changes_nothing(
     assert plain.provenance is not None
     assert plain.provenance.camera_source is CameraSource.CARD
     same = pipeline.predict(black(*shape), focal_px=plain.provenance.focal_px)
-    np.testing.assert_array_equal(plain.values, 1)
-    np.testing.assert_allclose(same.values, 1, rtol=1e-6)
+    np.testing.assert_array_equal(plain.values, same.values)
 
 
-def test_a_picture_held_upright_is_assumed_to_come_from_the_turned_camera(tmp_path: Path) -> None:
-    pipeline = model(tmp_path, input__fit="keep-aspect")
-    focals = [pipeline.predict(black(*size)).provenance for size in ((40, 30), (30, 40))]
-    expected = pytest.approx(20 / math.tan(math.radians(30)))
-    assert [source and source.focal_px for source in focals] == [expected, expected]
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize("size", [(40, 30), (32, 24), (1600, 1200)])
+def test_pictures_of_the_learned_shape_keep_the_network_s_metres(
+    tmp_path: Path, fit: dict[str, object], size: tuple[int, int]
+) -> None:
+    np.testing.assert_array_equal(model(tmp_path, **fit).predict(black(*size)).values, 1)
+
+
+@pytest.mark.parametrize(
+    ("size", "from_px"),
+    [
+        ((40, 30), 40),
+        ((30, 40), 40),
+        ((30, 30), 40),
+        ((40, 20), 40),
+        ((20, 40), 40),
+        ((39, 30), 40),
+    ],
+)
+@pytest.mark.parametrize("upright", [False, True])
+def test_other_shapes_are_taken_for_crops_of_the_learned_camera_s_pictures(
+    tmp_path: Path, size: tuple[int, int], from_px: int, upright: bool
+) -> None:
+    """The learned frame is 60 degrees over its longer side, whichever that is."""
+    hfov_deg = math.degrees(2 * math.atan(0.75 * math.tan(math.radians(30)))) if upright else 60
+    turned = {"input__width": 12, "input__height": 16} if upright else {}
+    pipeline = model(tmp_path, camera={"hfov_deg": hfov_deg}, **turned)
+    source = pipeline.predict(black(*size)).provenance
+    assert source is not None
+    assert source.focal_px == pytest.approx(from_px / 2 / math.tan(math.radians(30)))
 
 
 @pytest.mark.parametrize("fit", ["stretch", "keep-aspect"])

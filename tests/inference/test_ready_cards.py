@@ -156,7 +156,7 @@ def test_only_metric_models_have_metres(name: str) -> None:
 
 def test_meter_gets_imagenet_s_mean_and_its_centimetres_become_metres(tmp_path: Path) -> None:
     model = add_model(write_network(tmp_path / "m.onnx", METER), "meter-nyu")
-    gray = Frame(np.full((20, 30, 3), 153, np.uint8))
+    gray = Frame(np.full((24, 32, 3), 153, np.uint8))
     mean, std = np.array(IMAGENET)
     expected_m = 9 * ((0.6 - mean) / std).mean()  # (x/255 - mean)/std, times 900 cm
     np.testing.assert_allclose(Pipeline(Session(model)).predict(gray).values, expected_m, rtol=1e-5)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli import __version__
-from depthcli.core.types import Provenance
+from depthcli.core import scaling
+from depthcli.core.types import CameraSource, Provenance
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap
@@ -13,6 +14,11 @@ if TYPE_CHECKING:
 _MILLIMETRES = 1000
 SOFTWARE = f"depthcli {__version__}"
 _UNKNOWN = Provenance()
+_HOW_KNOWN = {
+    CameraSource.OPTION: "given",
+    CameraSource.EXIF: "from EXIF",
+    CameraSource.CARD: "assumed, from the model's card",
+}
 
 
 class Facts(NamedTuple):
@@ -23,7 +29,9 @@ class Facts(NamedTuple):
         unit: ``m``; None for relative and inverse maps.
         model: name of the model; None if unknown.
         model_sha256: checksum of its file; None if unknown.
-        focal_px: focal length that metres were scaled by; None if they were not.
+        focal_px: focal length that the metres belong to, in pixels of the map; None if unknown.
+        camera_source: ``option``, ``exif``, or ``card`` if it is assumed; None if unknown.
+        camera: both of them for people; None if unknown.
     """
 
     kind: str
@@ -31,13 +39,22 @@ class Facts(NamedTuple):
     model: str | None
     model_sha256: str | None
     focal_px: float | None
+    camera_source: str | None
+    camera: str | None
 
     @classmethod
     def of(cls, depth: DepthMap) -> Facts:
         """What is known of a map."""
         source = depth.provenance or _UNKNOWN
-        unit = "m" if depth.is_metric else None
-        return cls(depth.kind.value, unit, source.model, source.model_sha256, source.focal_px)
+        return cls(
+            kind=depth.kind.value,
+            unit="m" if depth.is_metric else None,
+            model=source.model,
+            model_sha256=source.model_sha256,
+            focal_px=source.focal_px,
+            camera_source=source.camera_source,
+            camera=camera_words(depth),
+        )
 
 
 def facts(depth: DepthMap) -> dict[str, str]:
@@ -47,9 +64,25 @@ def facts(depth: DepthMap) -> dict[str, str]:
     """
     known = Facts.of(depth)
     words = {"kind": known.kind, "unit": known.unit or "none", "software": SOFTWARE}
-    source = {"model": known.model, "model_sha256": known.model_sha256}
-    words |= {name: text for name, text in source.items() if text}
-    return words | ({"focal_px": f"{known.focal_px:.6g}"} if known.focal_px else {})
+    source = {
+        "model": known.model,
+        "model_sha256": known.model_sha256,
+        "focal_px": f"{known.focal_px:.6g}" if known.focal_px else None,
+        "camera_source": known.camera_source,
+        "camera": known.camera,
+    }
+    return words | {name: text for name, text in source.items() if text}
+
+
+def camera_words(depth: DepthMap) -> str | None:
+    """The camera that a map's metres belong to, and how it is known; None if it is not."""
+    source = depth.provenance or _UNKNOWN
+    if source.focal_px is None:
+        return None
+    across = f"{scaling.hfov_deg(source.focal_px, depth.width):.1f}° across"
+    if source.camera_source is None:
+        return across
+    return f"{across} ({_HOW_KNOWN[source.camera_source]})"
 
 
 def step_unit(scale: float) -> str:

@@ -50,6 +50,8 @@ class SidecarWriter:
             "model_sha256": known.model_sha256,
             "network_size_px": source.input_size_px,
             "focal_px": known.focal_px,
+            "camera_source": known.camera_source,
+            "camera": known.camera,
         }
         path.write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", "utf-8")
         return ()

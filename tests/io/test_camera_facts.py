@@ -1,0 +1,70 @@
+"""Which camera the metres of a file belong to, and how it is known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from depthcli.cli.outcome import Done
+from depthcli.core.types import CameraSource, DepthMap, Provenance
+from depthcli.io.depth_facts import stated_facts
+from depthcli.io.depth_files import read_depth
+from depthcli.io.writers.exr import ExrWriter
+from depthcli.io.writers.npy import NpyWriter
+from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.writers.sidecar import SidecarWriter
+
+WORDS = {
+    CameraSource.OPTION: "90.0° across (given)",
+    CameraSource.EXIF: "90.0° across (from EXIF)",
+    CameraSource.CARD: "90.0° across (assumed, from the model's card)",
+    None: "90.0° across",
+}
+
+
+def seen_by(source: CameraSource | None, focal_px: float | None = 2.0) -> DepthMap:
+    """A map of 4 columns: 90 degrees at a focal length of 2 pixels."""
+    depth_m = np.ones((3, 4), np.float32)
+    return DepthMap(depth_m, provenance=Provenance(focal_px=focal_px, camera_source=source))
+
+
+@pytest.mark.parametrize("writer", [Png16Writer(), ExrWriter(), NpyWriter()])
+@pytest.mark.parametrize("source", WORDS)
+def test_a_file_says_which_camera(
+    tmp_path: Path, writer: Png16Writer | ExrWriter | NpyWriter, source: CameraSource | None
+) -> None:
+    path = tmp_path / f"a{Path(writer.SUFFIX).suffix}"
+    writer.write(seen_by(source), path)
+    if isinstance(writer, NpyWriter):  # which has no room for words
+        SidecarWriter().write(seen_by(source), path.with_suffix(".json"))
+    assert stated_facts(path)["camera"] == WORDS[source]
+    found = read_depth(path).provenance
+    assert found is not None
+    assert (found.focal_px, found.camera_source) == (2, source)
+
+
+@pytest.mark.parametrize("source", WORDS)
+def test_predict_says_which_camera(source: CameraSource | None) -> None:
+    done = Done("a.jpg", ("a.png",), seen_by(source), "cpu", 0.1, ())
+    assert done.as_text().endswith(f"max 1.000 m  camera: {WORDS[source]}")
+    facts = json.loads(json.dumps(done.as_json()))
+    assert (facts["focal_px"], facts["camera_source"]) == (2, source)
+    assert facts["camera"] == WORDS[source]
+
+
+def test_a_camera_that_nobody_knows_is_not_named() -> None:
+    done = Done("a.jpg", ("a.png",), seen_by(None, None), "cpu", 0.1, ())
+    assert "camera" not in done.as_text()
+    assert (done.as_json()["camera"], done.as_json()["focal_px"]) == (None, None)
+
+
+def test_a_source_that_another_program_wrote_is_no_source(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    Png16Writer().write(seen_by(CameraSource.EXIF), path)
+    path.write_bytes(path.read_bytes().replace(b"_source\0exif", b"_source\0moon"))
+    found = read_depth(path).provenance
+    assert found is not None
+    assert (found.focal_px, found.camera_source) == (2, None)
