@@ -19,7 +19,13 @@ app = typer.Typer(rich_markup_mode=None)
 @app.command()
 def video(
     context: typer.Context,
-    file: Annotated[str, typer.Argument(metavar="FILE", help="Input video.")],
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE",
+            help="Input video, or an image sequence: a pattern (plate.%04d.exr) or a folder.",
+        ),
+    ],
     output: Annotated[
         str | None,
         typer.Option(
@@ -57,6 +63,21 @@ def video(
         typer.Option(
             metavar="STEP",
             help="Process every STEP-th frame (2), or one frame per interval (0.5s).",
+        ),
+    ] = None,
+    fps: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RATE",
+            help="Frame rate of an image sequence: 24, 23.976 or 24000/1001. Default: as its EXR "
+            "headers state, else 25.",
+        ),
+    ] = None,
+    start_number: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Number of the first frame in names of files. Default: its number in the input.",
         ),
     ] = None,
     smooth: Annotated[
@@ -128,7 +149,7 @@ def video(
     from depthcli.cli.engine import Engine
     from depthcli.cli.looks import choose_looks
     from depthcli.cli.unused import refuse_unused
-    from depthcli.cli.video_choices import parse_span
+    from depthcli.cli.video_choices import parse_fps, parse_span
     from depthcli.cli.video_outputs import choose_formats, plan_video
 
     looks = choose_looks(
@@ -145,6 +166,7 @@ def video(
     )
     choose_camera(focal_px, hfov, None)
     span = parse_span(start, end, every)
+    rate = parse_fps(fps, file)
     chosen = choose_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
@@ -168,5 +190,7 @@ def video(
         focal_px=focal_px,
         hfov_deg=hfov,
         limit=PictureLimit(max_pixels, detail),
+        fps=rate,
+        start_number=start_number,
     )
     return run_and_tell(job, loading, settings, detail, as_json=as_json, quiet=quiet)

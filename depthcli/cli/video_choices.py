@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from depthcli.io.video.spans import Point, Span
 
 _POINT = re.compile(r"(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)", re.ASCII)
+_RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)
 _MINUTE = 60
 
 
@@ -62,6 +63,28 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     if last and first.in_frames == last.in_frames and last.value <= first.value:
         raise UsageError(f"--end {end} is not after --start {start or 0}; the span is empty")
     return Span(first, last, step)
+
+
+def parse_fps(word: str | None, file: str) -> Fraction | None:
+    """The rate that ``--fps`` gives an image sequence.
+
+    Raises:
+        UsageError: it is no rate, or the input is a video, which has its own.
+    """
+    from depthcli.io.video.frame_source import is_sequence
+    from depthcli.io.video.rates import exact_rate
+
+    if word is None:
+        return None
+    if not is_sequence(file):
+        raise UsageError(f"--fps is for image sequences, and {file} is a video; leave it out")
+    match = _RATE.fullmatch(word.strip())
+    value = Fraction(match[0]) if match and Fraction(match[2] or 1) else None
+    rate = None if value is None or "/" in word else exact_rate(value)
+    found = value if "/" in word else rate
+    if not found:
+        raise UsageError(f"--fps {word!r} is not a frame rate; give 24, 23.976 or 24000/1001")
+    return found
 
 
 def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -9,6 +11,8 @@ from depthcli.cli.video_choices import PreviewCodec, VideoFormat
 from depthcli.errors import UsageError
 from depthcli.io.naming import is_folder, output_bases
 from depthcli.io.video.codecs import Codec, preview_codec
+from depthcli.io.video.frame_source import is_sequence
+from depthcli.io.video.number_pattern import is_pattern, number_name, without_number
 from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
@@ -17,6 +21,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from depthcli.io.video.outputs import VideoOutput
+    from depthcli.io.video.sequence import ImageSequence
     from depthcli.io.video.source import VideoSource
     from depthcli.io.writers.options import WriterOptions
 
@@ -39,13 +44,16 @@ SUFFIXES = {
     VideoFormat.JSON: ".depth.json",
 }
 """Ends of the output names; of a sequence, with the place of the frame's number."""
+_SEQUENCE_SUFFIXES = {
+    ".png": VideoFormat.PNG16,
+    ".exr": VideoFormat.EXR,
+    ".npy": VideoFormat.NPY,
+}
 SEQUENCES = {
     VideoFormat.PNG16: Format.PNG16,
     VideoFormat.EXR: Format.EXR,
     VideoFormat.NPY: Format.NPY,
 }
-
-
 PREVIEWS = {VideoFormat.MP4, VideoFormat.WEBM, VideoFormat.MOV}
 
 
@@ -56,7 +64,7 @@ class VideoJob(NamedTuple):
         name: the video as the user wrote it.
         source: the file.
         folder: where the outputs go.
-        names: file name of each format; a sequence's holds ``%06d`` once, behind the stem.
+        names: file name of each format; a sequence's is a pattern with ``%06d`` or the like.
         codecs: of the previews.
         has_sound: whether previews are heard.
     """
@@ -73,7 +81,11 @@ class VideoJob(NamedTuple):
         return self.folder / self.names[which]
 
     def open(
-        self, which: VideoFormat, looks: WriterOptions, source: VideoSource, rate: Fraction
+        self,
+        which: VideoFormat,
+        looks: WriterOptions,
+        source: VideoSource | ImageSequence,
+        rate: Fraction,
     ) -> AbstractContextManager[VideoOutput]:
         """The output of one format, with nothing written yet.
 
@@ -84,11 +96,12 @@ class VideoJob(NamedTuple):
             rate: frames a second of the output.
         """
         from depthcli.io.video import outputs
+        from depthcli.io.video.frame_source import files_of
         from depthcli.io.video.rates import Timing
         from depthcli.io.video.sound import Sound
         from depthcli.io.writers.preview import PreviewWriter
 
-        inputs, timing = (self.source,), Timing(rate, source.tick_s)
+        inputs, timing = files_of(source), Timing(rate, source.tick_s)
         if which is VideoFormat.MKV:
             return outputs.depth_video(self.path(which), timing, looks.png_scale, inputs)
         if which in PREVIEWS:
@@ -97,12 +110,14 @@ class VideoJob(NamedTuple):
                 raise TypeError(type(writer))
             path = self.path(which)
             codec = self.codecs.get(which) or preview_codec(path.suffix.lower(), None)
-            sound = Sound(self.source, source.start_s) if self.has_sound else None
+            sound = None
+            if self.has_sound and source.start_s is not None:
+                sound = Sound(self.source, source.start_s)
             return outputs.preview_video(path, timing, writer, inputs, codec=codec, sound=sound)
-        stem, _, suffix = self.names[which].rpartition("%06d")
         writer = looks.writer(SEQUENCES[which])
-        return outputs.frame_sequence(
-            which.value, self.folder, lambda index: f"{stem}{index:06d}{suffix}", writer, inputs
+        name = partial(number_name, self.names[which])
+        return nullcontext(
+            outputs.SequenceOutput(which.value, self.folder, name, writer, files_of(source))
         )
 
 
@@ -112,7 +127,9 @@ def choose_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vi
     Raises:
         UsageError: the output is a file whose suffix says nothing, or there is nothing but JSON.
     """
-    if asked:
+    if output is not None and is_pattern(Path(output).name):
+        chosen: tuple[VideoFormat, ...] = (_format_of_pattern(output, asked),)
+    elif asked:
         chosen = tuple(dict.fromkeys(asked))
     elif output is None or _is_folder(output):
         chosen = DEFAULT_FORMATS
@@ -160,8 +177,7 @@ def plan_video(
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if sidecar else formats))
     if output is None or _is_folder(output):
         folder = source.parent if output is None else Path(output)
-        (base,) = output_bases([source])
-        names = {which: base + SUFFIXES[which] for which in wanted}
+        names = {which: _base(source) + SUFFIXES[which] for which in wanted}
     else:
         folder = Path(output).parent
         names = _file_names(Path(output), formats, wanted)
@@ -170,6 +186,28 @@ def plan_video(
         if _same(job.path(which), source):
             raise UsageError(f"{job.path(which)} is the input; choose another --out")
     return job
+
+
+def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat:
+    """The format of files that a pattern names, ``depth.%04d.exr`` say.
+
+    Raises:
+        UsageError: its suffix says none, or something else is asked for.
+    """
+    found = _SEQUENCE_SUFFIXES.get(Path(output).suffix.lower())
+    if found is None or set(asked) - {found}:
+        raise UsageError(
+            f"--out {output} is a pattern for numbered files: end it in .png, .exr or .npy, with "
+            "no other --format"
+        )
+    return found
+
+
+def _base(source: Path) -> str:
+    """What outputs are called before their suffixes."""
+    if not is_sequence(source):
+        return output_bases([source])[0]
+    return without_number(source.stem) if is_pattern(source.name) else source.resolve().name
 
 
 def _codecs(names: dict[VideoFormat, str], asked: PreviewCodec | None) -> dict[VideoFormat, Codec]:
@@ -183,6 +221,10 @@ def _file_names(
 ) -> dict[VideoFormat, str]:
     """Names for an output that is one file, or the stem of several."""
     main = [which for which in formats if which is not VideoFormat.JSON]
+    if is_pattern(output.name):
+        names: dict[VideoFormat, str] = {main[0]: output.name}
+        sidecar = without_number(output.stem) + ".json"
+        return names | ({VideoFormat.JSON: sidecar} if VideoFormat.JSON in wanted else {})
     if len(main) > 1:
         return {which: output.stem + SUFFIXES[which] for which in wanted}
     if main[0] in SEQUENCES:
@@ -193,7 +235,7 @@ def _file_names(
         raise UsageError(
             f"--out {output} does not end in .{main[0]}; the suffix has to match the format"
         )
-    names: dict[VideoFormat, str] = {main[0]: output.name}
+    names = {main[0]: output.name}
     if VideoFormat.JSON in wanted:
         names[VideoFormat.JSON] = output.stem + ".json"
     return names

@@ -26,7 +26,8 @@ from depthcli.io.video.spans import WHOLE, Span
 from depthcli.io.writers.preview import percentiles
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
+    from fractions import Fraction
 
     import numpy.typing as npt
 
@@ -50,6 +51,8 @@ class VideoSettings(NamedTuple):
         focal_px: focal length in pixels of a frame.
         hfov_deg: horizontal field of view in degrees.
         limit: videos with larger frames are refused.
+        fps: frames a second of an image sequence; None for what it states.
+        start_number: of the first frame in names of files; None for its number in the input.
     """
 
     looks: WriterOptions
@@ -60,6 +63,8 @@ class VideoSettings(NamedTuple):
     focal_px: float | None = None
     hfov_deg: float | None = None
     limit: PictureLimit = _LIMIT
+    fps: Fraction | None = None
+    start_number: int | None = None
 
 
 class Seen(NamedTuple):
@@ -72,6 +77,7 @@ class Seen(NamedTuple):
         steps: depth for smoothing, (H, W) float32 of ``to_steps``; None without smoothing.
         sampled: depth for the flicker figure, (h, w) float32 of ``to_steps``.
         spread: the percentiles of its depth.
+        is_kept: whether an earlier run wrote it.
     """
 
     frame: Frame
@@ -80,12 +86,26 @@ class Seen(NamedTuple):
     steps: npt.NDArray[np.float32] | None
     sampled: npt.NDArray[np.float32]
     spread: tuple[float, float]
+    is_kept: bool = False
 
 
 class Reel:
     """The state of a run between frames."""
 
-    def __init__(self, pipeline: Pipeline, settings: VideoSettings) -> None:
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        settings: VideoSettings,
+        kept: Callable[[int], DepthMap | None] = lambda _number: None,
+    ) -> None:
+        """Begin.
+
+        Args:
+            pipeline: the model.
+            settings: options.
+            kept: depth of a frame that an earlier run wrote, by its number.
+        """
+        self._kept = kept
         self._pipeline = pipeline
         self._settings = settings
         self._changes = temporal.Changes()
@@ -101,13 +121,16 @@ class Reel:
     def see(self, frame: Frame) -> Seen:
         """The network and all that looks at one frame alone; for any thread."""
         settings = self._settings
-        depth = self._pipeline.predict(
+        # The first frame is always predicted, for what the report says of the model.
+        kept = self._kept(frame.index) if self.first else None
+        depth = kept or self._pipeline.predict(
             frame, focal_px=settings.focal_px, hfov_deg=settings.hfov_deg
         )
         guide = temporal.guide(frame.pixels)
         small = DepthMap(sample(depth.values, guide.shape), depth.kind)
         steps = to_steps(depth) if settings.smooth_s else None
-        return Seen(frame, depth, guide, steps, to_steps(small), percentiles(small))
+        spread, is_kept = percentiles(small), kept is not None
+        return Seen(frame, depth, guide, steps, to_steps(small), spread, is_kept)
 
     def steady(self, frames: Iterable[Seen]) -> Iterator[Shot]:
         """The part that needs the frames in order; cheap, for one thread."""
@@ -133,7 +156,7 @@ class Reel:
             steps = self._smoother.step(seen.steps, change, kept)
             self.smoothed.step(sample(steps, seen.guide.shape), change)
             depth = dataclasses.replace(depth, values=steps)
-        return Shot(seen.frame, depth, spread)
+        return Shot(seen.frame, depth, spread, seen.is_kept)
 
     def depth_of(self, shot: Shot) -> Shot:
         """Depth from what the smoother left; for any thread."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Any
@@ -9,18 +10,22 @@ from typing import TYPE_CHECKING, Any
 from depthcli.cli.video_choices import VideoFormat
 from depthcli.cli.video_reel import Reel, VideoSettings
 from depthcli.cli.video_report import VideoDone
+from depthcli.cli.video_resume import progress_of
 from depthcli.core.opencv_threads import one_thread_each
 from depthcli.core.ordered_map import ordered_map
 from depthcli.errors import InputError, OutputError
 from depthcli.io.atomic import atomic_path
-from depthcli.io.video.source import VideoSource
+from depthcli.io.video.frame_source import open_frames
+from depthcli.io.video.sequence import ImageSequence
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from depthcli.cli.video_outputs import VideoJob
+    from depthcli.core.types import Frame
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.video.outputs import Shot, VideoOutput
+    from depthcli.io.video.source import VideoSource
     from depthcli.io.writers.options import WriterOptions
 
 _ON_GRID = 1e-6
@@ -33,6 +38,9 @@ def run_video(
     watch: Callable[[int, int | None], None] = lambda _done, _total: None,
 ) -> VideoDone:
     """Depth of a video, in memory that does not grow with it.
+
+    After an error nothing is left of video files; numbered files that are done stay, and count
+    when the same job runs again.
 
     Args:
         job: the video and its outputs.
@@ -47,8 +55,8 @@ def run_video(
 
     Raises:
         InputError: the video cannot be read, or has no frame in the span.
-        OutputError: an output cannot be written; nothing is left.
-        ModelError: the network failed; nothing is left.
+        OutputError: an output cannot be written.
+        ModelError: the network failed.
         UsageError: the options do not fit the model.
     """
     start = time.perf_counter()
@@ -57,8 +65,12 @@ def run_video(
             raise OutputError(
                 f"{job.path(which)} is a folder; move it away or choose another --out"
             )
-    with VideoSource(job.source, max_pixels=settings.limit) as source, ExitStack() as stack:
+    with (
+        open_frames(job.source, rate=settings.fps, max_pixels=settings.limit) as source,
+        ExitStack() as stack,
+    ):
         rate = settings.span.rate(source.rate)
+        progress = stack.enter_context(progress_of(job, source, pipeline, settings))
         videos = [which for which in job.names if which is not VideoFormat.JSON]
         outputs = [
             stack.enter_context(job.open(which, settings.looks, source, rate)) for which in videos
@@ -68,8 +80,13 @@ def run_video(
             if VideoFormat.JSON in job.names
             else None
         )
-        reel = Reel(pipeline, settings)
-        _through(source, reel, outputs, settings, watch)
+        reel = Reel(pipeline, settings, progress.kept)
+
+        def done_one(number: int, done: int, total: int | None) -> None:
+            progress.add(number)
+            watch(done, total)
+
+        _through(source, reel, outputs, settings, done_one)
         if reel.first is None:
             raise InputError(_nothing(job, source))
         times_s = [time_s - reel.times_s[0] for time_s in reel.times_s]
@@ -104,11 +121,11 @@ def run_video(
 
 
 def _through(
-    source: VideoSource,
+    source: VideoSource | ImageSequence,
     reel: Reel,
     outputs: Sequence[VideoOutput],
     settings: VideoSettings,
-    watch: Callable[[int, int | None], None],
+    done_one: Callable[[int, int, int | None], None],
 ) -> None:
     """Every frame through all stages, each stage a few frames ahead of the next."""
 
@@ -118,18 +135,30 @@ def _through(
 
     total = None
     if source.frames_stated is not None:
-        total = settings.span.count(source.frames_stated, source.rate)
+        first = source.files[0].number if isinstance(source, ImageSequence) else 0
+        total = settings.span.count(source.frames_stated, source.rate, first)
     workers = settings.workers
     # Closed before the outputs are: no thread may write into what is being removed.
     with (
         one_thread_each(workers),
-        closing(ordered_map(reel.see, source.frames(settings.span), workers=workers)) as seen,
+        closing(ordered_map(reel.see, _numbered(source, settings), workers=workers)) as seen,
         closing(ordered_map(encoded, reel.steady(seen), workers=workers)) as parts,
     ):
         for done, part in enumerate(parts, start=1):
             for output, one in zip(outputs, part, strict=True):
                 output.append(one)
-            watch(done, total)
+            done_one(reel.numbers[done - 1], done, total)
+
+
+def _numbered(source: VideoSource | ImageSequence, settings: VideoSettings) -> Iterator[Frame]:
+    """Frames with the rate and the numbers that their files will have."""
+    shift: int | None = None
+    rate = settings.span.rate(source.rate)
+    for frame in source.frames(settings.span):
+        if shift is None:
+            wanted = settings.start_number
+            shift = 0 if wanted is None else wanted - frame.index
+        yield dataclasses.replace(frame, index=frame.index + shift, rate=rate)
 
 
 def _scale(job: VideoJob, looks: WriterOptions) -> float | None:
@@ -138,7 +167,7 @@ def _scale(job: VideoJob, looks: WriterOptions) -> float | None:
     return None if is_stretched else looks.png_scale
 
 
-def _nothing(job: VideoJob, source: VideoSource) -> str:
+def _nothing(job: VideoJob, source: VideoSource | ImageSequence) -> str:
     if source.problem:
         return f"{job.name} has no frame that can be read: {source.problem}"
     stated = source.frames_stated

@@ -12,6 +12,7 @@ from depthcli.core.array_protocol import as_array
 from depthcli.core.pixels import check_pixels
 
 if TYPE_CHECKING:
+    from fractions import Fraction
     from pathlib import Path
 
     import numpy.typing as npt
@@ -54,6 +55,7 @@ class Frame:
         timestamp_s: its time in a video, in seconds; None for a still picture.
         orientation: the EXIF orientation (1-8) that was undone on reading.
         focal_35mm: EXIF 35-mm-equivalent focal length in millimetres, if the file states one.
+        rate: frames a second of the video that is made of it; None for a still picture.
     """
 
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
@@ -62,6 +64,7 @@ class Frame:
     timestamp_s: float | None = None
     orientation: int = 1
     focal_35mm: float | None = None
+    rate: Fraction | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no model was made for.

@@ -16,6 +16,7 @@ from depthcli.io.decode import MAX_PIXELS, read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from fractions import Fraction
 
     import numpy.typing as npt
 
@@ -23,7 +24,10 @@ _DAMAGED = (RuntimeError, ValueError, TypeError, OSError, MemoryError)
 
 
 def write_exr(
-    path: Path, channels: Mapping[str, npt.NDArray[Any]], texts: Mapping[str, str]
+    path: Path,
+    channels: Mapping[str, npt.NDArray[Any]],
+    texts: Mapping[str, str],
+    rate: Fraction | None = None,
 ) -> None:
     """Write one part, ZIP-compressed.
 
@@ -31,11 +35,14 @@ def write_exr(
         path: the file.
         channels: name -> (H, W) float32 or float16.
         texts: attributes for the header.
+        rate: frames a second of the sequence that the file is a part of.
 
     Raises:
         OSError: the file cannot be written.
     """
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **texts}
+    if rate is not None:
+        header["framesPerSecond"] = rate  # which OpenEXR stores as its rational
     try:
         with _plain_name(path) as name:
             OpenEXR.File(header, dict(channels)).write(name)
@@ -50,13 +57,22 @@ def read_exr_texts(path: Path) -> dict[str, str]:
     Raises:
         InputError: missing or damaged.
     """
+    header = read_exr_header(path)
+    return {name: value for name, value in header.items() if isinstance(value, str)}
+
+
+def read_exr_header(path: Path) -> dict[str, Any]:
+    """All attributes of the first part.
+
+    Raises:
+        InputError: missing or damaged.
+    """
     read_bytes(path)
     try:
         with _plain_name(path) as name:
-            header = OpenEXR.File(name, header_only=True).header()
+            return dict(OpenEXR.File(name, header_only=True).header())
     except _DAMAGED as error:
         raise InputError(f"{path} is not an EXR file that can be read") from error
-    return {name: value for name, value in header.items() if isinstance(value, str)}
 
 
 def read_exr_channels(path: Path) -> dict[str, npt.NDArray[np.float32]]:

@@ -354,7 +354,7 @@ def test_depth_without_a_unit_is_written_and_named_so(cli: Cli) -> None:
     assert DepthVideo(cli.folder / "a.mkv").scale is None
 
 
-@pytest.mark.parametrize("formats", [("mkv", "mp4"), ("png16", "exr")])
+@pytest.mark.parametrize("formats", [("mkv", "mp4"), ("mkv", "webm")])
 @pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_nothing_is_left_of_an_interrupted_run(
     cli: Cli, formats: tuple[str, ...], which: signal.Signals

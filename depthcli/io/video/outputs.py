@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -9,7 +10,6 @@ import numpy as np
 
 from depthcli.errors import OutputError
 from depthcli.io.atomic import atomic_path
-from depthcli.io.atomic_sequence import atomic_sequence
 from depthcli.io.video.codecs import Codec
 from depthcli.io.video.depth import LABEL_PREFIX
 from depthcli.io.video.file import VideoFile, coded
@@ -40,11 +40,13 @@ class Shot(NamedTuple):
         frame: the picture.
         depth: its depth.
         spread: low and high end of the preview's range.
+        is_kept: whether an earlier run wrote it.
     """
 
     frame: Frame
     depth: DepthMap
     spread: tuple[float, float]
+    is_kept: bool = False
 
     @property
     def time_s(self) -> float:
@@ -144,29 +146,42 @@ class PreviewVideoOutput:
 
 
 class SequenceOutput:
-    """A file for each frame, in one of the formats of pictures."""
+    """A file for each frame, in one of the formats of pictures; each appears when it is done."""
 
     def __init__(
-        self, label: str, folder: Path, name: Callable[[int], str], writer: Writer
+        self,
+        label: str,
+        folder: Path,
+        name: Callable[[int], str],
+        writer: Writer,
+        inputs: Sequence[Path],
     ) -> None:
+        """Name where frames go.
+
+        Args:
+            label: what warnings call the format.
+            folder: of the files.
+            name: gives a file's name for a frame's number.
+            writer: of each file.
+            inputs: files that must not be replaced.
+        """
         self._label = label
         self._folder = folder
         self._name = name
         self._writer = writer
+        self._inputs = frozenset(os.path.realpath(path) for path in inputs)
         self._warned = 0
         self._warning = ""
 
     def encode(self, shot: Shot) -> tuple[str, ...]:
         """Write the file; the order of files does not matter."""
+        if shot.is_kept:
+            return ()
         path = self._folder / self._name(shot.frame.index)
-        try:
-            return self._writer.write(shot.depth, path, shot.frame)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            folder = self._folder.parent
-            raise OutputError(
-                f"cannot write into {folder}: {reason}; choose another --out"
-            ) from error
+        if os.path.realpath(path) in self._inputs:
+            raise OutputError(f"{path} is an input and is not overwritten; choose another --out")
+        with atomic_path(path) as temporary:
+            return self._writer.write(shot.depth, temporary, shot.frame)
 
     def append(self, encoded: tuple[str, ...]) -> None:
         """Remember the first warning, and count them."""
@@ -219,23 +234,6 @@ def preview_video(
     """
     with _video_file(path, codec, timing, inputs, sound) as file:
         yield PreviewVideoOutput(file, codec, writer)
-
-
-@contextmanager
-def frame_sequence(
-    label: str, folder: Path, name: Callable[[int], str], writer: Writer, inputs: Sequence[Path]
-) -> Iterator[VideoOutput]:
-    """Files, one for each frame, that appear together or not at all.
-
-    Args:
-        label: what warnings call the format.
-        folder: of the files.
-        name: gives a file's name for a frame's number.
-        writer: of each file.
-        inputs: files that must not be replaced.
-    """
-    with atomic_sequence(folder, inputs=inputs) as temporary:
-        yield SequenceOutput(label, temporary, name, writer)
 
 
 def within(values: npt.NDArray[np.float32], low: float, high: float) -> npt.NDArray[np.uint16]:

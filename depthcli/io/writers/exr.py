@@ -30,14 +30,14 @@ class ExrWriter:
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""
-        del frame
+        rate = frame.rate if frame else None
         values = np.ascontiguousarray(depth.values)
         texts = {f"depthcli:{name}": text for name, text in facts(depth).items()}
         if not self.half:
-            write_exr(path, {self.exr_channel: values}, texts)
+            write_exr(path, {self.exr_channel: values}, texts, rate)
             return ()
         with np.errstate(over="ignore"):
             halves = values.astype(np.float16)
-        write_exr(path, {self.exr_channel: halves}, texts)
+        write_exr(path, {self.exr_channel: halves}, texts, rate)
         lost = np.count_nonzero(np.isinf(halves) & np.isfinite(values))
         return (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()

@@ -1,0 +1,73 @@
+"""Pictures for the network from OpenEXR files, whose light is linear."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.errors import InputError
+from depthcli.io.decode import MAX_PIXELS, check_size
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from depthcli.core.picture_limit import PictureLimit
+
+_LINEAR_UP_TO = 0.0031308
+
+
+def read_exr_picture(
+    path: Path, *, max_pixels: int | PictureLimit = MAX_PIXELS
+) -> npt.NDArray[np.float32]:
+    """The colours of an EXR as a display shows them.
+
+    Args:
+        path: the file; its R, G and B, or those of its first layer that has them, or its Y.
+        max_pixels: pictures with more are refused.
+
+    Returns:
+        (H, W, 3) RGB or (H, W) gray, float32 in [0, 1]: linear light in the sRGB curve, clipped; 0
+        where there is no data.
+
+    Raises:
+        InputError: missing, damaged, without colours, or too large.
+    """
+    from depthcli.io.exr_files import read_exr_channels  # noqa: PLC0415 - OpenEXR is slow to load
+
+    channels = read_exr_channels(path)
+    first = next(iter(channels.values()))
+    check_size(str(path), first.shape[1], first.shape[0], max_pixels)
+    layers = sorted({name[:-1] for name in channels if name.endswith("R")}, key=len)
+    for layer in layers:
+        if {f"{layer}G", f"{layer}B"} <= channels.keys():
+            return _displayed(np.dstack([channels[layer + colour] for colour in "RGB"]))
+    if "Y" not in channels:
+        raise InputError(f"{path} has no channels R, G, B or Y; it has {', '.join(channels)}")
+    return _displayed(channels["Y"])
+
+
+def read_exr_rate(path: Path) -> Fraction | None:
+    """Frames a second that an EXR's header states; None for other files, or if it does not."""
+    if path.suffix.lower() != ".exr":
+        return None
+    from depthcli.io.exr_files import read_exr_header  # noqa: PLC0415 - OpenEXR is slow to load
+
+    stated = read_exr_header(path).get("framesPerSecond")
+    if not isinstance(stated, Fraction):  # releases of OpenEXR differ
+        n, d = getattr(stated, "n", 0), getattr(stated, "d", 0)
+        stated = Fraction(n, d) if d else Fraction(0)
+    return stated if stated > 0 else None
+
+
+def _displayed(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """The sRGB curve (IEC 61966-2-1)."""
+    light = np.clip(np.nan_to_num(linear, nan=0.0, posinf=1.0, neginf=0.0), 0, 1)
+    curve = np.float32(1.055) * light ** np.float32(1 / 2.4) - np.float32(0.055)
+    shown: npt.NDArray[np.float32] = np.where(
+        light <= _LINEAR_UP_TO, light * np.float32(12.92), curve
+    )
+    return shown

@@ -1,0 +1,79 @@
+"""Which frames of a sequence are done, so that a run that was stopped goes on."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from types import TracebackType
+    from typing import TextIO
+
+_MODE = 0o666
+
+
+class FrameJournal:
+    """A hidden file beside the frames: what they follow from, then a number for each that is done.
+
+    It is removed when the run comes to its end, and stays when it is stopped.
+    """
+
+    def __init__(self, folder: Path, name: str, fingerprint: str) -> None:
+        """Read what an earlier run left, and begin to write.
+
+        Args:
+            folder: of the frames; made if missing.
+            name: of the sequence.
+            fingerprint: what frames follow from: input, model, options. Frames of another one do
+                not count.
+
+        Raises:
+            OSError: the folder cannot be written to.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        self._path = folder / f".{name}.depthcli-frames"
+        self._fingerprint = fingerprint
+        self.earlier = self._read()
+        self._count = len(self.earlier)
+        self._file = self._begun()
+
+    def add(self, number: int) -> None:
+        """Note that all files of a frame are there."""
+        if number not in self.earlier:
+            self._file.write(f"{number}\n")
+            self._file.flush()
+            self._count += 1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()
+        if kind is None or not self._count:
+            self._path.unlink(missing_ok=True)
+
+    def _read(self) -> frozenset[int]:
+        """Numbers of frames that were done with the same fingerprint."""
+        if self._path.is_symlink() or not self._path.is_file():
+            return frozenset()
+        head, *lines = self._path.read_text("utf-8", "replace").splitlines() or [""]
+        if head != json.dumps(self._fingerprint):
+            return frozenset()
+        return frozenset(int(line) for line in lines if line.isascii() and line.isdigit())
+
+    def _begun(self) -> TextIO:
+        """The file with what counts, in place of whatever has its name; no link is followed."""
+        self._path.unlink(missing_ok=True)
+        handle = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _MODE)
+        file = os.fdopen(handle, "w", encoding="utf-8")
+        numbers = "".join(f"{number}\n" for number in sorted(self.earlier))
+        file.write(json.dumps(self._fingerprint) + "\n" + numbers)
+        file.flush()
+        return file

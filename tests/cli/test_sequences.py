@@ -1,0 +1,255 @@
+"""Image sequences in and out of ``depthcli video``, and runs that were stopped."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import time
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+from videos import flat_frames, write_video
+
+from depthcli.cli.video_choices import parse_fps
+from depthcli.errors import InputError, UsageError
+from depthcli.io.depth_files import read_depth
+from depthcli.io.exr_pictures import read_exr_rate
+from depthcli.io.video.depth import DepthVideo
+from depthcli.io.video.frame_source import is_sequence, open_frames
+from depthcli.io.video.number_pattern import number_name, numbered, without_number
+from depthcli.io.video.sequence import find_pictures
+from depthcli.io.video.spans import Point, Span
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Cli
+
+FILM = Fraction(24000, 1001)
+
+
+def write_exr(path: Path, level: float, rate: Fraction | None = None) -> None:
+    """Linear light, brighter to the right."""
+    ramp = np.linspace(0, level, 64, dtype=np.float32)[None].repeat(48, 0)
+    header: dict[str, Any] = {"type": OpenEXR.scanlineimage}
+    if rate:
+        header["framesPerSecond"] = rate
+    OpenEXR.File(header, dict.fromkeys("RGB", ramp)).write(str(path))
+
+
+def plates(folder: Path, numbers: range, rate: Fraction | None = FILM) -> str:
+    folder.mkdir(exist_ok=True)
+    for number in numbers:
+        write_exr(folder / f"plate.{number:04d}.exr", 0.1 + (number % 10) / 20, rate)
+    return f"{folder.name}/plate.%04d.exr"
+
+
+def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "number"),
+    [
+        ("p.%04d.exr", "p.1001.exr", 1001),
+        ("p.%04d.exr", "p.12345.exr", 12345),
+        ("p.%d.exr", "p.7.exr", 7),
+        ("%06d.png", "000012.png", 12),
+        ("p.%04d.exr", "p.001.exr", None),
+        ("p.%d.exr", "p.007.exr", None),
+        ("p.%04d.exr", "q.1001.exr", None),
+        ("p.%04d.exr", "p.10a1.exr", None),
+        ("p.png", "p.png", None),
+    ],
+)
+def test_patterns_name_numbers(pattern: str, name: str, number: int | None) -> None:
+    assert numbered(pattern, name) == number
+    if number is not None:
+        assert number_name(pattern, number) == name
+
+
+def test_what_the_files_of_a_pattern_share() -> None:
+    assert without_number("plate.%04d") == "plate"
+    assert without_number("%04d") == "sequence"
+
+
+def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> None:
+    (tmp_path / "a%d.mp4").touch()
+    assert not is_sequence(tmp_path / "a%d.mp4")
+    assert is_sequence(tmp_path / "b%d.png")
+
+
+@pytest.mark.parametrize(
+    ("word", "rate"),
+    [("24", Fraction(24)), ("23.976", FILM), ("24000/1001", FILM), ("12.5", Fraction(25, 2))],
+)
+def test_frame_rates_of_sequences(word: str, rate: Fraction, tmp_path: Path) -> None:
+    assert parse_fps(word, str(tmp_path)) == rate
+
+
+@pytest.mark.parametrize("word", ["", "0", "-1", "a", "1/0", "0/1", "1e3"])
+def test_what_is_no_frame_rate(word: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError):
+        parse_fps(word, str(tmp_path))
+    with pytest.raises(UsageError, match="image sequences"):
+        parse_fps("24", "a.mp4")
+
+
+def test_linear_light_is_seen_as_on_a_display(tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.1.exr", 2.0)
+    with open_frames(tmp_path / "a.%d.exr") as source:
+        (frame,) = source.frames()
+        assert source.rate == 25
+        assert "--fps" in source.warnings[0]
+    shown = frame.pixels[0, :, 0]
+    assert shown.dtype == np.float32
+    linear = np.linspace(0, 2, 64)
+    expected = np.clip(1.055 * linear ** (1 / 2.4) - 0.055, 0, 1)
+    np.testing.assert_allclose(shown[4:], expected[4:], atol=1e-5)
+    assert shown[-1] == pytest.approx(1)
+
+
+def test_sixteen_bit_pictures_keep_their_bits(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    pictures = [rng.integers(0, 65536, (8, 9, 3), dtype=np.uint16) for _ in range(3)]
+    for number, pixels in enumerate(pictures, start=9):
+        cv2.imwrite(str(tmp_path / f"{number:04d}.png"), pixels)
+    with open_frames(tmp_path, rate=FILM) as source:
+        frames = list(source.frames())
+    assert [frame.index for frame in frames] == [9, 10, 11]
+    assert [frame.timestamp_s for frame in frames] == [float(i / FILM) for i in range(3)]
+    for frame, pixels in zip(frames, pictures, strict=True):
+        np.testing.assert_array_equal(frame.pixels, pixels[..., ::-1])
+
+
+def test_a_folder_goes_by_names_and_leaves_our_own_files(cli: Cli) -> None:
+    for name in ("b", "a", "c"):
+        cv2.imwrite(str(cli.folder / f"{name}.png"), np.full((4, 4, 3), 99, np.uint8))
+    cli("predict", "a.png")
+    (cli.folder / "note.txt").touch()
+    found = find_pictures(cli.folder)
+    assert [(file.number, file.path.name) for file in found] == [
+        (0, "a.png"),
+        (1, "b.png"),
+        (2, "c.png"),
+    ]
+    with pytest.raises(InputError, match="no such picture"):
+        find_pictures(cli.folder / "x.%04d.png")
+
+
+def test_a_span_counts_in_the_sequences_own_numbers(tmp_path: Path) -> None:
+    plates(tmp_path, range(1001, 1011))
+    span = Span(Point(Fraction(1003), in_frames=True), Point(Fraction(1008), in_frames=True))
+    with open_frames(tmp_path / "plate.%04d.exr") as source:
+        assert source.rate == FILM
+        assert [frame.index for frame in source.frames(span)] == [1003, 1004, 1005, 1006, 1007]
+    assert span.count(10, FILM, 1001) == 5
+
+
+def test_plates_become_a_depth_video_and_depth_plates(cli: Cli) -> None:
+    pattern = plates(cli.folder / "shot", range(1001, 1007))
+    done = cli("video", pattern, "--out", "d.mkv", "--json")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert (report(done)["frames"], report(done)["fps"]) == (6, "24000/1001")
+    video = DepthVideo(cli.folder / "d.mkv")
+    assert video.rate == FILM
+    steps = list(video.steps())
+    done = cli("video", pattern, "--out", "out/depth.%04d.exr", "--json")
+    assert (done.returncode, done.stderr) == (0, b"")
+    names = sorted(path.name for path in (cli.folder / "out").iterdir())
+    assert names == [f"depth.{number}.exr" for number in range(1001, 1007)]
+    for name, expected in zip(names, steps, strict=True):
+        metres = read_depth(cli.folder / "out" / name).values
+        np.testing.assert_array_equal(np.rint(metres * 1000), expected)
+        assert read_exr_rate(cli.folder / "out" / name) == FILM
+
+
+def test_the_first_number_can_be_chosen(cli: Cli) -> None:
+    write_video(cli.folder / "clip.avi", flat_frames(range(6)))
+    options = ("--out", "d.%03d.png", "--start-number", "1001", "--every", "2")
+    assert cli("video", "clip.avi", *options).returncode == 0
+    names = {path.name for path in cli.folder.iterdir()}
+    assert names == {"clip.avi", "d.1001.png", "d.1003.png", "d.1005.png"}
+
+
+def test_a_hole_and_a_damaged_plate(cli: Cli) -> None:
+    pattern = plates(cli.folder / "shot", range(1001, 1007))
+    (cli.folder / "shot" / "plate.1003.exr").unlink()
+    (cli.folder / "shot" / "plate.1005.exr").write_bytes(b"v/1\x01 no more")
+    done = cli("video", pattern, "--out", "d.%d.png", "--json")
+    assert done.returncode == 1
+    facts = report(done)
+    assert "plate.1005.exr" in facts["error"]
+    assert "1 numbers of the sequence are missing" in facts["warnings"][0]
+    names = {path.name for path in cli.folder.glob("d.*")}
+    assert names == {f"d.{number}.png" for number in (1001, 1002, 1004, 1006)}
+
+
+def test_plates_are_never_overwritten(cli: Cli) -> None:
+    pattern = plates(cli.folder / "shot", range(1, 4))
+    before = (cli.folder / "shot" / "plate.0001.exr").read_bytes()
+    assert cli("video", pattern, "--out", pattern).returncode == 2
+    (cli.folder / "link").symlink_to("shot")
+    done = cli("video", pattern, "--out", "link/plate.%04d.exr")
+    assert done.returncode == 1
+    assert b"is an input" in done.stderr
+    assert (cli.folder / "shot" / "plate.0001.exr").read_bytes() == before
+
+
+def stopped(cli: Cli, *words: str, files: int) -> None:
+    """Run a command, and stop it when so many files are there."""
+    running = subprocess.Popen(
+        cli.command(*words), cwd=cli.folder, env=cli.environment, stderr=subprocess.DEVNULL
+    )
+    until = time.monotonic() + 60
+    while time.monotonic() < until and len(list((cli.folder / "out").glob("*.png"))) < files:
+        time.sleep(0.01)
+    running.send_signal(signal.SIGTERM)
+    assert running.wait(timeout=60) == 143
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_stopped_sequence_keeps_its_frames_and_goes_on(cli: Cli) -> None:
+    write_video(cli.folder / "long.avi", flat_frames([i % 250 for i in range(800)], 16, 16))
+    words = ("video", "long.avi", "--format", "png16", "--format", "npy", "--out")
+    stopped(cli, *words, "out/", files=40)
+    (journal,) = (cli.folder / "out").glob(".*")
+    numbers = [int(line) for line in journal.read_text().splitlines()[1:]]
+    assert numbers == list(range(len(numbers)))
+    assert 20 < len(numbers) < 800
+    kept = cli.folder / "out" / "long.depth.000010.png"
+    written_ns = kept.stat().st_mtime_ns
+    assert cli(*words, "out/").returncode == 0
+    assert kept.stat().st_mtime_ns == written_ns
+    assert cli(*words, "whole/").returncode == 0
+    assert contents(cli.folder / "out") == contents(cli.folder / "whole")
+
+
+def test_frames_of_other_options_are_done_again(cli: Cli) -> None:
+    write_video(cli.folder / "long.avi", flat_frames([i % 250 for i in range(800)], 16, 16))
+    words = ("video", "long.avi", "--format", "png16", "--out")
+    stopped(cli, *words, "out/", files=30)
+    options = ("--png-scale", "256", "--end", "25f")
+    assert cli(*words, "out/", *options).returncode == 0
+    assert cli(*words, "whole/", *options).returncode == 0
+    found = contents(cli.folder / "out")
+    for name, data in contents(cli.folder / "whole").items():
+        assert found[name] == data
+    assert not any(name.startswith(".") for name in found)
+
+
+def test_a_link_in_the_place_of_the_journal_leads_nowhere(cli: Cli) -> None:
+    write_video(cli.folder / "clip.avi", flat_frames(range(3)))
+    (cli.folder / "precious").write_text("precious")
+    (cli.folder / ".clip.depth.depthcli-frames").symlink_to("precious")
+    assert cli("video", "clip.avi", "--format", "png16").returncode == 0
+    assert (cli.folder / "precious").read_text() == "precious"
