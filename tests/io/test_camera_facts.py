@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,6 +16,9 @@ from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.sidecar import SidecarWriter
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 WORDS = {
     CameraSource.OPTION: "90.0° across (given)",
@@ -31,12 +34,19 @@ def seen_by(source: CameraSource | None, focal_px: float | None = 2.0) -> DepthM
     return DepthMap(depth_m, provenance=Provenance(focal_px=focal_px, camera_source=source))
 
 
-@pytest.mark.parametrize("writer", [Png16Writer(), ExrWriter(), NpyWriter()])
+@pytest.mark.parametrize(
+    ("writer", "name"),
+    [(Png16Writer(), "a.png"), (ExrWriter(), "a.exr"), (NpyWriter(), "a.npy")],
+    ids=["png", "exr", "npy"],
+)
 @pytest.mark.parametrize("source", WORDS)
 def test_a_file_says_which_camera(
-    tmp_path: Path, writer: Png16Writer | ExrWriter | NpyWriter, source: CameraSource | None
+    tmp_path: Path,
+    writer: Png16Writer | ExrWriter | NpyWriter,
+    name: str,
+    source: CameraSource | None,
 ) -> None:
-    path = tmp_path / f"a{Path(writer.SUFFIX).suffix}"
+    path = tmp_path / name
     writer.write(seen_by(source), path)
     if isinstance(writer, NpyWriter):  # which has no room for words
         SidecarWriter().write(seen_by(source), path.with_suffix(".json"))
