@@ -30,6 +30,9 @@ _OTHER: dict[type[ast.AST], type[ast.AST]] = {
     ast.Or: ast.And,
 }
 
+# Arguments that only check, or only save memory.
+_NO_RESULT = {"strict", "out", "dst", "copy"}
+
 
 class Mutant(NamedTuple):
     """A module with one fault.
@@ -85,11 +88,13 @@ def _behaviour(node: ast.AST) -> Iterator[ast.AST]:
         if name in skipped:
             continue
         for child in value if isinstance(value, list) else [value]:
-            if isinstance(child, ast.AST) and not _is_for_types(child):
+            if isinstance(child, ast.AST) and not _is_without_result(child):
                 yield child
 
 
-def _is_for_types(node: ast.AST) -> bool:
+def _is_without_result(node: ast.AST) -> bool:
+    if isinstance(node, ast.keyword):
+        return node.arg in _NO_RESULT
     return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
 
 
@@ -104,14 +109,19 @@ def _faulty(node: ast.expr | ast.stmt) -> Iterator[ast.AST]:
         case ast.Constant(value=bool() | int() | float() as value):
             yield ast.Constant(_another(value))
         case ast.Call(keywords=keywords):
-            for i in range(len(keywords)):
-                yield _with(node, keywords=keywords[:i] + keywords[i + 1 :])
+            for dropped in keywords:
+                if dropped.arg not in _NO_RESULT:
+                    yield _with(node, keywords=[k for k in keywords if k is not dropped])
         case ast.If(test=ast.Name() | ast.Attribute() | ast.Call() as test):
             yield _with(node, test=ast.UnaryOp(ast.Not(), test))
-        case ast.Expr(value=ast.Call()) | ast.AugAssign() | ast.Raise():
+        case ast.stmt() if _is_dropped(node):
             yield ast.Pass()
-        case ast.Continue() | ast.Break():
-            yield ast.Pass()
+
+
+def _is_dropped(node: ast.stmt) -> bool:
+    if isinstance(node, ast.Expr):
+        return isinstance(node.value, ast.Call)
+    return isinstance(node, (ast.AugAssign, ast.Raise, ast.Continue, ast.Break))
 
 
 def _another(value: float) -> float:

@@ -71,8 +71,13 @@ def test_a_card_holds_the_codec() -> None:
         ({"summary": 3}, "summary"),
         ({"surprise": 1}, "surprise"),
         ({"input.surprise": 1}, "input.surprise"),
+        ({"output.surprise": 1}, "output.surprise"),
+        ({"onnx.surprise": 1}, "onnx.surprise"),
+        ({"camera": {"hfov_deg": 60, "surprise": 1}}, "camera.surprise"),
         ({"input.colour": "hsv"}, "input.colour has to be one of value, luma, rgb"),
         ({"input.width": 0}, "input.width"),
+        ({"input.height": 0}, "input.height"),
+        ({"input.multiple_of": 0}, "input.multiple_of"),
         ({"input.width": 16.0}, "input.width"),
         ({"input.width": True}, "input.width"),
         ({"input.dynamic": 1}, "input.dynamic"),
@@ -115,6 +120,11 @@ def test_what_is_missing_is_named(name: str) -> None:
 def test_what_is_no_card_is_refused(text: str | bytes) -> None:
     with pytest.raises(ModelError):
         ModelCard.from_json(text)
+
+
+def test_an_input_may_be_one_pixel() -> None:
+    spec = read({"input.width": 1, "input.height": 1, "input.multiple_of": 1}).input
+    assert (spec.width, spec.height, spec.multiple_of) == (1, 1, 1)
 
 
 def test_three_channels_may_share_one_mean() -> None:

@@ -11,7 +11,7 @@ from depthcli.core.choices import Upsampling
 from depthcli.core.codec import Transform
 from depthcli.core.types import DepthKind, Frame
 from depthcli.inference.card_specs import Colour, Fit, InputSpec, OutputSpec
-from depthcli.inference.postprocess import coarse_depth, full_size
+from depthcli.inference.postprocess import blends_in_log, coarse_depth, full_size
 from depthcli.inference.preprocess import Layout, layout, prepare
 
 
@@ -174,6 +174,22 @@ def test_decoding_comes_before_resizing() -> None:
     low, high = 1, np.exp(2)
     expected = [low, 0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high, high]
     np.testing.assert_allclose(depth[0], expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "min_m", "in_log"),
+    [
+        (DepthKind.METRIC, 0.5, True),
+        (DepthKind.METRIC, 0.0, False),
+        (DepthKind.RELATIVE, 0.5, False),
+        (DepthKind.INVERSE, None, False),
+    ],
+)
+def test_only_what_is_above_zero_blends_in_log(
+    kind: DepthKind, min_m: float | None, in_log: bool
+) -> None:
+    form = OutputSpec(kind, Transform.LINEAR, 1.0, 0.0, min_m, 10.0)
+    assert blends_in_log(form) is in_log
 
 
 def test_infinitely_far_is_the_largest_depth() -> None:

@@ -79,6 +79,14 @@ def test_an_edge_beside_the_true_one_is_off_by_so_many_pixels(off: int) -> None:
     assert scores.edge_f1 == 0
 
 
+def test_an_edge_exactly_ten_pixels_off_belongs_to_no_true_one() -> None:
+    truth, predicted = _step(20), _step(23)
+    predicted[:, 30:] = 4.5
+    scores = boundary_scores(truth, predicted, _everywhere(truth))
+    assert scores.dbe_acc == pytest.approx(3)
+    assert scores.dbe_comp == pytest.approx((3 + 10 + 3) / 3)
+
+
 def test_no_scale_matters() -> None:
     truth, predicted = _scene(1), _scene(2)
     valid = _everywhere(truth)

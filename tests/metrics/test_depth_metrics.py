@@ -113,6 +113,28 @@ def test_thresholds_are_strict() -> None:
     pixels = DepthPixels.of(np.array([4.0]), np.array([5.0]))
     assert METRICS["d1"](pixels) == 0.0
     assert METRICS["d2"](pixels) == 1.0
+    assert METRICS["d1"](DepthPixels.of(np.array([5.0]), np.array([4.0]))) == 0.0
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_parts_give_the_same_in_any_order_of_the_metrics(order: int) -> None:
+    """Each quantity has memory of its own."""
+    rng = np.random.default_rng(7)
+    pixels = DepthPixels.of(*rng.uniform(0.5, 9.5, (2, 30_000)))
+    names = list(METRICS)[::order]
+    sums = dict.fromkeys(names, 0.0)
+    for part in pixels.parts():
+        for name in names:
+            sums[name] += METRICS[name].sums(part)[0]
+    whole = {name: METRICS[name].sums(pixels)[0] for name in names}
+    assert sums == pytest.approx(whole, rel=1e-9)
+    quantities = ("log_error", "error_m", "ratio", "predicted_m", "truth_m", "relative_error")
+    (first, *_) = DepthPixels.of(*rng.uniform(0.5, 9.5, (2, 100))).parts()
+    for name in quantities[::order]:
+        getattr(first, name)
+    alone = DepthPixels(first.truth, first.prediction)
+    for name in quantities:
+        np.testing.assert_array_equal(getattr(first, name), getattr(alone, name))
 
 
 def test_bounds_of_the_truth_are_strict() -> None:
