@@ -28,7 +28,7 @@ from depthcli.io.video.spans import Point, Span
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from conftest import Cli
+    from command_line import Cli
 
 FILM = Fraction(24000, 1001)
 
