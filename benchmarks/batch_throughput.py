@@ -27,16 +27,16 @@ from typing import TYPE_CHECKING, TypeVar
 import cv2
 from made_pictures import write_pictures
 
-from depthcli.cli.cores import usable_cores
-from depthcli.cli.engine import provider_options
-from depthcli.cli.predict_outputs import Job, write_output
+from depthcli.cli.arguments.provider import provider_options
 from depthcli.core.choices import Detail, Upsampling
-from depthcli.inference.catalog import find_model
+from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.pipeline import load
-from depthcli.io.journal import Journal
-from depthcli.io.manifest import OK, Origin, Row, written
-from depthcli.io.sources.image import read_image
+from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.png16 import Png16Writer
+from depthcli.jobs.batch.journal import Journal
+from depthcli.jobs.batch.manifest import OK, Origin, Row, written
+from depthcli.jobs.predict.plan import Job, write_output
+from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

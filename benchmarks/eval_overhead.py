@@ -20,13 +20,13 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from depthcli.cli.cores import usable_cores
 from depthcli.core.choices import Detail, Upsampling
-from depthcli.core.opencv_threads import one_thread_each
-from depthcli.core.ordered_map import ordered_map
+from depthcli.core.parallel.cores import usable_cores
+from depthcli.core.parallel.opencv_threads import one_thread_each
+from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
-from depthcli.evaluation.models import open_model
+from depthcli.evaluation.predictors.model import open_model
 from depthcli.evaluation.run import Entry, evaluate
 from depthcli.io.writers.png16 import Png16Writer
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.models import ModelPredictor
+    from depthcli.evaluation.predictors.model import ModelPredictor
 
 PART = 100
 

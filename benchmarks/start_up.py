@@ -14,7 +14,7 @@ from pathlib import Path
 
 from timing import alternate, process
 
-from depthcli.inference.catalog import find_model
+from depthcli.models.catalog import find_model
 
 PICTURE = Path(__file__).parents[1] / "docs" / "room.jpg"
 BARE = """

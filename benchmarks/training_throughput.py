@@ -23,12 +23,12 @@ import numpy as np
 import torch
 from lightning_fabric import Fabric
 
-from depthcli.cli.train_progress import Both, Silent
+from depthcli.cli.screen.training import Both, Silent
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
-from depthcli.training.batches import Batch, Batches, PairStore
 from depthcli.training.board import Board
-from depthcli.training.config_changes import resolve
+from depthcli.training.config.changes import resolve
+from depthcli.training.data.batches import Batch, Batches, PairStore
 from depthcli.training.loop import Limits, train
 from depthcli.training.methods.registry import default_config
 from depthcli.training.preset_files import preset_file
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 NO_VALIDATION = ["data.holdout_every=0", "optim.epochs_constant=1000", "optim.epochs_decay=1000"]
 

@@ -23,8 +23,8 @@ from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.models import ModelPredictor
 from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
+from depthcli.evaluation.predictors.model import ModelPredictor
 from depthcli.evaluation.protocol import Protocol
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare

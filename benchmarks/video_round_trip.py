@@ -17,7 +17,7 @@ import numpy as np
 from made_pictures import write_video
 
 import depthcli
-from depthcli.io.depth_files import read_depth
+from depthcli.io.depth.read import read_depth
 from depthcli.io.video.depth import DepthVideo
 from depthcli.io.video.source import VideoSource
 

@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 import cv2
 from made_pictures import write_video
 
-from depthcli.cli.cores import usable_cores
-from depthcli.cli.video_choices import VideoFormat
-from depthcli.cli.video_outputs import plan_video
-from depthcli.cli.video_reel import Reel, VideoSettings
+from depthcli.cli.arguments.span import VideoFormat
 from depthcli.core.choices import Detail
+from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.pipeline import load
 from depthcli.io.video.source import VideoSource
 from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.video.plan import plan_video
+from depthcli.jobs.video.stages import Reel, VideoSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -33,13 +33,13 @@ if TYPE_CHECKING:
         TrainingError,
         UsageError,
     )
-    from depthcli.inference.card import ModelCard
-    from depthcli.inference.catalog import Model, find_model
     from depthcli.inference.pipeline import Pipeline, load
     from depthcli.inference.session import Session
-    from depthcli.io.sources.image import read_image
-    from depthcli.io.sources.picture import Picture
+    from depthcli.io.pictures.any import Picture
+    from depthcli.io.pictures.read import read_image
     from depthcli.io.video.source import VideoSource
+    from depthcli.models.card import ModelCard
+    from depthcli.models.catalog import Model, find_model
 
 __version__ = "0.1.0"
 
@@ -88,12 +88,12 @@ _HOMES = {
     "depthcli.core.point_cloud": ("PointCloud",),
     "depthcli.core.types": ("CameraSource", "DepthKind", "Frame", "Provenance"),
     "depthcli.errors": tuple(name for name in __all__ if name.endswith(("Error", "Warning"))),
-    "depthcli.inference.card": ("ModelCard",),
-    "depthcli.inference.catalog": ("Model", "find_model"),
+    "depthcli.models.card": ("ModelCard",),
+    "depthcli.models.catalog": ("Model", "find_model"),
     "depthcli.inference.pipeline": ("Pipeline", "load"),
     "depthcli.inference.session": ("Session",),
-    "depthcli.io.sources.image": ("read_image",),
-    "depthcli.io.sources.picture": ("Picture",),
+    "depthcli.io.pictures.read": ("read_image",),
+    "depthcli.io.pictures.any": ("Picture",),
     "depthcli.io.video.source": ("VideoSource",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -21,18 +21,18 @@ import numpy as np
 from depthcli.core import scaling, types
 from depthcli.core.anchor import Anchor
 from depthcli.core.choices import PLAIN
-from depthcli.core.ordered_map import ordered_map
+from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.core.point_cloud import point_cloud
 from depthcli.errors import DepthcliWarning, UsageError
-from depthcli.inference.catalog import DEFAULT_MODEL
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.providers import AUTO
-from depthcli.io import depth_files
-from depthcli.io.sources.picture import frame_of
+from depthcli.io.depth import read as depth_files
+from depthcli.io.pictures.any import frame_of
 from depthcli.io.video import depth as depth_videos
 from depthcli.io.writers.by_suffix import write_depth
-from depthcli.io.writers.colormaps import NAMES
 from depthcli.io.writers.preview import PreviewWriter, percentiles
+from depthcli.models.catalog import DEFAULT_MODEL
+from depthcli.visual.colormaps import NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
     from depthcli.core.choices import Detail
     from depthcli.core.point_cloud import PointCloud
-    from depthcli.inference.card import ModelCard
-    from depthcli.io.sources.picture import Picture
+    from depthcli.io.pictures.any import Picture
+    from depthcli.models.card import ModelCard
 
     AnchorLike = Anchor | tuple[int, int, float]
 

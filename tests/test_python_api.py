@@ -16,7 +16,7 @@ from PIL import Image
 from tiny import synthetic_picture, write_model, write_picture
 
 import depthcli
-from depthcli.io.depth_facts import stated_facts
+from depthcli.io.depth.facts import stated_facts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -12,7 +12,7 @@ import pytest
 
 import depthcli
 from depthcli.datasets import id_ranges
-from depthcli.inference.card import ModelCard
+from depthcli.models.card import ModelCard
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "docs"))

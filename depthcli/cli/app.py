@@ -23,21 +23,30 @@ _GC_THRESHOLD = 50_000
 _LEAVE_AT_ONCE = frozenset({"predict", "batch"})
 COMMANDS = {
     "predict": (
-        "depthcli.cli.predict",
+        "depthcli.cli.commands.predict",
         "Depth maps from pictures: 16-bit PNG, EXR, NPY, preview, PLY.",
     ),
-    "batch": ("depthcli.cli.batch", "Depth maps for a folder tree; can be resumed."),
-    "video": ("depthcli.cli.video", "Depth video: lossless 16-bit, preview, or image sequence."),
-    "models": ("depthcli.cli.models", "List, inspect, verify, add and remove models."),
-    "profile": ("depthcli.cli.profile", "Save options under a name, for --profile."),
-    "convert": ("depthcli.cli.convert", "Convert a depth file and report the conversion error."),
-    "info": ("depthcli.cli.info", "Show unit, scale and range of a depth file."),
-    "probe": ("depthcli.cli.probe", "Show the depth at given pixels of a depth file."),
-    "eval": ("depthcli.cli.eval", "Evaluate accuracy on NYU Depth v2."),
-    "train": ("depthcli.cli.train", "Train a model with one of seven methods."),
-    "export-onnx": ("depthcli.cli.export", "Export a checkpoint to ONNX with a model card."),
-    "bench": ("depthcli.cli.bench", "Benchmark a model: latency, throughput, memory."),
-    "doctor": ("depthcli.cli.doctor", "Check the installation: provider, model, codecs."),
+    "batch": ("depthcli.cli.commands.batch", "Depth maps for a folder tree; can be resumed."),
+    "video": (
+        "depthcli.cli.commands.video",
+        "Depth video: lossless 16-bit, preview, or image sequence.",
+    ),
+    "models": ("depthcli.cli.commands.models", "List, inspect, verify, add and remove models."),
+    "profile": ("depthcli.cli.commands.profile", "Save options under a name, for --profile."),
+    "convert": (
+        "depthcli.cli.commands.convert",
+        "Convert a depth file and report the conversion error.",
+    ),
+    "info": ("depthcli.cli.commands.info", "Show unit, scale and range of a depth file."),
+    "probe": ("depthcli.cli.commands.probe", "Show the depth at given pixels of a depth file."),
+    "eval": ("depthcli.cli.commands.eval.nyu", "Evaluate accuracy on NYU Depth v2."),
+    "train": ("depthcli.cli.commands.train", "Train a model with one of seven methods."),
+    "export-onnx": (
+        "depthcli.cli.commands.export",
+        "Export a checkpoint to ONNX with a model card.",
+    ),
+    "bench": ("depthcli.cli.commands.bench", "Benchmark a model: latency, throughput, memory."),
+    "doctor": ("depthcli.cli.commands.doctor", "Check the installation: provider, model, codecs."),
 }
 """Name -> (module whose ``app`` is the command, one line of help)."""
 PROFILED = frozenset({"predict", "batch", "video"})

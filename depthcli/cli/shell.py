@@ -11,8 +11,9 @@ from typer.core import TyperGroup, TyperOption
 from typer.main import get_command
 
 from depthcli import __version__
-from depthcli.cli import completion, console
 from depthcli.cli.app import COMMANDS, PROFILED, PROGRAM, help_text, reader_left
+from depthcli.cli.arguments import completion
+from depthcli.cli.screen import console
 from depthcli.cli.signals import exit_on_signals
 from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
@@ -161,7 +162,7 @@ def _profile_option() -> TyperOption:
 
 def _apply_profile(ctx: Any, parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
     if name is not None:
-        from depthcli.cli.profile_values import apply
+        from depthcli.cli.profiles.values import apply
 
         apply(ctx, parameter, name)
 

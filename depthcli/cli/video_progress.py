@@ -7,7 +7,7 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from depthcli.cli import console
+from depthcli.cli.screen import console
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

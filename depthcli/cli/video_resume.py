@@ -7,24 +7,24 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli import __version__
-from depthcli.cli.video_choices import VideoFormat
-from depthcli.cli.video_outputs import SEQUENCES
+from depthcli.cli.arguments.span import VideoFormat
 from depthcli.errors import InputError, OutputError
-from depthcli.io.depth_files import read_depth
+from depthcli.io.depth.read import read_depth
 from depthcli.io.video.frame_journal import FrameJournal
 from depthcli.io.video.frame_source import files_of
 from depthcli.io.video.number_pattern import number_name, without_number
+from depthcli.jobs.video.plan import SEQUENCES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from depthcli.cli.video_outputs import VideoJob
-    from depthcli.cli.video_reel import VideoSettings
     from depthcli.core.types import DepthMap
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.video.sequence import ImageSequence
     from depthcli.io.video.source import VideoSource
+    from depthcli.jobs.video.plan import VideoJob
+    from depthcli.jobs.video.stages import VideoSettings
 
 _BEST_FIRST = (VideoFormat.EXR, VideoFormat.NPY, VideoFormat.PNG16)
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.nyu import NyuTask
-    from depthcli.inference.card import ModelCard
+    from depthcli.models.card import ModelCard
 
 TRAIN_IDS = "nyu_train_ids"
 """Field of a card's ``training``: ids of the pairs, as :mod:`~depthcli.datasets.id_ranges`."""

@@ -10,18 +10,18 @@ import numpy as np
 
 from depthcli.datasets.splits import Split, SplitName, split_nyu
 from depthcli.evaluation.learned import learned_count
+from depthcli.evaluation.predictors.trivial import fit_trivial
 from depthcli.evaluation.protocol import Protocol
 from depthcli.evaluation.published import PUBLISHED
 from depthcli.evaluation.report import Report
 from depthcli.evaluation.run import Entry, enter, evaluate
-from depthcli.evaluation.trivial import fit_trivial
 from depthcli.metrics.choices import Alignment
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.predictors import Predictor
+    from depthcli.evaluation.predictors.base import Predictor
     from depthcli.evaluation.report import Row
 
 Stage: TypeAlias = Callable[[str, int], Callable[[], None]]

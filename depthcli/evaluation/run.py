@@ -6,12 +6,12 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from depthcli.core.opencv_threads import one_thread_each
-from depthcli.core.ordered_map import ordered_map
+from depthcli.core.parallel.opencv_threads import one_thread_each
+from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.datasets.base import HasRawDepth
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.choices import Mask
-from depthcli.evaluation.predictors import Sample
+from depthcli.evaluation.predictors.base import Sample
 from depthcli.evaluation.protocol import Protocol, compare_boundaries
 from depthcli.evaluation.report import ImageScores, Row
 from depthcli.metrics.accumulate import Accumulator, PixelSums
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.predictors import Predictor
+    from depthcli.evaluation.predictors.base import Predictor
     from depthcli.evaluation.protocol import Truth
     from depthcli.metrics.boundary import BoundaryScores
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.models import ModelPredictor
+    from depthcli.evaluation.predictors.model import ModelPredictor
 
 _SEED = re.compile(r"-seed\d+$")
 

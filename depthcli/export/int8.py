@@ -19,7 +19,7 @@ from onnxruntime.quantization import (
 from depthcli.datasets.files import spread
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.preprocess import prepare
-from depthcli.io.sources.image import read_image
+from depthcli.io.pictures.read import read_image
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from depthcli.inference.card_specs import InputSpec
+    from depthcli.models.card_specs import InputSpec
 
 MOST_PICTURES = 64
 

@@ -23,10 +23,10 @@ from depthcli.export.graph import (
 )
 from depthcli.export.int8 import calibration_batches, quantize
 from depthcli.export.parity import HALF_TOLERANCE, INT8_TOLERANCE, TOLERANCE, Parity, check_parity
-from depthcli.inference.card import METADATA_KEY, ModelCard
-from depthcli.inference.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
-from depthcli.inference.catalog import CARD_NAME
-from depthcli.io.atomic import atomic_path
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.models.card import METADATA_KEY, ModelCard
+from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
+from depthcli.models.catalog import CARD_NAME
 from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
 
 if TYPE_CHECKING:

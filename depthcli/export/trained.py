@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from depthcli.core.choices import Weights
 from depthcli.errors import CheckpointError, ModelError, OutputError
 from depthcli.export.onnx import ExportOptions, export_checkpoint
-from depthcli.inference.catalog import Place, read_model
+from depthcli.models.catalog import Place, read_model
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.loop import CHECKPOINT
 

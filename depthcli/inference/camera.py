@@ -15,9 +15,9 @@ from depthcli.core.types import CameraSource, DepthKind
 
 if TYPE_CHECKING:
     from depthcli.core.types import Frame
-    from depthcli.inference.card import ModelCard
-    from depthcli.inference.card_specs import CameraSpec, InputSpec
     from depthcli.inference.preprocess import Layout
+    from depthcli.models.card import ModelCard
+    from depthcli.models.card_specs import CameraSpec, InputSpec
 
 
 class Camera(NamedTuple):

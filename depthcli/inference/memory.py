@@ -14,12 +14,12 @@ from depthcli.core.picture_limit import (
     too_little,
 )
 from depthcli.errors import InputError
-from depthcli.inference.card_specs import Colour, Resize
+from depthcli.models.card_specs import Colour, Resize
 
 if TYPE_CHECKING:
     from depthcli.core.choices import Detail
     from depthcli.core.types import Frame
-    from depthcli.inference.card_specs import InputSpec
+    from depthcli.models.card_specs import InputSpec
 
 # Counted in the code, with some to spare: maps of the size of a tiled map.
 _BYTES_A_CELL = 64

@@ -12,13 +12,13 @@ from depthcli.core.choices import PLAIN
 from depthcli.core.types import DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.inference.camera import camera_of, gives_metres
-from depthcli.inference.catalog import find_model
 from depthcli.inference.memory import tile_width_px
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
 from depthcli.inference.providers import AUTO
 from depthcli.inference.session import Session
 from depthcli.inference.tiles import refine
+from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
     import os
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from depthcli.core.choices import Detail
     from depthcli.core.types import Frame
     from depthcli.inference.camera import Camera
-    from depthcli.inference.card import ModelCard
     from depthcli.inference.preprocess import Layout
+    from depthcli.models.card import ModelCard
 
 
 class Pipeline:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from depthcli.core.types import Frame
-    from depthcli.inference.card_specs import OutputSpec
     from depthcli.inference.preprocess import Layout
+    from depthcli.models.card_specs import OutputSpec
 
 
 def coarse_depth(

@@ -11,13 +11,13 @@ import numpy as np
 from depthcli.core import colour
 from depthcli.core.bands import shrink_bands
 from depthcli.core.resize import resize_area, resize_bilinear, resize_cubic
-from depthcli.inference.card_specs import Colour, Fit, Resize
+from depthcli.models.card_specs import Colour, Fit, Resize
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from depthcli.core.types import Frame
-    from depthcli.inference.card_specs import InputSpec
+    from depthcli.models.card_specs import InputSpec
 
 _PLANES = {
     Colour.VALUE: colour.value_channel,

@@ -12,8 +12,8 @@ import onnxruntime as ort
 
 from depthcli.errors import ModelError, ProviderError
 from depthcli.inference import providers
-from depthcli.inference.card_specs import TensorLayout
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS
+from depthcli.models.card_specs import TensorLayout
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from depthcli.inference.catalog import Model
+    from depthcli.models.catalog import Model
 
 _FATAL_ONLY = 4
 _IMAGE_RANK = 4

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from depthcli.core.types import Frame
-    from depthcli.inference.card_specs import OutputSpec
+    from depthcli.models.card_specs import OutputSpec
 
 _OVERLAP = 0.25
 # The drift of a tile is smooth over a tenth of its longer side.

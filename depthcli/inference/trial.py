@@ -13,7 +13,7 @@ from depthcli.inference.providers import AUTO
 from depthcli.inference.session import Session
 
 if TYPE_CHECKING:
-    from depthcli.inference.catalog import Model
+    from depthcli.models.catalog import Model
 
 _GRAY = 128
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.errors import InputError
-from depthcli.io.decode import MAX_PIXELS, check_size
+from depthcli.io.pictures.decode import MAX_PIXELS, check_size
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,7 +36,7 @@ def read_exr_picture(
     Raises:
         InputError: missing, damaged, without colours, or too large.
     """
-    from depthcli.io.exr_files import read_exr_channels  # noqa: PLC0415 - OpenEXR is slow to load
+    from depthcli.io.depth.exr import read_exr_channels  # noqa: PLC0415 - OpenEXR is slow to load
 
     channels = read_exr_channels(path)
     first = next(iter(channels.values()))
@@ -54,7 +54,7 @@ def read_exr_rate(path: Path) -> Fraction | None:
     """Frames a second that an EXR's header states; None for other files, or if it does not."""
     if path.suffix.lower() != ".exr":
         return None
-    from depthcli.io.exr_files import read_exr_header  # noqa: PLC0415 - OpenEXR is slow to load
+    from depthcli.io.depth.exr import read_exr_header  # noqa: PLC0415 - OpenEXR is slow to load
 
     stated = read_exr_header(path).get("framesPerSecond")
     if not isinstance(stated, Fraction):  # releases of OpenEXR differ

@@ -11,8 +11,8 @@ import torch
 from depthcli.core.choices import Weights
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
-from depthcli.training.config import TrainConfig
-from depthcli.training.config_changes import updated
+from depthcli.training.config.changes import updated
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.networks.build import build_generator
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from depthcli.training.checkpoint import Progress
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 
 def differences(saved: TrainConfig, given: TrainConfig) -> tuple[str, ...]:
@@ -23,7 +23,7 @@ def differences(saved: TrainConfig, given: TrainConfig) -> tuple[str, ...]:
         saved: of a run that exists.
         given: what was asked for.
 
-    >>> from depthcli.training.config import TrainConfig
+    >>> from depthcli.training.config.schema import TrainConfig
     >>> differences(TrainConfig(seed=0), TrainConfig(seed=1))
     ('seed is 0 there, 1 here',)
     """

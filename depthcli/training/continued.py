@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.config_changes import resolve
+from depthcli.training.config.changes import resolve
 from depthcli.training.config_differences import another_run, differences
 from depthcli.training.loop import CHECKPOINT
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 
 def saved_run(folder: Path) -> Checkpoint | None:

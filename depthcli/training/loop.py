@@ -13,9 +13,9 @@ import torch
 from depthcli.datasets.splits import held_out_scenes
 from depthcli.errors import OutputError, TrainingError, UsageError
 from depthcli.training import metrics_log
-from depthcli.training.batches import Batches, PairStore
 from depthcli.training.checkpoint import Progress
-from depthcli.training.config_range import check_batch
+from depthcli.training.config.ranges import check_batch
+from depthcli.training.data.batches import Batches, PairStore
 from depthcli.training.devices import any_process, first_process_first
 from depthcli.training.interrupt import Interrupt
 from depthcli.training.run import Run
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from depthcli.datasets.base import DepthDataset
     from depthcli.datasets.training_data import TrainingData
-    from depthcli.training.config import DataConfig, TrainConfig
+    from depthcli.training.config.schema import DataConfig, TrainConfig
 
 CHECKPOINT = "last.ckpt"
 METRICS_LOG = "metrics.jsonl"

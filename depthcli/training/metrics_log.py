@@ -6,7 +6,7 @@ import json
 import math
 from typing import TYPE_CHECKING
 
-from depthcli.io.atomic import atomic_path
+from depthcli.io.storage.atomic import atomic_path
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,7 +9,7 @@ import torch
 if TYPE_CHECKING:
     from torch import nn
 
-    from depthcli.training.config import OptimConfig
+    from depthcli.training.config.schema import OptimConfig
     from depthcli.training.methods.base import Method, Phase
 
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from lightning_fabric import Fabric
     from torch import Tensor
 
-    from depthcli.training.batches import Batch
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.data.batches import Batch
     from depthcli.training.methods.base import Phase
 
 _RANK_STRIDE = 1_000_003  # seeds of further processes, far from those that people choose

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from depthcli.training.config import OptimConfig
+    from depthcli.training.config.schema import OptimConfig
 
 
 def linear_factor(epoch: int, constant: int, decay: int) -> float:

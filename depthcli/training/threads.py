@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lightning_fabric import Fabric
     from torch import nn
 
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 _ROUNDS = 3
 _ENOUGH_S = 5.0

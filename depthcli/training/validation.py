@@ -9,7 +9,7 @@ import torch.nn.functional as F  # noqa: N812
 
 from depthcli.metrics.accumulate import Accumulator, Scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
-from depthcli.training.batches import PairStore, whole_pictures
+from depthcli.training.data.batches import PairStore, whole_pictures
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 _PICTURES_AT_ONCE = 16
 

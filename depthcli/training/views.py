@@ -17,7 +17,7 @@ from depthcli.datasets.training_data import NYU_HFOV_DEG
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from depthcli.training.config import DataConfig
+    from depthcli.training.config.schema import DataConfig
 
 _WHOLE_SHARE = 0.25  # views as large as their shape allows, as the model will see pictures
 _FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 import pytest
 from tiny import write_model
 
-from depthcli.cli.batch_recipe import Recipe
-from depthcli.cli.camera import choose_camera
-from depthcli.cli.looks import choose_looks
-from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
+from depthcli.cli.arguments.camera import choose_camera
+from depthcli.cli.arguments.formats import Colormap, ExrChannel, Near
+from depthcli.cli.arguments.writing import choose_looks
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.inference.pipeline import load
 from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.recipe import Recipe
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.io.manifest import Origin
+    from depthcli.jobs.batch.manifest import Origin
 
 LOOKS = choose_looks(
     png_scale=None,

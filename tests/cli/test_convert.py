@@ -13,7 +13,7 @@ from tiny import write_picture
 from depthcli.cli.shell import load_command
 from depthcli.core.types import CameraSource, DepthMap, Provenance
 from depthcli.errors import UsageError
-from depthcli.io.depth_files import read_depth
+from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer

@@ -14,7 +14,7 @@ import pytest
 from tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.io.depth_files import read_depth
+from depthcli.io.depth.read import read_depth
 from depthcli.io.video.outputs import Shot, depth_video
 from depthcli.io.video.rates import Timing
 

@@ -13,7 +13,7 @@ from tiny import write_picture
 from videos import flat_frames, write_mp4
 
 from depthcli.cli import shell
-from depthcli.cli.detail import choose_detail
+from depthcli.cli.arguments.detail import choose_detail
 from depthcli.core.bands import BAND_PIXELS
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.picture_limit import PictureLimit, bytes_needed, size_text

@@ -13,7 +13,7 @@ import pytest
 
 from depthcli.cli import shell
 from depthcli.cli.app import COMMANDS
-from depthcli.inference.ready_cards import ready_names
+from depthcli.models.ready_cards import ready_names
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 GENERATED = "cli.md"

@@ -26,14 +26,14 @@ from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
 from depthcli.inference.pipeline import load
-from depthcli.training.config_changes import updated
+from depthcli.training.config.changes import updated
 from depthcli.training.loop import Limits, train
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
 
 if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 SMALL = {
     "generator": {"width": 4, "blocks": 1},

@@ -13,8 +13,8 @@ import typer
 
 from depthcli.cli import shell
 from depthcli.cli.app import COMMANDS
-from depthcli.cli.batch_work import reason
 from depthcli.errors import InputError
+from depthcli.jobs.batch.pictures import reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from depthcli.cli.app import main
-from depthcli.training.config_changes import resolve
+from depthcli.training.config.changes import resolve
 from depthcli.training.methods.registry import METHODS, default_config
 from depthcli.training.preset_files import preset_file
 from depthcli.training.schedule import factor

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from tiny import synthetic_picture, write_model, write_picture
 
-from depthcli.cli.predict_choices import Colormap
-from depthcli.io.depth_files import read_depth
-from depthcli.io.writers.colormaps import NAMES
+from depthcli.cli.arguments.formats import Colormap
+from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.formats import FORMATS, Format
+from depthcli.visual.colormaps import NAMES
 
 if TYPE_CHECKING:
     from pathlib import Path

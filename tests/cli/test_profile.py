@@ -15,7 +15,7 @@ from tiny import write_model
 
 from depthcli.cli import shell
 from depthcli.cli.app import COMMANDS, PROFILED
-from depthcli.cli.profile_files import _toml
+from depthcli.cli.profiles.files import _toml
 
 if TYPE_CHECKING:
     from command_line import Cli

@@ -11,8 +11,10 @@ from folders import tree
 from tiny import write_model
 from videos import write_mp4
 
-from depthcli.cli import batch_progress, console, video_progress
-from depthcli.cli.batch_progress import Tally
+from depthcli.cli import video_progress
+from depthcli.cli.screen import console
+from depthcli.cli.screen import progress as batch_progress
+from depthcli.cli.screen.progress import Tally
 
 if TYPE_CHECKING:
     from command_line import Cli

@@ -15,9 +15,9 @@ import OpenEXR
 import pytest
 from videos import flat_frames, write_video
 
-from depthcli.cli.video_choices import parse_fps
+from depthcli.cli.arguments.span import parse_fps
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth_files import read_depth
+from depthcli.io.depth.read import read_depth
 from depthcli.io.exr_pictures import read_exr_rate
 from depthcli.io.video.depth import DepthVideo
 from depthcli.io.video.frame_source import is_sequence, open_frames

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tiny import write_picture
 
-from depthcli.cli.looks import check_looks, choose_looks
-from depthcli.cli.predict_choices import Colormap, ExrChannel, Near
+from depthcli.cli.arguments.formats import Colormap, ExrChannel, Near
+from depthcli.cli.arguments.writing import check_looks, choose_looks
 from depthcli.cli.shell import load_command
 from depthcli.errors import UsageError
 

@@ -16,16 +16,16 @@ import pytest
 from tiny import write_model
 from videos import NTSC, flat_frames, write_mp4, write_video
 
-from depthcli.cli.video_choices import VideoFormat, parse_point, parse_span
-from depthcli.cli.video_outputs import SEQUENCES, SUFFIXES, choose_formats, plan_video
+from depthcli.cli.arguments.span import VideoFormat, parse_point, parse_span
 from depthcli.core.choices import Detail
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import load
-from depthcli.io.depth_facts import stated_facts
-from depthcli.io.depth_files import read_depth
+from depthcli.io.depth.facts import stated_facts
+from depthcli.io.depth.read import read_depth
 from depthcli.io.video.depth import DepthVideo
 from depthcli.io.video.source import VideoSource
 from depthcli.io.video.spans import Point, Span
+from depthcli.jobs.video.plan import SEQUENCES, SUFFIXES, choose_formats, plan_video
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.core.ordered_map import ordered_map
+from depthcli.core.parallel.ordered_map import ordered_map
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from depthcli.core.temporal import GUIDE_PX, Change, Changes, box_mean, guide
-from depthcli.core.temporal_depth import (
+from depthcli.core.temporal.changes import GUIDE_PX, Change, Changes, box_mean, guide
+from depthcli.core.temporal.range_lock import RangeLock
+from depthcli.core.temporal.smoothing import (
     FlickerMeter,
     Smoother,
     from_steps,
@@ -19,7 +20,6 @@ from depthcli.core.temporal_depth import (
     sample,
     to_steps,
 )
-from depthcli.core.temporal_range import RangeLock
 from depthcli.core.types import DepthKind, DepthMap
 
 Array = np.ndarray[Any, np.dtype[np.float32]]

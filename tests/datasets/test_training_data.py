@@ -14,7 +14,7 @@ from depthcli.datasets.splits import SplitName, split_nyu
 from depthcli.datasets.training_data import open_training_data
 from depthcli.datasets.unpaired_folder import UnpairedFolder
 from depthcli.errors import DatasetError
-from depthcli.training.config import DataConfig
+from depthcli.training.config.schema import DataConfig
 from depthcli.training.loop import divide
 
 if TYPE_CHECKING:

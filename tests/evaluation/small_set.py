@@ -13,7 +13,7 @@ from depthcli.evaluation.choices import Source
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from depthcli.evaluation.predictors import Sample
+    from depthcli.evaluation.predictors.base import Sample
 
 HEIGHT, WIDTH = 12, 16
 

@@ -11,10 +11,10 @@ from small_set import Playback, small_set
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.learned import learned_count, learned_numbers
 from depthcli.evaluation.nyu import plan_nyu
-from depthcli.inference.ready_cards import ready_card
+from depthcli.models.ready_cards import ready_card
 
 if TYPE_CHECKING:
-    from depthcli.inference.card import ModelCard
+    from depthcli.models.card import ModelCard
 
 CONFIG = {"data": {"split": "paper", "holdout_every": 2, "holdout_offset": 1}}
 

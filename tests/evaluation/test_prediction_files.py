@@ -9,8 +9,8 @@ from small_set import small_set
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
-from depthcli.evaluation.prediction_files import open_predictions
-from depthcli.evaluation.predictors import Sample
+from depthcli.evaluation.predictors.base import Sample
+from depthcli.evaluation.predictors.files import open_predictions
 from depthcli.io.writers.formats import FORMATS, Format, writer_class
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from depthcli.evaluation import speed
 from depthcli.inference.pipeline import Pipeline, load
-from depthcli.io.sources.image import read_image
+from depthcli.io.pictures.read import read_image
+from depthcli.jobs import bench as speed
 
 if TYPE_CHECKING:
     from pathlib import Path

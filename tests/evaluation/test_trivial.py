@@ -6,7 +6,7 @@ import pytest
 from small_set import HEIGHT, WIDTH, small_set
 
 from depthcli.errors import DatasetError
-from depthcli.evaluation.trivial import fit_trivial
+from depthcli.evaluation.predictors.trivial import fit_trivial
 
 
 def test_means_equal_the_plain_loop() -> None:

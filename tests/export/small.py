@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from depthcli.training.checkpoint import Checkpoint, Progress
-from depthcli.training.config import (
+from depthcli.training.config.schema import (
     DataConfig,
     GeneratorConfig,
     OutputConfig,

@@ -15,12 +15,12 @@ from small import EFFICIENT, RESNET, small_network, write_checkpoint
 
 from depthcli.errors import CheckpointError, OutputError, ParityError
 from depthcli.export.onnx import ExportOptions, card_path, export_checkpoint
-from depthcli.inference.catalog import find_model
 from depthcli.inference.preprocess import layout
 from depthcli.inference.session import Session
+from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
-    from depthcli.training.config import GeneratorConfig
+    from depthcli.training.config.schema import GeneratorConfig
 
 
 @pytest.mark.parametrize("config", [EFFICIENT, RESNET], ids=["efficient", "resnet"])

@@ -17,9 +17,9 @@ from tiny import synthetic_picture, write_picture
 from depthcli.cli.app import main
 from depthcli.core.types import Frame
 from depthcli.export.int8 import calibration_batches
-from depthcli.inference.catalog import find_model
 from depthcli.inference.pipeline import load
 from depthcli.inference.session import Session
+from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -16,7 +16,7 @@ from small import ALL, EFFICIENT, RESNET, small_network
 from depthcli.export.graph import build_graph, folded, halve_weights
 
 if TYPE_CHECKING:
-    from depthcli.training.config import GeneratorConfig
+    from depthcli.training.config.schema import GeneratorConfig
 
 Array = np.ndarray[Any, np.dtype[np.float32]]
 

@@ -12,7 +12,7 @@ from tiny import synthetic_picture, write_picture
 from depthcli.errors import UsageError
 from depthcli.export.graph import build_graph
 from depthcli.export.int8 import calibration_batches, quantize
-from depthcli.inference.card_specs import Colour, Fit, InputSpec
+from depthcli.models.card_specs import Colour, Fit, InputSpec
 from depthcli.training.networks.efficient import EfficientGenerator
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ from tiny import write_model
 
 import depthcli
 from depthcli.core.types import CameraSource, Frame
-from depthcli.inference.card import ModelCard
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.preprocess import layout
 from depthcli.io.writers.ply import PlyWriter
+from depthcli.models.card import ModelCard
 
 ROOT = Path(__file__).parents[2]
 LEARNED_PX = 8 / math.tan(math.radians(30))

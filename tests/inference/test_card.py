@@ -14,8 +14,8 @@ from tiny import CARD, card_with
 
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError
-from depthcli.inference.card import ModelCard
-from depthcli.inference.card_specs import Colour, Fit
+from depthcli.models.card import ModelCard
+from depthcli.models.card_specs import Colour, Fit
 
 
 def read(changes: dict[str, Any]) -> ModelCard:

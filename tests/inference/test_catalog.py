@@ -11,7 +11,7 @@ import pytest
 from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError
-from depthcli.inference import catalog
+from depthcli.models import catalog
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,10 +13,11 @@ from onnx import external_data_helper
 from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
-from depthcli.inference import catalog, install
-from depthcli.inference.catalog import find_model, list_places, roots, user_root
-from depthcli.inference.install import add_model, remove_model
-from depthcli.inference.onnx_file import versions
+from depthcli.jobs import install_model as install
+from depthcli.jobs.install_model import add_model, remove_model
+from depthcli.models import catalog
+from depthcli.models.catalog import find_model, list_places, roots, user_root
+from depthcli.models.onnx_file import versions
 
 if TYPE_CHECKING:
     from pathlib import Path

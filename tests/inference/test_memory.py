@@ -11,9 +11,9 @@ import pytest
 from depthcli.core.choices import Detail
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
-from depthcli.inference.card_specs import Colour, Fit, InputSpec, Resize
 from depthcli.inference.memory import tile_width_px
 from depthcli.inference.preprocess import prepare
+from depthcli.models.card_specs import Colour, Fit, InputSpec, Resize
 
 
 def spec(resize: Resize, colour: Colour = Colour.VALUE) -> InputSpec:

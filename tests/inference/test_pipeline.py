@@ -12,10 +12,10 @@ from tiny import synthetic_picture, tiny_onnx, write_model
 
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import ModelError, UsageError
-from depthcli.inference.catalog import find_model
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_model
+from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
     from pathlib import Path

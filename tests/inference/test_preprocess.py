@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from depthcli.core.choices import Upsampling
 from depthcli.core.codec import Transform
 from depthcli.core.types import DepthKind, Frame
-from depthcli.inference.card_specs import Colour, Fit, InputSpec, OutputSpec
 from depthcli.inference.postprocess import blends_in_log, coarse_depth, full_size
 from depthcli.inference.preprocess import Layout, layout, prepare
+from depthcli.models.card_specs import Colour, Fit, InputSpec, OutputSpec
 
 
 def spec(

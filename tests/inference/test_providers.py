@@ -12,8 +12,8 @@ import pytest
 
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers, session
-from depthcli.inference.catalog import find_model
 from depthcli.inference.session import Session
+from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,9 +13,9 @@ import pytest
 from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError, ProviderError, UsageError
-from depthcli.inference.catalog import find_model
 from depthcli.inference.providers import available_providers, settled
 from depthcli.inference.session import Session
+from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -96,7 +96,7 @@ def test_an_output_that_is_no_map_is_an_error(tmp_path: Path) -> None:
 def test_loading_prints_nothing_and_sets_no_environment(model_folder: Path) -> None:
     code = (
         "import os; before = dict(os.environ); import sys\n"
-        "from depthcli.inference.catalog import find_model\n"
+        "from depthcli.models.catalog import find_model\n"
         "from depthcli.inference.session import Session\n"
         "Session(find_model(sys.argv[1])); assert dict(os.environ) == before"
     )

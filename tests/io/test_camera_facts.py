@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from depthcli.cli.outcome import Done
 from depthcli.core.types import CameraSource, DepthMap, Provenance
-from depthcli.io.depth_facts import stated_facts
-from depthcli.io.depth_files import read_depth
+from depthcli.io.depth.facts import stated_facts
+from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.sidecar import SidecarWriter
+from depthcli.jobs.predict.outcome import Done
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError
-from depthcli.io.atomic import atomic_path
-from depthcli.io.depth_facts import stated_facts
-from depthcli.io.depth_files import depth_channel, read_depth
-from depthcli.io.png_encode import encode_png
+from depthcli.io.depth.facts import stated_facts
+from depthcli.io.depth.read import depth_channel, read_depth
+from depthcli.io.png.encode import encode_png
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import FORMATS, Format, writer_class
 from depthcli.io.writers.png16 import Png16Writer
@@ -105,7 +105,7 @@ def test_exr_on_a_full_disk_is_one_clear_error(tmp_path: Path) -> None:
     script = (
         "import resource, signal, sys; from pathlib import Path; import numpy as np\n"
         "from depthcli.core.types import DepthMap\n"
-        "from depthcli.io.atomic import atomic_path\n"
+        "from depthcli.io.storage.atomic import atomic_path\n"
         "from depthcli.io.writers.exr import ExrWriter\n"
         "noise = np.random.default_rng(0).random((200, 200), np.float32)\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.io.globs import NameFilter
-from depthcli.io.sources.skipped import EXCLUDED, NOT_INCLUDED
+from depthcli.io.listing.globs import NameFilter
+from depthcli.io.listing.skipped import EXCLUDED, NOT_INCLUDED
 
 
 @pytest.mark.parametrize(

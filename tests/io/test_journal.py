@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.journal import JOURNAL_NAME, Journal, known_rows, remove_leftovers
-from depthcli.io.manifest import (
+from depthcli.jobs.batch.journal import JOURNAL_NAME, Journal, known_rows, remove_leftovers
+from depthcli.jobs.batch.manifest import (
     FAILED,
     MANIFEST_NAME,
     OK,

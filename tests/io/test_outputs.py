@@ -13,11 +13,11 @@ from tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.atomic import atomic_path
-from depthcli.io.naming import plan_outputs
-from depthcli.io.own_outputs import is_own_picture
+from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.preview import PreviewWriter
+from depthcli.jobs.naming import plan_outputs
 
 PNG = {"png16": ".depth.png"}
 
@@ -41,7 +41,7 @@ def test_nothing_is_left_of_an_interrupted_output(
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
     script = (
         "import resource, signal, sys; from pathlib import Path\n"
-        "from depthcli.io.atomic import atomic_path\n"
+        "from depthcli.io.storage.atomic import atomic_path\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
         "with atomic_path(Path(sys.argv[1])) as path: path.write_bytes(bytes(5000))\n"

@@ -16,8 +16,8 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from strict_png import read_strictly
 
 from depthcli.errors import OutputError
-from depthcli.io import png_encode
-from depthcli.io.png_text import read_text
+from depthcli.io.png import encode as png_encode
+from depthcli.io.png.text import read_text
 
 TYPES = st.sampled_from([np.uint8, np.uint16])
 GRAY = array_shapes(min_dims=2, max_dims=2, max_side=12)

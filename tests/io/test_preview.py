@@ -13,9 +13,9 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
-from depthcli.io.writers.colormaps import NAMES, table
-from depthcli.io.writers.legend import label, value_at, with_legend
 from depthcli.io.writers.preview import PreviewWriter, nearness
+from depthcli.visual.colormaps import NAMES, table
+from depthcli.visual.legend import label, value_at, with_legend
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthcli.errors import InputError
-from depthcli.io.decode import read_bytes
-from depthcli.io.picture_header import picture_size
-from depthcli.io.sources.image import read_image
+from depthcli.io.pictures.decode import read_bytes
+from depthcli.io.pictures.read import read_image
+from depthcli.io.pictures.size import picture_size
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
-from depthcli.io.depth_files import depth_channel, read_depth
-from depthcli.io.png_text import read_text
+from depthcli.io.depth.read import depth_channel, read_depth
+from depthcli.io.png.text import read_text
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import FORMATS, Format, format_of, writer_class
 from depthcli.io.writers.npy import NpyWriter

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from depthcli.io.sources.folder import is_media, is_video, list_folder
-from depthcli.io.sources.path_list import locate, parse_list
+from depthcli.io.listing.folder import is_media, is_video, list_folder
+from depthcli.io.listing.path_list import locate, parse_list
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.io.tree_naming import TreeNames
 from depthcli.io.writers.formats import FORMATS
+from depthcli.jobs.batch.names import TreeNames
 
 
 @pytest.mark.parametrize(

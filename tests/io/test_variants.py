@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from depthcli.errors import InputError
-from depthcli.io.exif import read_exif
-from depthcli.io.sources.image import read_image
+from depthcli.io.pictures.exif import read_exif
+from depthcli.io.pictures.read import read_image
 
 if TYPE_CHECKING:
     import numpy.typing as npt

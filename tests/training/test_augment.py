@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from depthcli.errors import UsageError
-from depthcli.training.augment import augment, network_input
-from depthcli.training.config import DataConfig, TrainConfig
-from depthcli.training.config_range import check_range
+from depthcli.training.config.ranges import check_range
+from depthcli.training.config.schema import DataConfig, TrainConfig
+from depthcli.training.data.augment import augment, network_input
 
 PLAIN = DataConfig(width=32, height=24)
 FREE_OF_LIGHT = replace(PLAIN, zoom=2.0, rotate_deg=8)

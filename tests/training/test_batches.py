@@ -10,7 +10,7 @@ import torch
 from rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 
 from depthcli.errors import DatasetError, UsageError
-from depthcli.training.batches import Batch, Batches, PairStore, whole_pictures
+from depthcli.training.data.batches import Batch, Batches, PairStore, whole_pictures
 from depthcli.training.loop import divide
 
 CPU = torch.device("cpu")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from depthcli.training.checkpoint import Progress
-from depthcli.training.config import TrainConfig
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.config_differences import data_differences, differences
 
 CONFIG = TrainConfig()

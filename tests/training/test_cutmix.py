@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from depthcli.errors import UsageError
-from depthcli.training.augment import augment
-from depthcli.training.config import DataConfig, OptimConfig, TrainConfig
-from depthcli.training.config_range import check_range
-from depthcli.training.cutmix import cutmix
+from depthcli.training.config.ranges import check_range
+from depthcli.training.config.schema import DataConfig, OptimConfig, TrainConfig
+from depthcli.training.data.augment import augment
+from depthcli.training.data.cutmix import cutmix
 
 COUNT, HEIGHT, WIDTH = 50, 24, 32
 

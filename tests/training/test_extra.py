@@ -10,13 +10,13 @@ import torch
 from lightning_fabric import Fabric
 from rooms import EFFICIENT, PAPER, TRAIN, room_data, rooms, write_rooms
 
-from depthcli.cli.train_progress import Silent
+from depthcli.cli.screen.training import Silent
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import ExportOptions, export_checkpoint
-from depthcli.training.batches import Batch, Batches, PairStore
 from depthcli.training.checkpoint import Checkpoint, load_generator
-from depthcli.training.config import LossConfig
+from depthcli.training.config.schema import LossConfig
+from depthcli.training.data.batches import Batch, Batches, PairStore
 from depthcli.training.initial import start_from
 from depthcli.training.loop import CHECKPOINT, Limits, train
 from depthcli.training.methods.proposed import Proposed
@@ -25,7 +25,7 @@ from depthcli.training.networks.build import build_generator
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 CPU = torch.device("cpu")
 L1 = LossConfig(0, 0, 0, 0, 0, 1, 0, 0)

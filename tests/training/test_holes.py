@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from rooms import PAPER, TRAIN, rooms
 
 from depthcli.errors import DatasetError
-from depthcli.training.augment import augment
-from depthcli.training.batches import Batches, PairStore
-from depthcli.training.holes import shrink
+from depthcli.training.data.augment import augment
+from depthcli.training.data.batches import Batches, PairStore
+from depthcli.training.data.holes import shrink
 from depthcli.training.losses.gradient import gradient_loss
 from depthcli.training.losses.regularised_l1 import regularised_l1
 

@@ -16,9 +16,9 @@ from rooms import EFFICIENT, PAPER, room_data, rooms
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError
 from depthcli.metrics.depth import METRICS
-from depthcli.training.batches import Batch
 from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
-from depthcli.training.config import OutputConfig
+from depthcli.training.config.schema import OutputConfig
+from depthcli.training.data.batches import Batch
 from depthcli.training.finite import finite
 from depthcli.training.loop import CHECKPOINT, METRICS_LOG, Limits, train
 from depthcli.training.run import Run
@@ -27,7 +27,7 @@ from depthcli.training.schedule import factor
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 CLIPPED = replace(PAPER, optim=replace(PAPER.optim, clip_norm=0.5, ema=0.9))
 """With discriminators, clipping and an average."""

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lightning_fabric import Fabric
 from rooms import EFFICIENT, room_data
 
-from depthcli.cli.train_progress import Silent
+from depthcli.cli.screen.training import Silent
 from depthcli.training import metrics_log
 from depthcli.training.checkpoint import Progress
 from depthcli.training.loop import CHECKPOINT, METRICS_LOG, Limits, train

@@ -11,17 +11,17 @@ from lightning_fabric import Fabric
 from lightning_fabric.plugins.precision.amp import MixedPrecision
 from rooms import EFFICIENT, PAPER, room_data
 
-from depthcli.cli.train_progress import Silent
-from depthcli.training.batches import Batch
+from depthcli.cli.screen.training import Silent
 from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.config_changes import updated
+from depthcli.training.config.changes import updated
+from depthcli.training.data.batches import Batch
 from depthcli.training.loop import CHECKPOINT, Limits, train
 from depthcli.training.run import Run
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 0}}
 """Nothing is drawn by chance."""

@@ -6,7 +6,7 @@ import pytest
 import torch
 from lightning_fabric import Fabric
 
-from depthcli.training.config import DataConfig, GeneratorConfig, OptimConfig, TrainConfig
+from depthcli.training.config.schema import DataConfig, GeneratorConfig, OptimConfig, TrainConfig
 from depthcli.training.threads import candidates, default_threads, fastest
 
 SMALL = TrainConfig(

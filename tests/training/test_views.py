@@ -9,8 +9,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from depthcli.training.augment import augment
-from depthcli.training.config import DataConfig
+from depthcli.training.config.schema import DataConfig
+from depthcli.training.data.augment import augment
 from depthcli.training.views import Geometry, draw_views, view_size
 
 DATA = DataConfig(width=64, height=48, zoom=1.6, turn=1.0)

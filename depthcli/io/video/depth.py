@@ -11,7 +11,7 @@ import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
-from depthcli.io.depth_facts import positive, provenance_of
+from depthcli.io.depth.facts import positive, provenance_of
 from depthcli.io.video.rates import exact_rate
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from depthcli.errors import OutputError
-from depthcli.io.atomic import atomic_path
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.video.codecs import Codec
 from depthcli.io.video.depth import LABEL_PREFIX
 from depthcli.io.video.file import VideoFile, coded

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
-from depthcli.io.decode import MAX_PIXELS
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
-from depthcli.io.own_outputs import is_own_output
-from depthcli.io.sources.folder import PICTURE_SUFFIXES
-from depthcli.io.sources.image import read_image
+from depthcli.io.listing.folder import PICTURE_SUFFIXES
+from depthcli.io.listing.own_outputs import is_own_output
+from depthcli.io.pictures.decode import MAX_PIXELS
+from depthcli.io.pictures.read import read_image
 from depthcli.io.video.number_pattern import NUMBER, is_pattern, numbered
 from depthcli.io.video.rates import rate_text
 from depthcli.io.video.spans import WHOLE

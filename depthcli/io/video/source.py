@@ -11,8 +11,8 @@ from av.video.reformatter import VideoReformatter
 
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
-from depthcli.io.decode import MAX_PIXELS, check_size
-from depthcli.io.sources.image import upright
+from depthcli.io.pictures.decode import MAX_PIXELS, check_size
+from depthcli.io.pictures.read import upright
 from depthcli.io.video.container import open_video
 from depthcli.io.video.decoder import FrameDecoder
 from depthcli.io.video.integrity import counts_frames, is_cut

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
-from depthcli.io.atomic import atomic_path
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of, writer_class
 
 if TYPE_CHECKING:

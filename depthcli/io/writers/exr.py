@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.io.exr_files import write_exr
+from depthcli.io.depth.exr import write_exr
 from depthcli.io.writers.facts import facts
 
 if TYPE_CHECKING:

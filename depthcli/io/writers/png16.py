@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.core.bands import row_bands
-from depthcli.io.png_encode import encode_png
+from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.facts import facts, step_unit
 from depthcli.io.writers.formats import MILLIMETRES
 

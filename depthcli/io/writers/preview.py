@@ -9,11 +9,11 @@ import numpy as np
 
 from depthcli.core.types import DepthKind
 from depthcli.errors import UsageError
-from depthcli.io.own_outputs import MARK
-from depthcli.io.png_encode import encode_png
-from depthcli.io.writers.colormaps import table
+from depthcli.io.listing.own_outputs import MARK
+from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.facts import SOFTWARE
-from depthcli.io.writers.legend import with_legend
+from depthcli.visual.colormaps import table
+from depthcli.visual.legend import with_legend
 
 if TYPE_CHECKING:
     from pathlib import Path

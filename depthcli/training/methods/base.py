@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from torch import Tensor
 
-    from depthcli.training.batches import Batch
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.data.batches import Batch
     from depthcli.training.networks.build import Generator
 
 Phase = Literal["generator", "discriminator"]

@@ -15,8 +15,8 @@ from depthcli.training.networks.build import build_discriminator, build_generato
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-    from depthcli.training.batches import Batch
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.data.batches import Batch
 
 
 class Fakes(NamedTuple):

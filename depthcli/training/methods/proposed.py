@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from torch import Tensor, nn
 
-    from depthcli.training.batches import Batch
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.data.batches import Batch
 
 
 class Proposed(CycleGan):

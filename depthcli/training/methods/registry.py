@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
-from depthcli.training.config import TrainConfig
-from depthcli.training.config_changes import updated
-from depthcli.training.config_objective import TERMS
+from depthcli.training.config.changes import updated
+from depthcli.training.config.objective import TERMS
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.methods.cut import Cut
 from depthcli.training.methods.cyclegan import CycleGan
 from depthcli.training.methods.dclgan import DclGan

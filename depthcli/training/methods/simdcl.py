@@ -12,7 +12,7 @@ from depthcli.training.networks.similarity_map import SimilarityMap
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
     from depthcli.training.methods.dclgan import Maps
 
 

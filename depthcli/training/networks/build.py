@@ -9,7 +9,7 @@ from depthcli.training.networks.patchgan import PatchGan
 from depthcli.training.networks.resnet import ResnetGenerator
 
 if TYPE_CHECKING:
-    from depthcli.training.config import GeneratorConfig, TrainConfig
+    from depthcli.training.config.schema import GeneratorConfig, TrainConfig
 
 Generator = EfficientGenerator | ResnetGenerator
 

@@ -12,7 +12,7 @@ from lightning_fabric import Fabric
 from rooms import PAPER, room_data
 from tiny_methods import tiny
 
-from depthcli.cli.train_progress import Silent
+from depthcli.cli.screen.training import Silent
 from depthcli.errors import UsageError
 from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.loop import CHECKPOINT, Limits, train
@@ -21,7 +21,7 @@ from depthcli.training.methods.registry import METHODS, build_method
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 
 def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:

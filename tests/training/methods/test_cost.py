@@ -7,8 +7,8 @@ import torch
 from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
-from depthcli.training.batches import Batch
-from depthcli.training.config_changes import updated
+from depthcli.training.config.changes import updated
+from depthcli.training.data.batches import Batch
 from depthcli.training.methods.registry import METHODS, build_method, default_config
 
 TFLOP = {

@@ -11,7 +11,7 @@ from lightning_fabric import Fabric
 from rooms import room_data, rooms
 from tiny_methods import tiny
 
-from depthcli.cli.train_progress import Silent
+from depthcli.cli.screen.training import Silent
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.export.onnx import ExportOptions, export_checkpoint

@@ -9,7 +9,7 @@ import torch
 from tiny_methods import batch, tiny, tiny_method
 
 from depthcli.errors import UsageError
-from depthcli.training.config_changes import resolve, updated
+from depthcli.training.config.changes import resolve, updated
 from depthcli.training.methods.registry import METHODS, build_method, default_config
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ import pytest
 from tiny_methods import tiny
 
 from depthcli.errors import UsageError
-from depthcli.training.config import LossConfig, TrainConfig
-from depthcli.training.config_changes import resolve
+from depthcli.training.config.changes import resolve
+from depthcli.training.config.schema import LossConfig, TrainConfig
 from depthcli.training.methods.registry import METHODS, build_method, check_terms, default_config
 
 UNPAIRED = ("cyclegan", "cut", "fastcut", "dclgan", "simdcl", "hnegsrc")

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from depthcli.training.batches import Batch
-from depthcli.training.config_changes import updated
+from depthcli.training.config.changes import updated
+from depthcli.training.data.batches import Batch
 from depthcli.training.methods.registry import build_method, default_config
 
 if TYPE_CHECKING:
-    from depthcli.training.config import TrainConfig
+    from depthcli.training.config.schema import TrainConfig
 
 SIZES: dict[str, Any] = {
     "seed": 3,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from depthcli.training.config import GeneratorConfig
+from depthcli.training.config.schema import GeneratorConfig
 from depthcli.training.networks.build import build_generator
 from depthcli.training.networks.efficient import EfficientGenerator
 

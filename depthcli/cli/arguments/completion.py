@@ -1,0 +1,89 @@
+"""What a shell offers for words that name something of ours; it offers file names by itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+# Asking onnxruntime and torch would take seconds; a test compares these with what they know.
+PROVIDERS = (
+    "auto",
+    "cpu",
+    "cuda",
+    "tensorrt",
+    "rocm",
+    "migraphx",
+    "directml",
+    "coreml",
+    "openvino",
+)
+METHODS = ("cyclegan", "cut", "fastcut", "dclgan", "simdcl", "hnegsrc", "proposed")
+ACCELERATORS = ("auto", "cpu", "cuda", "mps")
+
+
+def models(incomplete: str) -> list[str]:
+    """Names for ``--model``."""
+    from depthcli.models.catalog import list_places
+
+    return _beginning((name for name, _ in list_places()), incomplete)
+
+
+def own_models(incomplete: str) -> list[str]:
+    """Names of models that were added."""
+    from depthcli.models.catalog import list_places, user_root
+
+    root = user_root()
+    return _beginning((n for n, p in list_places() if p.path.is_relative_to(root)), incomplete)
+
+
+def models_and_cards(incomplete: str) -> list[str]:
+    """Names of models, and of ready cards."""
+    return [*models(incomplete), *cards(incomplete)]
+
+
+def cards(incomplete: str) -> list[str]:
+    """Names of ready cards."""
+    from depthcli.models.ready_cards import ready_names
+
+    return _beginning(ready_names(), incomplete)
+
+
+def profiles(incomplete: str) -> list[str]:
+    """Names of saved profiles."""
+    from depthcli.cli.profiles.files import names
+
+    return _beginning(names(), incomplete)
+
+
+def presets(incomplete: str) -> list[str]:
+    """Names for ``--preset``."""
+    from depthcli.training.preset_files import preset_names
+
+    return _beginning(preset_names(), incomplete)
+
+
+def providers(incomplete: str) -> list[str]:
+    """Names for ``--provider``."""
+    return _beginning(PROVIDERS, incomplete)
+
+
+def methods(incomplete: str) -> list[str]:
+    """The methods of training."""
+    return _beginning(METHODS, incomplete)
+
+
+def method_lists(incomplete: str) -> list[str]:
+    """The methods again, behind those that stand before the last comma."""
+    before, comma, last = incomplete.rpartition(",")
+    return [f"{before}{comma}{name}" for name in methods(last) if name not in before.split(",")]
+
+
+def accelerators(incomplete: str) -> list[str]:
+    """Names for ``--accelerator``."""
+    return _beginning(ACCELERATORS, incomplete)
+
+
+def _beginning(words: Iterable[str], incomplete: str) -> list[str]:
+    return [word for word in words if word.startswith(incomplete)]

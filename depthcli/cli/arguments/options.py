@@ -1,0 +1,145 @@
+"""Options that several commands have: declared once, so that they mean the same everywhere."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from depthcli.cli.arguments import completion
+from depthcli.cli.arguments.formats import Colormap, ExrChannel, Near
+from depthcli.cli.arguments.numbers import field_of_view, finite, positive
+from depthcli.core.choices import Upsampling
+from depthcli.io.writers.formats import Format
+
+MAX_PIXELS = 250_000_000
+"""As depthcli.io.pictures.decode has it, which would load OpenCV for the help."""
+
+ModelOption = Annotated[
+    str | None,
+    typer.Option(
+        autocompletion=completion.models,
+        help="Name ('depthcli models list'), .onnx file, or folder with a card.json.",
+    ),
+]
+ProviderOption = Annotated[
+    str,
+    typer.Option(
+        autocompletion=completion.providers,
+        help="auto, cpu, cuda, tensorrt, rocm, migraphx, directml, coreml or openvino. A "
+        "provider requested by name must be available.",
+    ),
+]
+ProviderSettingsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--provider-option",
+        metavar="KEY=VALUE",
+        help="Option of the provider given with --provider, such as device_id=1; repeatable.",
+    ),
+]
+FormatOption = Annotated[
+    list[Format] | None,
+    typer.Option(
+        "--format",
+        help="Output format; repeatable. Default: from the suffix of -o, else png16 and preview.",
+    ),
+]
+PngScaleOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=positive,
+        help="PNG units per metre: 1000 (default, millimetres), 256 (KITTI), 5000 (TUM), "
+        "4000 (Matterport).",
+    ),
+]
+PngNormalizeOption = Annotated[
+    bool,
+    typer.Option("--png-normalize", help="Normalize each png16 to 1-65535; values have no unit."),
+]
+ExrChannelOption = Annotated[ExrChannel, typer.Option(help="EXR channel name.")]
+HalfOption = Annotated[bool, typer.Option("--half", help="Write EXR as 16-bit half floats.")]
+ColormapOption = Annotated[
+    Colormap | None,
+    typer.Option(
+        help="Colormap of the preview. Default: inferno, or gray with --near white or black."
+    ),
+]
+NearOption = Annotated[
+    Near | None,
+    typer.Option(
+        help="Colour of near depth: warm, or white or black with gray. Default: warm, or white "
+        "with gray."
+    ),
+]
+VminOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=finite, help="Lower end of the preview's depth range. Default: 2nd percentile."
+    ),
+]
+VmaxOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=finite, help="Upper end of the preview's depth range. Default: 98th percentile."
+    ),
+]
+LegendOption = Annotated[
+    bool, typer.Option("--legend", help="Draw a colour scale beside the preview.")
+]
+SideBySideOption = Annotated[
+    bool, typer.Option("--side-by-side", help="Show the input picture beside the preview.")
+]
+SidecarOption = Annotated[
+    bool,
+    typer.Option("--sidecar", help="Also write a .json file with unit, scale, kind and model."),
+]
+FocalPxOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=positive,
+        help="Focal length in pixels of the picture; scales metric depth.",
+    ),
+]
+HfovOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=field_of_view,
+        help="Horizontal field of view in degrees, instead of --focal-px. Default: from EXIF, "
+        "else the model's camera.",
+    ),
+]
+AnchorOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="X,Y,METRES",
+        help="Point of known depth; repeatable. One point fits scale, two or more fit scale and "
+        "shift.",
+    ),
+]
+UpsampleOption = Annotated[
+    Upsampling,
+    typer.Option(
+        help="Upsampling to the picture's size: guided by the picture's edges, or bilinear."
+    ),
+]
+TileOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="auto|PIXELS",
+        help="Refine the depth in tiles of this width; auto is 3/4 of the picture's width.",
+    ),
+]
+MaxMemoryOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SIZE",
+        help="Memory limit per picture, not counting the program and the model (for example 800M "
+        "or 2G). Pictures that need more are refused.",
+    ),
+]
+MaxPixelsOption = Annotated[int, typer.Option(min=1, help="Maximum number of pixels of a picture.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object per input to stdout.")
+]
+QuietOption = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]

@@ -1,0 +1,183 @@
+"""``depthcli batch``: the command and its options."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from depthcli.cli.arguments import options
+from depthcli.cli.arguments.formats import ExrChannel
+from depthcli.core.choices import Upsampling
+from depthcli.errors import UsageError
+from depthcli.io.writers.formats import Format
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.jobs.batch.plan import Plan
+
+app = typer.Typer(rich_markup_mode=None)
+
+GPU_BATCH = 8
+
+
+@app.command()
+def batch(
+    context: typer.Context,
+    folder: Annotated[
+        str | None,
+        typer.Argument(metavar="[DIR]", help="Input folder, searched recursively."),
+    ] = None,
+    output: Annotated[
+        str,
+        typer.Option(
+            "-o",
+            "--out",
+            "--output",
+            metavar="OUT",
+            help="Output folder; keeps the folder structure of DIR.",
+        ),
+    ] = "",
+    files: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="File with one input path per line, relative to DIR or to the working "
+            "directory; '-' for stdin.",
+        ),
+    ] = None,
+    include: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="GLOB", help="Process only matching files ('*.jpg', 'left/**'); repeatable."
+        ),
+    ] = None,
+    exclude: Annotated[
+        list[str] | None,
+        typer.Option(metavar="GLOB", help="Skip matching files and folders; repeatable."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show what would be done without writing anything.")
+    ] = False,
+    formats: Annotated[
+        list[Format] | None,
+        typer.Option("--format", help="Output format; repeatable. Default: png16."),
+    ] = None,
+    model: options.ModelOption = None,
+    provider: options.ProviderOption = "auto",
+    provider_option: options.ProviderSettingsOption = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Pictures processed in parallel. Default: one per core."),
+    ] = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(min=1, help="Inference threads per worker. Default: cores / workers."),
+    ] = None,
+    batch_size: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Pictures of equal size per inference. Default: 1 on the CPU, 8 on other "
+            "providers.",
+        ),
+    ] = None,
+    png_scale: options.PngScaleOption = None,
+    png_normalize: options.PngNormalizeOption = False,
+    exr_channel: options.ExrChannelOption = ExrChannel.Y,
+    half: options.HalfOption = False,
+    colormap: options.ColormapOption = None,
+    near: options.NearOption = None,
+    vmin: options.VminOption = None,
+    vmax: options.VmaxOption = None,
+    legend: options.LegendOption = False,
+    side_by_side: options.SideBySideOption = False,
+    sidecar: options.SidecarOption = False,
+    focal_px: options.FocalPxOption = None,
+    hfov: options.HfovOption = None,
+    anchor: options.AnchorOption = None,
+    upsample: options.UpsampleOption = Upsampling.GUIDED,
+    tile: options.TileOption = None,
+    max_memory: options.MaxMemoryOption = None,
+    max_pixels: options.MaxPixelsOption = options.MAX_PIXELS,
+    as_json: options.JsonOption = False,
+    quiet: options.QuietOption = False,
+) -> int:
+    """Estimate depth for all pictures and videos in a folder tree, or in a list.
+
+    Resumes an interrupted run. Writes OUT/manifest.jsonl with one row per input.
+
+    Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
+    """
+    from depthcli.cli.arguments.camera import choose_camera
+    from depthcli.cli.arguments.detail import choose_detail
+    from depthcli.cli.arguments.provider import Engine
+    from depthcli.cli.arguments.unused import refuse_unused
+    from depthcli.cli.arguments.writing import choose_looks
+    from depthcli.core.parallel.cores import usable_cores
+
+    looks = choose_looks(
+        png_scale=png_scale,
+        png_normalize=png_normalize,
+        exr_channel=exr_channel,
+        half=half,
+        colormap=colormap,
+        near=near,
+        vmin=vmin,
+        vmax=vmax,
+        legend=legend,
+        side_by_side=side_by_side,
+    )
+    camera = choose_camera(focal_px, hfov, anchor)
+    chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
+    refuse_unused(context, chosen, tuple(Format))
+    detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
+    plan = _plan(folder, output, files, include or (), exclude or ())
+    cores = usable_cores()
+    at_once = workers or cores
+    threads = threads or max(1, cores // at_once)
+    loading = Engine(model, provider, threads, provider_option or ()).start()
+    from depthcli.cli.screen.batch import Voice
+    from depthcli.core.picture_limit import PictureLimit
+    from depthcli.inference.pipeline import Pipeline
+    from depthcli.jobs.batch.recipe import Recipe
+    from depthcli.jobs.batch.run import Batch
+
+    limit = PictureLimit(max_pixels, detail)
+    recipe = Recipe(
+        tuple(dict.fromkeys(chosen)), looks, camera, limit, tuple(provider_option or ())
+    )
+    pipeline = Pipeline(loading.result(), detail)
+    if dry_run:
+        from depthcli.jobs.batch.forecast import dry_run as say
+
+        return say(plan, recipe, pipeline, as_json=as_json)
+    return Batch(
+        plan=plan,
+        recipe=recipe,
+        pipeline=pipeline,
+        workers=at_once,
+        batch_size=batch_size or (1 if pipeline.session.provider == "cpu" else GPU_BATCH),
+        voice=Voice(as_json=as_json, quiet=quiet),
+    ).run()
+
+
+def _plan(
+    folder: str | None,
+    output: str,
+    files: str | None,
+    include: Sequence[str],
+    exclude: Sequence[str],
+) -> Plan:
+    from depthcli.io.listing.globs import NameFilter
+    from depthcli.jobs.batch.plan import plan_files, plan_folder
+
+    if not output:
+        raise UsageError("name the folder for outputs: --out OUT")
+    wanted = NameFilter.of(include, exclude)
+    if files is not None:
+        return plan_files(files, folder or ".", output, wanted)
+    if folder is None:
+        raise UsageError("name a folder, or give --files with a list")
+    return plan_folder(folder, output, wanted)

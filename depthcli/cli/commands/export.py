@@ -1,0 +1,116 @@
+"""``depthcli export-onnx``: a checkpoint to one ONNX file and its card."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003 - typer reads the annotations
+from typing import Annotated
+
+import typer
+
+from depthcli.cli.arguments.numbers import field_of_view, not_negative
+from depthcli.cli.screen import console
+from depthcli.core.choices import Weights
+from depthcli.core.extras import INSTALL_TRAIN
+from depthcli.errors import DepthcliError, ExitCode, UsageError
+
+app = typer.Typer(rich_markup_mode=None)
+
+
+@app.command()
+def export_onnx(
+    checkpoint: Annotated[
+        Path, typer.Argument(metavar="CKPT", help="Checkpoint written by depthcli train.")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", help="Output ONNX file or folder. Default: next to the checkpoint."
+        ),
+    ] = None,
+    name: Annotated[str, typer.Option(help="Model name in the card.")] = "custom",
+    model_version: Annotated[str, typer.Option(help="Model version in the card.")] = "1.0.0",
+    fp16: Annotated[
+        bool, typer.Option("--fp16", help="Store weights as float16; computes in float32.")
+    ] = False,
+    int8: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Quantize weights and activations to int8, calibrated and checked on the "
+            "pictures in DIR.",
+        ),
+    ] = None,
+    mirror: Annotated[
+        bool,
+        typer.Option(
+            "--mirror",
+            help="Average with the prediction for the mirrored picture; doubles the cost.",
+        ),
+    ] = False,
+    opset: Annotated[int, typer.Option(min=16, max=20, help="ONNX opset version.")] = 17,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            callback=not_negative,
+            help="Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
+            "0.02, with --int8 0.2.",
+        ),
+    ] = None,
+    license_name: Annotated[
+        str, typer.Option("--license", help="SPDX license identifier of the weights, for the card.")
+    ] = "NOASSERTION",
+    hfov: Annotated[
+        float | None,
+        typer.Option(
+            callback=field_of_view,
+            help="Horizontal field of view of the training pictures in degrees, for the card. "
+            "Default: that of NYU, if trained on NYU.",
+        ),
+    ] = None,
+    weights: Annotated[
+        Weights, typer.Option(help="averaged: the moving average, if the run keeps one; raw.")
+    ] = Weights.AVERAGED,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object to stdout.")
+    ] = False,
+) -> int:
+    """Export a checkpoint to ONNX, verify it against torch, and write its model card.
+
+    Nothing is written if torch and onnxruntime disagree by more than the tolerance.
+    """
+    try:
+        from depthcli.export.onnx import ExportOptions, export_checkpoint
+    except ImportError as error:
+        raise DepthcliError(f"export needs {error.name}: {INSTALL_TRAIN}") from error
+    if fp16 and int8 is not None:
+        raise UsageError("--fp16 and --int8 exclude each other; give one")
+    options = ExportOptions(
+        name, model_version, fp16, mirror, opset, tolerance, int8, license_name, hfov, weights
+    )
+    done = export_checkpoint(checkpoint, _target(checkpoint, output), options)
+    parity = done.parity
+    if as_json:
+        console.out_json(
+            {
+                "path": str(done.path),
+                "sha256": done.card.sha256,
+                "bytes": done.card.size_bytes,
+                "max_abs": parity.max_abs,
+                "mean_abs": parity.mean_abs,
+                "tolerance": parity.tolerance,
+                "cases": [list(case) for case in parity.cases],
+            }
+        )
+    else:
+        console.out(
+            f"{done.path}  {(done.card.size_bytes or 0) / 1e6:.1f} MB  sha256 {done.card.sha256}\n"
+            f"parity over {len(parity.cases)} sizes: max {parity.max_abs:.2g}, "
+            f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"
+        )
+    return ExitCode.OK
+
+
+def _target(checkpoint: Path, output: Path | None) -> Path:
+    if output is None:
+        return checkpoint.with_suffix(".onnx")
+    return output if output.suffix == ".onnx" else output / "model.onnx"

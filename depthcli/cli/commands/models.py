@@ -1,0 +1,156 @@
+"""``depthcli models``: what is here, its card, its checksum; models of your own."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from depthcli.cli.arguments import completion
+from depthcli.cli.commands import models_own
+from depthcli.cli.screen import console
+from depthcli.errors import DepthcliError, ExitCode
+
+if TYPE_CHECKING:
+    from depthcli.models.card import ModelCard
+    from depthcli.models.catalog import Model, Place
+
+app = typer.Typer(
+    rich_markup_mode=None,
+    no_args_is_help=False,
+    invoke_without_command=True,
+    help="List, inspect, verify, add and remove models.",
+)
+
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+_Name = Annotated[
+    str,
+    typer.Argument(
+        autocompletion=completion.models_and_cards,
+        help="Model name, .onnx file, folder with a card.json, or name of a ready card.",
+    ),
+]
+
+
+app.command()(models_own.add)
+app.command()(models_own.remove)
+app.command()(models_own.cards)
+
+
+@app.callback()
+def _group(context: typer.Context) -> None:
+    """The models that are bundled or installed; without a command, their list."""
+    if context.invoked_subcommand is None:
+        list_models()
+
+
+@app.command("list")
+def list_models(as_json: _Json = False) -> int:
+    """List the models available by name.
+
+    Search order: folders in DEPTHCLI_MODELS, models added with 'depthcli models add', bundled
+    models.
+    """
+    from depthcli.models.catalog import list_places
+
+    found = [(name, place, _card_or_error(place)) for name, place in list_places()]
+    if as_json:
+        for name, place, card in found:
+            console.out_json(_listed(name, place, card))
+    else:
+        rows = [_row(name, place, card) for name, place, card in found]
+        console.table(("name", "version", "kind", "size", "summary", "path"), rows)
+    broken = any(isinstance(card, DepthcliError) for _, _, card in found)
+    return ExitCode.FAILURE if broken else ExitCode.OK
+
+
+@app.command()
+def show(model: _Name = "default") -> int:
+    """Show a model's card, or a ready card, as JSON."""
+    from depthcli.models.catalog import find_model, list_places
+    from depthcli.models.ready_cards import ready_fields, ready_names
+
+    if model in ready_names() and model not in dict(list_places()):
+        console.out(json.dumps(ready_fields(model), indent=2, ensure_ascii=False))
+    else:
+        console.out(find_model(model).card.to_json().rstrip())
+    return ExitCode.OK
+
+
+@app.command()
+def verify(
+    models: Annotated[
+        list[str] | None,
+        typer.Argument(
+            autocompletion=completion.models,
+            help="Model names or paths. Default: all listed models.",
+        ),
+    ] = None,
+    as_json: _Json = False,
+) -> int:
+    """Verify size, checksum and card, and run each model once."""
+    from depthcli.models.catalog import list_places
+
+    failed = False
+    for name in models or [name for name, _ in list_places()]:
+        error = _verify(name, as_json)
+        failed = failed or error
+    return ExitCode.FAILURE if failed else ExitCode.OK
+
+
+def _verify(name: str, as_json: bool) -> bool:
+    """Verify one model and print how it went; whether it failed."""
+    from depthcli.inference.trial import try_model
+    from depthcli.models.catalog import find_model
+
+    try:
+        model = find_model(name)
+        try_model(model)
+    except DepthcliError as problem:
+        if as_json:
+            console.out_json({"model": name, "status": "failed", "error": str(problem)})
+        else:
+            console.error(str(problem))
+        return True
+    if as_json:
+        console.out_json({"model": name, "status": "ok", **_facts(model)})
+    else:
+        console.out(f"{console.one_line(name)}: ok, sha256 {model.sha256}")
+    return False
+
+
+def _facts(model: Model) -> dict[str, object]:
+    return {"path": str(model.path), "sha256": model.sha256, "bytes": len(model.data)}
+
+
+def _card_or_error(place: Place) -> ModelCard | DepthcliError:
+    from depthcli.models.catalog import read_model
+
+    try:
+        return read_model(place).card
+    except DepthcliError as error:
+        return error
+
+
+def _listed(name: str, place: Place, card: ModelCard | DepthcliError) -> dict[str, object]:
+    if isinstance(card, DepthcliError):
+        return {"name": name, "path": str(place.path), "status": "failed", "error": str(card)}
+    return {
+        "name": name,
+        "path": str(place.path),
+        "status": "ok",
+        "version": card.version,
+        "kind": card.output.kind.value,
+        "bytes": card.size_bytes,
+        "sha256": card.sha256,
+        "summary": card.summary,
+        "license": card.license,
+    }
+
+
+def _row(name: str, place: Place, card: ModelCard | DepthcliError) -> tuple[str, ...]:
+    if isinstance(card, DepthcliError):
+        return (name, "", "damaged", "", str(card), str(place.path))
+    size = "" if card.size_bytes is None else f"{card.size_bytes / 1e6:.1f} MB"
+    return (name, card.version, card.output.kind, size, card.summary, str(place.path))

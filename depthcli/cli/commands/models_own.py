@@ -1,0 +1,143 @@
+"""``depthcli models add``, ``remove`` and ``cards``: models that others made."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from depthcli.cli.arguments import completion
+from depthcli.cli.screen import console
+from depthcli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from depthcli.models.card import ModelCard
+
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+
+
+def add(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="ONNX file with embedded weights.")],
+    card: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CARD",
+            autocompletion=completion.cards,
+            help="A card.json, or the name of a ready card ('depthcli models cards'). Default: "
+            "the card in or next to the file.",
+        ),
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name for --model. Default: the name in the card.")
+    ] = None,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force", help="Replace an existing model of this name, or override a bundled one."
+        ),
+    ] = False,
+    as_json: _Json = False,
+) -> int:
+    """Add an ONNX model after checking its card.
+
+    Copies the file to the first folder in DEPTHCLI_MODELS, else to depthcli/models in the user's
+    data folder, after running the model once.
+    """
+    from pathlib import Path
+
+    from depthcli.jobs.install_model import add_model
+
+    model = add_model(Path(file), card, name=name, force=force)
+    if as_json:
+        console.out_json(
+            {"name": model.card.name, "path": str(model.path.parent), "sha256": model.sha256}
+            | _preprocessing(model.card)
+        )
+        return ExitCode.OK
+    said = console.one_line(f"{model.card.name}: {what_comes_out(model.card)}")
+    console.out(f"{said}, in {console.one_line(str(model.path.parent))}")
+    _warn_of_preprocessing(model.card)
+    return ExitCode.OK
+
+
+def remove(
+    models: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="NAME...", autocompletion=completion.own_models, help="Names of added models."
+        ),
+    ],
+) -> int:
+    """Remove added models."""
+    from depthcli.jobs.install_model import remove_model
+
+    for name in models:
+        console.out(f"removed {console.one_line(str(remove_model(name)))}")
+    return ExitCode.OK
+
+
+def cards(as_json: _Json = False) -> int:
+    """List ready cards for well-known models to download."""
+    from depthcli.models.ready_cards import ready_card, ready_names
+
+    found = {name: ready_card(name) for name in ready_names()}
+    if as_json:
+        for name, card in found.items():
+            console.out_json(_listed(name, card))
+        return ExitCode.OK
+    console.table(
+        ("card", "output", "license", "run with real weights", "summary"),
+        [(n, what_comes_out(c), c.license, _ran(c), c.summary) for n, c in found.items()],
+    )
+    console.note(
+        "a card that was never run with real weights may prepare pictures wrongly, and only known "
+        "depth shows it: depthcli eval nyu --data NYU --split val --limit 20 --model NAME, with "
+        "--align disparity for inverse depth"
+    )
+    return ExitCode.OK
+
+
+def what_comes_out(card: ModelCard) -> str:
+    """Kind of output in words; metres only where they are."""
+    if card.output.max_m is not None and card.output.kind == "metric":
+        return f"metric depth up to {card.output.max_m:g} m"
+    return f"{card.output.kind} depth, no unit"
+
+
+def _ran(card: ModelCard) -> str:
+    from depthcli.models.preprocessing_check import preprocessing_check
+
+    check = preprocessing_check(card)
+    return "yes" if check and check.run_with_weights else "no"
+
+
+def _preprocessing(card: ModelCard) -> dict[str, object]:
+    """What a card says of its preprocessing, and how to check it; nothing if it says nothing."""
+    from depthcli.models.preprocessing_check import command_to_check, preprocessing_check
+
+    check = preprocessing_check(card)
+    if check is None:
+        return {}
+    stated = {"run_with_weights": check.run_with_weights, "verified": check.verified}
+    return {"preprocessing": stated | {"check": command_to_check(card)}}
+
+
+def _warn_of_preprocessing(card: ModelCard) -> None:
+    from depthcli.models.preprocessing_check import command_to_check, preprocessing_check
+
+    check = preprocessing_check(card)
+    if check is not None and not check.run_with_weights:
+        console.warn(
+            "nobody has run this card with the real weights, so its preprocessing may be wrong. "
+            f"{check.verified} Check it on a few pictures: {command_to_check(card)}"
+        )
+
+
+def _listed(name: str, card: ModelCard) -> dict[str, object]:
+    return {
+        "name": name,
+        "kind": card.output.kind.value,
+        "license": card.license,
+        "summary": card.summary,
+        **card.training,
+    }

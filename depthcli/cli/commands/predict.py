@@ -1,0 +1,117 @@
+"""``depthcli predict``: the command and its options."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from depthcli.cli.arguments import options
+from depthcli.cli.arguments.formats import ExrChannel
+from depthcli.cli.screen import console
+from depthcli.core.choices import Upsampling
+from depthcli.errors import UsageError
+from depthcli.io.writers.formats import Format
+
+app = typer.Typer(rich_markup_mode=None)
+
+
+@app.command()
+def predict(
+    context: typer.Context,
+    images: Annotated[
+        list[str], typer.Argument(metavar="IMG...", help="Input pictures; '-' reads from stdin.")
+    ],
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT",
+            help="Output file (for one input), folder (existing, or ending in '/'), or '-' for "
+            "stdout. Default: next to each input.",
+        ),
+    ] = None,
+    formats: options.FormatOption = None,
+    model: options.ModelOption = None,
+    provider: options.ProviderOption = "auto",
+    provider_option: options.ProviderSettingsOption = None,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Threads for inference. Default: all cores.")
+    ] = None,
+    png_scale: options.PngScaleOption = None,
+    png_normalize: options.PngNormalizeOption = False,
+    exr_channel: options.ExrChannelOption = ExrChannel.Y,
+    half: options.HalfOption = False,
+    colormap: options.ColormapOption = None,
+    near: options.NearOption = None,
+    vmin: options.VminOption = None,
+    vmax: options.VmaxOption = None,
+    legend: options.LegendOption = False,
+    side_by_side: options.SideBySideOption = False,
+    sidecar: options.SidecarOption = False,
+    focal_px: options.FocalPxOption = None,
+    hfov: options.HfovOption = None,
+    anchor: options.AnchorOption = None,
+    upsample: options.UpsampleOption = Upsampling.GUIDED,
+    tile: options.TileOption = None,
+    max_memory: options.MaxMemoryOption = None,
+    max_pixels: options.MaxPixelsOption = options.MAX_PIXELS,
+    as_json: options.JsonOption = False,
+    quiet: options.QuietOption = False,
+) -> int:
+    """Estimate depth from one or more pictures.
+
+    By default, writes a 16-bit PNG in millimetres and a preview next to each picture.
+
+    Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
+    """
+    from depthcli.cli.arguments.camera import choose_camera
+    from depthcli.cli.arguments.detail import choose_detail
+    from depthcli.cli.arguments.provider import Engine
+    from depthcli.cli.arguments.unused import refuse_unused
+    from depthcli.cli.arguments.writing import choose_looks
+    from depthcli.jobs.predict.plan import (
+        STANDARD,
+        choose_formats,
+        pictures_among,
+        plan_jobs,
+    )
+
+    to_stdout = output == STANDARD
+    if as_json and to_stdout:
+        raise UsageError("-o - and --json both want stdout; name a file with -o")
+    looks = choose_looks(
+        png_scale=png_scale,
+        png_normalize=png_normalize,
+        exr_channel=exr_channel,
+        half=half,
+        colormap=colormap,
+        near=near,
+        vmin=vmin,
+        vmax=vmax,
+        legend=legend,
+        side_by_side=side_by_side,
+    )
+    camera = choose_camera(focal_px, hfov, anchor)
+    chosen = choose_formats(output, formats or ())
+    written = [*chosen, Format.JSON] if sidecar else chosen
+    refuse_unused(context, written, tuple(Format))
+    detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
+    pictures, own = pictures_among(images)
+    jobs = plan_jobs(pictures, output, chosen, sidecar=sidecar)
+    for name in () if quiet else own:
+        console.warn(f"{name} was written by depthcli; skipped")
+    loading = Engine(model, provider, threads, provider_option or ()).start()
+    from depthcli.core.picture_limit import PictureLimit
+    from depthcli.jobs.predict.run import Predictor, Voice
+
+    predictor = Predictor(
+        loading=loading,
+        camera=camera,
+        looks=looks,
+        detail=detail,
+        limit=PictureLimit(max_pixels, detail),
+        voice=Voice(as_json=as_json, quiet=quiet, to_stderr=to_stdout),
+    )
+    return predictor.run(jobs)

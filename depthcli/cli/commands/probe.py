@@ -1,0 +1,65 @@
+"""``depthcli probe``: depth at a pixel."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from depthcli.cli.arguments.frame import FrameOption, read_map
+from depthcli.cli.arguments.numbers import positive
+from depthcli.cli.arguments.points import parse_pixel
+from depthcli.cli.screen import console
+from depthcli.errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from depthcli.core.types import DepthMap
+
+app = typer.Typer(rich_markup_mode=None)
+
+
+@app.command()
+def probe(
+    file: Annotated[
+        str, typer.Argument(help="Depth file: 16-bit PNG, EXR, NPY or depth video (.mkv).")
+    ],
+    pixels: Annotated[
+        list[str],
+        typer.Argument(metavar="X,Y...", help="Pixel column and row, from 0 at the top left."),
+    ],
+    png_scale: Annotated[
+        float | None,
+        typer.Option(
+            callback=positive,
+            help="Units per metre of a PNG or video. Default: from the file, else 1000.",
+        ),
+    ] = None,
+    frame: FrameOption = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object per pixel.")
+    ] = False,
+) -> int:
+    """Show the depth at one or several pixels of a depth file."""
+    places = [parse_pixel(word) for word in pixels]
+    depth = read_map(Path(file), scale=png_scale, frame=frame)
+    values = [_value(depth, x, y) for x, y in places]
+    unit = "m" if depth.is_metric else None
+    for (x, y), value in zip(places, values, strict=True):
+        if as_json:
+            console.out_json({"x": x, "y": y, "depth": value, "unit": unit})
+        else:
+            console.out(f"{x},{y}  {'no depth' if value is None else _text(value, unit)}")
+    return ExitCode.OK
+
+
+def _value(depth: DepthMap, x: int, y: int) -> float | None:
+    if x >= depth.width or y >= depth.height:
+        raise UsageError(f"{x},{y} is outside the map of {depth.width}×{depth.height} pixels")
+    value = float(depth.values[y, x])
+    return value if math.isfinite(value) else None
+
+
+def _text(value: float, unit: str | None) -> str:
+    return f"{value:.4g} {unit}" if unit else f"{value:.6g} (no unit)"

@@ -1,0 +1,168 @@
+"""``depthcli profile``: options that are saved under a name and used again."""
+
+from __future__ import annotations
+
+import copy
+import os
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from depthcli.cli.arguments import completion
+from depthcli.cli.profiles import files as profile_files
+from depthcli.cli.screen import console
+from depthcli.errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from depthcli.cli.profiles.files import Scalar, Value
+
+app = typer.Typer(
+    rich_markup_mode=None,
+    no_args_is_help=False,
+    invoke_without_command=True,
+    help="Save options under a name, for --profile.",
+)
+
+_GIVEN = "depthcli.profile"
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+_Name = Annotated[
+    str,
+    typer.Argument(metavar="NAME", autocompletion=completion.profiles, help="Profile name."),
+]
+
+
+@app.callback()
+def _group(context: typer.Context) -> None:
+    """Options that are saved under a name; without a command, their list."""
+    if context.invoked_subcommand is None:
+        list_profiles()
+
+
+@app.command()
+def save(
+    context: typer.Context,
+    name: _Name,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace an existing profile of this name.")
+    ] = False,
+) -> int:
+    """Save options under a name.
+
+    Takes the options of predict, batch and video, such as --hfov 81 --png-scale 256.
+    """
+    values: dict[str, Value] = context.meta.get(_GIVEN, {})
+    if not values:
+        raise UsageError("give the options to save, such as --hfov 81 --png-scale 256")
+    from depthcli.cli.profiles.check import check_together
+
+    check_together(values)
+    path = profile_files.write(name, values, force=force)
+    console.out(f"saved {console.one_line(str(path))}")
+    return ExitCode.OK
+
+
+@app.command("list")
+def list_profiles(as_json: _Json = False) -> int:
+    """List the profiles."""
+    names = profile_files.names()
+    if not names and not as_json:
+        console.note("no profile is saved yet; 'depthcli profile save NAME' with options saves one")
+    for name in names:
+        if as_json:
+            path = str(profile_files.path_of(name))
+            console.out_json({"name": name, "path": path, "options": profile_files.read(name)})
+        else:
+            options = profile_files.read_text(name).strip().replace("\n", "; ")
+            console.out(console.one_line(f"{name}: {options}"))
+    return ExitCode.OK
+
+
+@app.command()
+def show(name: _Name) -> int:
+    """Show a profile, as TOML."""
+    for line in profile_files.read_text(name).splitlines():
+        console.out(console.one_line(line))
+    return ExitCode.OK
+
+
+@app.command()
+def remove(
+    profiles: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="NAME...", autocompletion=completion.profiles, help="Profile names."
+        ),
+    ],
+) -> int:
+    """Delete profiles."""
+    for name in profiles:
+        console.out(f"removed {console.one_line(str(profile_files.remove(name)))}")
+    return ExitCode.OK
+
+
+def prepare(group: Any) -> None:  # noqa: ANN401 - typer's own types
+    """Give ``save`` the options of every command that takes profiles."""
+    from depthcli.cli.profiles.values import options_of, profiled_commands
+
+    command = group.commands["save"]
+    known = {word for parameter in command.params for word in parameter.opts}
+    found: dict[str, list[Any]] = {}
+    for profiled in profiled_commands():
+        for key, parameter in options_of(profiled).items():
+            found.setdefault(key, []).append(parameter)
+    for key, variants in found.items():
+        if known.isdisjoint(variants[0].opts):
+            command.params.append(_saved(key, variants))
+            known.update(variants[0].opts)
+
+
+class _AnyType:
+    """The type of an option that commands have with other choices: what suits one of them."""
+
+    def __init__(self, variants: list[Any]) -> None:
+        self._types = [parameter.type for parameter in variants]
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever the first type has
+        return getattr(self._types[0], name)
+
+    def __call__(self, value: Any, **place: Any) -> Any:  # noqa: ANN401 - as typer's types have it
+        for kind in self._types[1:]:
+            try:
+                return kind(value, **place)
+            except Exception as error:  # noqa: BLE001 - typer's own; the first type's counts
+                del error
+        return self._types[0](value, **place)
+
+
+def _saved(key: str, variants: list[Any]) -> Any:  # noqa: ANN401 - typer's own types
+    """A copy of an option that remembers what it was given."""
+    option, check = copy.copy(variants[0]), variants[0].callback
+    option.type = _AnyType(variants)
+
+    def remember(context: Any, used: Any, value: Any) -> Any:  # noqa: ANN401 - typer's own types
+        value = check(context, used, value) if check else value
+        source = context.get_parameter_source(used.name)
+        if source is not None and source.name == "COMMANDLINE":
+            context.meta.setdefault(_GIVEN, {})[key] = _plain(key, value)
+        return value
+
+    option.callback, option.expose_value, option.required = remember, False, False
+    return option
+
+
+def _plain(key: str, value: Any) -> Value:  # noqa: ANN401 - whatever an option converts to
+    if isinstance(value, list | tuple):
+        return [_scalar(part) for part in value]
+    word = _scalar(value)
+    is_path = isinstance(word, str) and (os.sep in word or word.endswith(".onnx"))
+    if key == "model" and is_path and Path(str(word)).exists():
+        return str(Path(str(word)).resolve())  # so that it is found from every folder
+    return word
+
+
+def _scalar(value: Any) -> Scalar:  # noqa: ANN401 - whatever an option converts to
+    if isinstance(value, Enum):
+        value = value.value
+    return value if isinstance(value, bool | int | float) else str(value)

@@ -1,0 +1,196 @@
+"""``depthcli video``: the command and its options."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from depthcli.cli.arguments import options
+from depthcli.cli.arguments.formats import ExrChannel
+from depthcli.cli.arguments.numbers import not_negative
+from depthcli.cli.arguments.span import PreviewCodec, VideoFormat
+from depthcli.core.choices import Upsampling
+from depthcli.errors import UsageError
+
+app = typer.Typer(rich_markup_mode=None)
+
+
+@app.command()
+def video(
+    context: typer.Context,
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE",
+            help="Input video, or an image sequence: a pattern (plate.%04d.exr) or a folder.",
+        ),
+    ],
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--out",
+            "--output",
+            metavar="OUT",
+            help="Output .mkv, .mp4, .webm or .mov file, or a folder (existing, ending in '/', or "
+            "without suffix). Default: next to the video.",
+        ),
+    ] = None,
+    formats: Annotated[
+        list[VideoFormat] | None,
+        typer.Option(
+            "--format",
+            help="Output format; repeatable: mkv (lossless 16-bit depth), mp4, webm, mov "
+            "(previews), png16, exr, npy (one file per frame), json. Default: from the suffix of "
+            "OUT, else mkv and mp4.",
+        ),
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME", help="First frame: seconds (12.5, 1:02.5) or a frame number (300f)."
+        ),
+    ] = None,
+    end: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME", help="End frame (exclusive), in the same notation as --start."
+        ),
+    ] = None,
+    every: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STEP",
+            help="Process every STEP-th frame (2), or one frame per interval (0.5s).",
+        ),
+    ] = None,
+    fps: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RATE",
+            help="Frame rate of an image sequence: 24, 23.976 or 24000/1001. Default: as its EXR "
+            "headers state, else 25.",
+        ),
+    ] = None,
+    start_number: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Number of the first frame in names of files. Default: its number in the input.",
+        ),
+    ] = None,
+    smooth: Annotated[
+        float,
+        typer.Option(
+            callback=not_negative,
+            help="Time constant of temporal smoothing in static regions, in seconds (for example "
+            "0.2). 0 disables it.",
+        ),
+    ] = 0.0,
+    lock: Annotated[
+        float,
+        typer.Option(
+            callback=not_negative,
+            help="Time constant in seconds for stabilizing the preview's range. 0: range of each "
+            "frame.",
+        ),
+    ] = 1.0,
+    codec: Annotated[
+        PreviewCodec | None,
+        typer.Option(
+            help="Codec of the preview: h264 (mp4, mov), vp9 or av1 (webm, mp4), prores (mov). "
+            "Default: h264 in mp4, vp9 in webm, prores in mov."
+        ),
+    ] = None,
+    audio: Annotated[bool, typer.Option(help="Include the audio of the video in previews.")] = True,
+    model: options.ModelOption = None,
+    provider: options.ProviderOption = "auto",
+    provider_option: options.ProviderSettingsOption = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Frames processed in parallel. Default: one per core."),
+    ] = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(min=1, help="Inference threads per worker. Default: cores / workers."),
+    ] = None,
+    png_scale: options.PngScaleOption = None,
+    png_normalize: options.PngNormalizeOption = False,
+    exr_channel: options.ExrChannelOption = ExrChannel.Y,
+    half: options.HalfOption = False,
+    colormap: options.ColormapOption = None,
+    near: options.NearOption = None,
+    vmin: options.VminOption = None,
+    vmax: options.VmaxOption = None,
+    legend: options.LegendOption = False,
+    side_by_side: options.SideBySideOption = False,
+    sidecar: options.SidecarOption = False,
+    focal_px: options.FocalPxOption = None,
+    hfov: options.HfovOption = None,
+    upsample: options.UpsampleOption = Upsampling.GUIDED,
+    tile: options.TileOption = None,
+    max_memory: options.MaxMemoryOption = None,
+    max_pixels: options.MaxPixelsOption = options.MAX_PIXELS,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object to stdout at the end.")
+    ] = False,
+    quiet: options.QuietOption = False,
+) -> int:
+    """Estimate depth for every frame of a video.
+
+    Writes lossless 16-bit video in millimetres, a preview video, or one file per frame.
+
+    Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
+    """
+    from depthcli.cli.arguments.camera import choose_camera
+    from depthcli.cli.arguments.detail import choose_detail
+    from depthcli.cli.arguments.provider import Engine
+    from depthcli.cli.arguments.span import parse_fps, parse_span
+    from depthcli.cli.arguments.unused import refuse_unused
+    from depthcli.cli.arguments.writing import choose_looks
+    from depthcli.core.parallel.cores import usable_cores
+    from depthcli.jobs.video.plan import choose_formats, plan_video
+
+    looks = choose_looks(
+        png_scale=png_scale,
+        png_normalize=png_normalize,
+        exr_channel=exr_channel,
+        half=half,
+        colormap=colormap,
+        near=near,
+        vmin=vmin,
+        vmax=vmax,
+        legend=legend,
+        side_by_side=side_by_side,
+    )
+    choose_camera(focal_px, hfov, None)
+    span = parse_span(start, end, every)
+    rate = parse_fps(fps, file)
+    chosen = choose_formats(output, formats or ())
+    if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
+        raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
+    refuse_unused(context, chosen, tuple(VideoFormat))
+    detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
+    job = plan_video(file, output, chosen, sidecar=sidecar, codec=codec, has_sound=audio)
+    cores = usable_cores()
+    at_once = workers or cores
+    share = threads or max(1, cores // at_once)
+    loading = Engine(model, provider, share, provider_option or ()).start()
+    from depthcli.cli.screen.video import run_and_tell
+    from depthcli.core.picture_limit import PictureLimit
+    from depthcli.jobs.video.stages import VideoSettings
+
+    settings = VideoSettings(
+        looks=looks,
+        workers=at_once,
+        span=span,
+        smooth_s=smooth,
+        lock_s=lock,
+        focal_px=focal_px,
+        hfov_deg=hfov,
+        limit=PictureLimit(max_pixels, detail),
+        fps=rate,
+        start_number=start_number,
+    )
+    return run_and_tell(job, loading, settings, detail, as_json=as_json, quiet=quiet)

@@ -1,0 +1,56 @@
+"""Options of a profile that each are right, but mean nothing or not together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from depthcli.cli.arguments.camera import choose_camera
+from depthcli.cli.arguments.detail import choose_detail
+from depthcli.cli.arguments.provider import provider_options
+from depthcli.cli.arguments.span import parse_span
+from depthcli.cli.arguments.writing import check_looks
+from depthcli.core.choices import Upsampling
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from depthcli.cli.profiles.files import Value
+
+
+def check_together(values: Mapping[str, Value]) -> None:
+    """Refuse what ``predict``, ``batch`` or ``video`` would refuse before they read anything.
+
+    Args:
+        values: options by their names without dashes in front.
+
+    Raises:
+        UsageError: as these commands.
+    """
+
+    def words(key: str) -> list[str]:
+        value = values.get(key, [])
+        return [str(part) for part in value] if isinstance(value, list) else [str(value)]
+
+    def word(key: str) -> str | None:
+        return words(key)[-1] if key in values else None
+
+    def number(key: str) -> float | None:
+        value = values.get(key)
+        return float(value) if isinstance(value, int | float) else None
+
+    choose_camera(number("focal-px"), number("hfov"), words("anchor"))
+    choose_detail(Upsampling.BILINEAR, word("tile"), word("max-memory"))
+    parse_span(word("start"), word("end"), word("every"))
+    provider_options(words("provider-option"))
+    check_looks(
+        number("png-scale"),
+        number("vmin"),
+        number("vmax"),
+        word("colormap"),
+        word("near"),
+        png_normalize=bool(values.get("png-normalize")),
+    )
+    if "provider" in values:
+        from depthcli.inference.providers import check_name
+
+        check_name(str(values["provider"]))

@@ -1,0 +1,135 @@
+"""Profiles on disk: options by name, one TOML file each."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from depthcli.errors import OutputError, UsageError
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.user_folders import config_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+Scalar = str | int | float | bool
+Value = Scalar | list[Scalar]
+
+_SUFFIX = ".toml"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+
+
+def folder() -> Path:
+    """Where profiles lie."""
+    return config_folder() / "profiles"
+
+
+def names() -> tuple[str, ...]:
+    """The profiles that are there, in alphabetic order."""
+    return tuple(sorted(path.stem for path in folder().glob(f"*{_SUFFIX}") if path.is_file()))
+
+
+def path_of(name: str) -> Path:
+    """A profile's file, there or not; a word that ends in ``.toml`` is a path itself.
+
+    Raises:
+        UsageError: it is neither a name nor such a path.
+    """
+    if name.endswith(_SUFFIX):
+        return Path(name)
+    if not _NAME.fullmatch(name):
+        raise UsageError(
+            f"{name!r} is not a valid profile name; use letters, digits, '.', '_' and '-', "
+            "beginning with a letter or digit"
+        )
+    return folder() / f"{name}{_SUFFIX}"
+
+
+def read_text(name: str) -> str:
+    """A profile as it is written.
+
+    Raises:
+        UsageError: there is no such profile, or it cannot be read.
+    """
+    path = path_of(name)
+    try:
+        return path.read_text("utf-8")
+    except FileNotFoundError:
+        there = ", ".join(names()) or "none yet"
+        raise UsageError(f"no profile named {name!r}; there are: {there}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"profile {path} cannot be read ({error}); save it again") from error
+
+
+def read(name: str) -> dict[str, Value]:
+    """The options of a profile, by their names without dashes in front.
+
+    Raises:
+        UsageError: there is no such profile, or it is not TOML of plain values.
+    """
+    import tomllib
+
+    path = path_of(name)
+    try:
+        values = tomllib.loads(read_text(name))
+    except tomllib.TOMLDecodeError as error:
+        raise UsageError(f"profile {path} is not TOML: {error}; correct it") from error
+    for key, value in values.items():
+        parts = value if isinstance(value, list) else [value]
+        if not all(isinstance(part, Scalar) for part in parts):
+            raise UsageError(
+                f"profile {path}: {key} must be text, a number, true, false or a list of these"
+            )
+    return values
+
+
+def write(name: str, values: Mapping[str, Value], *, force: bool) -> Path:
+    """Save a profile.
+
+    Returns:
+        Its file.
+
+    Raises:
+        UsageError: the name is no name, or it is taken and not to be replaced.
+        OutputError: it cannot be written.
+    """
+    path = path_of(name)
+    if path.exists() and not force:
+        raise UsageError(f"profile {name!r} already exists; give another name, or --force")
+    lines = [f"{key} = {_toml(value)}\n" for key, value in values.items()]
+    with atomic_path(path) as temporary:
+        try:
+            temporary.write_text("".join(lines), "utf-8")
+        except UnicodeEncodeError as error:
+            raise UsageError("a name that is not UTF-8 cannot be saved; rename the file") from error
+    return path
+
+
+def remove(name: str) -> Path:
+    """Delete a profile.
+
+    Returns:
+        Where it was.
+
+    Raises:
+        UsageError: there is no such profile.
+        OutputError: it cannot be deleted.
+    """
+    read_text(name)
+    path = path_of(name)
+    try:
+        path.unlink()
+    except OSError as error:
+        raise OutputError(f"cannot remove {path}: {error.strerror}") from error
+    return path
+
+
+def _toml(value: Value) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(_toml(part) for part in value)}]"
+    if isinstance(value, str):
+        # A TOML string is a JSON string but for this one character, which has to be escaped too.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return json.dumps(value)  # numbers are finite: the options refuse others

@@ -1,0 +1,117 @@
+"""A profile's options as defaults of a command: what is given on the command line wins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from depthcli.cli.app import COMMANDS, PROFILED
+from depthcli.cli.arguments.unused import is_given
+from depthcli.cli.profiles import files as profile_files
+from depthcli.errors import UsageError
+from depthcli.io.writers.formats import format_of
+from depthcli.jobs.naming import is_folder
+from depthcli.jobs.video.plan import FORMAT_OF_SUFFIX
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from depthcli.cli.profiles.files import Value
+
+_NEVER = frozenset({"help", "debug", "profile", "output", "out"})
+"""Options that belong to one run, or to the command line itself."""
+_ALTERNATIVES = (("focal_px", "hfov"), ("png_scale", "png_normalize"), ("colormap", "near"))
+_FORMATS, _OUTPUT = "formats", "output"
+_FOLDERS_ONLY = "batch"
+
+
+class Defaults(dict[str, Any]):
+    """Values by parameter name, left out where the command line says something that excludes them.
+
+    Given options are processed before those that are not, so what is given is known when a
+    default is asked for.
+    """
+
+    def __init__(self, context: Any, values: dict[str, Any]) -> None:  # noqa: ANN401 - typer's own
+        super().__init__(values)
+        self._context = context
+
+    def get(self, name: str, default: Any = None) -> Any:  # noqa: ANN401 - as dict has it
+        """The value for a parameter that was not given."""
+        return default if self._is_overruled(name) else super().get(name, default)
+
+    def _is_overruled(self, name: str) -> bool:
+        others = {other for pair in _ALTERNATIVES if name in pair for other in pair} - {name}
+        if any(is_given(self._context, other) for other in others):
+            return True
+        if name != _FORMATS or not is_given(self._context, _OUTPUT):
+            return False
+        output = str(self._context.params.get(_OUTPUT))
+        names_format = (
+            format_of(output) is not None or Path(output).suffix.lower() in FORMAT_OF_SUFFIX
+        )
+        return names_format and self._context.info_name != _FOLDERS_ONLY and not is_folder(output)
+
+
+def apply(context: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
+    """Make a profile's options the defaults of the command at hand.
+
+    Raises:
+        UsageError: there is no such profile, or an option or value of it that does not exist.
+    """
+    if name is None or context.resilient_parsing:
+        return
+    own = options_of(context.command)
+    defaults: dict[str, Any] = {}
+    for key, value in profile_files.read(name).items():
+        if key in own:
+            defaults[str(own[key].name)] = _checked(context, name, key, own[key], value)
+        elif key not in _all_keys():
+            raise UsageError(f"profile {name!r}: no option named {key!r}{_suggestion(key)}")
+    context.default_map = Defaults(context, defaults)
+
+
+def options_of(command: Any) -> dict[str, Any]:  # noqa: ANN401 - typer's own types
+    """A command's options that a profile may hold, by their names without dashes in front."""
+    found = {}
+    for parameter in command.params:
+        long = max((word for word in parameter.opts if word.startswith("--")), key=len, default="")
+        if long and long[2:] not in _NEVER:
+            found[long[2:]] = parameter
+    return found
+
+
+def profiled_commands() -> Iterable[Any]:
+    """The commands that take profiles."""
+    from depthcli.cli.shell import load_command
+
+    return (load_command(name) for name in COMMANDS if name in PROFILED)
+
+
+def _all_keys() -> set[str]:
+    return {key for command in profiled_commands() for key in options_of(command)}
+
+
+def _checked(
+    context: Any,  # noqa: ANN401 - typer's own types
+    name: str,
+    key: str,
+    parameter: Any,  # noqa: ANN401 - typer's own types
+    value: Value,
+) -> Value:
+    """A value in the form in which the command line would give it."""
+    if parameter.multiple and not isinstance(value, list):
+        value = [value]
+    try:
+        parameter.process_value(context, value)
+    except Exception as error:
+        told = getattr(error, "message", None) or str(error)
+        raise UsageError(f"profile {name!r}: {key} = {value!r}: {str(told).rstrip('.')}") from error
+    return value
+
+
+def _suggestion(key: str) -> str:
+    from difflib import get_close_matches
+
+    close = get_close_matches(key, _all_keys(), n=1)
+    return f"; did you mean {close[0]!r}?" if close else "; see 'depthcli profile save --help'"

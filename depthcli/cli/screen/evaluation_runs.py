@@ -1,0 +1,105 @@
+"""How the table of trained runs looks."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from depthcli.cli.screen import console
+from depthcli.cli.screen.evaluation import aligned
+from depthcli.evaluation.reports.runs_report import to_json
+from depthcli.metrics.depth import METRICS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.evaluation.differences import Interval
+    from depthcli.evaluation.runs_table import RunsReport, RunsRow, Training
+    from depthcli.metrics.accumulate import Scores
+
+_METRICS = ("abs_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3")
+"""The columns of the paper's Table I; JSON and CSV have all metrics."""
+_FACTS = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
+
+
+def show(report: RunsReport, *, as_json: bool) -> None:
+    """Print a report to standard output, as a table or as JSON."""
+    if as_json:
+        console.out(to_json(report))
+        return
+    console.out(report.title)
+    console.out(report.protocol.description)
+    console.out("")
+    for line in aligned(cells(report)):
+        console.out(line)
+    if report.differences:
+        name = console.one_line(report.differences[0].name)
+        console.out("")
+        console.out(f"{name} minus each row, 95 % of draws of whole scenes; ! clear of zero")
+        console.out("")
+        for line in aligned(difference_cells(report)):
+            console.out(line)
+    console.out("")
+    for note in notes(report):
+        console.out(note)
+
+
+def difference_cells(report: RunsReport) -> list[list[str]]:
+    """The differences from one row as text, header first."""
+    lines = [["minus", "align", *_METRICS]]
+    for difference in report.differences:
+        intervals = dict(zip(METRICS, difference.intervals, strict=True))
+        shown = [_interval(intervals[metric]) for metric in _METRICS]
+        lines.append([console.one_line(difference.other), difference.alignment or "-", *shown])
+    return lines
+
+
+def _interval(interval: Interval) -> str:
+    if math.isnan(interval.mean):
+        return "-"
+    clear = "!" if interval.clear else ""
+    return f"{interval.mean:+.4f}{clear} [{interval.low:+.3f},{interval.high:+.3f}]"
+
+
+def cells(report: RunsReport) -> list[list[str]]:
+    """The table as text, header first."""
+    header = ["row", "align", *_FACTS, "images", *_METRICS]
+    return [header, *(_row(line) for line in report.rows)]
+
+
+def notes(report: RunsReport) -> list[str]:
+    """What stands under the table."""
+    marked = [f"* {line.row.note}" for line in report.rows if line.row.note]
+    return ["higher is better for d1, d2, d3, lower for the others", *marked, *report.notes]
+
+
+def _row(line: RunsRow) -> list[str]:
+    row = line.row
+    name = console.one_line(row.name) + ("*" if row.note else "")
+    scores = [_score(metric, row.scores, line.spread) for metric in _METRICS]
+    return [name, row.alignment or "-", *_facts(line.training), str(row.image_count), *scores]
+
+
+def _score(metric: str, mean: Scores, spread: Scores | None) -> str:
+    if math.isnan(mean[metric]):
+        return "-"
+    return f"{mean[metric]:.4f}" + (f"±{spread[metric]:.4f}" if spread else "")
+
+
+def _facts(training: Training | None) -> list[str]:
+    if training is None:
+        return ["-"] * len(_FACTS)
+    return [
+        "yes" if training.paired else "no",
+        str(len(training.seeds)),
+        f"{_range(training.epochs)}/{training.epochs_planned}",
+        _range(training.steps),
+        f"{sum(training.minutes) / len(training.minutes):.1f}",
+        f"{training.parameters / 1e6:.2f}M",
+        f"{training.latency_ms:.1f}",
+    ]
+
+
+def _range(values: Sequence[int]) -> str:
+    low, high = min(values), max(values)
+    return str(low) if low == high else f"{low}-{high}"

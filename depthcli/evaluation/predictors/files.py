@@ -1,0 +1,96 @@
+"""Depth files that another tool wrote, as rows of the table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from depthcli.errors import DatasetError, InputError
+from depthcli.evaluation.choices import Source
+from depthcli.io.depth.read import read_depth
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from depthcli.core.types import DepthKind, DepthMap
+    from depthcli.evaluation.predictors.base import Sample
+
+SUFFIXES = (".npy", ".depth.npy", ".exr", ".depth.exr", ".png", ".depth.png")
+"""Best precision first: the first that is there is taken. ``.depth`` is how predict names files."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilePredictor:
+    """A folder of depth files named by id.
+
+    Attributes:
+        folder: where they are.
+        suffix: which of the formats is read.
+        kind: what they mean.
+        source: always files.
+        model_sha256: always None.
+    """
+
+    folder: Path
+    suffix: str
+    kind: DepthKind
+    source: Source = Source.FILES
+    model_sha256: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The folder, as it was given."""
+        return str(self.folder)
+
+    def predict(self, sample: Sample) -> DepthMap:
+        """Depth of one image as it was written, any size.
+
+        Raises:
+            DatasetError: the file is damaged.
+        """
+        path = self.folder / f"{sample.id}{self.suffix}"
+        try:
+            depth = read_depth(path)
+        except InputError as error:
+            raise DatasetError(str(error)) from error
+        return replace(depth, kind=self.kind)
+
+
+def open_predictions(
+    folder: Path, ids: Sequence[str], kind: DepthKind | None = None
+) -> FilePredictor:
+    """Check that there is a prediction for every image.
+
+    Args:
+        folder: holds ``ID.npy``, ``ID.exr`` or ``ID.png``, or the same with ``.depth`` in between.
+        ids: the images that will be compared.
+        kind: what the numbers mean; None to believe the first file.
+
+    Raises:
+        DatasetError: the folder or a prediction is missing, or the first file is damaged.
+    """
+    if not folder.is_dir():
+        raise DatasetError(f"{folder} is not a folder: give one that holds ID.npy, .exr or .png")
+    suffix = next((s for s in SUFFIXES if (folder / f"{ids[0]}{s}").is_file()), None)
+    if suffix is None:
+        raise DatasetError(
+            f"{folder} has no prediction of {ids[0]}: name the files by id, for example "
+            f"{ids[0]}.npy"
+        )
+    missing = [i for i in ids if not (folder / f"{i}{suffix}").is_file()]
+    if missing:
+        raise DatasetError(
+            f"{folder} lacks {len(missing)} of {len(ids)} predictions "
+            f"(first: {missing[0]}{suffix}): every image of the split needs one"
+        )
+    if kind is None:
+        kind = _kind(folder / f"{ids[0]}{suffix}")
+    return FilePredictor(folder, suffix, kind)
+
+
+def _kind(path: Path) -> DepthKind:
+    try:
+        return read_depth(path).kind
+    except InputError as error:
+        raise DatasetError(str(error)) from error

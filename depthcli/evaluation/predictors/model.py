@@ -1,0 +1,82 @@
+"""Models as rows of the table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from depthcli.core.choices import PLAIN
+from depthcli.evaluation.choices import Source
+from depthcli.inference.pipeline import load
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from depthcli.core.choices import Detail
+    from depthcli.core.types import DepthKind, DepthMap
+    from depthcli.evaluation.predictors.base import Sample
+    from depthcli.inference.pipeline import Pipeline
+    from depthcli.models.card import ModelCard
+
+
+@dataclass(frozen=True, slots=True)
+class ModelPredictor:
+    """A model, run exactly as ``depthcli predict`` runs it.
+
+    Attributes:
+        name: as it was asked for: a name or a path.
+        kind: what it predicts.
+        model_sha256: checksum of its file.
+        pipeline: what runs it.
+        warnings: one-line texts, if it does not run where it should.
+        source: always model.
+    """
+
+    name: str
+    kind: DepthKind
+    model_sha256: str
+    pipeline: Pipeline
+    warnings: tuple[str, ...] = ()
+    source: Source = Source.MODEL
+
+    @property
+    def card(self) -> ModelCard:
+        """The model's card."""
+        return self.pipeline.card
+
+    def predict(self, sample: Sample) -> DepthMap:
+        """Depth at the picture's size.
+
+        Raises:
+            DepthcliError: the model failed.
+        """
+        return self.pipeline.predict(sample.frame)
+
+
+def open_model(
+    name_or_path: str | None,
+    *,
+    provider: str = "auto",
+    threads: int | None = None,
+    detail: Detail = PLAIN,
+    provider_options: Mapping[str, str] | None = None,
+) -> ModelPredictor:
+    """Find a model by name or path and load it.
+
+    Raises:
+        ModelError: it is not there or cannot be used.
+    """
+    pipeline = load(
+        name_or_path,
+        provider=provider,
+        threads=threads,
+        detail=detail,
+        provider_options=provider_options,
+    )
+    return ModelPredictor(
+        name=name_or_path or pipeline.card.name,
+        kind=pipeline.card.output.kind,
+        model_sha256=pipeline.session.model.sha256,
+        pipeline=pipeline,
+        warnings=pipeline.session.warnings,
+    )

@@ -1,0 +1,97 @@
+"""Predictors that never look at the picture: the floor under every table."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.errors import DatasetError
+from depthcli.evaluation.choices import Source
+from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.evaluation.predictors.base import Sample
+
+
+@dataclass(frozen=True, slots=True)
+class TrivialPredictor:
+    """The same depth map for every picture.
+
+    Attributes:
+        name: what the row is called.
+        depth: the map, metres.
+        source: always trivial.
+        kind: always metric.
+        model_sha256: always None.
+    """
+
+    name: str
+    depth: DepthMap
+    source: Source = Source.TRIVIAL
+    kind: DepthKind = DepthKind.METRIC
+    model_sha256: str | None = None
+
+    def predict(self, sample: Sample) -> DepthMap:
+        """The map, whatever the picture."""
+        del sample
+        return self.depth
+
+
+def fit_trivial(
+    dataset: DepthDataset,
+    train: Sequence[int],
+    *,
+    min_m: float = MIN_DEPTH_M,
+    max_m: float = MAX_DEPTH_M,
+    progress: Callable[[], None] = lambda: None,
+    workers: int = 0,
+) -> tuple[TrivialPredictor, TrivialPredictor]:
+    """Constant mean and per-pixel mean of the training depth, read once, in constant memory.
+
+    Args:
+        dataset: where the training pairs are.
+        train: their positions.
+        min_m: only depth farther than this counts.
+        max_m: only depth nearer than this counts.
+        progress: called after each pair.
+        workers: depth images read at the same time; 0 reads in the calling thread.
+
+    Raises:
+        DatasetError: no training pair, no valid pixel, or pairs of different sizes.
+    """
+    sums, counts = np.zeros((0, 0)), np.zeros((0, 0), np.int64)
+    with closing(ordered_map(dataset.depth_m, train, workers=workers)) as maps:
+        for n, (i, depth_m) in enumerate(zip(train, maps, strict=True)):
+            if n == 0:
+                sums, counts = np.zeros(depth_m.shape), np.zeros(depth_m.shape, np.int64)
+            if depth_m.shape != sums.shape:
+                raise DatasetError(f"depth of {dataset.ids[i]} has another size than the others")
+            valid = (depth_m > min_m) & (depth_m < max_m)
+            np.add(sums, depth_m, out=sums, where=valid)
+            counts += valid
+            progress()
+    if not counts.any():
+        raise DatasetError("no training depth to take the mean of: baselines need training pairs")
+    return _predictors(sums, counts)
+
+
+def _predictors(
+    sums: np.ndarray[tuple[int, int], np.dtype[np.float64]],
+    counts: np.ndarray[tuple[int, int], np.dtype[np.int64]],
+) -> tuple[TrivialPredictor, TrivialPredictor]:
+    mean_m = float(sums.sum() / counts.sum())
+    # A pixel that was never valid, in a corner of the frame say, knows nothing better.
+    per_pixel_m = np.divide(sums, counts, out=np.full_like(sums, mean_m), where=counts > 0)
+    constant = DepthMap(np.full(sums.shape, mean_m, np.float32))
+    return (
+        TrivialPredictor("constant mean", constant),
+        TrivialPredictor("per-pixel mean", DepthMap(per_pixel_m.astype(np.float32))),
+    )

@@ -1,0 +1,198 @@
+"""Pictures of what models make of a data set, as in the paper's Fig. 2 (gray) and 3 (coloured)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.core.colour import value_channel
+from depthcli.core.resize import resize_area
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.errors import UsageError
+from depthcli.evaluation.predictors.base import Sample
+from depthcli.io.png.encode import encode_png
+from depthcli.io.writers.preview import PreviewWriter
+from depthcli.metrics.alignment import SUITABLE, align
+from depthcli.visual.colormaps import table
+from depthcli.visual.contact_sheet import contact_sheet
+from depthcli.visual.legend import with_legend
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.evaluation.nyu import NyuTask
+    from depthcli.evaluation.predictors.base import Predictor
+
+PICTURES = 6
+_CELL_WIDTH_PX = 240
+_CLIPPED_PERCENT = 2
+_COLORMAP = "inferno"
+_NUMBER = re.compile(r"_\d+[a-z]*$")
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One sheet.
+
+    Attributes:
+        name: file name without suffix.
+        caption: what it shows.
+        png: the file.
+    """
+
+    name: str
+    caption: str
+    png: bytes
+
+
+def choose(task: NyuTask, ids: Sequence[str] = (), count: int = PICTURES) -> tuple[int, ...]:
+    """Positions of the pictures to show: those named, or some of every type of scene.
+
+    Args:
+        task: what is compared; only its test pictures are shown.
+        ids: the wanted ones, in their order.
+        count: how many, if none is named.
+
+    Raises:
+        UsageError: a named picture is not among those that are compared.
+    """
+    places = dict(zip(task.ids, task.test, strict=True))
+    strange = [name for name in ids if name not in places]
+    if strange:
+        raise UsageError(
+            f"{strange[0]} is not among the {len(places)} pictures that are compared: "
+            "take ids of the split's test part"
+        )
+    if ids:
+        return tuple(places[name] for name in ids)
+    return _spread(task.dataset, task.test, count)
+
+
+def scene_type(scene: str) -> str:
+    """A scene's name without its number.
+
+    >>> scene_type("living_room_0012b")
+    'living_room'
+    """
+    return _NUMBER.sub("", scene)
+
+
+def _spread(dataset: DepthDataset, test: Sequence[int], count: int) -> tuple[int, ...]:
+    """The middle one of each type, evenly over the types by name; then further ones."""
+    types: dict[str, list[int]] = {}
+    for i in test:
+        types.setdefault(scene_type(dataset.scenes[i]), []).append(i)
+    queues = [_from_the_middle(types[name]) for name in sorted(types)]
+    if len(queues) > count:
+        chosen = np.linspace(0, len(queues) - 1, count).round().astype(int)
+        queues = [queues[k] for k in chosen]
+    turns = max(map(len, queues))
+    in_turn = [queue[turn] for turn in range(turns) for queue in queues if turn < len(queue)]
+    return tuple(sorted(in_turn[:count]))
+
+
+def _from_the_middle(members: Sequence[int]) -> list[int]:
+    places = sorted(range(len(members)), key=lambda place: abs(2 * place - len(members) + 1))
+    return [members[place] for place in places]
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One picture with all that is shown of it.
+
+    Attributes:
+        picture: (H, W, 3) RGB uint8, gray.
+        depths: what each predictor says, then the truth; metres.
+        limits_m: the near and the far end of all of them.
+    """
+
+    picture: npt.NDArray[np.uint8]
+    depths: tuple[DepthMap, ...]
+    limits_m: tuple[float, float]
+
+
+def draw_figures(
+    task: NyuTask,
+    positions: Sequence[int],
+    predictors: Sequence[Predictor],
+    titles: Sequence[str],
+    *,
+    progress: Callable[[], None] = lambda: None,
+) -> tuple[Figure, Figure]:
+    """Draw a sheet in gray and one in colour: input, one column a predictor, truth.
+
+    Every row has the range of its truth. What has no metres is fitted to the truth first.
+
+    Args:
+        task: where the pictures are.
+        positions: which of them, see :func:`choose`.
+        predictors: what is shown.
+        titles: of their columns.
+        progress: called after each picture.
+
+    Raises:
+        DatasetError: a pair cannot be read.
+        DepthcliError: a predictor failed.
+    """
+    rows = []
+    for position in positions:
+        rows.append(_row(task.dataset, position, predictors))
+        progress()
+    columns = ["input", *titles, "truth"]
+    shown = ", ".join(task.dataset.ids[i] for i in positions)
+    rule = f"pictures {shown} from top to bottom; each row has the range of its truth"
+    gray = contact_sheet([_cells(row, "gray", legend=False) for row in rows], columns)
+    coloured = contact_sheet([_cells(row, _COLORMAP, legend=True) for row in rows], columns)
+    return (
+        Figure("depth-gray", f"Depth in gray, near is white; {rule}.", encode_png(gray)),
+        Figure("depth-colour", f"Depth in colour; {rule}, on the right.", encode_png(coloured)),
+    )
+
+
+def _row(dataset: DepthDataset, position: int, predictors: Sequence[Predictor]) -> _Row:
+    sample, truth_m = Sample(dataset, position), dataset.depth_m(position)
+    picture = np.rint(255 * value_channel(sample.frame.pixels)).astype(np.uint8)
+    maps = [_in_metres(predictor.predict(sample), truth_m) for predictor in predictors]
+    known = truth_m[truth_m > 0] if (truth_m > 0).any() else np.ones(1, np.float32)
+    near, far = np.percentile(known, (_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT))
+    truth = DepthMap(np.where(truth_m > 0, truth_m, np.float32(np.nan)))
+    return _Row(np.repeat(picture[..., None], 3, 2), (*maps, truth), (float(near), float(far)))
+
+
+def _in_metres(depth: DepthMap, truth_m: npt.NDArray[np.float32]) -> DepthMap:
+    """A map of another kind, fitted to the truth where that is known."""
+    if depth.kind is DepthKind.METRIC:
+        return depth
+    values = _sized(depth.values, truth_m.shape).astype(np.float64)
+    known = np.where(truth_m > 0, truth_m, np.nan).astype(np.float64)
+    fitted = align(values[truth_m > 0], known[truth_m > 0], SUITABLE[depth.kind][0], depth.kind)
+    metres = np.full(truth_m.shape, np.nan, np.float32)
+    metres[truth_m > 0] = fitted
+    return DepthMap(metres)
+
+
+def _sized(values: npt.NDArray[np.float32], shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
+    return resize_area(values, shape[1], shape[0])
+
+
+def _cells(row: _Row, colormap: str, *, legend: bool) -> list[npt.NDArray[np.uint8]]:
+    near, far = row.limits_m
+    writer = PreviewWriter(colormap, vmin=near, vmax=far)
+    shape = row.picture.shape
+    cells = [_shrunk(image, shape) for image in (row.picture, *map(writer.render, row.depths))]
+    if legend:
+        cells[-1] = with_legend(cells[-1], table(colormap), near, far, DepthKind.METRIC)
+    return cells
+
+
+def _shrunk(image: npt.NDArray[np.uint8], shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
+    """All cells of a row have the size that the picture gives them."""
+    height = max(1, round(shape[0] * _CELL_WIDTH_PX / shape[1]))
+    shrunk = resize_area(image.astype(np.float32), _CELL_WIDTH_PX, height)
+    return np.rint(shrunk).astype(np.uint8)

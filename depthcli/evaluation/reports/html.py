@@ -1,0 +1,80 @@
+"""A report as one HTML file that needs nothing else: no script, no style sheet, no picture file."""
+
+from __future__ import annotations
+
+import base64
+from html import escape
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.evaluation.reports.figures import Figure
+
+_STYLE = """\
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 80rem; padding: 0 1rem;
+       color: #1c1c1c; background: #fff; }
+h1 { font-size: 1.3rem; margin-bottom: 0; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; margin: 1.2rem 0; font-variant-numeric: tabular-nums; }
+th, td { padding: .25rem .7rem; text-align: right; white-space: nowrap; }
+th:first-child, td:first-child { text-align: left; }
+thead th { border-bottom: 2px solid #444; }
+tbody tr:nth-child(even) { background: #f3f3f3; }
+ul { padding-left: 1.2rem; color: #444; }
+figure { margin: 2rem 0; }
+figure img { max-width: 100%; height: auto; }
+figcaption { color: #444; }"""
+
+
+def html_page(
+    title: str,
+    subtitle: str,
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    notes: Sequence[str],
+    figures: Sequence[Figure] = (),
+) -> str:
+    """The page.
+
+    Args:
+        title: data set, split, number of images and protocol.
+        subtitle: the protocol in words.
+        header: names of the columns.
+        rows: cells as text.
+        notes: what a reader has to know besides.
+        figures: sheets of sample pictures; they become part of the file.
+    """
+    lines = [
+        "<!doctype html>",
+        '<html lang="en">',
+        '<head><meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>{escape(title)}</title>",
+        f"<style>\n{_STYLE}\n</style></head>",
+        "<body>",
+        f"<h1>{escape(title)}</h1>",
+        f"<p>{escape(subtitle)}</p>",
+        '<div class="scroll"><table>',
+        f"<thead><tr>{_cells('th', header)}</tr></thead>",
+        "<tbody>",
+        *(f"<tr>{_cells('td', row)}</tr>" for row in rows),
+        "</tbody></table></div>",
+        "<ul>",
+        *(f"<li>{escape(note)}</li>" for note in notes),
+        "</ul>",
+        *(_figure(figure) for figure in figures),
+        "</body></html>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _cells(tag: str, texts: Sequence[str]) -> str:
+    return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
+
+
+def _figure(figure: Figure) -> str:
+    data = base64.b64encode(figure.png).decode("ascii")
+    caption = escape(figure.caption)
+    image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"

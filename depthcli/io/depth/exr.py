@@ -1,0 +1,141 @@
+"""OpenEXR files, under names of any bytes and with one kind of error."""
+
+from __future__ import annotations
+
+import os
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import OpenEXR
+
+from depthcli.errors import InputError
+from depthcli.io.pictures.decode import MAX_PIXELS, read_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from fractions import Fraction
+
+    import numpy.typing as npt
+
+_DAMAGED = (RuntimeError, ValueError, TypeError, OSError, MemoryError)
+
+
+def write_exr(
+    path: Path,
+    channels: Mapping[str, npt.NDArray[Any]],
+    texts: Mapping[str, str],
+    rate: Fraction | None = None,
+) -> None:
+    """Write one part, ZIP-compressed.
+
+    Args:
+        path: the file.
+        channels: name -> (H, W) float32 or float16.
+        texts: attributes for the header.
+        rate: frames a second of the sequence that the file is a part of.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **texts}
+    if rate is not None:
+        header["framesPerSecond"] = rate  # which OpenEXR stores as its rational
+    try:
+        with _plain_name(path) as name:
+            OpenEXR.File(header, dict(channels)).write(name)
+    except RuntimeError as error:
+        # 'Failed to ... image file "name". No space left on device.'
+        raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
+
+
+def read_exr_texts(path: Path) -> dict[str, str]:
+    """Text attributes of the first part.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    header = read_exr_header(path)
+    return {name: value for name, value in header.items() if isinstance(value, str)}
+
+
+def read_exr_header(path: Path) -> dict[str, Any]:
+    """All attributes of the first part.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    read_bytes(path)
+    try:
+        with _plain_name(path) as name:
+            return dict(OpenEXR.File(name, header_only=True).header())
+    except _DAMAGED as error:
+        raise InputError(f"{path} is not an EXR file that can be read") from error
+
+
+def read_exr_channels(path: Path) -> dict[str, npt.NDArray[np.float32]]:
+    """All channels of all parts, (H, W) float32 over the display window, NaN outside the data.
+
+    In a file of several parts, a part's name precedes the names of its channels.
+
+    Raises:
+        InputError: missing, damaged, or too large.
+    """
+    read_bytes(path)
+    channels: dict[str, npt.NDArray[np.float32]] = {}
+    try:
+        with _plain_name(path) as name:
+            for part in OpenEXR.File(name, header_only=True).parts:
+                _check_size(path, part.header)
+            parts = OpenEXR.File(name, separate_channels=True).parts
+        for part in parts:
+            layer = f"{part.header['name']}." if len(parts) > 1 else ""
+            for channel, content in part.channels.items():
+                channels[layer + channel] = _in_window(content.pixels, part.header)
+    except _DAMAGED as error:
+        raise InputError(f"{path} is not an EXR file that can be read") from error
+    return channels
+
+
+def _check_size(path: Path, header: dict[str, Any]) -> None:
+    for window in ("dataWindow", "displayWindow"):
+        width, height = _size(header[window])
+        if width * height > MAX_PIXELS:
+            raise InputError(f"{path} claims {width}×{height} pixels, more than {MAX_PIXELS:,}")
+
+
+def _size(window: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]) -> tuple[int, int]:
+    (left, top), (right, bottom) = (map(int, corner) for corner in window)
+    return right - left + 1, bottom - top + 1
+
+
+def _in_window(pixels: npt.NDArray[Any], header: dict[str, Any]) -> npt.NDArray[np.float32]:
+    """Renderers store only the part of the frame that has content; the framing is kept."""
+    values = np.ascontiguousarray(pixels, np.float32)
+    data, display = header["dataWindow"], header["displayWindow"]
+    if np.array_equal(data, display):
+        return values
+    width, height = _size(display)
+    left, top = (int(a) - int(b) for a, b in zip(data[0], display[0], strict=True))
+    frame = np.full((height, width), np.nan, np.float32)
+    rows = np.arange(max(top, 0), min(top + values.shape[0], height))
+    columns = np.arange(max(left, 0), min(left + values.shape[1], width))
+    frame[np.ix_(rows, columns)] = values[np.ix_(rows - top, columns - left)]
+    return frame
+
+
+@contextmanager
+def _plain_name(path: Path) -> Iterator[str]:
+    """A name of the same file in UTF-8, which is all that OpenEXR takes."""
+    name = os.fspath(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        with TemporaryDirectory() as folder:
+            link = Path(folder) / "depth.exr"
+            link.symlink_to(path.absolute())
+            yield str(link)
+    else:
+        yield name

@@ -1,0 +1,102 @@
+"""What a depth file says of itself besides its pixels."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from typing import TYPE_CHECKING
+
+from depthcli.core.types import CameraSource, Provenance
+from depthcli.io.pictures.decode import read_bytes
+from depthcli.io.png.text import read_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+_PREFIX = "depthcli:"
+_FRAME_NUMBER = re.compile(r"\.\d{6,}$")
+_ORIENTATIONS = frozenset("12345678")
+_CAMERA = ("focal_px", "camera_source", "camera")
+_SHARED = ("software", "orientation", "model", "model_sha256", *_CAMERA)
+
+
+def stated_facts(path: Path) -> dict[str, str]:
+    """Unit, scale, kind, orientation, model and so on, as the file's writer stated them.
+
+    What the file does not say comes from the sidecar beside it, if that names no other model.
+
+    Args:
+        path: a PNG or EXR; other files state nothing themselves.
+
+    Returns:
+        Name -> text; empty if another program wrote the file.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".png":
+        return completed(path, read_text(read_bytes(path)))
+    if suffix == ".exr":
+        # Reading PNG need not wait for OpenEXR.
+        from depthcli.io.depth.exr import read_exr_texts  # noqa: PLC0415
+
+        return completed(path, read_exr_texts(path))
+    return completed(path, {})
+
+
+def completed(path: Path, texts: Mapping[str, str]) -> dict[str, str]:
+    """The facts among a file's own texts, and what its sidecar adds to them."""
+    own = {k.removeprefix(_PREFIX): v for k, v in texts.items() if k.startswith(_PREFIX)}
+    return own | {k: v for k, v in _beside(path, own).items() if k not in own}
+
+
+def provenance_of(facts: Mapping[str, str]) -> Provenance | None:
+    """Where a map came from, as far as its facts say; None if they say nothing of it."""
+    orientation, source = facts.get("orientation"), facts.get("camera_source")
+    found = Provenance(
+        model=facts.get("model"),
+        model_sha256=facts.get("model_sha256"),
+        focal_px=positive(facts.get("focal_px", "camera_source")),
+        orientation=int(orientation) if orientation in _ORIENTATIONS else None,
+        camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
+    )
+    return None if found == Provenance() else found
+
+
+def positive(text: str | None) -> float | None:
+    """A number above 0 that another program may have written; None for anything else."""
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if 0 < value < math.inf else None
+
+
+def sidecar_facts(path: Path) -> dict[str, object]:
+    """What our own sidecar beside a file says, or that of the video it is a frame of."""
+    own = path.with_suffix(".json")
+    return _facts_in(own) or _facts_in(own.with_stem(_FRAME_NUMBER.sub("", own.stem)))
+
+
+def _facts_in(path: Path) -> dict[str, object]:
+    """Our own sidecar; empty if there is none."""
+    try:
+        facts = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    if not (isinstance(facts, dict) and str(facts.get("software")).startswith("depthcli ")):
+        return {}
+    if "sha256" in facts:  # as version 0.1 called it in the sidecar of a video
+        facts.setdefault("model_sha256", facts.pop("sha256"))
+    return facts
+
+
+def _beside(path: Path, own: Mapping[str, str]) -> dict[str, str]:
+    facts = sidecar_facts(path)
+    model = facts.get("model_sha256")
+    if own.get("model_sha256", model) != model:
+        return {}
+    return {name: str(facts[name]) for name in _SHARED if facts.get(name) is not None}

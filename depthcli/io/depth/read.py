@@ -1,0 +1,144 @@
+"""Reading depth files, our own and those of other tools."""
+
+from __future__ import annotations
+
+import math
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.errors import InputError
+from depthcli.io.depth.facts import completed, positive, provenance_of, sidecar_facts
+from depthcli.io.pictures.decode import decode, read_bytes
+from depthcli.io.png.text import read_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
+
+_MILLIMETRES = 1000.0
+_CHANNELS = ("Z", "V", "Y", "R")
+_COLOURS = ("G", "B", "RY", "BY")
+_DIMENSIONS = 2
+_TOP = 65535
+
+
+def read_depth(path: str | Path, *, png_scale: float | None = None) -> DepthMap:
+    """Depth of a 16-bit PNG, EXR or NPY file, chosen by its suffix.
+
+    Args:
+        path: the file.
+        png_scale: steps per metre of a PNG; None for what the file says of itself, or millimetres.
+
+    Returns:
+        (H, W); NaN where there is no depth. Metric unless the file says otherwise. Its provenance
+        is what the file or the sidecar beside it states of model, focal length and orientation.
+
+    Raises:
+        InputError: missing, damaged, or without depth.
+    """
+    path = Path(path)
+    match path.suffix.lower():
+        case ".png":
+            return _png(path, png_scale)
+        case ".exr":
+            return _exr(path)
+        case ".npy":
+            return _npy(path)
+    raise InputError(
+        f"{path} is not .png, .exr or .npy, so no depth is read from it; 'depthcli predict' and "
+        "'depthcli video' make depth of pictures and videos"
+    )
+
+
+def _png(path: Path, png_scale: float | None) -> DepthMap:
+    data = read_bytes(path)
+    steps = decode(data, str(path))
+    if steps.dtype != np.uint16 or steps.ndim != _DIMENSIONS:
+        raise InputError(f"{path} is not 16-bit gray, so it holds no depth (a preview, perhaps?)")
+    facts = completed(path, read_text(data))
+    ends = _ends(facts) if png_scale is None else None
+    if ends is None:
+        scale = png_scale or positive(facts.get("scale")) or _MILLIMETRES
+        values = steps.astype(np.float32) / np.float32(scale)
+    else:
+        low, high = ends
+        share = (steps.astype(np.float64) - 1) / (_TOP - 1)
+        values = (low + share * (high - low)).astype(np.float32)
+    depth = np.where(steps == 0, np.float32(np.nan), values)
+    return DepthMap(depth, _kind(facts.get("kind")), provenance_of(facts))
+
+
+def _npy(path: Path) -> DepthMap:
+    data = read_bytes(path)
+    try:
+        values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
+    except Exception as error:
+        raise InputError(f"{path} is not a NumPy file that can be read") from error
+    while values.ndim > _DIMENSIONS and 1 in values.shape:
+        # Batch and channel axes, as networks' outputs have them; a map one pixel high stays.
+        values = values.squeeze(values.shape.index(1))
+    if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu" or not values.size:
+        raise InputError(f"{path} is {values.shape} {values.dtype}; depth is one (H, W) of numbers")
+    with np.errstate(over="ignore"):  # a double beyond float32 is infinitely far
+        depth = np.ascontiguousarray(values, np.float32)
+    # The format cannot state its kind itself.
+    kind = _kind(str(sidecar_facts(path).get("kind")))
+    return DepthMap(depth, kind, provenance_of(completed(path, {})))
+
+
+def _exr(path: Path) -> DepthMap:
+    # Reading PNG need not wait for OpenEXR.
+    from depthcli.io.depth.exr import read_exr_channels, read_exr_texts  # noqa: PLC0415
+
+    channels = read_exr_channels(path)
+    name = depth_channel(list(channels))
+    if name is None:
+        raise InputError(f"{path} has no channel Z, V, Y or R; it has {', '.join(channels)}")
+    layer = name[: -len(name.rpartition(".")[2])]
+    for colour in _COLOURS:
+        other = channels.get(layer + colour)
+        if name != layer + "Z" and other is not None and not _equal(other, channels[name]):
+            raise InputError(f"{path} holds colours, not depth; it has {', '.join(channels)}")
+    facts = completed(path, read_exr_texts(path))
+    return DepthMap(channels[name], _kind(facts.get("kind")), provenance_of(facts))
+
+
+def depth_channel(names: Sequence[str]) -> str | None:
+    """The channel that holds depth, whoever wrote the file; None if there is none.
+
+    That is ``Z``, else Z, V, Y or R of a layer called depth (Nuke's ``depth.Z``, Blender's
+    ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R.
+    """
+    depths = [name for name in names if name.rpartition(".")[2] in _CHANNELS]
+    return min(depths, key=_rank, default=None)
+
+
+def _rank(name: str) -> tuple[int, int, str]:
+    layer, _, last = name.rpartition(".")
+    signs = (name == "Z", "depth" in layer.lower(), last != "R" and not layer, last != "R", True)
+    return signs.index(True), _CHANNELS.index(last), name
+
+
+def _equal(one: npt.NDArray[np.float32], other: npt.NDArray[np.float32]) -> bool:
+    """Whether two channels are the same; gray is often stored as three equal colours."""
+    return np.array_equal(one, other, equal_nan=True)
+
+
+def _kind(text: str | None) -> DepthKind:
+    return DepthKind(text) if text in set(DepthKind) else DepthKind.METRIC
+
+
+def _ends(facts: Mapping[str, str]) -> tuple[float, float] | None:
+    """What 1 and 65535 stand for in a normalized PNG of ours; None for other files."""
+    if facts.get("scale") != "normalized":
+        return None
+    try:
+        low, high = (float(word) for word in facts.get("range", "").split())
+    except ValueError:
+        return None
+    return (low, high) if math.isfinite(low) and math.isfinite(high) else None

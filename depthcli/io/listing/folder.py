@@ -1,0 +1,153 @@
+"""The pictures and videos below a folder."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+from depthcli.io.listing.own_outputs import is_own_output
+from depthcli.io.listing.skipped import HIDDEN, OWN, Skipped
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+PICTURE_SUFFIXES = (
+    *(".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".avif"),
+    *(".bmp", ".dib", ".gif", ".pbm", ".pgm", ".ppm", ".pnm"),
+)
+VIDEO_SUFFIXES = (
+    *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg"),
+    *(".mts", ".m2ts", ".ts", ".wmv", ".flv", ".ogv", ".3gp"),
+)
+_Identity: TypeAlias = tuple[int, int] | None
+
+
+class Found(NamedTuple):
+    """Something below a folder.
+
+    Attributes:
+        name: path from the folder, with ``/`` between its parts.
+        path: where it is.
+        problem: why it cannot be read, if that is known already.
+    """
+
+    name: str
+    path: str
+    problem: str | None = None
+
+
+class Listing(NamedTuple):
+    """What is below a folder.
+
+    Attributes:
+        media: pictures, videos and unreadable folders, in an order that depends on names alone.
+        skipped: files that are neither picture nor video by their suffix, hidden, or outputs.
+        loops: folders left out because they lead back to a folder that they are in.
+    """
+
+    media: tuple[Found, ...]
+    skipped: tuple[Skipped, ...]
+    loops: tuple[str, ...]
+
+
+def is_video(name: str) -> bool:
+    """Whether a name's suffix is a video's."""
+    return os.path.splitext(name)[1].lower() in VIDEO_SUFFIXES  # noqa: PTH122 - names, not paths
+
+
+def is_media(name: str) -> bool:
+    """Whether a name is a picture's or a video's by its suffix, and not hidden."""
+    suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - names, not paths
+    return not name.startswith(".") and (suffix in PICTURE_SUFFIXES or suffix in VIDEO_SUFFIXES)
+
+
+def why_skipped(path: str) -> str | None:
+    """Why a file in a folder is no input; None if it is one."""
+    name = os.path.basename(path)  # noqa: PTH119 - names, not paths
+    if name.startswith("."):
+        return HIDDEN
+    if not is_media(name):
+        return os.path.splitext(name)[1].lower() or "without suffix"  # noqa: PTH122
+    return OWN if is_own_output(path) else None
+
+
+def list_folder(
+    root: str, *, leave_out: str | None = None, skip: Callable[[str], bool] = lambda _: False
+) -> Listing:
+    """Walk a tree; links to folders are followed, but never round in circles.
+
+    Args:
+        root: the folder.
+        leave_out: a folder that is not entered, under whatever name it appears; it may be missing.
+        skip: whether a folder of this name (from the root, with ``/``) is not entered.
+
+    Returns:
+        What is there; files are not opened (but for PNGs named as outputs are), so any of them may
+        turn out to be unreadable.
+    """
+    avoided = _identity(leave_out) if leave_out is not None else None
+    walk = _Walk(avoided, skip)
+    media = tuple(walk.run(root))
+    return Listing(media, tuple(walk.skipped), tuple(walk.loops))
+
+
+class _Walk:
+    """One walk: a stack of folders to enter, each with the folders it is in."""
+
+    def __init__(self, avoided: _Identity, skip: Callable[[str], bool]) -> None:
+        self._avoided = avoided
+        self._skip = skip
+        self.skipped: list[Skipped] = []
+        self.loops: list[str] = []
+
+    def run(self, root: str) -> Iterator[Found]:
+        stack: list[tuple[str, str, tuple[_Identity, ...]]] = [(root, "", (_identity(root),))]
+        while stack:
+            folder, name, above = stack.pop()
+            try:
+                with os.scandir(folder) as entries:
+                    children = sorted(entries, key=lambda entry: os.fsencode(entry.name))
+            except OSError as error:
+                reason = f"{folder} cannot be listed: {error.strerror}"
+                yield Found(name or ".", folder, reason)
+                continue
+            folders = []
+            for child in children:
+                child_name = f"{name}/{child.name}" if name else child.name
+                if _is_folder(child):
+                    entered = self._enter(child, child_name, above)
+                    folders += [(child.path, child_name, entered)] if entered else []
+                    continue
+                skipped = why_skipped(child.path)
+                if skipped is None:
+                    yield Found(child_name, child.path)
+                else:
+                    self.skipped.append(Skipped(child_name, skipped))
+            stack.extend(reversed(folders))
+
+    def _enter(
+        self, child: os.DirEntry[str], name: str, above: tuple[_Identity, ...]
+    ) -> tuple[_Identity, ...] | None:
+        """The folders that a folder's content is in, or None if it is not entered."""
+        identity = _identity(child.path)
+        if child.name.startswith(".") or identity == self._avoided or self._skip(name):
+            return None
+        if identity in above:
+            self.loops.append(name)
+            return None
+        return (*above, identity)
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:  # a link to itself, say: reading it will tell
+        return False
+
+
+def _identity(path: str) -> _Identity:
+    try:
+        status = os.stat(path)  # noqa: PTH116 - names with any byte pass here
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino

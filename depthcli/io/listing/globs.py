@@ -1,0 +1,70 @@
+"""Which names are included and excluded, by patterns as shells and .gitignore have them."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli.io.listing.skipped import EXCLUDED, NOT_INCLUDED
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_TOKEN = re.compile(r"\*\*/|\*\*|\*|\?|\[!?\]?[^\]/]*\]|.", re.DOTALL)
+
+
+class NameFilter(NamedTuple):
+    """Patterns for names from a root, with ``/`` between their parts.
+
+    A pattern without ``/`` is about the last part of a name, in any folder; one with ``/`` about
+    the whole name. ``*`` and ``?`` stop at ``/``, ``**`` does not.
+
+    Attributes:
+        include: a file has to match one of these, if there are any.
+        exclude: a file or a folder must match none of these.
+        include_words: ``include`` as the user writes it.
+    """
+
+    include: tuple[re.Pattern[str], ...]
+    exclude: tuple[re.Pattern[str], ...]
+    include_words: tuple[str, ...]
+
+    @classmethod
+    def of(cls, include: Sequence[str], exclude: Sequence[str]) -> NameFilter:
+        """From patterns as the user writes them."""
+        return cls(tuple(map(_compiled, include)), tuple(map(_compiled, exclude)), tuple(include))
+
+    def refusal(self, name: str) -> str | None:
+        """Why a file is not wanted, by its own name and its folders'; None if it is wanted."""
+        parts = name.split("/")
+        above = ("/".join(parts[:count]) for count in range(1, len(parts)))
+        if self.excludes(name) or any(map(self.excludes, above)):
+            return EXCLUDED
+        wanted = not self.include or any(p.fullmatch(name) for p in self.include)
+        return None if wanted else NOT_INCLUDED
+
+    def unmatched(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Words of ``include`` that no name matches."""
+        found = zip(self.include_words, self.include, strict=True)
+        return tuple(word for word, p in found if not any(map(p.fullmatch, names)))
+
+    def excludes(self, name: str) -> bool:
+        """Whether a file or folder is excluded by its own name."""
+        return any(pattern.fullmatch(name) for pattern in self.exclude)
+
+
+def _compiled(pattern: str) -> re.Pattern[str]:
+    trimmed = pattern.rstrip("/")
+    anywhere = "" if "/" in trimmed else "(?:.*/)?"
+    body = "".join(map(_expression, _TOKEN.findall(trimmed.removeprefix("/").removeprefix("./"))))
+    return re.compile(anywhere + body, re.DOTALL)
+
+
+def _expression(token: str) -> str:
+    simple = {"**/": "(?:.*/)?", "**": ".*", "*": "[^/]*", "?": "[^/]"}
+    if token in simple:
+        return simple[token]
+    if len(token) > 1:  # a class of characters, [a-z] or [!a-z]
+        inner = token[1:-1].replace("\\", "\\\\").replace("[", "\\[")
+        return f"[^{inner[1:]}/]" if inner.startswith("!") else f"[{inner}]"
+    return re.escape(token)

@@ -1,0 +1,39 @@
+"""Telling what depthcli wrote from what it is to read."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import TYPE_CHECKING
+
+from depthcli.io.png.chunks import SIGNATURE
+from depthcli.io.png.text import read_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MARK = "depthcli:software"
+"""Keyword of the text chunk that every PNG of ours has right behind its header."""
+_HEAD_BYTES = 4096
+_PNG_NAME = re.compile(r"\.(depth(\.\d{6,})?|preview)\.png$", re.IGNORECASE)
+_VIDEO_NAME = re.compile(r"\.(depth\.mkv|preview\.(mp4|webm|mov))$", re.IGNORECASE)
+
+
+def is_own_picture(path: str | Path) -> bool:
+    """Whether a file is a PNG, depth map or preview, that depthcli wrote, whatever its name."""
+    try:
+        with open(path, "rb") as file:  # noqa: PTH123 - names with any byte pass here
+            head = file.read(_HEAD_BYTES)
+    except (OSError, ValueError):
+        return False
+    return head.startswith(SIGNATURE) and MARK in read_text(head)
+
+
+def is_own_output(path: str) -> bool:
+    """Whether a file found in a folder is an output of depthcli.
+
+    A video is one by its name alone; of the pictures only those are opened whose names fit.
+    """
+    if _VIDEO_NAME.search(path):
+        return True
+    return bool(_PNG_NAME.search(path)) and os.path.isfile(path) and is_own_picture(path)  # noqa: PTH113

@@ -1,0 +1,114 @@
+"""A picture as a program has it, a path, bytes, an array or a PIL picture, as a frame."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+import numpy as np
+
+from depthcli.core.types import Frame
+from depthcli.errors import InputError
+from depthcli.io.pictures.read import read_image, upright
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+_ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
+_GRAY_MODES = ("1", "LA", "La")
+_PLAIN_MODES = ("L", "RGB", "I", "F")  # what of the last two is no picture, the frame refuses
+_COLOUR_RANK = 3
+_ALPHA = {2: 1, 4: 3}
+"""Channels with alpha, and those without."""
+
+
+class ArrayLike(Protocol):
+    """What NumPy takes for an array; a tensor in the processor's memory is one."""
+
+    def __array__(self) -> npt.NDArray[Any]:
+        """The pixels."""
+        ...
+
+
+class PilPicture(Protocol):
+    """What is needed of ``PIL.Image.Image``."""
+
+    def getexif(self) -> Any:  # noqa: ANN401 - PIL need not be installed
+        """Its EXIF."""
+        ...
+
+
+Picture: TypeAlias = (
+    str | os.PathLike[str] | bytes | bytearray | memoryview | ArrayLike | PilPicture | Frame
+)
+"""A file's name, the content of a file, pixels, or a PIL picture."""
+
+
+def frame_of(picture: Picture) -> Frame:
+    """A picture, ready for a model.
+
+    Args:
+        picture: the name of a file; the content of one; an array or tensor (H, W) or (H, W, C) of
+            uint8, uint16 or float32 in [0, 1], RGB, whose alpha is dropped; a PIL picture; a frame.
+            A file and a PIL picture as it was opened are turned upright, by their EXIF.
+
+    Returns:
+        The same frame, or one with pixels of its own.
+
+    Raises:
+        InputError: it is no picture, or cannot be read.
+    """
+    if isinstance(picture, Frame):
+        return picture
+    if isinstance(picture, (str, os.PathLike)):
+        return read_image(Path(picture))
+    if isinstance(picture, (bytes, bytearray, memoryview)):
+        return read_image(None, bytes(picture), name="the picture in memory")
+    if hasattr(picture, "getexif"):
+        return _of_pil(picture)
+    return Frame(_pixels(picture))
+
+
+def _pixels(picture: ArrayLike) -> npt.NDArray[Any]:
+    """A copy: a camera's buffer may hold the next picture before this one's depth is used."""
+    try:
+        pixels = np.array(picture, order="C")
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"{type(picture).__name__} is no array: {error}") from error
+    if pixels.ndim == 0 or pixels.dtype == object:
+        raise InputError(
+            "a picture is a path, bytes, an array, a Frame or a PIL picture, "
+            f"not {type(picture).__name__}"
+        )
+    if pixels.ndim == _COLOUR_RANK and pixels.shape[2] in _ALPHA:
+        pixels = pixels[..., : _ALPHA[pixels.shape[2]]]
+    if pixels.ndim == _COLOUR_RANK and pixels.shape[2] == 1:
+        pixels = pixels[..., 0]
+    return np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("="))
+
+
+def _of_pil(image: Any) -> Frame:  # noqa: ANN401 - PIL need not be installed
+    try:
+        pixels = _pixels(_plain(image))
+    except OSError as error:
+        raise InputError(f"the PIL picture cannot be read: {error}") from error
+    if image.format is None:  # a program made or changed it; its EXIF is still that of a file
+        return Frame(pixels)
+    exif = image.getexif()
+    orientation, focal_35mm = exif.get(_ORIENTATION), exif.get_ifd(_EXIF_IFD).get(_FOCAL_35MM)
+    orientation = orientation if orientation in range(1, 9) else 1
+    return Frame(
+        np.ascontiguousarray(upright(pixels, orientation)),
+        Path(image.filename) if getattr(image, "filename", "") else None,
+        orientation=orientation,
+        focal_35mm=float(focal_35mm) if isinstance(focal_35mm, int) and focal_35mm > 0 else None,
+    )
+
+
+def _plain(image: Any) -> Any:  # noqa: ANN401 - PIL need not be installed
+    """The picture without a palette, alpha or other colours than RGB."""
+    if image.mode in _GRAY_MODES:
+        return image.convert("L")
+    is_plain = image.mode in _PLAIN_MODES or image.mode.startswith("I;16")
+    return image if is_plain else image.convert("RGB")

@@ -1,0 +1,114 @@
+"""From a file to pixels: every check that a file from outside has to pass, then the decoder."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from depthcli.core.picture_limit import PictureLimit
+from depthcli.errors import InputError, is_out_of_memory
+from depthcli.io.opencv_log import silent_opencv
+from depthcli.io.pictures.ending import flaw
+from depthcli.io.pictures.size import picture_size
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+MAX_PIXELS = 250_000_000
+_FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+_GRAY_ALPHA, _RGB, _RGBA = 2, 3, 4
+
+
+def read_bytes(path: Path) -> bytes:
+    """Content of an input file.
+
+    Raises:
+        InputError: it is missing, a folder, unreadable, or a link that leads nowhere.
+    """
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        what = "is a broken link" if path.is_symlink() else "is missing: no such file"
+        raise InputError(f"{path} {what}") from None
+    except IsADirectoryError:
+        raise InputError(
+            f"{path} is a folder; name the files in it, or use 'depthcli batch'"
+        ) from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+
+
+def decode(
+    data: bytes, name: str, *, max_pixels: int | PictureLimit = MAX_PIXELS
+) -> npt.NDArray[np.generic]:
+    """Pixels at the file's own bit depth, in stored order of rows and columns.
+
+    Args:
+        data: the whole file: JPEG, PNG, TIFF, WebP, AVIF, BMP, GIF or Netpbm.
+        name: what messages call it.
+        max_pixels: pictures that claim more are refused before they are decoded.
+
+    Returns:
+        Gray (H, W) or RGB (H, W, 3), alpha dropped, of the file's own type. TIFF alone is already
+        turned upright, because OpenCV's reader always does so.
+
+    Raises:
+        InputError: empty, truncated, damaged, not a picture, or too large, also for the memory.
+    """
+    check(data, name, max_pixels)
+    try:
+        with silent_opencv():
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS)
+    except cv2.error as error:
+        if is_out_of_memory(error):
+            raise InputError(f"{name} does not fit into memory; make it smaller") from error
+        pixels = None
+    if pixels is None or pixels.size == 0:
+        raise InputError(
+            f"{name} is damaged, or of a variant that cannot be decoded; save it again"
+        )
+    return _without_alpha(pixels)
+
+
+def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:
+    """All that can be told of a picture without decoding it.
+
+    Raises:
+        InputError: empty, truncated, not a picture, or too large.
+    """
+    if not data:
+        raise InputError(f"{name} is empty")
+    size = picture_size(data)
+    if size is None:
+        raise InputError(f"{name} is not a picture (JPEG, PNG, TIFF, WebP, AVIF, BMP, GIF, PNM)")
+    width, height = size
+    if width <= 0 or height <= 0:
+        raise InputError(f"{name} claims {width}×{height} pixels; there is nothing to see")
+    check_size(name, width, height, max_pixels)
+    found = flaw(data)
+    if found is not None:
+        raise InputError(f"{name} {found}; copy it again")
+
+
+def check_size(name: str, width: int, height: int, max_pixels: int | PictureLimit) -> None:
+    """Refuse a picture that is too large, before any of it is decoded.
+
+    Raises:
+        InputError: it is.
+    """
+    limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
+    limit.check(name, width, height)
+
+
+def _without_alpha(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    channels = pixels.shape[2] if pixels.ndim == _RGB else 1
+    if channels in (1, _GRAY_ALPHA):
+        return pixels.reshape(*pixels.shape[:2], channels)[..., 0]
+    if pixels.dtype in (np.uint8, np.uint16, np.float32):
+        code = cv2.COLOR_BGRA2RGB if channels == _RGBA else cv2.COLOR_BGR2RGB
+        return cv2.cvtColor(pixels, code)  # type: ignore[arg-type]
+    return pixels[..., 2::-1]

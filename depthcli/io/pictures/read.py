@@ -1,0 +1,90 @@
+"""One picture, from a file or from bytes, to a frame that stands upright."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from depthcli.core.types import Frame
+from depthcli.errors import InputError
+from depthcli.io.pictures.decode import MAX_PIXELS, decode, read_bytes
+from depthcli.io.pictures.exif import read_exif
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from depthcli.core.picture_limit import PictureLimit
+
+_TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_MIRRORED = {2, 4, 5, 7}
+_QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
+
+
+def read_image(
+    path: str | Path | None,
+    data: bytes | None = None,
+    *,
+    max_pixels: int | PictureLimit = MAX_PIXELS,
+    name: str = "standard input",
+) -> Frame:
+    """Decode a picture at its own bit depth and undo its EXIF rotation.
+
+    Alpha is dropped; gray stays gray. In a float picture not-a-number and infinite pixels become 0
+    and the rest is clipped to [0, 1].
+
+    Args:
+        path: the file; with ``data``, only its name.
+        data: the file's content, where it is already at hand (standard input, say).
+        max_pixels: pictures that claim more are refused before they are decoded.
+        name: what messages call data without a path.
+
+    Returns:
+        Gray (H, W) or RGB (H, W, 3); uint8, uint16 or float32.
+
+    Raises:
+        InputError: missing, empty, truncated, damaged, not a picture, too large, or float with
+            another range than [0, 1].
+    """
+    path = None if path is None else Path(path)
+    name = name if path is None else str(path)
+    if data is None:
+        if path is None:
+            raise InputError("neither a file nor data was given")
+        data = read_bytes(path)
+    pixels = _framed(decode(data, name, max_pixels=max_pixels), name)
+    exif = read_exif(data)
+    if not data.startswith(_TIFF_STARTS):  # TIFF comes upright from the decoder
+        pixels = upright(pixels, exif.orientation)
+    return Frame(
+        np.ascontiguousarray(pixels),
+        path,
+        orientation=exif.orientation,
+        focal_35mm=exif.focal_35mm,
+    )
+
+
+def _framed(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
+    """Pixels of one of a frame's three types."""
+    if pixels.dtype in (np.uint8, np.uint16):
+        return pixels
+    if pixels.dtype.kind != "f":
+        raise InputError(f"{name} has {pixels.dtype} pixels; save it with 8 or 16 bits or as float")
+    values = np.nan_to_num(pixels.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    # Highlights may pass 1; where most of a picture does, it is in 0-255 or another unit.
+    if np.count_nonzero(values > 1) * 2 > values.size:
+        raise InputError(f"{name} has float pixels up to {values.max():g}; scale them to 0-1")
+    return np.clip(values, 0, 1)
+
+
+def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
+    """Undo an EXIF orientation: mirror left to right, then turn counter-clockwise.
+
+    Args:
+        pixels: (H, W) or (H, W, C) as stored.
+        orientation: 1-8.
+    """
+    if orientation in _MIRRORED:
+        pixels = pixels[:, ::-1]
+    return np.rot90(pixels, _QUARTER_TURNS.get(orientation, 0))

@@ -1,0 +1,38 @@
+"""Text chunks of PNG files (PNG specification, third edition, 11.3.3)."""
+
+from __future__ import annotations
+
+import struct
+
+from depthcli.io.png.chunks import SIGNATURE, chunk
+
+
+def text_chunk(keyword: str, text: str) -> tuple[bytes | memoryview, ...]:
+    """The parts of a chunk that holds a text.
+
+    Args:
+        keyword: 1-79 Latin-1 characters.
+        text: anything; what is not Latin-1 is stored as UTF-8.
+    """
+    name = keyword.encode("latin-1")
+    try:
+        return chunk(b"tEXt", name + b"\0" + text.encode("latin-1"))
+    except UnicodeEncodeError:
+        return chunk(b"iTXt", name + b"\0\0\0\0\0" + text.encode())
+
+
+def read_text(png: bytes) -> dict[str, str]:
+    """The tEXt and uncompressed iTXt chunks of a PNG file; damaged ones are left out."""
+    texts = {}
+    at = len(SIGNATURE)
+    while at + 12 <= len(png):
+        length, kind = struct.unpack_from(">I4s", png, at)
+        body = png[at + 8 : at + 8 + length]
+        keyword, _, rest = body.partition(b"\0")
+        if kind == b"tEXt":
+            texts[keyword.decode("latin-1")] = rest.decode("latin-1")
+        elif kind == b"iTXt" and rest[:2] == b"\0\0":
+            text = rest[2:].split(b"\0", 2)[-1]
+            texts[keyword.decode("latin-1")] = text.decode("utf-8", "replace")
+        at += 12 + length
+    return texts

@@ -1,0 +1,212 @@
+"""Taking a model of your own into the user's folder, and out of it again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from depthcli.errors import ModelError, OutputError, UsageError
+from depthcli.inference.session import Session
+from depthcli.inference.trial import try_session
+from depthcli.models import catalog, onnx_file
+from depthcli.models.card import METADATA_KEY, ModelCard
+from depthcli.models.graph_fit import fit_to_graph
+from depthcli.models.ready_cards import ready_fields
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from depthcli.models.catalog import Model, Place
+
+_FILE_NAME = "model.onnx"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+
+
+class Source(NamedTuple):
+    """A card's JSON object before it belongs to a file.
+
+    Attributes:
+        fields: the object.
+        where: what messages call it.
+        is_ready: whether it is one of the ready cards, whose size is only the usual one.
+    """
+
+    fields: dict[str, Any]
+    where: str
+    is_ready: bool
+
+
+def add_model(
+    path: Path, card: str | None = None, *, name: str | None = None, force: bool = False
+) -> Model:
+    """Copy a model into the user's folder, with a card that is complete and was tried.
+
+    Args:
+        path: an ONNX file.
+        card: a ``card.json`` or the name of a ready card; None if the card is inside the ONNX
+            file or beside it.
+        name: what ``--model`` shall call it; None for the card's own name.
+        force: replace a model of this name, or hide a bundled one.
+
+    Returns:
+        The model as it lies in the user's folder.
+
+    Raises:
+        UsageError: the name is no name or is taken, or there is no such card.
+        ModelError: the file is no such model, or it does not do what its card says.
+        OutputError: the folder cannot be written.
+    """
+    data = catalog.read_onnx(path)
+    source = _source(path, data, card)
+    complete = _complete(source, path, data, name)
+    target = _target(complete.name, force=force)
+    with _folder_in_place(target) as temporary:
+        (temporary / _FILE_NAME).write_bytes(data)
+        (temporary / catalog.CARD_NAME).write_text(complete.to_json(), "utf-8")
+        model = catalog.find_model(temporary)
+        session = Session(model, provider="cpu")
+        fitted = fit_to_graph(complete, session.fixed_size, path, adapt=source.is_ready)
+        session.model = replace(model, card=fitted)
+        try_session(session)
+        (temporary / catalog.CARD_NAME).write_text(fitted.to_json(), "utf-8")
+    return catalog.find_model(target)
+
+
+def remove_model(name: str) -> Path:
+    """Delete a model that was added.
+
+    Args:
+        name: as in the list of models.
+
+    Returns:
+        Where it was.
+
+    Raises:
+        UsageError: it is not in the user's folder.
+        OutputError: it cannot be deleted.
+    """
+    folder = catalog.user_root() / _checked_name(name)
+    place = _place(folder)
+    if place is None:
+        raise UsageError(
+            f"{name!r} is not among the models in {catalog.user_root()}; only those are removed"
+        )
+    try:
+        if folder.is_symlink():
+            folder.unlink()
+        elif folder.is_dir():
+            with _moved_away(folder):
+                pass
+        else:
+            for file in (place.onnx, place.card):
+                if file is not None:
+                    file.unlink()
+    except OSError as error:
+        raise OutputError(f"cannot remove {folder}: {error.strerror}") from error
+    return folder
+
+
+def _source(path: Path, data: bytes, card: str | None) -> Source:
+    if card is None:
+        place = catalog.place_at(path)
+        card = str(place.card) if place and place.card else None
+    if card is None:
+        embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
+        if embedded is None:
+            raise UsageError(
+                f"{path} has no card inside or beside it; give --card, "
+                "and see 'depthcli models cards' for ready ones"
+            )
+        return Source(_object(embedded, f"card inside {path}"), f"card inside {path}", False)
+    if card.endswith(".json") or Path(card).is_file():
+        return Source(_object(catalog.read_card(Path(card)), card), card, False)
+    return Source(ready_fields(card), f"card {card}", True)
+
+
+def _object(text: str | bytes, where: str) -> dict[str, Any]:
+    try:
+        fields = json.loads(text)
+    except ValueError as error:
+        raise ModelError(f"{where} is not valid JSON ({error}); correct it") from error
+    if not isinstance(fields, dict):
+        raise ModelError(f"{where} is not a JSON object; correct it")
+    return fields
+
+
+def _complete(source: Source, path: Path, data: bytes, name: str | None) -> ModelCard:
+    """The card with all that the file itself says."""
+    opset, ir = onnx_file.versions(data, str(path))
+    fields = source.fields | {"onnx": {"opset": opset, "ir": ir}, "file": _FILE_NAME}
+    if name is not None:
+        fields["name"] = name
+    sha256 = hashlib.sha256(data).hexdigest()
+    card = ModelCard.from_json(json.dumps(fields), where=source.where)
+    _checked_name(card.name)
+    catalog.check_file(card, path, len(data), sha256)
+    fields |= {"sha256": sha256, "bytes": len(data)}
+    return ModelCard.from_json(json.dumps(fields), where=source.where)
+
+
+def _place(folder: Path) -> Place | None:
+    """A model of the user's folder, in a folder of its own or as one file."""
+    return catalog.place_at(folder) or catalog.place_at(folder.with_name(f"{folder.name}.onnx"))
+
+
+def _checked_name(name: str) -> str:
+    if not _NAME.fullmatch(name) or name.endswith(".onnx"):
+        raise UsageError(
+            f"{name!r} is not a valid model name; give --name with letters, digits, '.', '_' and "
+            "'-', beginning with a letter or digit"
+        )
+    return name
+
+
+def _target(name: str, *, force: bool) -> Path:
+    target = catalog.user_root() / name
+    taken = next((p for n, p in catalog.list_places() if n == name), None)
+    if taken is not None and not force:
+        raise UsageError(
+            f"a model named {name!r} already exists ({taken.path}); give another --name, or --force"
+        )
+    return target
+
+
+@contextmanager
+def _folder_in_place(target: Path) -> Iterator[Path]:
+    """A temporary folder that takes the target's place when the block succeeds."""
+    temporary = target.with_name(f".depthcli-{os.urandom(8).hex()}")
+    try:
+        temporary.mkdir(parents=True)
+        yield temporary
+        if target.is_symlink():
+            target.unlink()
+        with _moved_away(target):
+            temporary.rename(target)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"cannot write {target}: {reason}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def _moved_away(folder: Path) -> Iterator[None]:
+    """Rename a folder, delete it if the block succeeds, else put it back."""
+    if not folder.is_dir():
+        yield
+        return
+    aside = folder.with_name(f".depthcli-{os.urandom(8).hex()}")
+    folder.rename(aside)
+    try:
+        yield
+    except BaseException:
+        aside.rename(folder)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)

@@ -1,0 +1,149 @@
+"""Which output belongs to which input; decided before anything is written."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli.errors import UsageError
+from depthcli.io.listing.folder import is_media
+from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.writers.formats import stem_of
+from depthcli.jobs.batch.names import TreeNames
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+STDIN_STEM = "stdin"
+
+
+class OutputPlan(NamedTuple):
+    """The outputs of one input.
+
+    Attributes:
+        source: the input; None for standard input.
+        outputs: path of each format.
+    """
+
+    source: Path | None
+    outputs: dict[str, Path]
+
+
+def plan_outputs(
+    sources: Sequence[Path | None], out: str | None, suffixes: Mapping[str, str]
+) -> list[OutputPlan]:
+    """Name every output.
+
+    Without ``out`` outputs stand beside their input. Where another picture or video of the same
+    stem lies in the input's folder, or goes to the same folder, the output's name keeps the
+    input's suffix (``a.jpg.depth.png``, ``a.png.depth.png``), so that names depend neither on the
+    order of the inputs nor on what is asked for in one command.
+
+    A folder such as ``.`` or ``/``, which has no name, gets no outputs.
+
+    Args:
+        sources: the inputs; None is standard input, whose outputs go to the working directory.
+        out: a file (for one input and one format), or a folder: it exists or ends in ``/``.
+        suffixes: of each format, as ``.depth.png``.
+
+    Raises:
+        UsageError: two inputs share an output, an output is an input, or ``out`` is no folder but
+            there are several inputs or formats.
+    """
+    if out is not None and not is_folder(out):
+        plans = [_one_file(sources, Path(out), suffixes)]
+    else:
+        plans = _in_folders(sources, None if out is None else Path(out), suffixes)
+    _check(plans)
+    return plans
+
+
+def is_folder(out: str) -> bool:
+    """Whether ``-o`` names a folder: it exists as one, or it ends in a separator."""
+    return out.endswith(("/", os.sep)) or Path(out).is_dir()
+
+
+def _one_file(
+    sources: Sequence[Path | None], file: Path, suffixes: Mapping[str, str]
+) -> OutputPlan:
+    if len(sources) != 1:
+        raise UsageError(
+            f"-o {file} is one file but there are {len(sources)} inputs; name a folder: {file}/"
+        )
+    if len(suffixes) == 1:
+        return OutputPlan(sources[0], dict.fromkeys(suffixes, file))
+    # Several formats of one input share the stem that the user gave.
+    return OutputPlan(
+        sources[0], {f: file.with_name(stem_of(file.name) + s) for f, s in suffixes.items()}
+    )
+
+
+def _in_folders(
+    sources: Sequence[Path | None], out: Path | None, suffixes: Mapping[str, str]
+) -> list[OutputPlan]:
+    folders = [_folder(source, out) for source in sources]
+    stems = [
+        folder / (s.stem if s else STDIN_STEM) for folder, s in zip(folders, sources, strict=True)
+    ]
+    shared = Counter(map(_folded, stems))
+    plans = []
+    for source, stem, base in zip(sources, stems, output_bases(sources), strict=True):
+        is_whole = source is not None and shared[_folded(stem)] > 1 and base == source.stem
+        name = source.name if source and is_whole else base
+        wanted = {} if source and not source.name else suffixes
+        plans.append(OutputPlan(source, {f: stem.parent / (name + s) for f, s in wanted.items()}))
+    return plans
+
+
+def _folder(source: Path | None, out: Path | None) -> Path:
+    """Where an input's outputs go."""
+    if out is not None:
+        return out
+    return Path() if source is None else source.parent
+
+
+def output_bases(sources: Sequence[Path | None]) -> list[str]:
+    """What the outputs of each input are called before their suffixes.
+
+    Args:
+        sources: the inputs; None is standard input.
+    """
+    inside: dict[Path, set[str]] = {}
+    for source in sources:
+        if source is not None:
+            inside.setdefault(source.parent, set()).add(source.name)
+    names = {folder: TreeNames(_with_namesakes(folder, own)) for folder, own in inside.items()}
+    return [STDIN_STEM if s is None else names[s.parent].base(s.name) for s in sources]
+
+
+def _with_namesakes(folder: Path, own: set[str]) -> set[str]:
+    """Inputs of one folder, and the pictures and videos there whose outputs could meet theirs."""
+    try:
+        there = os.listdir(folder)  # noqa: PTH208 - a name is all that is needed
+    except OSError:
+        return own
+    stems = {os.path.splitext(name)[0].casefold() for name in own}  # noqa: PTH122 - names
+    alike = (name for name in there if os.path.splitext(name)[0].casefold() in stems)  # noqa: PTH122
+    return own | {n for n in alike if is_media(n) and not is_own_picture(folder / n)}
+
+
+def _check(plans: Sequence[OutputPlan]) -> None:
+    inputs = {_folded(plan.source) for plan in plans if plan.source is not None}
+    owners: dict[str, Path | None] = {}
+    for plan in plans:
+        for path in plan.outputs.values():
+            if _folded(path) in inputs:
+                raise UsageError(f"{path} is an input; choose another -o")
+            if _folded(path) in owners:
+                raise UsageError(
+                    f"{plan.source} and {owners[_folded(path)]} would both become {path}; "
+                    "run them one by one with different -o"
+                )
+            owners[_folded(path)] = plan.source
+
+
+def _folded(path: Path) -> str:
+    """Names that a case-insensitive file system takes for one are one."""
+    return os.path.normcase(os.path.abspath(path)).casefold()  # noqa: PTH100 - links stay as named

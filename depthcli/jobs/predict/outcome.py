@@ -1,0 +1,114 @@
+"""What happened to one input, as text and as JSON."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from depthcli.cli.screen import console
+from depthcli.io.writers.facts import Facts, camera_words
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from depthcli.core.types import DepthMap
+    from depthcli.errors import DepthcliError
+
+
+class Range(NamedTuple):
+    """Least, median and largest depth of a picture; None where it has no depth at all."""
+
+    min: float | None
+    median: float | None
+    max: float | None
+
+    @classmethod
+    def of(cls, depth: DepthMap) -> Range:
+        """The range of a depth map, NaN and infinity left out."""
+        finite = depth.values[np.isfinite(depth.values)]
+        if not finite.size:
+            return cls(None, None, None)
+        return cls(float(finite.min()), _median(finite), float(finite.max()))
+
+
+def _median(values: npt.NDArray[np.float32]) -> float:
+    """As np.median, which would import numpy.ma and take as long as writing a PNG."""
+    middle = (values.size - 1) // 2, values.size // 2
+    parted = np.partition(values, middle)
+    return float((parted[middle[0]] + parted[middle[1]]) / 2)
+
+
+class Done(NamedTuple):
+    """An input whose outputs are all written.
+
+    Attributes:
+        name: the input, as the user wrote it.
+        outputs: the files written, ``-`` for standard output.
+        depth: the depth map.
+        provider: what ran the model.
+        seconds: from opening the input to the last output.
+        warnings: one-line texts.
+    """
+
+    name: str
+    outputs: tuple[str, ...]
+    depth: DepthMap
+    provider: str
+    seconds: float
+    warnings: tuple[str, ...]
+
+    def as_json(self) -> dict[str, object]:
+        """The fields of one line of ``--json``."""
+        known = Facts.of(self.depth)
+        return {
+            "input": self.name,
+            "status": "ok",
+            "outputs": list(self.outputs),
+            "kind": known.kind,
+            "unit": known.unit,
+            **Range.of(self.depth)._asdict(),
+            "width": self.depth.width,
+            "height": self.depth.height,
+            "model": known.model,
+            "model_sha256": known.model_sha256,
+            "focal_px": known.focal_px,
+            "camera_source": known.camera_source,
+            "camera": known.camera,
+            "provider": self.provider,
+            "seconds": round(self.seconds, 6),
+            "warnings": list(self.warnings),
+        }
+
+    def as_text(self) -> str:
+        """One line: where the outputs are, the range of depth, and the camera it belongs to."""
+        low, median, high = Range.of(self.depth)
+        names = ", ".join(console.one_line(name) for name in self.outputs)
+        if low is None:
+            return f"{console.one_line(self.name)} -> {names}  no depth"
+        unit = " m" if self.depth.is_metric else f" ({self.depth.kind}, no unit)"
+        numbers = f"min {low:.3f}, median {median:.3f}, max {high:.3f}{unit}"
+        camera = camera_words(self.depth)
+        seen_by = f"  camera: {camera}" if camera else ""
+        return f"{console.one_line(self.name)} -> {names}  {numbers}{seen_by}"
+
+
+class Failed(NamedTuple):
+    """An input that could not be used, or whose outputs could not be written.
+
+    Attributes:
+        name: the input, as the user wrote it.
+        error: why.
+    """
+
+    name: str
+    error: DepthcliError
+
+    def as_json(self) -> dict[str, object]:
+        """The fields of one line of ``--json``."""
+        return {"input": self.name, "status": "failed", "error": str(self.error)}
+
+    def as_text(self) -> str:
+        """One line: the input, and why it failed."""
+        reason = str(self.error)
+        return reason if reason.startswith(self.name) else f"{self.name}: {reason}"

@@ -1,0 +1,252 @@
+"""Which files ``depthcli video`` writes."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli.cli.arguments.span import PreviewCodec, VideoFormat
+from depthcli.errors import UsageError
+from depthcli.io.video.codecs import Codec, preview_codec
+from depthcli.io.video.frame_source import is_sequence
+from depthcli.io.video.number_pattern import is_pattern, number_name, without_number
+from depthcli.io.writers.formats import Format
+from depthcli.jobs.naming import is_folder, output_bases
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from contextlib import AbstractContextManager
+    from fractions import Fraction
+
+    from depthcli.io.video.outputs import VideoOutput
+    from depthcli.io.video.sequence import ImageSequence
+    from depthcli.io.video.source import VideoSource
+    from depthcli.io.writers.options import WriterOptions
+
+DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
+FORMAT_OF_SUFFIX = {
+    ".mkv": VideoFormat.MKV,
+    ".mp4": VideoFormat.MP4,
+    ".webm": VideoFormat.WEBM,
+    ".mov": VideoFormat.MOV,
+    ".json": VideoFormat.JSON,
+}
+SUFFIXES = {
+    VideoFormat.MKV: ".depth.mkv",
+    VideoFormat.MP4: ".preview.mp4",
+    VideoFormat.WEBM: ".preview.webm",
+    VideoFormat.MOV: ".preview.mov",
+    VideoFormat.PNG16: ".depth.%06d.png",
+    VideoFormat.EXR: ".depth.%06d.exr",
+    VideoFormat.NPY: ".depth.%06d.npy",
+    VideoFormat.JSON: ".depth.json",
+}
+"""Ends of the output names; of a sequence, with the place of the frame's number."""
+_SEQUENCE_SUFFIXES = {
+    ".png": VideoFormat.PNG16,
+    ".exr": VideoFormat.EXR,
+    ".npy": VideoFormat.NPY,
+}
+SEQUENCES = {
+    VideoFormat.PNG16: Format.PNG16,
+    VideoFormat.EXR: Format.EXR,
+    VideoFormat.NPY: Format.NPY,
+}
+PREVIEWS = {VideoFormat.MP4, VideoFormat.WEBM, VideoFormat.MOV}
+
+
+class VideoJob(NamedTuple):
+    """One video and its outputs.
+
+    Attributes:
+        name: the video as the user wrote it.
+        source: the file.
+        folder: where the outputs go.
+        names: file name of each format; a sequence's is a pattern with ``%06d`` or the like.
+        codecs: of the previews.
+        has_sound: whether previews are heard.
+    """
+
+    name: str
+    source: Path
+    folder: Path
+    names: dict[VideoFormat, str]
+    codecs: dict[VideoFormat, Codec] = {}  # noqa: RUF012 - never changed
+    has_sound: bool = True
+
+    def path(self, which: VideoFormat) -> Path:
+        """Where a format goes."""
+        return self.folder / self.names[which]
+
+    def open(
+        self,
+        which: VideoFormat,
+        looks: WriterOptions,
+        source: VideoSource | ImageSequence,
+        rate: Fraction,
+    ) -> AbstractContextManager[VideoOutput]:
+        """The output of one format, with nothing written yet.
+
+        Args:
+            which: the format.
+            looks: options of the formats.
+            source: what is read.
+            rate: frames a second of the output.
+        """
+        from depthcli.io.video import outputs
+        from depthcli.io.video.frame_source import files_of
+        from depthcli.io.video.rates import Timing
+        from depthcli.io.video.sound import Sound
+        from depthcli.io.writers.preview import PreviewWriter
+
+        inputs, timing = files_of(source), Timing(rate, source.tick_s)
+        if which is VideoFormat.MKV:
+            return outputs.depth_video(self.path(which), timing, looks.png_scale, inputs)
+        if which in PREVIEWS:
+            writer = looks.writer(Format.PREVIEW)
+            if not isinstance(writer, PreviewWriter):
+                raise TypeError(type(writer))
+            path = self.path(which)
+            codec = self.codecs.get(which) or preview_codec(path.suffix.lower(), None)
+            sound = None
+            if self.has_sound and source.start_s is not None:
+                sound = Sound(self.source, source.start_s)
+            return outputs.preview_video(path, timing, writer, inputs, codec=codec, sound=sound)
+        writer = looks.writer(SEQUENCES[which])
+        name = partial(number_name, self.names[which])
+        return nullcontext(
+            outputs.SequenceOutput(which.value, self.folder, name, writer, files_of(source))
+        )
+
+
+def choose_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:
+    """What to write: what was asked for, else what the output's suffix says, else the default.
+
+    Raises:
+        UsageError: the output is a file whose suffix says nothing, or there is nothing but JSON.
+    """
+    if output is not None and is_pattern(Path(output).name):
+        chosen: tuple[VideoFormat, ...] = (_format_of_pattern(output, asked),)
+    elif asked:
+        chosen = tuple(dict.fromkeys(asked))
+    elif output is None or _is_folder(output):
+        chosen = DEFAULT_FORMATS
+    elif Path(output).suffix.lower() in FORMAT_OF_SUFFIX:
+        chosen = (FORMAT_OF_SUFFIX[Path(output).suffix.lower()],)
+    else:
+        raise UsageError(
+            f"--out {output} says no format; end it in .mkv, .mp4, .webm or .mov, or name a folder "
+            f"({output}/) and give --format"
+        )
+    if set(chosen) == {VideoFormat.JSON}:
+        raise UsageError("json only describes other outputs; give another --format with it")
+    return chosen
+
+
+def plan_video(
+    name: str,
+    output: str | None,
+    formats: Sequence[VideoFormat],
+    *,
+    sidecar: bool = False,
+    codec: PreviewCodec | None = None,
+    has_sound: bool = True,
+) -> VideoJob:
+    """Name every output before anything is read.
+
+    Args:
+        name: the video.
+        output: a file for one format, or a stem that several share; a folder, which exists, ends
+            in ``/`` or has no suffix; None for the video's own folder.
+        formats: what to write.
+        sidecar: write the JSON as well.
+        codec: of the preview; None for the usual one of its container.
+        has_sound: take the video's sound into the preview.
+
+    Raises:
+        UsageError: a sequence is to go into one file, an output is the video itself, or a name is
+            ``-``, or a codec is for another container.
+    """
+    if name == "-":
+        raise UsageError("a video cannot be read from standard input; save it to a file first")
+    if output == "-":
+        raise UsageError("a video cannot be written to standard output; name a file or a folder")
+    source = Path(name)
+    wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if sidecar else formats))
+    if output is None or _is_folder(output):
+        folder = source.parent if output is None else Path(output)
+        names = {which: _base(source) + SUFFIXES[which] for which in wanted}
+    else:
+        folder = Path(output).parent
+        names = _file_names(Path(output), formats, wanted)
+    job = VideoJob(name, source, folder, names, _codecs(names, codec), has_sound)
+    for which in names:
+        if _same(job.path(which), source):
+            raise UsageError(f"{job.path(which)} is the input; choose another --out")
+    return job
+
+
+def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat:
+    """The format of files that a pattern names, ``depth.%04d.exr`` say.
+
+    Raises:
+        UsageError: its suffix says none, or something else is asked for.
+    """
+    found = _SEQUENCE_SUFFIXES.get(Path(output).suffix.lower())
+    if found is None or set(asked) - {found}:
+        raise UsageError(
+            f"--out {output} is a pattern for numbered files: end it in .png, .exr or .npy, with "
+            "no other --format"
+        )
+    return found
+
+
+def _base(source: Path) -> str:
+    """What outputs are called before their suffixes."""
+    if not is_sequence(source):
+        return output_bases([source])[0]
+    return without_number(source.stem) if is_pattern(source.name) else source.resolve().name
+
+
+def _codecs(names: dict[VideoFormat, str], asked: PreviewCodec | None) -> dict[VideoFormat, Codec]:
+    previews = [which for which in names if which in PREVIEWS]
+    codec = None if asked is None else Codec(asked)
+    return {which: preview_codec(f".{which}", codec) for which in previews}
+
+
+def _file_names(
+    output: Path, formats: Sequence[VideoFormat], wanted: Sequence[VideoFormat]
+) -> dict[VideoFormat, str]:
+    """Names for an output that is one file, or the stem of several."""
+    main = [which for which in formats if which is not VideoFormat.JSON]
+    if is_pattern(output.name):
+        names: dict[VideoFormat, str] = {main[0]: output.name}
+        sidecar = without_number(output.stem) + ".json"
+        return names | ({VideoFormat.JSON: sidecar} if VideoFormat.JSON in wanted else {})
+    if len(main) > 1:
+        return {which: output.stem + SUFFIXES[which] for which in wanted}
+    if main[0] in SEQUENCES:
+        raise UsageError(
+            f"--out {output} is one file and {main[0]} writes one a frame; name a folder"
+        )
+    if FORMAT_OF_SUFFIX.get(output.suffix.lower()) is not main[0]:
+        raise UsageError(
+            f"--out {output} does not end in .{main[0]}; the suffix has to match the format"
+        )
+    names = {main[0]: output.name}
+    if VideoFormat.JSON in wanted:
+        names[VideoFormat.JSON] = output.stem + ".json"
+    return names
+
+
+def _is_folder(output: str) -> bool:
+    return is_folder(output) or not Path(output).suffix
+
+
+def _same(path: Path, source: Path) -> bool:
+    try:
+        return path.samefile(source)
+    except OSError:
+        return path.absolute() == source.absolute()

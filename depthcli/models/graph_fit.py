@@ -1,0 +1,48 @@
+"""Whether a card's input is what the graph takes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from depthcli.errors import ModelError
+from depthcli.models.card_specs import Fit
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.models.card import ModelCard
+
+_NEEDS_DYNAMIC = {Fit.LOWER_BOUND, Fit.UPPER_BOUND}
+
+
+def fit_to_graph(
+    card: ModelCard, fixed_size: tuple[int | None, int | None], path: Path, *, adapt: bool
+) -> ModelCard:
+    """Compare a card with the size that the graph states.
+
+    Args:
+        card: what is said of the input.
+        fixed_size: (height, width) of the graph's input in pixels; None where it is dynamic.
+        path: what messages call the file.
+        adapt: take the graph's size in place of the card's, for a network that people export at
+            several sizes. One that took pictures of any size is then stretched to the one.
+
+    Returns:
+        The card, with the graph's size if it was adapted.
+
+    Raises:
+        ModelError: the card states another size.
+    """
+    spec = card.input
+    height, width = fixed_size[0] or spec.height, fixed_size[1] or spec.width
+    same = (height, width) == (spec.height, spec.width)
+    if fixed_size == (None, None) or (same and (not spec.dynamic or spec.fit is Fit.STRETCH)):
+        return card
+    if not adapt:
+        raise ModelError(
+            f"{path} takes pictures of {width} x {height} pixels only; set input.width to {width}, "
+            f"input.height to {height} and input.dynamic to false in the card"
+        )
+    fit = Fit.STRETCH if spec.fit in _NEEDS_DYNAMIC else spec.fit
+    return replace(card, input=replace(spec, width=width, height=height, dynamic=False, fit=fit))

@@ -1,0 +1,166 @@
+"""The ranges in which the values of a configuration make sense."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from depthcli.errors import UsageError
+from depthcli.training.config.objective import TERMS
+
+if TYPE_CHECKING:
+    from depthcli.training.config.schema import GeneratorConfig, TrainConfig
+
+_ROTATION_ROOM = 0.2  # of zoom, at which a view may be turned by all of data.rotate_deg
+_SMALLEST_PX = 32  # below, the discriminators have no output and the gradients no coarsest scale
+_RESNET_STRIDE = 4
+_EFFICIENT_STRIDE = 32
+_LEVELS = {"encoder": 5, "decoder": 4, "depths": 4}
+_AT_LEAST: dict[str, dict[str, float]] = {
+    "": {"seed": 0, "validate_every": 1, "save_every": 1},
+    "generator": {"width": 1, "blocks": 1},
+    "data": {
+        "width": _SMALLEST_PX,
+        "height": _SMALLEST_PX,
+        "zoom": 1,
+        "rotate_deg": 0,
+        "colour_jitter": 0,
+        "gamma": 0,
+        "brightness": 0,
+        "noise": 0,
+        "units_per_metre": 1e-3,
+        "holdout_every": 0,
+        "holdout_offset": 0,
+    },
+    "loss": dict.fromkeys((*TERMS, "weight_penalty"), 0) | {"gamma_start": 1e-3, "gamma_end": 1e-3},
+    "optim": {
+        "batch_size": 1,
+        "epochs_constant": 0,
+        "epochs_decay": 0,
+        "warmup_steps": 0,
+        "learning_rate": 0,
+        "head_learning_rate": 0,
+        "weight_decay": 0,
+        "clip_norm": 0,
+        "pool_size": 0,
+        "width_discriminator": 1,
+    },
+}
+_SHARES = (
+    ("generator", "dropout"),
+    ("data", "cutmix"),
+    ("data", "extra_share"),
+    ("optim", "beta1"),
+    ("optim", "beta2"),
+    ("optim", "head_beta1"),
+    ("optim", "head_beta2"),
+    ("optim", "ema"),
+)
+
+_WHOLE_SHARES = (("data", "turn"), ("data", "blur"), ("data", "border"), ("loss", "extra_scale"))
+_ASPECTS = 1 / 4, 4
+
+
+def check_range(config: TrainConfig) -> None:
+    """Accept a configuration that can run.
+
+    Raises:
+        UsageError: a value is out of range; the message names the setting.
+    """
+    for group, least in _AT_LEAST.items():
+        values = getattr(config, group) if group else config
+        for name, low in least.items():
+            value = getattr(values, name)
+            if not low <= value < math.inf:
+                raise UsageError(f"{_path(group, name)} is at least {low}, not {value}")
+    for group, name in _SHARES:
+        value = getattr(getattr(config, group), name)
+        if not 0 <= value < 1:
+            raise UsageError(f"{_path(group, name)} is at least 0 and below 1, not {value}")
+    for group, name in _WHOLE_SHARES:
+        value = getattr(getattr(config, group), name)
+        if not 0 <= value <= 1:
+            raise UsageError(f"{_path(group, name)} is from 0 to 1, not {value}")
+    if not 0 < config.output.min_m < config.output.max_m < math.inf:
+        raise UsageError(
+            "output.min_m is above 0 and below output.max_m, "
+            f"not {config.output.min_m} and {config.output.max_m}"
+        )
+    if config.optim.epochs < 1:
+        raise UsageError("a run has at least one epoch: raise optim.epochs_decay")
+    _check_views(config)
+    _check_pairing(config)
+    _check_generator(config)
+
+
+def _check_views(config: TrainConfig) -> None:
+    """Refuse augmentation that would do nothing."""
+    data = config.data
+    if data.rotate_deg and data.zoom == 1:
+        raise UsageError("data.rotate_deg needs room to turn: set data.zoom above 1")
+    longest = max(data.width / data.height, data.height / data.width)
+    most_deg = math.degrees(_ROTATION_ROOM / longest)
+    if data.rotate_deg > most_deg:
+        raise UsageError(
+            f"data.rotate_deg is at most {math.floor(10 * most_deg) / 10} at {data.width} x "
+            f"{data.height}, or views would leave the picture; not {data.rotate_deg}"
+        )
+    if data.turn and data.zoom == 1:
+        raise UsageError("data.turn needs room to turn: set data.zoom above 1")
+    if any(not _ASPECTS[0] <= aspect <= _ASPECTS[1] for aspect in data.aspects):
+        raise UsageError(f"data.aspects are from 1/4 to 4, not {list(data.aspects)}")
+    if data.crop_286 and data.aspects:
+        raise UsageError("data.crop_286 and data.aspects exclude each other: remove one of them")
+    if data.crop_286 and data.zoom > 1:
+        raise UsageError("data.crop_286 and data.zoom exclude each other: remove one of them")
+    if data.cutmix and config.optim.batch_size == 1:
+        raise UsageError("data.cutmix takes a piece of another view: raise optim.batch_size to 2")
+
+
+def _check_pairing(config: TrainConfig) -> None:
+    """Losses that compare with the truth of the same scene mean nothing without it."""
+    if config.data.paired:
+        return
+    needs = [name for name in ("l1", "gradient", "l1_backward") if getattr(config.loss, name)]
+    needs += ["contrast=cfl"] if config.loss.contrast == "cfl" else []
+    if needs:
+        raise UsageError(
+            f"loss.{needs[0]} compares with the truth of the same scene: "
+            "remove it or set data.paired=true"
+        )
+
+
+def check_batch(config: TrainConfig, pictures: int) -> None:
+    """Accept a number of pictures that the networks see together, those of one process.
+
+    Raises:
+        UsageError: batch norm would have one value to take the variance of.
+    """
+    smallest = max(config.data.width, config.data.height) <= _EFFICIENT_STRIDE
+    if config.generator.name == "efficient" and smallest and pictures == 1:
+        raise UsageError(
+            f"generator.name=efficient cannot learn from one picture of {_EFFICIENT_STRIDE} px "
+            "at a time: raise data.width, data.height or optim.batch_size"
+        )
+
+
+def _check_generator(config: TrainConfig) -> None:
+    if config.generator.name == "efficient":
+        _check_levels(config.generator)
+        check_batch(config, config.optim.batch_size)
+        return
+    for name in ("width", "height"):
+        value = getattr(config.data, name)
+        if value % _RESNET_STRIDE:
+            raise UsageError(f"data.{name} is a multiple of 4 for generator.name=resnet: {value}")
+
+
+def _check_levels(generator: GeneratorConfig) -> None:
+    for name, count in _LEVELS.items():
+        values = getattr(generator, name)
+        if len(values) != count or min(values) < 1:
+            raise UsageError(f"generator.{name} is {count} numbers of at least 1, not {values}")
+
+
+def _path(group: str, name: str) -> str:
+    return f"{group}.{name}" if group else name

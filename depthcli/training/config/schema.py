@@ -1,0 +1,149 @@
+"""Everything that decides a training run, as one tree of frozen dataclasses.
+
+A method's defaults are changed by files and settings, see :mod:`~depthcli.training.config.changes`.
+Checkpoints carry the result.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from depthcli.core.codec import DepthCodec
+from depthcli.training.config.objective import LossConfig, OptimConfig
+
+__all__ = [
+    "DataConfig",
+    "GeneratorConfig",
+    "LossConfig",
+    "OptimConfig",
+    "OutputConfig",
+    "TrainConfig",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class GeneratorConfig:
+    """The generator G and, where a method has one, the backward generator F.
+
+    Attributes:
+        name: ``resnet`` is the paper's, ``efficient`` the one that ships.
+        width: channels of the first layer of ``resnet``.
+        blocks: residual blocks of ``resnet``.
+        residual: final residual connection of ``resnet``: stem features, input, or none.
+        antialias: blur when ``resnet`` changes resolution (the CUT family).
+        encoder: channels of ``efficient`` at strides 2, 4, 8, 16, 32.
+        decoder: channels of ``efficient`` at strides 16, 8, 4, 2.
+        depths: residual blocks of ``efficient`` at strides 4, 8, 16, 32.
+        dropout: share of bottleneck channels of ``efficient`` dropped while training.
+        norm: of ``efficient``: ``batch``, or ``none`` to go on from an exported model's weights,
+            into which it is folded.
+    """
+
+    name: Literal["resnet", "efficient"] = "resnet"
+    width: int = 64
+    blocks: int = 9
+    residual: Literal["none", "stem", "input"] = "stem"
+    antialias: bool = False
+    encoder: tuple[int, ...] = (32, 64, 128, 192, 256)
+    decoder: tuple[int, ...] = (128, 96, 64, 48)
+    depths: tuple[int, ...] = (2, 2, 2, 2)
+    dropout: float = 0.0
+    norm: Literal["batch", "none"] = "batch"
+
+
+@dataclass(frozen=True, slots=True)
+class OutputConfig:
+    """How depth is coded for the networks.
+
+    Attributes:
+        coding: ``linear`` maps [0, max_m] to [-1, 1] (the paper), ``log`` maps [min_m, max_m].
+        min_m: nearest depth of the log coding, metres; also the clip of the exported model.
+        max_m: farthest depth, metres.
+    """
+
+    coding: Literal["linear", "log"] = "linear"
+    min_m: float = 0.4
+    max_m: float = 10.0
+
+    @property
+    def codec(self) -> DepthCodec:
+        """The mapping between raw outputs and metres."""
+        if self.coding == "linear":
+            return DepthCodec.linear_m(self.max_m)
+        return DepthCodec.log_m(self.min_m, self.max_m)
+
+
+@dataclass(frozen=True, slots=True)
+class DataConfig:
+    """What the networks are shown.
+
+    Attributes:
+        width: network input width, px.
+        height: network input height, px.
+        colour: ``value`` is V of HSV (the paper), ``luma`` Rec. 601.
+        paired: pictures and depth maps of one scene point together; False draws them apart.
+        crop_286: resize to 286/256 of the size and crop, as the originals do; untrue to metres.
+        zoom: largest zoom-in; depth is divided by the zoom, so metres stay true.
+        aspects: width by height of further shapes of view; half of the batches have one of them.
+        turn: share of the views whose camera is turned to them; the others are cut out.
+        rotate_deg: largest rotation about the optical axis, degrees.
+        colour_jitter: standard deviation of the log gain of each colour channel.
+        gamma: standard deviation of the log gamma of V.
+        brightness: standard deviation of the log gain of V.
+        blur: largest weight of a binomial filter, in [0, 1].
+        border: share of the views without the picture's own border: half replaced, half painted.
+        noise: largest standard deviation of pixel noise, in [0, 1] units.
+        cutmix: probability that a view gets a rectangle of another one, picture and depth alike.
+        extra_share: share of each batch from the extra pairs, if some are given.
+        split: NYU Depth v2 gives its training pairs of this split; its test pairs never.
+        units_per_metre: what one metre is in the depth images of a folder of your own.
+        holdout_every: every n-th scene by name is held out for validation; 0 holds out none.
+        holdout_offset: the first of them.
+    """
+
+    width: int = 256
+    height: int = 256
+    colour: Literal["value", "luma"] = "value"
+    paired: bool = True
+    crop_286: bool = False
+    zoom: float = 1.0
+    aspects: tuple[float, ...] = ()
+    turn: float = 0.0
+    rotate_deg: float = 0.0
+    colour_jitter: float = 0.0
+    gamma: float = 0.0
+    brightness: float = 0.0
+    blur: float = 0.0
+    border: float = 0.0
+    noise: float = 0.0
+    extra_share: float = 0.5
+    cutmix: float = 0.0
+    split: Literal["paper", "official"] = "paper"
+    units_per_metre: float = 1000.0
+    holdout_every: int = 7
+    holdout_offset: int = 3
+
+
+@dataclass(frozen=True, slots=True)
+class TrainConfig:
+    """One training run, whole.
+
+    Attributes:
+        method: name of the method.
+        seed: of weights, order and augmentation.
+        validate_every: epochs from one validation to the next; the last is always validated.
+        save_every: epochs from one checkpoint to the next; a run that stops always writes one.
+        precision: Fabric's name of it: ``32-true``, ``bf16-mixed`` or ``16-mixed``.
+    """
+
+    method: str = "proposed"
+    seed: int = 0
+    validate_every: int = 1
+    save_every: int = 1
+    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
+    generator: GeneratorConfig = field(default_factory=GeneratorConfig)
+    output: OutputConfig = field(default_factory=OutputConfig)
+    data: DataConfig = field(default_factory=DataConfig)
+    loss: LossConfig = field(default_factory=LossConfig)
+    optim: OptimConfig = field(default_factory=OptimConfig)

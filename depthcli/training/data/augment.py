@@ -1,0 +1,137 @@
+"""Augmentation that keeps metres true, as :mod:`~depthcli.training.views` has it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+
+from depthcli.training.data.cutmix import cutmix
+from depthcli.training.views import draw_views, view_size
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from depthcli.training.config.schema import DataConfig
+
+_WHOLLY = 0.999  # of the pixels that a new one is interpolated from
+_BORDER = 0.03  # widest border, as a share of half the picture; NYU Depth v2's white one is .029
+
+
+class Views(NamedTuple):
+    """What is seen of some pairs.
+
+    Attributes:
+        gray: (B, 1, H, W) float32 in [-1, 1].
+        depth_m: (B, 1, H, W) float32 metres, with the same geometry.
+        known: (B, 1, H, W) bool, False where depth was not measured; None if all of it was.
+    """
+
+    gray: Tensor
+    depth_m: Tensor
+    known: Tensor | None
+
+
+def augment(
+    rgb: Tensor,
+    depth_m: Tensor,
+    data: DataConfig,
+    random: torch.Generator,
+    known: Tensor | None = None,
+    size: tuple[int, int] | None = None,
+) -> Views:
+    """Random views of pairs.
+
+    Args:
+        rgb: (B, 3, h, w) float32 in [0, 1].
+        depth_m: (B, 1, h, w) float32 metres, aligned with ``rgb``.
+        data: sizes and strengths.
+        random: the only source of chance.
+        known: (B, 1, h, w) bool, where depth was measured; None if it was everywhere.
+        size: width and height of the views, px; drawn if it is not given.
+    """
+    size = view_size(data, random) if size is None else size
+    geometry = draw_views(len(rgb), size, data, random)
+    grid = geometry.grid.to(rgb.device)
+    gray = _gray(_recoloured(rgb, data, random), data)  # before resampling, as at inference
+    gray = _bordered(gray, grid, data, random)
+    depth_m = F.grid_sample(depth_m, grid, padding_mode="border", align_corners=False)
+    depth_m = depth_m * geometry.depth_scale.to(depth_m.device)
+    if known is not None:
+        share = F.grid_sample(known.float(), grid, padding_mode="border", align_corners=False)
+        known = share > _WHOLLY
+    if geometry.inside is not None:
+        inside = geometry.inside.to(rgb.device)
+        known = inside if known is None else known & inside
+    views = Views(_relit(gray, data, random), depth_m, known)
+    return _mixed(views, data.cutmix, random) if data.cutmix else views
+
+
+def network_input(rgb: Tensor, data: DataConfig) -> Tensor:
+    """(B, 3, H, W) in [0, 1] to the gray input (B, 1, H, W) in [-1, 1]."""
+    return _gray(rgb, data) * 2 - 1
+
+
+def _gray(rgb: Tensor, data: DataConfig) -> Tensor:
+    if data.colour == "value":
+        return rgb.amax(1, keepdim=True)
+    weights = torch.tensor([0.299, 0.587, 0.114], device=rgb.device).view(1, 3, 1, 1)
+    return (rgb * weights).sum(1, keepdim=True)
+
+
+def _mixed(views: Views, share: float, random: torch.Generator) -> Views:
+    maps = [views.gray, views.depth_m, *([] if views.known is None else [views.known])]
+    gray, depth_m, *known = cutmix(maps, share, random)
+    return Views(gray, depth_m, known[0] if known else None)
+
+
+def _bordered(gray: Tensor, grid: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
+    """Sample V, some of it with the picture's border painted over or replaced by what is inside."""
+    if not data.border:
+        return F.grid_sample(gray, grid, padding_mode="border", align_corners=False)
+    drawn = torch.rand(3, len(gray), 1, 1, 1, generator=random).to(gray.device)
+    chosen, width, level = drawn[0], drawn[1] * _BORDER, drawn[2]
+    replaced, painted = chosen < data.border / 2, chosen > 1 - data.border / 2
+    limit = torch.where(replaced, 1 - _BORDER, 1.0)
+    seen = F.grid_sample(
+        gray, grid.clamp(-limit, limit), padding_mode="border", align_corners=False
+    )
+    outer = (grid.abs() > 1 - width).any(-1)[:, None]
+    return torch.where(outer & painted, level, seen)
+
+
+def _recoloured(rgb: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
+    """Pictures under light of another colour."""
+    if not data.colour_jitter:
+        return rgb
+    gain = torch.exp(torch.randn((len(rgb), 3, 1, 1), generator=random) * data.colour_jitter)
+    return rgb * gain.to(rgb.device)
+
+
+def _relit(gray: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
+    """The gray input under another light, exposure and sensor."""
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(shape, generator=random).to(gray.device)
+
+    count = len(gray)
+    if data.gamma:
+        gray = gray.clamp(min=1e-4).pow_(torch.exp(normal(count, 1, 1, 1) * data.gamma))
+    if data.brightness:
+        gain = torch.exp(normal(count, 1, 1, 1) * data.brightness)
+        gray = gray * gain + normal(count, 1, 1, 1) * (data.brightness / 4)
+    if data.blur:
+        blend = torch.rand(count, 1, 1, 1, generator=random).to(gray.device) * data.blur
+        gray = torch.lerp(gray, _smoothed(gray), blend)
+    if data.noise:
+        strength = torch.rand(count, 1, 1, 1, generator=random).to(gray.device) * data.noise
+        gray = normal(*gray.shape).mul_(strength).add_(gray)
+    return gray.clamp(0, 1).mul_(2).sub_(1)
+
+
+def _smoothed(gray: Tensor) -> Tensor:
+    """The binomial filter [1, 4, 6, 4, 1] / 16 along both axes."""
+    kernel = torch.tensor([1.0, 4.0, 6.0, 4.0, 1.0], device=gray.device) / 16
+    gray = F.conv2d(F.pad(gray, (2, 2, 0, 0), mode="replicate"), kernel.view(1, 1, 1, 5))
+    return F.conv2d(F.pad(gray, (0, 0, 2, 2), mode="replicate"), kernel.view(1, 1, 5, 1))

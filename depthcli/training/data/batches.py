@@ -1,0 +1,217 @@
+"""Batches of network inputs and metric depth, from pictures held in memory.
+
+Every batch is a function of (seed, step) alone, so a resumed run sees what an unbroken one sees.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+import torch
+
+from depthcli.errors import DatasetError, UsageError
+from depthcli.training.data.augment import Views, augment, network_input
+from depthcli.training.data.holes import shrink
+from depthcli.training.views import view_size
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from torch import Tensor
+
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.training.config.schema import DataConfig
+
+_STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
+
+
+class Batch(NamedTuple):
+    """What one training step is shown.
+
+    Attributes:
+        gray: (B, 1, H, W) float32 in [-1, 1].
+        depth_m: (B, 1, H, W) float32 metres, holes filled; of the same scenes, or of others if
+            unpaired.
+        known: (B, 1, H, W) bool, False in the holes; None if there are none.
+        extra: (B,) bool, the pairs whose metres are less sure; None if there are none.
+    """
+
+    gray: Tensor
+    depth_m: Tensor
+    known: Tensor | None = None
+    extra: Tensor | None = None
+
+
+class PairStore:
+    """Some pairs of a data set, shrunk once and kept in memory.
+
+    Args:
+        dataset: where they are read.
+        positions: which pairs.
+        data: gives the network's size.
+
+    Attributes:
+        rgb: (N, 3, h, w) uint8.
+        depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m; holes are filled.
+        known: (N, 1, h, w) bool, False in the holes; None if no pair has one.
+
+    Raises:
+        DatasetError: there is no pair, or one without depth.
+    """
+
+    def __init__(self, dataset: DepthDataset, positions: Sequence[int], data: DataConfig) -> None:
+        if not positions:
+            raise DatasetError("no pair to train on: check the data folder and holdout_every")
+        size = _stored_size(dataset.image(positions[0]).shape, data)
+        shape = (len(positions), 3, size[1], size[0])
+        self.rgb = torch.empty(shape, dtype=torch.uint8)
+        self.depth_m = torch.empty((len(positions), 1, *shape[2:]), dtype=torch.float16)
+        self.known: Tensor | None = None
+        for row, position in enumerate(positions):
+            rgb = cv2.resize(dataset.image(position), size, interpolation=cv2.INTER_AREA)
+            self.rgb[row] = torch.from_numpy(rgb).permute(2, 0, 1)
+            measured = shrink(dataset.depth_m(position), size)
+            if measured is None:
+                raise DatasetError(
+                    f"pair {dataset.ids[position]} has almost no depth: remove or repair it"
+                )
+            self.depth_m[row, 0] = torch.from_numpy(measured.depth_m)
+            if measured.known is not None:
+                self._note_holes(row, torch.from_numpy(measured.known))
+
+    def __len__(self) -> int:
+        return len(self.rgb)
+
+    def _note_holes(self, row: int, known: Tensor) -> None:
+        if self.known is None:
+            self.known = torch.ones(self.depth_m.shape, dtype=torch.bool)
+        self.known[row, 0] = known
+
+
+def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
+    """Width and height in memory: the first picture's, if that is less than is ever seen."""
+    most = min(_STORED_PER_NETWORK_PX, max(1.0, shape[1] / data.width, shape[0] / data.height))
+    return round(data.width * most), round(data.height * most)
+
+
+class Batches:
+    """The batches of a run, by step.
+
+    Args:
+        store: the training pairs.
+        data: size, pairing and augmentation.
+        batch_size: pairs a batch, of all processes together; the last incomplete batch of an
+            epoch is dropped.
+        seed: of order and augmentation.
+        device: where the batch is moved before it is augmented.
+        process: which of the processes this is, from 0; each gets its own part of every batch.
+        processes: how many there are.
+        extra: pairs whose metres are less sure, ``data.extra_share`` of each batch; an epoch is
+            one of ``store``.
+
+    Raises:
+        UsageError: the batch cannot be shared out.
+    """
+
+    def __init__(
+        self,
+        store: PairStore,
+        data: DataConfig,
+        batch_size: int,
+        seed: int,
+        device: torch.device,
+        process: int = 0,
+        processes: int = 1,
+        extra: PairStore | None = None,
+    ) -> None:
+        self.store, self.data, self.seed, self.device = store, data, seed, device
+        if batch_size % processes or len(store) < processes:
+            raise UsageError(
+                f"optim.batch_size={batch_size} of {len(store)} pairs is shared by {processes} "
+                f"devices: set it to a multiple of {processes}"
+            )
+        if extra and processes > 1:
+            raise UsageError("extra pairs are for one device: remove --devices")
+        self.extra = extra
+        self._extra_size = round(batch_size * data.extra_share) if extra else 0
+        if extra and not 0 < self._extra_size < min(batch_size, len(extra) + 1):
+            raise UsageError(
+                f"data.extra_share={data.extra_share} of optim.batch_size={batch_size} is not a "
+                f"part of a batch, or more than the {len(extra)} extra pairs"
+            )
+        own = batch_size - self._extra_size
+        self.batch_size = min(own, len(store) // processes * processes)
+        self.steps_per_epoch = len(store) // self.batch_size
+        self.own_size = (self.batch_size + self._extra_size) // processes
+        self._own = slice(process * self.own_size, (process + 1) * self.own_size)
+
+    def __getitem__(self, step: int) -> Batch:
+        """Batch of a step, counted from 0 over the whole run."""
+        epoch, index = divmod(step, self.steps_per_epoch)
+        random = torch.Generator().manual_seed(_mixed(self.seed, step, 1))
+        size = view_size(self.data, random)
+        views = self._augmented(self.store, self._rows(epoch, index, stream=2), size, random)
+        if not self.data.paired:
+            others = self._augmented(self.store, self._rows(epoch, index, stream=3), size, random)
+            views = Views(views.gray, others.depth_m, others.known)
+        if self.extra is None:
+            return self._part(Batch(*views))
+        more = self._augmented(self.extra, self._extra_rows(self.extra, step), size, random)
+        return _joined(views, more)
+
+    def _part(self, whole: Batch) -> Batch:
+        """What this process sees of the batch that a single one would see."""
+        known = None if whole.known is None else whole.known[self._own]
+        return Batch(whole.gray[self._own], whole.depth_m[self._own], known)
+
+    def _rows(self, epoch: int, index: int, stream: int) -> Tensor:
+        random = torch.Generator().manual_seed(_mixed(self.seed, epoch, stream))
+        order = torch.randperm(len(self.store), generator=random)
+        return order[index * self.batch_size : (index + 1) * self.batch_size]
+
+    def _extra_rows(self, extra: PairStore, step: int) -> Tensor:
+        epoch, index = divmod(step, len(extra) // self._extra_size)
+        random = torch.Generator().manual_seed(_mixed(self.seed, epoch, 4))
+        order = torch.randperm(len(extra), generator=random)
+        return order[index * self._extra_size : (index + 1) * self._extra_size]
+
+    def _augmented(
+        self, store: PairStore, rows: Tensor, size: tuple[int, int], random: torch.Generator
+    ) -> Views:
+        rgb = store.rgb.index_select(0, rows).to(self.device).float().div_(255)
+        depth_m = store.depth_m.index_select(0, rows).to(self.device).float()
+        known = None if store.known is None else store.known[rows].to(self.device)
+        return augment(rgb, depth_m, self.data, random, known, size)
+
+
+def _joined(views: Views, more: Views) -> Batch:
+    """One batch of the pairs and the extra ones."""
+    known = None
+    if views.known is not None or more.known is not None:
+        known = torch.cat([_known(views), _known(more)])
+    extra = torch.arange(len(views.gray) + len(more.gray)) >= len(views.gray)
+    return Batch(
+        torch.cat([views.gray, more.gray]),
+        torch.cat([views.depth_m, more.depth_m]),
+        known,
+        extra.to(views.gray.device),
+    )
+
+
+def _known(views: Views) -> Tensor:
+    everywhere = torch.ones_like(views.depth_m, dtype=torch.bool)
+    return everywhere if views.known is None else views.known
+
+
+def whole_pictures(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
+    """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs, without augmentation."""
+    rgb = store.rgb[rows].float() / 255
+    size = (data.height, data.width)
+    gray = network_input(rgb, data)  # before resampling, as at inference
+    return torch.nn.functional.interpolate(gray, size=size, mode="area")
+
+
+def _mixed(seed: int, count: int, stream: int) -> int:
+    return int(np.random.SeedSequence((seed, count, stream)).generate_state(1, np.uint64)[0] >> 1)
