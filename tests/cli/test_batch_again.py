@@ -142,7 +142,7 @@ def test_what_is_right_is_left_alone(cli: Cli) -> None:
         ("--model", "other"),
         ("--provider", "cpu"),
         ("--profile", "p.toml"),
-        ("--legend",),
+        ("--format", "preview", "--legend"),
     ],
 )
 def test_a_changed_option_is_done_again(cli: Cli, options: tuple[str, ...]) -> None:
