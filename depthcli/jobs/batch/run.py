@@ -84,9 +84,10 @@ class Batch(NamedTuple):
                     self._account(result, tally)
                     tick()
         finally:
+            # First, because nobody may be left to be told.
+            journal.finish(found.name for found in self.plan.inputs)
             for result in late:
                 self._account(result, tally)
-            journal.finish(found.name for found in self.plan.inputs)
             self.voice.sum_up(self.plan, tally)
         return ExitCode.SOME_FAILED if tally.failures else ExitCode.OK
 
