@@ -335,7 +335,7 @@ def test_ids_choose_the_pictures(
     assert _run(runs, data, "--ids", "0001", "--html", str(page)) == 2
     assert "0001 is not among the 2 pictures" in capsys.readouterr().err
     assert _run(runs, data, "--ids", "0005") == 2
-    assert "add --figures DIR or --html FILE" in capsys.readouterr().err
+    assert "--ids needs --figures DIR or --html FILE" in capsys.readouterr().err
 
 
 def test_folder_without_runs(

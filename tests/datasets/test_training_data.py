@@ -123,7 +123,7 @@ def test_an_index_with_names_that_are_no_numbers_of_nyu_is_one_s_own(tmp_path: P
 def test_same_names_and_other_sizes_are_two_lists(tmp_path: Path) -> None:
     folder = _fill(tmp_path, ["z1", "z2"], ["z1", "z2"])
     assert isinstance(open_training_data(folder, paired=False).dataset, UnpairedFolder)
-    with pytest.raises(DatasetError, match="same size"):
+    with pytest.raises(DatasetError, match="resize one of them"):
         open_training_data(folder, paired=True)
 
 
