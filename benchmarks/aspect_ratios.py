@@ -24,7 +24,7 @@ from depthcli.evaluation.nyu import plan_nyu
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from depthcli.evaluation.nyu import NyuTask
+    from depthcli.evaluation.nyu import EvalTask
 
 FOCAL_PX = 518.86
 """Of NYU Depth v2's pictures, 640 x 480."""
@@ -69,7 +69,7 @@ class Crops(NamedTuple):
         pipeline: the model.
     """
 
-    task: NyuTask
+    task: EvalTask
     pipeline: depthcli.Pipeline
 
     def fits(self, width: int, height: int, focal_px: float | None) -> npt.NDArray[np.float64]:

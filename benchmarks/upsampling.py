@@ -25,14 +25,14 @@ from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
 from depthcli.evaluation.predictors.model import ModelPredictor
-from depthcli.evaluation.protocol import Protocol
+from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from depthcli.evaluation.nyu import NyuTask
+    from depthcli.evaluation.nyu import EvalTask
     from depthcli.inference.session import Session
 
 WAYS = {
@@ -62,7 +62,7 @@ def main() -> None:
     _print_times(Frame(large), session, max(5, options.runs // 6))
 
 
-def _print_scores(task: NyuTask, session: Session) -> None:
+def _print_scores(task: EvalTask, session: Session) -> None:
     predictors = [
         ModelPredictor(
             name,
@@ -72,7 +72,7 @@ def _print_scores(task: NyuTask, session: Session) -> None:
         )
         for name, way in WAYS.items()
     ]
-    report = evaluate_nyu(task, predictors, protocol=Protocol(boundary=True), trivial=False)
+    report = evaluate_nyu(task, predictors, protocol=EvalProtocol(boundary=True), trivial=False)
     print(report.title)
     print(f"{'':16}" + "".join(f"{name:>10}" for name in (*_DEPTH, *_EDGES)))
     for row in report.rows:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from depthcli.evaluation.report import Row
+    from depthcli.evaluation.report import ReportRow
     from depthcli.metrics.choices import Alignment
 
 _DRAWS = 10_000
@@ -77,7 +77,7 @@ def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> In
 
 
 def differences_from(
-    name: str, groups: Mapping[str, Sequence[Row]], scenes: Mapping[str, str]
+    name: str, groups: Mapping[str, Sequence[ReportRow]], scenes: Mapping[str, str]
 ) -> tuple[Difference, ...]:
     """One row against every other of the same alignment.
 
@@ -100,7 +100,7 @@ def differences_from(
     return tuple(found)
 
 
-def _per_image(rows: Sequence[Row], alignment: Alignment | None) -> npt.NDArray[np.float64]:
+def _per_image(rows: Sequence[ReportRow], alignment: Alignment | None) -> npt.NDArray[np.float64]:
     """(N, metrics): the scores of each image, averaged over the seeds."""
     seeds = [
         [[image.scores[metric] for metric in METRICS] for image in row.images]

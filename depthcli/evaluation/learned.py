@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.nyu import NyuTask
+    from depthcli.evaluation.nyu import EvalTask
     from depthcli.models.card import ModelCard
 
 TRAIN_IDS = "nyu_train_ids"
@@ -32,7 +32,7 @@ class HasCard(Protocol):
         ...
 
 
-def learned_count(predictor: object, task: NyuTask) -> int | None:
+def learned_count(predictor: object, task: EvalTask) -> int | None:
     """How many of a task's images a predictor has learned; None where nothing tells."""
     if not isinstance(predictor, HasCard):
         return None

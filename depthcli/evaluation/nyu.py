@@ -11,10 +11,10 @@ import numpy as np
 from depthcli.datasets.splits import Split, SplitName, split_nyu
 from depthcli.evaluation.learned import learned_count
 from depthcli.evaluation.predictors.trivial import fit_trivial
-from depthcli.evaluation.protocol import Protocol
+from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.published import PUBLISHED
 from depthcli.evaluation.report import Report
-from depthcli.evaluation.run import Entry, enter, evaluate
+from depthcli.evaluation.run import Entry, entry_for, evaluate
 from depthcli.metrics.choices import Alignment
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors.base import Predictor
-    from depthcli.evaluation.report import Row
+    from depthcli.evaluation.report import ReportRow
 
 Stage: TypeAlias = Callable[[str, int], Callable[[], None]]
 """Called with what begins and its number of steps; returns what to call after each step."""
@@ -34,7 +34,7 @@ def _silent(what: str, steps: int) -> Callable[[], None]:
 
 
 @dataclass(frozen=True, slots=True)
-class NyuTask:
+class EvalTask:
     """What to compare on.
 
     Attributes:
@@ -52,7 +52,7 @@ class NyuTask:
         """Ids of the images that are compared."""
         return tuple(self.dataset.ids[i] for i in self.test)
 
-    def thinned(self, limit: int | None) -> NyuTask:
+    def thinned(self, limit: int | None) -> EvalTask:
         """The same with at most so many images, evenly over the split."""
         if limit is None or limit >= len(self.test):
             return self
@@ -60,7 +60,7 @@ class NyuTask:
         return replace(self, test=tuple(self.test[i] for i in chosen))
 
 
-def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) -> NyuTask:
+def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) -> EvalTask:
     """Choose the images.
 
     Args:
@@ -72,14 +72,14 @@ def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) 
         DatasetError: the split has no test image here.
     """
     divided = split_nyu(dataset, split)
-    return NyuTask(dataset, divided, divided.test).thinned(limit)
+    return EvalTask(dataset, divided, divided.test).thinned(limit)
 
 
 def evaluate_nyu(
-    task: NyuTask,
+    task: EvalTask,
     predictors: Sequence[Predictor],
     *,
-    protocol: Protocol | None = None,
+    protocol: EvalProtocol | None = None,
     alignments: Sequence[Alignment] = (Alignment.NONE,),
     trivial: bool = True,
     per_image: bool = False,
@@ -103,7 +103,7 @@ def evaluate_nyu(
         DatasetError: a pair cannot be read or does not fit the protocol.
         UsageError: no alignment suits a predictor.
     """
-    protocol = protocol or Protocol()
+    protocol = protocol or EvalProtocol()
     rows = score_nyu(
         task,
         predictors,
@@ -128,19 +128,19 @@ def evaluate_nyu(
 
 
 def score_nyu(
-    task: NyuTask,
+    task: EvalTask,
     predictors: Sequence[Predictor],
     *,
-    protocol: Protocol,
+    protocol: EvalProtocol,
     alignments: Sequence[Alignment] = (Alignment.NONE,),
     trivial: bool = True,
     per_image: bool = False,
     stage: Stage = _silent,
     workers: int = 0,
-) -> tuple[Row, ...]:
+) -> tuple[ReportRow, ...]:
     """The rows that are measured here; arguments and errors as in :func:`evaluate_nyu`."""
     entries = [
-        enter(predictor, alignments, learned_count(predictor, task)) for predictor in predictors
+        entry_for(predictor, alignments, learned_count(predictor, task)) for predictor in predictors
     ]
     if trivial and task.split.train:
         entries = [*_trivial_entries(task, protocol, alignments, stage, workers), *entries]
@@ -156,8 +156,8 @@ def score_nyu(
 
 
 def _trivial_entries(
-    task: NyuTask,
-    protocol: Protocol,
+    task: EvalTask,
+    protocol: EvalProtocol,
     alignments: Sequence[Alignment],
     stage: Stage,
     workers: int,
@@ -172,7 +172,7 @@ def _trivial_entries(
         workers=workers,
     )
     wanted = (Alignment.NONE, Alignment.MEDIAN, *alignments)
-    return [enter(mean, wanted) for mean in means]
+    return [entry_for(mean, wanted) for mean in means]
 
 
 def _notes(split: Split, *, comparable: bool, trivial: bool) -> list[str]:

@@ -45,7 +45,7 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
-class Protocol:
+class EvalProtocol:
     """One way to compare; the defaults are the headline protocol.
 
     Attributes:
@@ -76,12 +76,12 @@ class Protocol:
     @property
     def is_headline(self) -> bool:
         """Whether every choice is the headline's."""
-        return self == Protocol()
+        return self == EvalProtocol()
 
     @property
     def name(self) -> str:
         """Short name: "headline", or what differs from it."""
-        headline = Protocol()
+        headline = EvalProtocol()
         changes = [
             (self.averaging != headline.averaging, f"{self.averaging} average"),
             (self.crop != headline.crop, f"{self.crop} crop"),
@@ -157,7 +157,7 @@ class Protocol:
 
 
 def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
-    """Scores of the edges, for what :meth:`Protocol.compare` gave for the same truth."""
+    """Scores of the edges, for what :meth:`EvalProtocol.compare` gave for the same truth."""
     maps = []
     for values in (pixels.truth_m, pixels.predicted_m):
         depth_m = np.ones(truth.valid.shape)

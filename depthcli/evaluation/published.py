@@ -7,7 +7,7 @@ pairs 1001-1449. The numbers are as printed, not measured here.
 from __future__ import annotations
 
 from depthcli.evaluation.choices import Source
-from depthcli.evaluation.report import Row
+from depthcli.evaluation.report import ReportRow
 from depthcli.metrics.accumulate import Scores
 
 PUBLISHED_COUNT = 449
@@ -17,8 +17,8 @@ MISPRINT = (
 )
 
 
-def _row(name: str, note: str = "", **scores: float) -> Row:
-    return Row(
+def _row(name: str, note: str = "", **scores: float) -> ReportRow:
+    return ReportRow(
         name=f"{name} (paper)",
         source=Source.PUBLISHED,
         alignment=None,
@@ -29,7 +29,7 @@ def _row(name: str, note: str = "", **scores: float) -> Row:
 
 
 # fmt: off
-PUBLISHED: tuple[Row, ...] = (
+PUBLISHED: tuple[ReportRow, ...] = (
     _row("CycleGAN", abs_rel=.3483, rmse=1.2226, rms_log=.4096, log10=.1164,
          d1=.4401, d2=.7248, d3=.8793, note=MISPRINT),
     _row("CUT", abs_rel=.3450, rmse=1.1969, rms_log=.4048, log10=.1421,

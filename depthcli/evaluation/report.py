@@ -15,7 +15,7 @@ from depthcli.metrics.depth import METRICS
 if TYPE_CHECKING:
     from depthcli.datasets.splits import SplitName
     from depthcli.evaluation.choices import Source
-    from depthcli.evaluation.protocol import Protocol
+    from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.metrics.accumulate import Scores
     from depthcli.metrics.boundary import BoundaryScores
     from depthcli.metrics.choices import Alignment
@@ -31,7 +31,7 @@ class ImageScores:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ReportRow:
     """One line of the table.
 
     Attributes:
@@ -85,8 +85,8 @@ class Report:
     image_count: int
     split_count: int
     train_count: int
-    protocol: Protocol
-    rows: tuple[Row, ...]
+    protocol: EvalProtocol
+    rows: tuple[ReportRow, ...]
     notes: tuple[str, ...] = ()
 
     @property
@@ -135,7 +135,7 @@ class Report:
         return text.getvalue()
 
 
-def protocol_json(protocol: Protocol) -> dict[str, Any]:
+def protocol_json(protocol: EvalProtocol) -> dict[str, Any]:
     """A protocol with all its choices."""
     return {
         "name": protocol.name,
@@ -152,7 +152,7 @@ def protocol_json(protocol: Protocol) -> dict[str, Any]:
     }
 
 
-def row_json(row: Row) -> dict[str, Any]:
+def row_json(row: ReportRow) -> dict[str, Any]:
     """A row with its scores, and those of each image if they were kept."""
     entry: dict[str, Any] = {
         "name": row.name,
@@ -173,7 +173,7 @@ def row_json(row: Row) -> dict[str, Any]:
     return entry
 
 
-def _all_scores_json(scored: Row | ImageScores) -> dict[str, float | None]:
+def _all_scores_json(scored: ReportRow | ImageScores) -> dict[str, float | None]:
     boundary = scores_json(scored.boundary) if scored.boundary else {}
     return scores_json(scored.scores) | boundary
 

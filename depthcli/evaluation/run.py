@@ -12,8 +12,8 @@ from depthcli.datasets.base import HasRawDepth
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.choices import Mask
 from depthcli.evaluation.predictors.base import Sample
-from depthcli.evaluation.protocol import Protocol, compare_boundaries
-from depthcli.evaluation.report import ImageScores, Row
+from depthcli.evaluation.protocol import EvalProtocol, compare_boundaries
+from depthcli.evaluation.report import ImageScores, ReportRow
 from depthcli.metrics.accumulate import Accumulator, PixelSums
 from depthcli.metrics.alignment import SUITABLE
 from depthcli.metrics.boundary import BoundaryAccumulator
@@ -43,7 +43,7 @@ class Entry:
     learned_count: int | None = None
 
 
-def enter(
+def entry_for(
     predictor: Predictor, wanted: Sequence[Alignment], learned_count: int | None = None
 ) -> Entry:
     """Keep the alignments that mean something for what the predictor gives.
@@ -81,7 +81,7 @@ class _OpenRow:
     edges: BoundaryAccumulator | None = None
 
     @classmethod
-    def of(cls, entry: Entry, alignment: Alignment, protocol: Protocol) -> _OpenRow:
+    def of(cls, entry: Entry, alignment: Alignment, protocol: EvalProtocol) -> _OpenRow:
         edges = BoundaryAccumulator() if protocol.boundary else None
         total = Accumulator(protocol.averaging)
         return cls(entry.predictor, alignment, total, entry.learned_count, edges=edges)
@@ -93,8 +93,8 @@ class _OpenRow:
         if keep:
             self.images.append(ImageScores(image_id, scores, measured.boundary))
 
-    def close(self) -> Row:
-        return Row(
+    def close(self) -> ReportRow:
+        return ReportRow(
             name=self.predictor.name,
             source=self.predictor.source,
             alignment=self.alignment,
@@ -123,12 +123,12 @@ def evaluate(
     dataset: DepthDataset,
     test: Sequence[int],
     entries: Sequence[Entry],
-    protocol: Protocol | None = None,
+    protocol: EvalProtocol | None = None,
     *,
     per_image: bool = False,
     progress: Callable[[], None] = lambda: None,
     workers: int = 0,
-) -> tuple[Row, ...]:
+) -> tuple[ReportRow, ...]:
     """Score every entry on the same images; each depth is read once, each picture at most once.
 
     Every worker takes an image all the way, from reading to the sums of its pixels; those are added
@@ -147,7 +147,7 @@ def evaluate(
         DatasetError: a pair cannot be read or does not fit the protocol.
         DepthcliError: a predictor failed.
     """
-    protocol = protocol or Protocol()
+    protocol = protocol or EvalProtocol()
     rows = [
         _OpenRow.of(entry, alignment, protocol)
         for entry in entries
@@ -169,7 +169,7 @@ def evaluate(
 
 
 def _measured(
-    dataset: DepthDataset, position: int, entries: Sequence[Entry], protocol: Protocol
+    dataset: DepthDataset, position: int, entries: Sequence[Entry], protocol: EvalProtocol
 ) -> list[_Measured]:
     """One image for every row; for any thread."""
     sample, truth = Sample(dataset, position), _truth(dataset, position, protocol)
@@ -183,7 +183,7 @@ def _measured(
     return found
 
 
-def _truth(dataset: DepthDataset, position: int, protocol: Protocol) -> Truth:
+def _truth(dataset: DepthDataset, position: int, protocol: EvalProtocol) -> Truth:
     depth_m = dataset.depth_m(position)
     raw_depth_m = None
     if protocol.mask is Mask.RAW and isinstance(dataset, HasRawDepth):

@@ -9,10 +9,10 @@ from depthcli.core.choices import Weights
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.differences import Difference, differences_from
 from depthcli.evaluation.nyu import Stage, score_nyu, trivial_notes
-from depthcli.evaluation.protocol import Protocol
+from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.published import PUBLISHED, PUBLISHED_COUNT
-from depthcli.evaluation.report import Row
-from depthcli.evaluation.trained import Trained, grouped, mean_and_spread
+from depthcli.evaluation.report import ReportRow
+from depthcli.evaluation.trained import TrainedModel, grouped, mean_and_spread
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
@@ -20,7 +20,7 @@ from depthcli.metrics.depth import METRICS
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from depthcli.evaluation.nyu import NyuTask
+    from depthcli.evaluation.nyu import EvalTask
 
 _RAW = "weights of the last step, not their moving average"
 _TABLE_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]
@@ -62,10 +62,10 @@ class RunsRow:
         runs: the rows of the seeds.
     """
 
-    row: Row
+    row: ReportRow
     spread: Scores | None = None
     training: Training | None = None
-    runs: tuple[Row, ...] = ()
+    runs: tuple[ReportRow, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class RunsReport:
     image_count: int
     split_count: int
     train_count: int
-    protocol: Protocol
+    protocol: EvalProtocol
     rows: tuple[RunsRow, ...]
     notes: tuple[str, ...] = ()
     differences: tuple[Difference, ...] = ()
@@ -103,8 +103,8 @@ class RunsReport:
 
 
 def evaluate_runs(
-    task: NyuTask,
-    models: Sequence[Trained],
+    task: EvalTask,
+    models: Sequence[TrainedModel],
     *,
     alignments: Sequence[Alignment] = (Alignment.NONE,),
     trivial: bool = True,
@@ -117,7 +117,7 @@ def evaluate_runs(
     """Make the table.
 
     Args:
-        task: pictures that no run was trained on, from ``plan_runs``.
+        task: pictures that no run was trained on, from ``plan_comparison``.
         models: the runs.
         alignments: one row for each.
         trivial: include the rows that never look at the picture.
@@ -136,7 +136,7 @@ def evaluate_runs(
         name: [by_name[run.name] for run in members]
         for name, members in grouped([model.run for model in models]).items()
     }
-    protocol = Protocol()
+    protocol = EvalProtocol()
     scored = score_nyu(
         task,
         [model.predictor for model in models],
@@ -172,11 +172,14 @@ def evaluate_runs(
 
 
 def _differences(
-    against: str, task: NyuTask, groups: Mapping[str, Sequence[Trained]], scored: Sequence[Row]
+    against: str,
+    task: EvalTask,
+    groups: Mapping[str, Sequence[TrainedModel]],
+    scored: Sequence[ReportRow],
 ) -> tuple[Difference, ...]:
     """Those of one row, with the seeds of a method as one."""
     group_of = {member.run.name: name for name, members in groups.items() for member in members}
-    rows: dict[str, list[Row]] = {}
+    rows: dict[str, list[ReportRow]] = {}
     for row in scored:
         rows.setdefault(group_of.get(row.name, row.name), []).append(row)
     scenes = {task.dataset.ids[i]: task.dataset.scenes[i] for i in task.test}
@@ -190,7 +193,7 @@ def _place(name: str) -> tuple[int, str]:
 
 
 def _folded(
-    name: str, members: Sequence[Trained], scored: Sequence[Row], alignment: Alignment
+    name: str, members: Sequence[TrainedModel], scored: Sequence[ReportRow], alignment: Alignment
 ) -> RunsRow:
     """The seeds of one method as one line."""
     names = {member.run.name for member in members}
@@ -198,7 +201,7 @@ def _folded(
     columns = {metric: [row.scores[metric] for row in rows] for metric in METRICS}
     folded = {metric: mean_and_spread(values) for metric, values in columns.items()}
     spreads = {metric: spread for metric, (_, spread) in folded.items() if spread is not None}
-    mean = Row(
+    mean = ReportRow(
         name=name,
         source=rows[0].source,
         alignment=alignment,
@@ -209,7 +212,7 @@ def _folded(
     return RunsRow(mean, Scores.of(**spreads) if spreads else None, _training(members), tuple(rows))
 
 
-def _training(members: Sequence[Trained]) -> Training:
+def _training(members: Sequence[TrainedModel]) -> Training:
     runs = [member.run for member in members]
     return Training(
         seeds=tuple(run.seed for run in runs),
@@ -224,7 +227,7 @@ def _training(members: Sequence[Trained]) -> Training:
 
 
 def _notes(
-    task: NyuTask, models: Sequence[Trained], *, trivial: bool, published: bool
+    task: EvalTask, models: Sequence[TrainedModel], *, trivial: bool, published: bool
 ) -> list[str]:
     notes = ["± is the sample standard deviation over the seeds"]
     providers = sorted({model.predictor.pipeline.session.provider for model in models})

@@ -10,7 +10,7 @@ import numpy as np
 
 from depthcli.datasets.splits import Split, SplitName
 from depthcli.errors import DatasetError, UsageError
-from depthcli.evaluation.nyu import NyuTask, plan_nyu
+from depthcli.evaluation.nyu import EvalTask, plan_nyu
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _SEED = re.compile(r"-seed\d+$")
 
 
-class Run(Protocol):
+class RunFacts(Protocol):
     """What is known of a run besides its model."""
 
     @property
@@ -81,7 +81,7 @@ class Run(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Trained:
+class TrainedModel:
     """A run and its model.
 
     Attributes:
@@ -90,17 +90,17 @@ class Trained:
         latency_ms: median time of the network alone for one picture, milliseconds.
     """
 
-    run: Run
+    run: RunFacts
     predictor: ModelPredictor
     latency_ms: float
 
 
-def plan_runs(
+def plan_comparison(
     dataset: DepthDataset,
-    runs: Sequence[Run],
+    runs: Sequence[RunFacts],
     split: SplitName = SplitName.VAL,
     limit: int | None = None,
-) -> NyuTask:
+) -> EvalTask:
     """Choose pictures that none of the runs was trained on.
 
     Args:
@@ -125,7 +125,7 @@ def plan_runs(
     return task
 
 
-def _held_out(dataset: DepthDataset, runs: Sequence[Run]) -> NyuTask:
+def _held_out(dataset: DepthDataset, runs: Sequence[RunFacts]) -> EvalTask:
     first = runs[0]
     for run in runs:
         if (run.held_out_ids, run.train_ids) != (first.held_out_ids, first.train_ids):
@@ -144,10 +144,10 @@ def _held_out(dataset: DepthDataset, runs: Sequence[Run]) -> NyuTask:
         )
     train = tuple(places[i] for i in first.train_ids)
     test = tuple(places[i] for i in first.held_out_ids)
-    return NyuTask(dataset, Split(SplitName.VAL, train, test, len(train), len(test)), test)
+    return EvalTask(dataset, Split(SplitName.VAL, train, test, len(train), len(test)), test)
 
 
-def grouped(runs: Sequence[Run]) -> dict[str, tuple[Run, ...]]:
+def grouped(runs: Sequence[RunFacts]) -> dict[str, tuple[RunFacts, ...]]:
     """Runs that differ in their seed alone, by the name that they share.
 
     ``cut-seed0`` and ``cut-seed1`` are seeds of ``cut``.
@@ -155,7 +155,7 @@ def grouped(runs: Sequence[Run]) -> dict[str, tuple[Run, ...]]:
     Raises:
         UsageError: runs of one name differ in more than the seed, or not even in that.
     """
-    groups: dict[str, list[Run]] = {}
+    groups: dict[str, list[RunFacts]] = {}
     for run in runs:
         groups.setdefault(_SEED.sub("", run.name), []).append(run)
     for members in groups.values():

@@ -24,7 +24,7 @@ _HASH_LENGTH = 16
 
 @dataclass(frozen=True, slots=True)
 class TrainedRun:
-    """What a run's checkpoint says; see :class:`depthcli.evaluation.trained.Run`.
+    """What a run's checkpoint says; see :class:`depthcli.evaluation.trained.RunFacts`.
 
     Attributes:
         folder: where it lives.

@@ -29,7 +29,7 @@ _FILE_NAME = "model.onnx"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
-class Source(NamedTuple):
+class CardDraft(NamedTuple):
     """A card's JSON object before it belongs to a file.
 
     Attributes:
@@ -64,15 +64,15 @@ def add_model(
         OutputError: the folder cannot be written.
     """
     data = catalog.read_onnx(path)
-    source = _source(path, data, card)
-    complete = _complete(source, path, data, name)
+    draft = _draft(path, data, card)
+    complete = _complete(draft, path, data, name)
     target = _target(complete.name, force=force)
     with _folder_in_place(target) as temporary:
         (temporary / _FILE_NAME).write_bytes(data)
         (temporary / catalog.CARD_NAME).write_text(complete.to_json(), "utf-8")
         model = catalog.find_model(temporary)
         session = Session(model, provider="cpu")
-        fitted = fit_to_graph(complete, session.fixed_size, path, adapt=source.is_ready)
+        fitted = fit_to_graph(complete, session.fixed_size, path, adapt=draft.is_ready)
         session.model = replace(model, card=fitted)
         try_session(session)
         (temporary / catalog.CARD_NAME).write_text(fitted.to_json(), "utf-8")
@@ -113,7 +113,7 @@ def remove_model(name: str) -> Path:
     return folder
 
 
-def _source(path: Path, data: bytes, card: str | None) -> Source:
+def _draft(path: Path, data: bytes, card: str | None) -> CardDraft:
     if card is None:
         place = catalog.place_at(path)
         card = str(place.card) if place and place.card else None
@@ -124,10 +124,10 @@ def _source(path: Path, data: bytes, card: str | None) -> Source:
                 f"{path} has no card inside or beside it; give --card, "
                 "and see 'depthcli models cards' for ready ones"
             )
-        return Source(_object(embedded, f"card inside {path}"), f"card inside {path}", False)
+        return CardDraft(_object(embedded, f"card inside {path}"), f"card inside {path}", False)
     if card.endswith(".json") or Path(card).is_file():
-        return Source(_object(catalog.read_card(Path(card)), card), card, False)
-    return Source(ready_fields(card), f"card {card}", True)
+        return CardDraft(_object(catalog.read_card(Path(card)), card), card, False)
+    return CardDraft(ready_fields(card), f"card {card}", True)
 
 
 def _object(text: str | bytes, where: str) -> dict[str, Any]:
@@ -140,18 +140,18 @@ def _object(text: str | bytes, where: str) -> dict[str, Any]:
     return fields
 
 
-def _complete(source: Source, path: Path, data: bytes, name: str | None) -> ModelCard:
+def _complete(draft: CardDraft, path: Path, data: bytes, name: str | None) -> ModelCard:
     """The card with all that the file itself says."""
     opset, ir = onnx_file.versions(data, str(path))
-    fields = source.fields | {"onnx": {"opset": opset, "ir": ir}, "file": _FILE_NAME}
+    fields = draft.fields | {"onnx": {"opset": opset, "ir": ir}, "file": _FILE_NAME}
     if name is not None:
         fields["name"] = name
     sha256 = hashlib.sha256(data).hexdigest()
-    card = ModelCard.from_json(json.dumps(fields), where=source.where)
+    card = ModelCard.from_json(json.dumps(fields), where=draft.where)
     _checked_name(card.name)
     catalog.check_file(card, path, len(data), sha256)
     fields |= {"sha256": sha256, "bytes": len(data)}
-    return ModelCard.from_json(json.dumps(fields), where=source.where)
+    return ModelCard.from_json(json.dumps(fields), where=draft.where)
 
 
 def _place(folder: Path) -> Place | None:

@@ -9,7 +9,7 @@ import pytest
 
 from depthcli.evaluation.choices import Source
 from depthcli.evaluation.differences import differences_from, scene_interval
-from depthcli.evaluation.report import ImageScores, Row
+from depthcli.evaluation.report import ImageScores, ReportRow
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
@@ -64,12 +64,12 @@ def test_pictures_without_a_score_are_left_out() -> None:
     assert not none.clear
 
 
-def _row(name: str, abs_rel: list[float], alignment: Alignment = Alignment.NONE) -> Row:
+def _row(name: str, abs_rel: list[float], alignment: Alignment = Alignment.NONE) -> ReportRow:
     images = tuple(
         ImageScores(f"{i:04}", Scores.of(abs_rel=value)) for i, value in enumerate(abs_rel)
     )
     mean = Scores.of(abs_rel=sum(abs_rel) / len(abs_rel))
-    return Row(name, Source.MODEL, alignment, len(images), mean, images=images)
+    return ReportRow(name, Source.MODEL, alignment, len(images), mean, images=images)
 
 
 def test_rows_are_compared_picture_by_picture_with_seeds_averaged() -> None:

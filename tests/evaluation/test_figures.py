@@ -12,7 +12,7 @@ from small_set import Playback, SmallSet, noisy, small_set
 from depthcli.core.types import DepthKind
 from depthcli.datasets.splits import Split, SplitName
 from depthcli.errors import UsageError
-from depthcli.evaluation.nyu import NyuTask
+from depthcli.evaluation.nyu import EvalTask
 from depthcli.evaluation.reports.figures import Figure, choose, draw_figures, scene_type
 from depthcli.evaluation.reports.html import html_page
 from depthcli.visual.contact_sheet import contact_sheet
@@ -21,10 +21,10 @@ CELL = (240, 180)
 TITLE, GAP = 26, 4
 
 
-def _task(scenes: list[str], shape: tuple[int, int] = (12, 16)) -> NyuTask:
+def _task(scenes: list[str], shape: tuple[int, int] = (12, 16)) -> EvalTask:
     dataset = replace(small_set(len(scenes), shape=shape), scenes=tuple(scenes))
     test = tuple(range(len(scenes)))
-    return NyuTask(dataset, Split(SplitName.VAL, (), test, 0, len(test)), test)
+    return EvalTask(dataset, Split(SplitName.VAL, (), test, 0, len(test)), test)
 
 
 def _pixels(figure: Figure) -> np.ndarray:

@@ -12,8 +12,8 @@ from small_set import HEIGHT, WIDTH, Playback, noisy, small_set
 from depthcli.core.types import DepthKind
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.choices import Mask
-from depthcli.evaluation.protocol import Protocol
-from depthcli.evaluation.run import Entry, enter, evaluate
+from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.evaluation.run import Entry, entry_for, evaluate
 from depthcli.metrics.choices import Alignment, Averaging
 
 SMALL = (WIDTH, HEIGHT)
@@ -38,7 +38,7 @@ def test_evaluator_equals_the_plain_loop(
         dataset,
         (1, 2, 5),
         [Entry(predictor, (alignment,))],
-        Protocol(averaging=averaging, full_size_px=SMALL),
+        EvalProtocol(averaging=averaging, full_size_px=SMALL),
     )
     images = [
         plain.compare(
@@ -59,35 +59,35 @@ def test_every_entry_and_alignment_has_its_own_row() -> None:
         Entry(Playback(noisy(dataset), name="a"), (Alignment.NONE, Alignment.MEDIAN)),
         Entry(Playback(noisy(dataset, seed=6), name="b"), (Alignment.DEPTH,)),
     ]
-    together = evaluate(dataset, range(6), entries, Protocol(full_size_px=SMALL))
+    together = evaluate(dataset, range(6), entries, EvalProtocol(full_size_px=SMALL))
     assert [(row.name, row.alignment) for row in together] == [
         ("a", "none"),
         ("a", "median"),
         ("b", "depth"),
     ]
-    alone = evaluate(dataset, range(6), entries[1:], Protocol(full_size_px=SMALL))
+    alone = evaluate(dataset, range(6), entries[1:], EvalProtocol(full_size_px=SMALL))
     assert together[2] == alone[0]
 
 
 def test_depth_is_read_once_and_pictures_only_if_somebody_looks() -> None:
     dataset = small_set()
     blind = [Entry(Playback(noisy(dataset)), tuple(Alignment)) for _ in range(3)]
-    evaluate(dataset, range(6), blind, Protocol(full_size_px=SMALL))
+    evaluate(dataset, range(6), blind, EvalProtocol(full_size_px=SMALL))
     assert dataset.depth_reads == dict.fromkeys(range(6), 1)
     assert dataset.image_reads == {}
     seeing = [Entry(Playback(noisy(dataset), look=True)) for _ in range(3)]
-    evaluate(dataset, range(6), seeing, Protocol(full_size_px=SMALL))
+    evaluate(dataset, range(6), seeing, EvalProtocol(full_size_px=SMALL))
     assert dataset.image_reads == dict.fromkeys(range(6), 1)
 
 
 def test_scores_of_each_image_on_request() -> None:
     dataset = small_set()
     entry = Entry(Playback(noisy(dataset)))
-    (row,) = evaluate(dataset, (4, 0), [entry], Protocol(full_size_px=SMALL), per_image=True)
+    (row,) = evaluate(dataset, (4, 0), [entry], EvalProtocol(full_size_px=SMALL), per_image=True)
     assert [image.id for image in row.images] == ["0004", "0000"]
     average = sum(image.scores["rmse"] for image in row.images) / 2
     assert row.scores["rmse"] == pytest.approx(average, rel=1e-12)
-    (silent,) = evaluate(dataset, (4, 0), [entry], Protocol(full_size_px=SMALL))
+    (silent,) = evaluate(dataset, (4, 0), [entry], EvalProtocol(full_size_px=SMALL))
     assert silent.images == ()
 
 
@@ -95,7 +95,7 @@ def test_image_without_valid_pixel_is_reported() -> None:
     dataset = small_set()
     dataset.depths_m[2] = 0
     (row,) = evaluate(
-        dataset, range(6), [Entry(Playback(noisy(dataset)))], Protocol(full_size_px=SMALL)
+        dataset, range(6), [Entry(Playback(noisy(dataset)))], EvalProtocol(full_size_px=SMALL)
     )
     assert (row.image_count, row.empty_count) == (5, 1)
     assert not math.isnan(row.scores["abs_rel"])
@@ -108,7 +108,7 @@ def test_progress_is_told_after_each_image() -> None:
         dataset,
         range(4),
         [Entry(Playback(noisy(dataset)))],
-        Protocol(full_size_px=SMALL),
+        EvalProtocol(full_size_px=SMALL),
         progress=lambda: ticks.append(1),
     )
     assert len(ticks) == 4
@@ -117,7 +117,7 @@ def test_progress_is_told_after_each_image() -> None:
 def test_error_about_the_truth_names_the_pair() -> None:
     dataset = small_set()
     with pytest.raises(DatasetError, match="0003: the depth is 16×12 but the protocol is about"):
-        evaluate(dataset, (3,), [], Protocol())
+        evaluate(dataset, (3,), [], EvalProtocol())
 
 
 def test_raw_mask_of_a_set_without_raw_depth() -> None:
@@ -127,7 +127,7 @@ def test_raw_mask_of_a_set_without_raw_depth() -> None:
         ids, depth_m = dataset.ids, dataset.depth_m
 
     with pytest.raises(DatasetError, match="the raw-valid mask needs raw depth"):
-        evaluate(Filled(), (0,), [], Protocol(mask=Mask.RAW, full_size_px=SMALL))
+        evaluate(Filled(), (0,), [], EvalProtocol(mask=Mask.RAW, full_size_px=SMALL))
 
 
 @pytest.mark.parametrize(
@@ -136,8 +136,8 @@ def test_raw_mask_of_a_set_without_raw_depth() -> None:
 def test_relative_depth_needs_its_alignment(kind: DepthKind, needed: str) -> None:
     predictor = Playback({}, kind=kind)
     with pytest.raises(UsageError, match=f"playback gives {kind} depth.* add --align {needed}"):
-        enter(predictor, [Alignment.NONE, Alignment.MEDIAN])
-    assert enter(predictor, tuple(Alignment)).alignments == (Alignment(needed),)
+        entry_for(predictor, [Alignment.NONE, Alignment.MEDIAN])
+    assert entry_for(predictor, tuple(Alignment)).alignments == (Alignment(needed),)
 
 
 def test_inverse_depth_is_aligned_in_disparity() -> None:
@@ -146,8 +146,8 @@ def test_inverse_depth_is_aligned_in_disparity() -> None:
         name: (3 / depth.clip(0.1) + 1).astype(np.float32)
         for name, depth in zip(dataset.ids, dataset.depths_m, strict=True)
     }
-    entry = enter(Playback(inverse, kind=DepthKind.INVERSE), [Alignment.DISPARITY])
-    (row,) = evaluate(dataset, range(6), [entry], Protocol(full_size_px=SMALL))
+    entry = entry_for(Playback(inverse, kind=DepthKind.INVERSE), [Alignment.DISPARITY])
+    (row,) = evaluate(dataset, range(6), [entry], EvalProtocol(full_size_px=SMALL))
     assert row.scores["abs_rel"] < 1e-5
 
 
@@ -174,7 +174,7 @@ def test_no_image_is_kept_in_memory(workers: int) -> None:
             return fresh(dataset.image(i))
 
     entries = [Entry(Playback(noisy(dataset), look=True), tuple(Alignment))]
-    evaluate(Streamed(), range(30), entries, Protocol(full_size_px=SMALL), workers=workers)
+    evaluate(Streamed(), range(30), entries, EvalProtocol(full_size_px=SMALL), workers=workers)
     assert len(most) == 60
     assert 1 <= max(most) <= 4 * max(1, workers)
 
@@ -185,7 +185,7 @@ def test_no_digit_depends_on_the_number_of_workers(averaging: Averaging) -> None
     entries = [
         Entry(Playback(noisy(dataset, seed=seed), look=True), tuple(Alignment)) for seed in (5, 6)
     ]
-    protocol = Protocol(averaging=averaging, full_size_px=SMALL, boundary=True)
+    protocol = EvalProtocol(averaging=averaging, full_size_px=SMALL, boundary=True)
     alone, together = (
         evaluate(dataset, range(30), entries, protocol, per_image=True, workers=workers)
         for workers in (0, 3)
@@ -205,7 +205,7 @@ def test_an_error_ends_all_workers() -> None:
             dataset,
             range(30),
             [Entry(Playback(maps))],
-            Protocol(full_size_px=SMALL),
+            EvalProtocol(full_size_px=SMALL),
             progress=lambda: ticks.append(1),
             workers=3,
         )

@@ -11,14 +11,14 @@ from small_set import HEIGHT, WIDTH, Playback, noisy, small_set
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.choices import Source
 from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
-from depthcli.evaluation.protocol import Protocol
+from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.published import PUBLISHED
 from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import METRICS
 
 # The paper split needs pairs around number 1000; the headline protocol needs the full size.
 AROUND_1000 = {"count": 8, "first": 995}
-ANY_SIZE = Protocol(full_size_px=(WIDTH, HEIGHT))
+ANY_SIZE = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
 
 
 def test_published_rows_are_the_papers() -> None:
@@ -80,7 +80,7 @@ def test_published_rows_stand_beside_the_headline_of_the_paper_split_only() -> N
     paper, official = (
         plan_nyu(dataset, name, limit=1) for name in (SplitName.PAPER, SplitName.OFFICIAL)
     )
-    pooled = Protocol(averaging=Averaging.POOLED)
+    pooled = EvalProtocol(averaging=Averaging.POOLED)
     assert evaluate_nyu(paper, [], trivial=False).rows == PUBLISHED
     assert evaluate_nyu(official, [], trivial=False).rows == ()
     other = evaluate_nyu(paper, [], protocol=pooled, trivial=False)

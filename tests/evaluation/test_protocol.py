@@ -8,7 +8,7 @@ from small_set import HEIGHT, WIDTH, noisy, small_set
 from depthcli.core.types import DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.choices import Crop, Mask
-from depthcli.evaluation.protocol import Protocol
+from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import METRICS
 
@@ -18,13 +18,13 @@ SMALL = (WIDTH, HEIGHT)
 def test_headline_counts_the_full_frame_inside_the_range() -> None:
     depth_m = np.full((480, 640), 2.0, np.float32)
     depth_m[0, :4] = [0, 1e-3, 10, 11]
-    truth = Protocol().truth(depth_m)
+    truth = EvalProtocol().truth(depth_m)
     assert truth.depth_m.size == 480 * 640 - 4
     assert not truth.valid[0, :4].any()
 
 
 def test_eigen_crop_is_rows_45_to_470_and_columns_41_to_600() -> None:
-    truth = Protocol(crop=Crop.EIGEN).truth(np.full((480, 640), 2.0, np.float32))
+    truth = EvalProtocol(crop=Crop.EIGEN).truth(np.full((480, 640), 2.0, np.float32))
     rows, columns = np.nonzero(truth.valid)
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (45, 470, 41, 600)
     assert truth.depth_m.size == 426 * 560
@@ -32,34 +32,36 @@ def test_eigen_crop_is_rows_45_to_470_and_columns_41_to_600() -> None:
 
 def test_eigen_crop_is_not_defined_elsewhere() -> None:
     with pytest.raises(DatasetError, match="defined at 640×480 only"):
-        Protocol(crop=Crop.EIGEN, full_size_px=SMALL).truth(np.ones((HEIGHT, WIDTH), np.float32))
+        EvalProtocol(crop=Crop.EIGEN, full_size_px=SMALL).truth(
+            np.ones((HEIGHT, WIDTH), np.float32)
+        )
 
 
 def test_raw_mask_counts_measured_pixels() -> None:
     dataset = small_set()
-    protocol = Protocol(mask=Mask.RAW, full_size_px=SMALL)
+    protocol = EvalProtocol(mask=Mask.RAW, full_size_px=SMALL)
     truth = protocol.truth(dataset.depths_m[0], dataset.raw_depths_m[0])
-    filled = Protocol(full_size_px=SMALL).truth(dataset.depths_m[0])
+    filled = EvalProtocol(full_size_px=SMALL).truth(dataset.depths_m[0])
     np.testing.assert_array_equal(truth.valid, filled.valid & (dataset.raw_depths_m[0] > 0))
     assert truth.depth_m.size < filled.depth_m.size
 
 
 def test_raw_depth_of_another_size() -> None:
     with pytest.raises(DatasetError, match="raw depth is"):
-        Protocol(mask=Mask.RAW, full_size_px=SMALL).truth(
+        EvalProtocol(mask=Mask.RAW, full_size_px=SMALL).truth(
             np.ones((HEIGHT, WIDTH), np.float32), np.ones((2, 2), np.float32)
         )
 
 
 def test_truth_has_to_have_the_full_size() -> None:
     with pytest.raises(DatasetError, match=r"the depth is 16×12 .* about 640×480"):
-        Protocol().truth(np.ones((HEIGHT, WIDTH), np.float32))
-    assert Protocol(full_size_px=None).truth(np.ones((3, 5), np.float32)).valid.all()
+        EvalProtocol().truth(np.ones((HEIGHT, WIDTH), np.float32))
+    assert EvalProtocol(full_size_px=None).truth(np.ones((3, 5), np.float32)).valid.all()
 
 
 def test_comparison_at_another_size_equals_the_plain_loop() -> None:
     dataset = small_set()
-    protocol = Protocol(compare_px=(9, 9), full_size_px=SMALL)
+    protocol = EvalProtocol(compare_px=(9, 9), full_size_px=SMALL)
     depth_m = dataset.depths_m[1]
     predicted = noisy(dataset)["0001"]
     truth = protocol.truth(depth_m)
@@ -81,7 +83,7 @@ def test_comparison_at_another_size_equals_the_plain_loop() -> None:
 def test_no_invalid_pixel_is_blended_into_a_smaller_truth() -> None:
     depth_m = np.full((HEIGHT, WIDTH), 4.0, np.float32)
     depth_m[5, 5] = 0
-    truth = Protocol(compare_px=(8, 6), full_size_px=SMALL).truth(depth_m)
+    truth = EvalProtocol(compare_px=(8, 6), full_size_px=SMALL).truth(depth_m)
     assert set(truth.depth_m.tolist()) == {4.0}
     assert truth.valid.sum() == 47
 
@@ -91,7 +93,7 @@ def test_no_invalid_pixel_is_blended_into_a_smaller_truth() -> None:
     [(np.nan, 1e-3), (np.inf, 10.0), (-np.inf, 1e-3), (-1.0, 1e-3), (12.0, 10.0), (3.0, 3.0)],
 )
 def test_predictions_are_clamped(value: float, expected: float) -> None:
-    protocol = Protocol(full_size_px=SMALL)
+    protocol = EvalProtocol(full_size_px=SMALL)
     truth = protocol.truth(np.full((HEIGHT, WIDTH), 2.0, np.float32))
     predicted = DepthMap(np.full((HEIGHT, WIDTH), value, np.float32))
     pixels = protocol.compare(predicted, truth, Alignment.NONE)
@@ -99,7 +101,7 @@ def test_predictions_are_clamped(value: float, expected: float) -> None:
 
 
 def test_infinity_stays_far_when_it_is_resized() -> None:
-    protocol = Protocol(full_size_px=SMALL)
+    protocol = EvalProtocol(full_size_px=SMALL)
     truth = protocol.truth(np.full((HEIGHT, WIDTH), 2.0, np.float32))
     predicted = np.full((6, 8), 3.0, np.float32)
     predicted[2, 2] = np.inf
@@ -109,7 +111,7 @@ def test_infinity_stays_far_when_it_is_resized() -> None:
 
 
 def test_clamping_comes_after_alignment() -> None:
-    protocol = Protocol(full_size_px=SMALL)
+    protocol = EvalProtocol(full_size_px=SMALL)
     truth = protocol.truth(np.linspace(1, 9, 192, dtype=np.float32).reshape(HEIGHT, WIDTH))
     predicted = DepthMap(np.linspace(10, 90, 192, dtype=np.float32).reshape(HEIGHT, WIDTH))
     pixels = protocol.compare(predicted, truth, Alignment.MEDIAN)
@@ -117,9 +119,9 @@ def test_clamping_comes_after_alignment() -> None:
 
 
 def test_names_tell_what_differs_from_the_headline() -> None:
-    assert Protocol().name == "headline"
-    assert Protocol().is_headline
-    changed = Protocol(
+    assert EvalProtocol().name == "headline"
+    assert EvalProtocol().is_headline
+    changed = EvalProtocol(
         averaging=Averaging.POOLED, crop=Crop.EIGEN, mask=Mask.RAW, compare_px=(256, 256)
     )
     assert not changed.is_headline
@@ -132,15 +134,15 @@ def test_names_tell_what_differs_from_the_headline() -> None:
 @pytest.mark.parametrize(
     "variant",
     [
-        Protocol(averaging=Averaging.POOLED),
-        Protocol(crop=Crop.EIGEN),
-        Protocol(mask=Mask.RAW),
-        Protocol(compare_px=(256, 256)),
-        Protocol(full_size_px=None),
-        Protocol(min_m=0.5),
-        Protocol(max_m=80),
+        EvalProtocol(averaging=Averaging.POOLED),
+        EvalProtocol(crop=Crop.EIGEN),
+        EvalProtocol(mask=Mask.RAW),
+        EvalProtocol(compare_px=(256, 256)),
+        EvalProtocol(full_size_px=None),
+        EvalProtocol(min_m=0.5),
+        EvalProtocol(max_m=80),
     ],
 )
-def test_no_variant_passes_for_the_headline(variant: Protocol) -> None:
+def test_no_variant_passes_for_the_headline(variant: EvalProtocol) -> None:
     assert variant.name != "headline"
     assert not variant.is_headline

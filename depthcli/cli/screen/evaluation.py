@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from depthcli.evaluation.nyu import Stage
-    from depthcli.evaluation.report import Report, Row
+    from depthcli.evaluation.report import Report, ReportRow
 
 _DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
 _TEXT_COLUMNS = 2
@@ -96,7 +96,7 @@ def _header(report: Report) -> list[str]:
     return ["row", "align", "images", *report.columns]
 
 
-def _cells(row: Row, report: Report) -> list[str]:
+def _cells(row: ReportRow, report: Report) -> list[str]:
     name = console.one_line(row.name) + ("*" if row.note else "")
     scores = [
         "-" if math.isnan(value) else f"{value:.{_DECIMALS.get(metric, 4)}f}"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.nyu import NyuTask
+    from depthcli.evaluation.nyu import EvalTask
     from depthcli.evaluation.predictors.base import Predictor
 
 PICTURES = 6
@@ -51,7 +51,7 @@ class Figure:
     png: bytes
 
 
-def choose(task: NyuTask, ids: Sequence[str] = (), count: int = PICTURES) -> tuple[int, ...]:
+def choose(task: EvalTask, ids: Sequence[str] = (), count: int = PICTURES) -> tuple[int, ...]:
     """Positions of the pictures to show: those named, or some of every type of scene.
 
     Args:
@@ -118,7 +118,7 @@ class _Row:
 
 
 def draw_figures(
-    task: NyuTask,
+    task: EvalTask,
     positions: Sequence[int],
     predictors: Sequence[Predictor],
     titles: Sequence[str],

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from depthcli.cli.arguments.provider import Engine
     from depthcli.core.choices import Detail
-    from depthcli.evaluation.nyu import NyuTask
+    from depthcli.evaluation.nyu import EvalTask
     from depthcli.evaluation.predictors.base import Predictor
     from depthcli.evaluation.predictors.model import ModelPredictor
 
@@ -46,7 +46,7 @@ def open_models(engines: Sequence[Engine], detail: Detail) -> list[ModelPredicto
 
 
 def open_prediction_folders(
-    folders: Sequence[Path], task: NyuTask, kind_name: str | None
+    folders: Sequence[Path], task: EvalTask, kind_name: str | None
 ) -> list[Predictor]:
     """Find what other tools predicted for the pictures of a task.
 

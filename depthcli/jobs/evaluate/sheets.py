@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from depthcli.evaluation.nyu import NyuTask, Stage
+    from depthcli.evaluation.nyu import EvalTask, Stage
     from depthcli.evaluation.predictors.base import Predictor
     from depthcli.evaluation.reports.figures import Figure
 
 
-def positions_of(task: NyuTask, ids: str | None) -> tuple[int, ...]:
+def positions_of(task: EvalTask, ids: str | None) -> tuple[int, ...]:
     """Positions of the pictures to show.
 
     Args:
@@ -33,7 +33,7 @@ def positions_of(task: NyuTask, ids: str | None) -> tuple[int, ...]:
 
 
 def figures_of(
-    task: NyuTask,
+    task: EvalTask,
     positions: Sequence[int],
     predictors: Sequence[Predictor],
     titles: Sequence[str],

@@ -155,7 +155,7 @@ def nyu(
     from depthcli.core.parallel.cores import usable_cores
     from depthcli.datasets.nyu import open_nyu
     from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
-    from depthcli.evaluation.protocol import Protocol
+    from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.jobs.evaluate.models import open_models, open_prediction_folders
     from depthcli.jobs.evaluate.sheets import figures_of, positions_of, write_figures, write_page
 
@@ -179,7 +179,7 @@ def nyu(
         *open_models(engines, detail),
         *open_prediction_folders(predictions or [], task, predictions_kind),
     ]
-    protocol = Protocol(
+    protocol = EvalProtocol(
         averaging=average,
         crop=crop,
         mask=mask,

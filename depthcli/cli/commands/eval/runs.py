@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from depthcli.evaluation.nyu import Stage
     from depthcli.evaluation.reports.figures import Figure
-    from depthcli.evaluation.trained import Trained
+    from depthcli.evaluation.trained import TrainedModel
     from depthcli.export.trained import TrainedRun
 
 
@@ -99,14 +99,14 @@ def runs(
     from depthcli.datasets.nyu import open_nyu
     from depthcli.evaluation.reports.runs_report import to_csv
     from depthcli.evaluation.runs_table import evaluate_runs
-    from depthcli.evaluation.trained import grouped, plan_runs
+    from depthcli.evaluation.trained import grouped, plan_comparison
     from depthcli.jobs.evaluate.sheets import figures_of, positions_of, write_figures, write_page
 
     if ids and not (figures or html):
         raise UsageError("--ids needs --figures DIR or --html FILE")
     dataset = open_nyu(data)
     opened, failed = _open_runs(folder)
-    task = plan_runs(dataset, opened, split, limit)
+    task = plan_comparison(dataset, opened, split, limit)
     positions = positions_of(task, ids)
     names = grouped(opened)  # refuses what is no seed of a row before anything is exported
     if against is not None and against not in names:
@@ -194,10 +194,10 @@ def _loaded(
     provider: str,
     settings: Sequence[str],
     threads: int | None,
-) -> list[Trained]:
+) -> list[TrainedModel]:
     """Every run with its model, ready to predict, and the time that it takes."""
     from depthcli.cli.arguments.provider import Engine
-    from depthcli.evaluation.trained import Trained
+    from depthcli.evaluation.trained import TrainedModel
     from depthcli.inference.latency import measure_ms
     from depthcli.jobs.evaluate.models import open_models
 
@@ -206,4 +206,4 @@ def _loaded(
     opened = open_models(engines, Detail(Upsampling.BILINEAR))
     times_ms = measure_ms([model.pipeline for model in opened])
     rows = zip(exported, opened, times_ms, strict=True)
-    return [Trained(run, replace(model, name=run.name), ms) for (run, _), model, ms in rows]
+    return [TrainedModel(run, replace(model, name=run.name), ms) for (run, _), model, ms in rows]
