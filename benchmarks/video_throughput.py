@@ -81,7 +81,7 @@ def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
                 part = stages(f"prepare {which}", output.encode, shot)
                 stages(f"encode {which}", output.append, part)
         for which, output in outputs.items():
-            stages(f"encode {which}", output.finish, reel.times_s)
+            stages(f"encode {which}", output.finish)
     for name in stages.seconds:
         stages.seconds[name] /= frames
     return stages

@@ -498,7 +498,14 @@ def test_only_what_is_needed_is_imported(cli: Cli) -> None:
     )
     modules = {line.rsplit("|", 1)[-1].strip() for line in error_lines(done)}
     assert {"cv2", "onnxruntime"} <= modules
-    assert not modules & {"OpenEXR", "rich", "torch", "importlib.metadata", "concurrent.futures"}
+    assert not modules & {
+        "av",
+        "OpenEXR",
+        "rich",
+        "torch",
+        "importlib.metadata",
+        "concurrent.futures",
+    }
 
 
 @pytest.mark.parametrize(

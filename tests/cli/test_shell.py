@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from command_line import Cli
 
-HEAVY = {"numpy", "cv2", "onnxruntime", "torch", "rich", "OpenEXR", "importlib.metadata"}
+HEAVY = {"av", "numpy", "cv2", "onnxruntime", "torch", "rich", "OpenEXR", "importlib.metadata"}
 
 
 def loaded(cli: Cli, *arguments: str) -> set[str]:

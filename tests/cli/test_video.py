@@ -197,6 +197,16 @@ def test_start_end_and_every(cli: Cli) -> None:
     )
 
 
+@pytest.mark.parametrize("every", ["25000", "25000s"])
+def test_frames_can_be_hours_apart(cli: Cli, every: str) -> None:
+    ramp(cli, 6)
+    done = cli("video", "clip.mp4", "--out", "a/", "--every", every, "--json")
+    assert done.returncode == 0, done.stderr
+    rate = "6/5005" if every == "25000" else "1/25000"
+    assert (report(done)["frames"], report(done)["fps"]) == (1, rate)
+    assert str(DepthVideo(cli.folder / "a" / "clip.depth.mkv").rate) == rate
+
+
 def test_smoothing_lowers_the_flicker_and_stops_at_a_cut(cli: Cli) -> None:
     noisy(cli.folder / "noise.avi")
     raw = cli("video", "noise.avi", "--out", "raw.mkv", "--json")
