@@ -11,10 +11,7 @@ from folders import tree
 from tiny import write_model
 from videos import write_mp4
 
-from depthcli.cli import video_progress
-from depthcli.cli.screen import console
-from depthcli.cli.screen import progress as batch_progress
-from depthcli.cli.screen.progress import Tally
+from depthcli.cli.screen import console, progress
 
 if TYPE_CHECKING:
     from command_line import Cli
@@ -65,22 +62,30 @@ def test_no_bar_for_machines(cli: Cli, words: tuple[str, ...]) -> None:
     assert "1/1" not in shown
 
 
-def test_elsewhere_a_batch_says_a_line_now_and_then(
+def test_elsewhere_a_line_is_said_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(batch_progress, "_LINE_EVERY_S", 0)
-    tally = Tally(4)
-    with batch_progress.progress_for(tally, silent=False) as update:
-        tally.done = 1
-        update()
-    assert re.fullmatch(r"1/4  \d+\.\d inputs/s  \d+:\d\d to go\n", capsys.readouterr().err)
-
-
-def test_elsewhere_a_video_says_a_line_now_and_then(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(video_progress, "_LINE_EVERY_S", 0)
-    with video_progress.progress_for("a.mp4", silent=False) as update:
-        update(2, 4)
+    monkeypatch.setattr(progress, "_LINE_EVERY_S", 0)
+    with progress.drawn(silent=False) as drawing:
+        drawing.begin("a.mp4", 4, "frames")(2)
     said = capsys.readouterr().err
-    assert re.fullmatch(r"a\.mp4: frame 2/4  \d+\.\d frames/s  \d+ s to go\n", said)
+    assert re.fullmatch(r"a\.mp4: 2/4  \d+\.\d frames/s  \d+:\d\d to go\n", said)
+
+
+def test_what_took_no_time_says_nothing_of_the_time_to_go(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(progress, "_LINE_EVERY_S", 0)
+    with progress.drawn(silent=False) as drawing:
+        stage = drawing.begin("", 4, "inputs")
+        stage.note = "1 failed"
+        stage.skip(3)
+    assert capsys.readouterr().err == "3/4  0.0 inputs/s  1 failed\n"
+
+
+def test_a_stage_of_unknown_length_is_announced_where_that_is_wanted(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with progress.drawn(silent=False, announces=True) as drawing:
+        drawing.begin("predicting", None)(1)
+    assert capsys.readouterr().err == "predicting\n"

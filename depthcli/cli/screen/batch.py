@@ -11,9 +11,9 @@ from depthcli.jobs.batch.manifest import MANIFEST_NAME
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from depthcli.cli.screen.progress import Tally
     from depthcli.jobs.batch.pictures import Result
     from depthcli.jobs.batch.plan import Plan
+    from depthcli.jobs.batch.tally import Tally
 
 
 class Voice(NamedTuple):

@@ -33,15 +33,10 @@ _bars: list[Progress] = []
 
 
 @contextmanager
-def bar(
-    *columns: str | ProgressColumn, auto_refresh: bool = True, refresh_per_second: float = 10
-) -> Iterator[Progress]:
+def bar(*columns: ProgressColumn) -> Iterator[Progress]:
     """A progress bar on standard error; lines that are written meanwhile stand above it.
 
-    Args:
-        columns: as Rich has them; none for its default ones.
-        auto_refresh: redraw it from a thread of its own.
-        refresh_per_second: how often that is.
+    It is drawn when it is told to: a thread that redraws would take turns from the workers.
     """
     from rich.console import Console
     from rich.progress import Progress
@@ -49,8 +44,7 @@ def bar(
     with Progress(
         *columns,
         console=Console(stderr=True),
-        auto_refresh=auto_refresh,
-        refresh_per_second=refresh_per_second,
+        auto_refresh=False,
         transient=True,
         redirect_stdout=False,  # else results that go into a file would go to the terminal
     ) as shown:

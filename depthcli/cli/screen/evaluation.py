@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
+from depthcli.cli.screen.progress import drawn
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.metrics.boundary import HIGHER_IS_BETTER
 from depthcli.metrics.depth import METRICS
@@ -25,39 +25,12 @@ _TEXT_COLUMNS = 2
 
 @contextmanager
 def stages(*, quiet: bool) -> Iterator[Stage]:
-    """Progress on standard error: a bar on a terminal, a line per stage elsewhere."""
-    if quiet:
-        yield lambda _what, _steps: lambda: None
-    elif sys.stderr.isatty():
-        with _bars() as stage:
-            yield stage
-    else:
-        yield _line
-
-
-def _line(what: str, steps: int) -> Callable[[], None]:
-    console.note(f"{what}: {steps}")
-    return lambda: None
-
-
-@contextmanager
-def _bars() -> Iterator[Stage]:
-    from rich import progress as bars
-
-    from depthcli.cli.rate_column import Rate
-
-    columns = (
-        "{task.description}",
-        bars.BarColumn(),
-        bars.MofNCompleteColumn(),
-        Rate(),
-        bars.TimeRemainingColumn(),
-    )
-    with console.bar(*columns) as progress:
+    """Progress on standard error: a bar on a terminal, lines elsewhere."""
+    with drawn(silent=quiet, announces=True) as progress:
 
         def begin(what: str, steps: int) -> Callable[[], None]:
-            task = progress.add_task(what, total=steps)
-            return lambda: progress.advance(task)
+            advance = progress.begin(what, steps)
+            return lambda: advance(1)
 
         yield begin
 

@@ -1,4 +1,4 @@
-"""How a batch is shown: a bar on a terminal, a line now and then elsewhere, or JSON."""
+"""How long work is shown: a bar with rate and time to go on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -10,115 +10,118 @@ from typing import TYPE_CHECKING
 from depthcli.cli.screen import console
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
-    from depthcli.jobs.batch.pictures import Result
+    from rich.progress import Progress as Bars
 
 _LINE_EVERY_S = 10.0
 _BAR_EVERY_S = 0.2
 
 
-class Tally:
-    """What became of the inputs so far.
+class Stage:
+    """Work of one kind, which nobody looks at.
 
     Attributes:
-        total: inputs in all.
-        done: inputs worked on, the failed ones too.
-        kept: inputs whose outputs of an earlier run are still right.
-        failures: name and reason of those that failed.
-        warning_count: warnings told so far.
+        note: what is said behind rate and time to go.
     """
 
-    def __init__(self, total: int) -> None:
-        self.total = total
-        self.done = 0
-        self.kept = 0
-        self.failures: list[tuple[str, str]] = []
-        self._start_s = time.monotonic()
+    def __init__(self, what: str, total: int | None, unit: str) -> None:
+        self.note = ""
+        self._what = console.one_line(what)
+        self._total = total
+        self._per_second = f" {unit}/s" if unit else "/s"
+        self._done = self._skipped = 0
+        self._start_s = self._shown_s = time.monotonic()
 
-    def add(self, result: Result) -> None:
-        """Count an input."""
-        self.kept += result.is_kept
-        self.done += not result.is_kept
-        if result.row.error is not None:
-            self.failures.append((result.row.input, result.row.error))
+    def __call__(self, count: int) -> None:
+        """So many units more are done."""
+        self._done += count
 
-    @property
-    def passed(self) -> int:
-        """Inputs that are over with."""
-        return self.done + self.kept
+    def skip(self, count: int) -> None:
+        """So many are done that took no time, and say nothing of the others."""
+        self._skipped += count
+        self(count)
 
-    @property
-    def elapsed_s(self) -> float:
-        """Seconds since the beginning."""
-        return time.monotonic() - self._start_s
+    def _is_due(self, every_s: float) -> bool:
+        """Whether it was not shown for so long; then it counts as shown."""
+        now_s = time.monotonic()
+        if now_s - self._shown_s < every_s:
+            return False
+        self._shown_s = now_s
+        return True
 
-    @property
-    def rate(self) -> float:
-        """Inputs a second; those kept took no time and do not count."""
-        return self.done / max(self.elapsed_s, 1e-9)
+    def _speed(self) -> str:
+        """Units a second, the time that the rest will take, and the note."""
+        worked = self._done - self._skipped
+        rate = worked / max(time.monotonic() - self._start_s, 1e-9)
+        parts = [f"{rate:.1f}{self._per_second}"]
+        if self._total is not None and worked:
+            minutes, seconds = divmod(round(max(0, self._total - self._done) / rate), 60)
+            parts.append(f"{minutes}:{seconds:02} to go")
+        return "  ".join([*parts, self.note] if self.note else parts)
 
-    @property
-    def to_go_s(self) -> float | None:
-        """Seconds that the rest will take, if nothing more is kept."""
-        return (self.total - self.passed) / self.rate if self.done else None
+
+class _Line(Stage):
+    """One line every ten seconds on standard error."""
+
+    def __call__(self, count: int) -> None:
+        super().__call__(count)
+        if self._is_due(_LINE_EVERY_S):
+            name = f"{self._what}: " if self._what else ""
+            of = "" if self._total is None else f"/{self._total}"
+            console.note(f"{name}{self._done}{of}  {self._speed()}")
+
+
+class _Bar(Stage):
+    """One bar among those on the terminal."""
+
+    def __init__(self, bars: Bars, what: str, total: int | None, unit: str) -> None:
+        super().__init__(what, total, unit)
+        self._bars = bars
+        self._task = bars.add_task(self._what, total=total, speed="")
+        bars.refresh()
+
+    def __call__(self, count: int) -> None:
+        super().__call__(count)
+        if self._is_due(_BAR_EVERY_S) or self._done == self._total:
+            self._bars.update(self._task, completed=self._done, speed=self._speed(), refresh=True)
+
+
+class Drawing:
+    """A :class:`depthcli.core.progress.Progress` on standard error."""
+
+    def __init__(self, bars: Bars | None, *, silent: bool, announces: bool) -> None:
+        self._bars, self._silent, self._announces = bars, silent, announces
+
+    def begin(self, what: str, total: int | None, unit: str = "") -> Stage:
+        """Announce a stage, which is to be told of each unit that is done."""
+        if self._silent:
+            return Stage(what, total, unit)
+        if self._bars is not None:
+            return _Bar(self._bars, what, total, unit)
+        if self._announces:
+            console.note(what if total is None else f"{what}: {total}")
+        return _Line(what, total, unit)
 
 
 @contextmanager
-def progress_for(tally: Tally, *, silent: bool) -> Iterator[Callable[[], None]]:
-    """What to call after each input."""
-    if silent:
-        yield lambda: None
-    elif sys.stderr.isatty():
-        with _bar(tally) as update:
-            yield update
-    else:
-        yield _Lines(tally)
+def drawn(*, silent: bool, announces: bool = False) -> Iterator[Drawing]:
+    """Progress for as long as the work takes.
 
-
-@contextmanager
-def _bar(tally: Tally) -> Iterator[Callable[[], None]]:
+    Args:
+        silent: show nothing.
+        announces: where there is no terminal, say a line at the beginning of each stage too.
+    """
+    if silent or not sys.stderr.isatty():
+        yield Drawing(None, silent=silent, announces=announces)
+        return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
     columns = (
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("{task.description}", markup=False),
+        TextColumn("{task.fields[speed]}", markup=False),
     )
-    shown_s = 0.0
-    # Refreshed from here alone: a thread that redraws would take turns from the workers.
-    with console.bar(*columns, auto_refresh=False) as bar:
-        task = bar.add_task("", total=tally.total)
-
-        def update() -> None:
-            nonlocal shown_s
-            now_s = time.monotonic()
-            if now_s - shown_s >= _BAR_EVERY_S or tally.passed == tally.total:
-                shown_s = now_s
-                bar.update(task, completed=tally.passed, description=_speed(tally), refresh=True)
-
-        yield update
-
-
-class _Lines:
-    """One line every ten seconds on standard error."""
-
-    def __init__(self, tally: Tally) -> None:
-        self._tally = tally
-        self._shown_s = time.monotonic()
-
-    def __call__(self) -> None:
-        now_s = time.monotonic()
-        if now_s - self._shown_s >= _LINE_EVERY_S:
-            self._shown_s = now_s
-            console.note(f"{self._tally.passed}/{self._tally.total}  {_speed(self._tally)}")
-
-
-def _speed(tally: Tally) -> str:
-    parts = [f"{tally.rate:.1f} inputs/s"]
-    if tally.to_go_s is not None:
-        minutes, seconds = divmod(round(tally.to_go_s), 60)
-        parts.append(f"{minutes}:{seconds:02} to go")
-    if tally.failures:
-        parts.append(f"{len(tally.failures)} failed")
-    return "  ".join(parts)
+    with console.bar(*columns) as bars:
+        yield Drawing(bars, silent=False, announces=False)

@@ -9,13 +9,13 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
+from depthcli.cli.screen.progress import drawn
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from rich.progress import Progress as Bar
-
+    from depthcli.cli.screen.progress import Drawing, Stage
     from depthcli.training.checkpoint import Progress
     from depthcli.training.config.schema import TrainConfig
     from depthcli.training.loop import Watcher
@@ -31,13 +31,8 @@ def progress_for(*, as_json: bool, quiet: bool) -> Iterator[Watcher]:
     elif as_json:
         yield JsonLines()
     elif sys.stderr.isatty():
-        from rich.progress import Progress as Bar
-
-        from depthcli.cli.rate_column import Rate
-
-        columns = (*Bar.get_default_columns(), Rate())
-        with console.bar(*columns, refresh_per_second=2) as bar:
-            yield Lines(bar)
+        with drawn(silent=False) as drawing:
+            yield Lines(drawing)
     else:
         yield Lines(None)
 
@@ -109,9 +104,9 @@ class JsonLines(Silent):
 class Lines(Silent):
     """One line an epoch on standard error, under a bar where there is one."""
 
-    def __init__(self, bar: Bar | None) -> None:
-        self._bar = bar
-        self._task = bar.add_task("training", total=None) if bar else None
+    def __init__(self, drawing: Drawing | None) -> None:
+        self._drawing = drawing
+        self._stage: Stage | None = None
         self._losses: dict[str, float] = {}
         self._started_s = time.monotonic()
         self._first_step: int | None = None
@@ -121,9 +116,12 @@ class Lines(Silent):
         """Move the bar."""
         if self._first_step is None:
             self._first_step = progress.step - 1
+            if self._drawing:
+                self._stage = self._drawing.begin("training", steps, "steps")
+                self._stage.skip(self._first_step)
         self._steps, self._losses = steps, losses
-        if self._bar and self._task is not None:
-            self._bar.update(self._task, total=steps, completed=progress.step)
+        if self._stage:
+            self._stage(1)
 
     def epoch(self, progress: Progress) -> None:
         """Losses, scores, rate and time to go."""

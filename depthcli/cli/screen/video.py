@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
-from depthcli.cli.video_progress import progress_for
+from depthcli.cli.screen.progress import drawn
 from depthcli.errors import ExitCode, InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.jobs.predict.outcome import Failed
@@ -40,8 +40,8 @@ def run_and_tell(
     """
     pipeline = Pipeline(loading.result(), detail)
     try:
-        with progress_for(job.name, silent=quiet or as_json) as watch:
-            done = run_video(job, pipeline, settings, watch)
+        with drawn(silent=quiet or as_json) as progress:
+            done = run_video(job, pipeline, settings, progress)
     except (InputError, OutputError) as error:
         failed = Failed(job.name, error)
         if as_json:

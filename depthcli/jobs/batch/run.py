@@ -6,7 +6,7 @@ from contextlib import closing
 from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.cli.screen.progress import Tally, progress_for
+from depthcli.cli.screen.progress import drawn
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import ExitCode
@@ -14,6 +14,7 @@ from depthcli.io.opencv_log import silent_opencv
 from depthcli.jobs.batch.journal import Journal, known_rows, remove_leftovers
 from depthcli.jobs.batch.pictures import Worker
 from depthcli.jobs.batch.recipe import Targets
+from depthcli.jobs.batch.tally import Tally
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator
@@ -75,14 +76,16 @@ class Batch(NamedTuple):
             with (
                 silent_opencv(),
                 one_thread_each(self.workers),
-                progress_for(tally, silent=silent) as tick,
+                drawn(silent=silent) as progress,
                 closing(
                     self._results(origin, journal, late)
                 ) as results,  # no worker outlives the journal
             ):
+                stage = progress.begin("", tally.total, "inputs")
                 for result in results:
                     self._account(result, tally)
-                    tick()
+                    stage.note = f"{len(tally.failures)} failed" if tally.failures else ""
+                    (stage.skip if result.is_kept else stage)(1)
         finally:
             # First, because nobody may be left to be told.
             journal.finish(found.name for found in self.plan.inputs)

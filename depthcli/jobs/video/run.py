@@ -11,6 +11,7 @@ from depthcli.cli.arguments.span import VideoFormat
 from depthcli.cli.video_resume import progress_of
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.progress import NO_PROGRESS
 from depthcli.errors import InputError, OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.video.frame_source import open_frames
@@ -21,6 +22,7 @@ from depthcli.jobs.video.stages import Reel, VideoSettings
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from depthcli.core.progress import Progress
     from depthcli.core.types import Frame
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.video.outputs import Shot, VideoOutput
@@ -35,7 +37,7 @@ def run_video(
     job: VideoJob,
     pipeline: Pipeline,
     settings: VideoSettings,
-    watch: Callable[[int, int | None], None] = lambda _done, _total: None,
+    progress: Progress = NO_PROGRESS,
 ) -> VideoDone:
     """Depth of a video, in memory that does not grow with it.
 
@@ -46,8 +48,7 @@ def run_video(
         job: the video and its outputs.
         pipeline: the model; its session should have one thread where there are several workers.
         settings: options.
-        watch: called after each frame with how many are done, and how many there will be if the
-            file says so.
+        progress: told of each frame, and of how many there will be if the file says so.
 
     Returns:
         What was written. Its ``problem`` is set if the video ended early; what there was is
@@ -70,7 +71,7 @@ def run_video(
         ExitStack() as stack,
     ):
         rate = settings.span.rate(source.rate)
-        progress = stack.enter_context(progress_of(job, source, pipeline, settings))
+        earlier = stack.enter_context(progress_of(job, source, pipeline, settings))
         videos = [which for which in job.names if which is not VideoFormat.JSON]
         outputs = [
             stack.enter_context(job.open(which, settings.looks, source, rate)) for which in videos
@@ -80,11 +81,12 @@ def run_video(
             if VideoFormat.JSON in job.names
             else None
         )
-        reel = Reel(pipeline, settings, progress.kept)
+        reel = Reel(pipeline, settings, earlier.kept)
+        advance = progress.begin(job.name, _frame_count(source, settings), "frames")
 
-        def done_one(number: int, done: int, total: int | None) -> None:
-            progress.add(number)
-            watch(done, total)
+        def done_one(number: int) -> None:
+            earlier.add(number)
+            advance(1)
 
         _through(source, reel, outputs, settings, done_one)
         if reel.first is None:
@@ -125,7 +127,7 @@ def _through(
     reel: Reel,
     outputs: Sequence[VideoOutput],
     settings: VideoSettings,
-    done_one: Callable[[int, int, int | None], None],
+    done_one: Callable[[int], None],
 ) -> None:
     """Every frame through all stages, each stage a few frames ahead of the next."""
 
@@ -133,10 +135,6 @@ def _through(
         whole = reel.depth_of(shot)
         return [output.encode(whole) for output in outputs]
 
-    total = None
-    if source.frames_stated is not None:
-        first = source.files[0].number if isinstance(source, ImageSequence) else 0
-        total = settings.span.count(source.frames_stated, source.rate, first)
     workers = settings.workers
     # Closed before the outputs are: no thread may write into what is being removed.
     with (
@@ -144,10 +142,18 @@ def _through(
         closing(ordered_map(reel.see, _numbered(source, settings), workers=workers)) as seen,
         closing(ordered_map(encoded, reel.steady(seen), workers=workers)) as parts,
     ):
-        for done, part in enumerate(parts, start=1):
+        for done, part in enumerate(parts):
             for output, one in zip(outputs, part, strict=True):
                 output.append(one)
-            done_one(reel.numbers[done - 1], done, total)
+            done_one(reel.numbers[done])
+
+
+def _frame_count(source: VideoSource | ImageSequence, settings: VideoSettings) -> int | None:
+    """How many frames there will be, if the file says so."""
+    if source.frames_stated is None:
+        return None
+    first = source.files[0].number if isinstance(source, ImageSequence) else 0
+    return settings.span.count(source.frames_stated, source.rate, first)
 
 
 def _numbered(source: VideoSource | ImageSequence, settings: VideoSettings) -> Iterator[Frame]:
