@@ -2,14 +2,17 @@
 
 Held-out pictures of NYU Depth v2 are cropped: to the shapes of other pictures, and around their
 middle, as through a longer lens. Printed for each are the mean over pictures of the median of
-predicted ÷ true depth, and abs_rel, with the true focal length given and without it; then how the
-depth that the network gives for its own camera follows the focal length.
+predicted ÷ true depth, and abs_rel, with the true focal length given and without it. Then how the
+depth that the network gives for its own camera follows the focal length, and what of that is due to
+the size at which things appear: whole pictures, brought to other sizes of the network's input.
 Run: ``python benchmarks/aspect_ratios.py --data NYU [--model default] [--split val] [--limit N]``
 """
 
 from __future__ import annotations
 
 import argparse
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -22,9 +25,13 @@ from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.nyu import plan_nyu
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
     from depthcli.evaluation.nyu import EvalTask
+
+    FloatArray = npt.NDArray[np.float64]
 
 FOCAL_PX = 518.86
 """Of NYU Depth v2's pictures, 640 x 480."""
@@ -40,6 +47,7 @@ SHAPES = {
     "4:1": (640, 160),
 }
 ZOOMS = (1.0, 1.125, 1.25, 1.375, 1.5, 1.75, 2.0)
+SIZES = (2 / 3, 5 / 6, 1.0, 7 / 6, 4 / 3, 1.5)
 
 
 class Fit(NamedTuple):
@@ -72,7 +80,7 @@ class Crops(NamedTuple):
     task: EvalTask
     pipeline: depthcli.Pipeline
 
-    def fits(self, width: int, height: int, focal_px: float | None) -> npt.NDArray[np.float64]:
+    def fits(self, width: int, height: int, focal_px: float | None) -> FloatArray:
         """(N, 2): ratio and abs_rel of each crop."""
         data = self.task.dataset
         return np.array(
@@ -103,6 +111,7 @@ def main() -> None:
     print(f"{pipeline.card.name} {pipeline.card.version}, {len(task.test)} pictures")
     print_shapes(crops)
     print_zooms(crops)
+    print_sizes(crops)
 
 
 def print_shapes(crops: Crops) -> None:
@@ -124,12 +133,32 @@ def print_zooms(crops: Crops) -> None:
         known, unknown = (crops.fits(*size, focal) for focal in (FOCAL_PX, None))
         log_ratios.append(-np.log(unknown[:, 0]))
         print(f"{zoom:<14} {size[0]:>4}×{size[1]:<4}  {_words(known):24}  {_words(unknown)}")
-    slopes, _ = np.polyfit(np.log(ZOOMS), np.array(log_ratios), 1)
-    spread = slopes.std(ddof=1) / np.sqrt(len(slopes)) if len(slopes) > 1 else np.nan
-    print(
-        f"slope of log(true / predicted for the model's camera) on log(focal): "
-        f"{slopes.mean():.2f} ± {spread:.2f}"
-    )
+    _print_slope("log(true / predicted for the model's camera) on log(focal)", ZOOMS, log_ratios)
+
+
+def print_sizes(crops: Crops) -> None:
+    """The slope over the size at which things appear, with nothing cut off."""
+    log_ratios = [
+        -np.log(Crops(crops.task, _resized(crops.pipeline, size)).fits(640, 480, None)[:, 0])
+        for size in SIZES
+    ]
+    _print_slope("the same on log(size of the network's input), whole pictures", SIZES, log_ratios)
+
+
+def _resized(pipeline: depthcli.Pipeline, factor: float) -> depthcli.Pipeline:
+    """The same network with an input of another size; its card then assumes the same picture."""
+    session = copy(pipeline.session)
+    spec = session.model.card.input
+    width, height = round(spec.width * factor), round(spec.height * factor)
+    card = replace(session.model.card, input=replace(spec, width=width, height=height))
+    session.model = replace(session.model, card=card)
+    return depthcli.Pipeline(session, pipeline.detail)
+
+
+def _print_slope(name: str, over: Sequence[float], log_ratios: Sequence[FloatArray]) -> None:
+    slopes, _ = np.polyfit(np.log(over), np.array(log_ratios), 1)
+    error = slopes.std(ddof=1) / np.sqrt(len(slopes)) if len(slopes) > 1 else np.nan
+    print(f"slope of {name}: {slopes.mean():.2f} ± {error:.2f}", flush=True)
 
 
 def middle(values: npt.NDArray, width: int, height: int) -> npt.NDArray:
@@ -138,7 +167,7 @@ def middle(values: npt.NDArray, width: int, height: int) -> npt.NDArray:
     return np.ascontiguousarray(values[top : top + height, left : left + width])
 
 
-def _words(fits: npt.NDArray[np.float64]) -> str:
+def _words(fits: FloatArray) -> str:
     ratio, abs_rel = fits.mean(axis=0)
     return f"{ratio:.2f} ({abs_rel:.3f})"
 
