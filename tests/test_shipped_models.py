@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 from pathlib import Path
 
@@ -11,6 +12,8 @@ import onnx
 import pytest
 
 import depthcli
+from depthcli.core.anchor import Anchor
+from depthcli.core.scaling import fit_anchors
 from depthcli.datasets import id_ranges
 from depthcli.models.card import ModelCard
 
@@ -77,6 +80,26 @@ def test_sees_the_rendered_room(model: str) -> None:
     assert (np.maximum(ratio, 1 / ratio) < 1.25).mean() > 0.7
     floor, far_wall = depth.values[440:, 250:400].mean(), depth.values[230:300, 330:430].mean()
     assert floor < 0.8 * far_wall
+
+
+def test_the_readme_says_how_far_its_picture_is_off() -> None:
+    text = " ".join((ROOT / "README.md").read_text().split())
+    said = re.search(
+        r"true depth is known: a median of ([\d.]+) m\. The model says ([\d.]+) m, (\d+) % too near"
+        r".* `--anchor (\S+) --anchor (\S+)` the median is ([\d.]+) m",
+        text,
+    )
+    assert said
+    _, true_m = render()
+    depth, true_median_m = _depth("default"), np.median(true_m)
+    words = [said[i].split(",") for i in (4, 5)]
+    points = [Anchor(int(x), int(y), float(depth_m)) for x, y, depth_m in words]
+    fitted = fit_anchors(depth, points)
+    found_m = [true_median_m, np.median(depth.values), np.median(fitted.values)]
+    assert found_m == pytest.approx([float(said[i]) for i in (1, 2, 6)], abs=0.02)
+    assert 100 * (1 - found_m[1] / true_median_m) == pytest.approx(float(said[3]), abs=1)
+    for point in points:
+        assert true_m[point.y, point.x] == pytest.approx(point.depth_m, abs=0.01)
 
 
 def test_card_is_true(model: str) -> None:
