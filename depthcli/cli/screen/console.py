@@ -7,6 +7,8 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, cast
 
+from depthcli.core import text as core_text
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from typing import TextIO
@@ -27,6 +29,7 @@ class State:
         self.debug = False
 
 
+one_line = core_text.one_line
 _GAP = 2  # between columns
 _bars: list[Progress] = []
 """The progress bar on the terminal, if there is one."""
@@ -86,13 +89,6 @@ def trace(problem: BaseException) -> None:
     import traceback
 
     traceback.print_exception(problem, file=sys.stderr)
-
-
-def one_line(text: str) -> str:
-    """Text with everything that is not printable escaped: file names may hold any byte."""
-    if text.isprintable():
-        return text
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _write(stream: TextIO | None, text: str) -> None:

@@ -42,6 +42,16 @@ def atomic_path(path: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         _remove(temporary)
 
 
+def write_text(text: str, path: Path) -> None:
+    """Write a file of text.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def _same_file(path: Path, source: Path) -> bool:
     try:
         return path.samefile(source)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from depthcli.cli.screen import console
 from depthcli.evaluation.reports.figures import PICTURES, choose, draw_figures
 from depthcli.evaluation.reports.html import html_page
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.atomic import atomic_path, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,6 +74,4 @@ def write_page(
         OutputError: the file cannot be written.
     """
     header, *rows = table
-    page = html_page(title, subtitle, header, rows, notes, figures)
-    with atomic_path(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_text(html_page(title, subtitle, header, rows, notes, figures), path)

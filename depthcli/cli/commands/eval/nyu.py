@@ -9,6 +9,7 @@ import typer
 
 from depthcli.cli.arguments import completion, options
 from depthcli.cli.commands.eval.runs import runs
+from depthcli.cli.screen import console
 from depthcli.core.choices import Upsampling
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
@@ -151,11 +152,13 @@ def nyu(
     """Evaluate depth metrics on NYU Depth v2."""
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import Engine
-    from depthcli.cli.screen.evaluation import cells, footnotes, show, stages, write_text
+    from depthcli.cli.screen.evaluation import stages
     from depthcli.core.parallel.cores import usable_cores
     from depthcli.datasets.nyu import open_nyu
     from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
     from depthcli.evaluation.protocol import EvalProtocol
+    from depthcli.evaluation.reports.text import cells, footnotes, to_text
+    from depthcli.io.storage.atomic import write_text
     from depthcli.jobs.evaluate.models import open_models, open_prediction_folders
     from depthcli.jobs.evaluate.sheets import figures_of, positions_of, write_figures, write_page
 
@@ -203,7 +206,7 @@ def nyu(
         if figures or html:
             titles = [Path(p.name).name for p in predictors]
             sheets = figures_of(task, positions, predictors, titles, stage)
-    show(report, as_json=as_json)
+    console.out(report.to_json() if as_json else to_text(report))
     if csv is not None:
         write_text(report.to_csv(), csv)
     if figures is not None:

@@ -93,13 +93,14 @@ def runs(
 
     Runs whose folders differ only in -seedK are one row: mean and standard deviation.
     """
-    from depthcli.cli.screen.evaluation import stages, write_text
-    from depthcli.cli.screen.evaluation_runs import cells, notes, show
+    from depthcli.cli.screen.evaluation import stages
     from depthcli.core.parallel.cores import usable_cores
     from depthcli.datasets.nyu import open_nyu
-    from depthcli.evaluation.reports.runs_report import to_csv
+    from depthcli.evaluation.reports.runs_report import to_csv, to_json
+    from depthcli.evaluation.reports.runs_text import cells, notes, to_text
     from depthcli.evaluation.runs_table import evaluate_runs
     from depthcli.evaluation.trained import grouped, plan_comparison
+    from depthcli.io.storage.atomic import write_text
     from depthcli.jobs.evaluate.sheets import figures_of, positions_of, write_figures, write_page
 
     if ids and not (figures or html):
@@ -133,7 +134,7 @@ def runs(
             by_run = {model.run.name: model.predictor for model in models}
             firsts = [by_run[groups[name][0].name] for name in shown]
             sheets = figures_of(task, positions, firsts, shown, stage)
-    show(report, as_json=as_json)
+    console.out(to_json(report) if as_json else to_text(report))
     if csv is not None:
         write_text(to_csv(report), csv)
     if figures is not None:

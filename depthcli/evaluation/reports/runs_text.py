@@ -1,13 +1,12 @@
-"""How the table of trained runs looks."""
+"""The table of trained runs as text."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from depthcli.cli.screen import console
-from depthcli.cli.screen.evaluation import aligned
-from depthcli.evaluation.reports.runs_report import to_json
+from depthcli.core.text import one_line
+from depthcli.evaluation.reports.text import aligned
 from depthcli.metrics.depth import METRICS
 
 if TYPE_CHECKING:
@@ -22,35 +21,23 @@ _METRICS = ("abs_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3")
 _FACTS = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
 
 
-def show(report: RunsReport, *, as_json: bool) -> None:
-    """Print a report to standard output, as a table or as JSON."""
-    if as_json:
-        console.out(to_json(report))
-        return
-    console.out(report.title)
-    console.out(report.protocol.description)
-    console.out("")
-    for line in aligned(cells(report)):
-        console.out(line)
+def to_text(report: RunsReport) -> str:
+    """Title, protocol, table, differences and notes, as lines."""
+    lines = [report.title, report.protocol.description, "", *aligned(cells(report))]
     if report.differences:
-        name = console.one_line(report.differences[0].name)
-        console.out("")
-        console.out(f"{name} minus each row, 95 % of draws of whole scenes; ! clear of zero")
-        console.out("")
-        for line in aligned(difference_cells(report)):
-            console.out(line)
-    console.out("")
-    for note in notes(report):
-        console.out(note)
+        name = one_line(report.differences[0].name)
+        title = f"{name} minus each row, 95 % of draws of whole scenes; ! clear of zero"
+        lines += ["", title, "", *aligned(_difference_cells(report))]
+    return "\n".join([*lines, "", *notes(report)])
 
 
-def difference_cells(report: RunsReport) -> list[list[str]]:
+def _difference_cells(report: RunsReport) -> list[list[str]]:
     """The differences from one row as text, header first."""
     lines = [["minus", "align", *_METRICS]]
     for difference in report.differences:
         intervals = dict(zip(METRICS, difference.intervals, strict=True))
         shown = [_interval(intervals[metric]) for metric in _METRICS]
-        lines.append([console.one_line(difference.other), difference.alignment or "-", *shown])
+        lines.append([one_line(difference.other), difference.alignment or "-", *shown])
     return lines
 
 
@@ -75,7 +62,7 @@ def notes(report: RunsReport) -> list[str]:
 
 def _row(line: RunsRow) -> list[str]:
     row = line.row
-    name = console.one_line(row.name) + ("*" if row.note else "")
+    name = one_line(row.name) + ("*" if row.note else "")
     scores = [_score(metric, row.scores, line.spread) for metric in _METRICS]
     return [name, row.alignment or "-", *_facts(line.training), str(row.image_count), *scores]
 

@@ -1,0 +1,64 @@
+"""The table of an evaluation as text."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from depthcli.core.text import one_line
+from depthcli.metrics.boundary import HIGHER_IS_BETTER
+from depthcli.metrics.depth import METRICS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from depthcli.evaluation.report import Report, ReportRow
+
+_DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
+_TEXT_COLUMNS = 2
+
+
+def to_text(report: Report) -> str:
+    """Title, protocol, table and notes, as lines."""
+    head = [report.title, report.protocol.description, ""]
+    return "\n".join([*head, *aligned(cells(report)), "", *footnotes(report)])
+
+
+def cells(report: Report) -> list[list[str]]:
+    """The table as text, header first."""
+    return [["row", "align", "images", *report.columns], *(_cells(r, report) for r in report.rows)]
+
+
+def _cells(row: ReportRow, report: Report) -> list[str]:
+    name = one_line(row.name) + ("*" if row.note else "")
+    scores = [
+        "-" if math.isnan(value) else f"{value:.{_DECIMALS.get(metric, 4)}f}"
+        for metric, value in row.items(boundary=report.protocol.boundary)
+    ]
+    return [name, row.alignment or "-", str(row.image_count), *scores]
+
+
+def aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Lines with text to the left and numbers to the right."""
+    widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
+    for cells in table:
+        padded = [
+            cell.ljust(width) if i < _TEXT_COLUMNS else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        ]
+        yield "  ".join(padded).rstrip()
+
+
+def footnotes(report: Report) -> list[str]:
+    """What stands under the table."""
+    marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
+    empty = sorted({row.empty_count for row in report.rows} - {0})
+    left_out = [f"{count} images have no valid pixel and are excluded" for count in empty]
+    upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
+    direction = ", ".join(c for c in report.columns if c in upward | HIGHER_IS_BETTER)
+    return [
+        f"higher is better for {direction}, lower for the others",
+        *marked,
+        *report.notes,
+        *left_out,
+    ]
