@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 import cv2
 from made_pictures import write_video
 
-from depthcli.cli.arguments.span import VideoFormat
 from depthcli.core.choices import Detail
 from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.pipeline import load
+from depthcli.io.video.formats import VideoFormat
 from depthcli.io.video.source import VideoSource
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.video.plan import plan_video

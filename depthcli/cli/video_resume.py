@@ -7,13 +7,12 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli import __version__
-from depthcli.cli.arguments.span import VideoFormat
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_depth
+from depthcli.io.video.formats import SEQUENCES, VideoFormat
 from depthcli.io.video.frame_journal import FrameJournal
 from depthcli.io.video.frame_source import files_of
 from depthcli.io.video.number_pattern import number_name, without_number
-from depthcli.jobs.video.plan import SEQUENCES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

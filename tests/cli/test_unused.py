@@ -31,10 +31,10 @@ def run(*words: str) -> None:
         (("-o", "x.png", "--colormap", "turbo"), "--colormap", "preview"),
         (("-o", "x.png", "--legend"), "--legend", "preview"),
         (("-o", "x.png", "--vmin", "1"), "--vmin", "preview"),
-        (("-o", "x.exr", "--png-scale", "256"), "--png-scale", "png16"),
+        (("-o", "x.exr", "--png-scale", "256"), "--png-scale", "png16 or json"),
         (("-o", "x.npy", "--half"), "--half", "exr"),
         (("--exr-channel", "Z"), "--exr-channel", "exr"),
-        (("-o", "x.preview.png", "--png-normalize"), "--png-normalize", "png16"),
+        (("-o", "x.preview.png", "--png-normalize"), "--png-normalize", "png16 or json"),
     ],
 )
 def test_predict_refuses_what_no_format_uses(
@@ -60,7 +60,7 @@ def test_batch_and_video_refuse_them_too(tmp_path: Path, monkeypatch: pytest.Mon
     write_picture(tmp_path / "in" / "room.png")
     with pytest.raises(UsageError, match=r"^--legend is for preview, and only png16 "):
         run("batch", "in", "--out", "out", "--legend")
-    with pytest.raises(UsageError, match=r"^--lock is for mp4, and only png16 "):
+    with pytest.raises(UsageError, match=r"^--lock is for mkv, mp4, webm or mov, and only png16 "):
         run("video", "clip.mp4", "--out", "frames/", "--format", "png16", "--lock", "2")
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 

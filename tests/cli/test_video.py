@@ -16,16 +16,17 @@ import pytest
 from tiny import write_model
 from videos import NTSC, flat_frames, write_mp4, write_video
 
-from depthcli.cli.arguments.span import VideoFormat, parse_point, parse_span
+from depthcli.cli.arguments.span import parse_point, parse_span
 from depthcli.core.choices import Detail
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import load
 from depthcli.io.depth.facts import stated_facts
 from depthcli.io.depth.read import read_depth
 from depthcli.io.video.depth import DepthVideo
+from depthcli.io.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat
 from depthcli.io.video.source import VideoSource
 from depthcli.io.video.spans import Point, Span
-from depthcli.jobs.video.plan import SEQUENCES, SUFFIXES, choose_formats, plan_video
+from depthcli.jobs.video.plan import choose_formats, plan_video
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -99,7 +100,7 @@ def test_every_output_holds_the_same_millimetres(cli: Cli) -> None:
     done = cli("video", "clip.mp4", "--out", "out", "--json", *formats)
     assert (done.returncode, done.stderr) == (0, b"")
     facts = report(done)
-    assert facts["outputs"] == [f"out/clip{SUFFIXES[name]}" for name in VideoFormat]
+    assert facts["outputs"] == [f"out/clip{VIDEO_FORMATS[name].suffix}" for name in VideoFormat]
     out = cli.folder / "out"
     for index, steps in enumerate(DepthVideo(out / "clip.depth.mkv").steps()):
         png = cv2.imread(str(out / f"clip.depth.{index:06d}.png"), cv2.IMREAD_UNCHANGED)
@@ -107,7 +108,7 @@ def test_every_output_holds_the_same_millimetres(cli: Cli) -> None:
         for suffix in ("exr", "npy"):
             metres = read_depth(out / f"clip.depth.{index:06d}.{suffix}").values
             np.testing.assert_array_equal(steps, np.rint(metres * 1000))
-    assert len(here(cli)) == 1 + len(set(VideoFormat) - SEQUENCES.keys()) + 24 * len(SEQUENCES)
+    assert len(here(cli)) == 1 + len(set(VideoFormat) - set(SEQUENCES)) + 24 * len(SEQUENCES)
 
 
 @pytest.mark.parametrize("name", ["mkv", "png16"])
@@ -464,7 +465,7 @@ def test_names_of_outputs(tmp_path: Path) -> None:
     }
     assert plan_video("a.mov", str(tmp_path), formats).folder == tmp_path
     assert choose_formats("frames", ()) == (VideoFormat.MKV, VideoFormat.MP4)
-    assert set(SUFFIXES) == set(VideoFormat)
+    assert set(VIDEO_FORMATS) == set(VideoFormat)
 
 
 def test_a_name_that_is_not_utf_8_is_a_name_like_any_other(cli: Cli) -> None:

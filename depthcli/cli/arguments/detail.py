@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.errors import UsageError
+from depthcli.io.video.formats import VIDEO_FORMATS
 from depthcli.io.writers.formats import FORMATS
 
 if TYPE_CHECKING:
@@ -14,8 +15,11 @@ if TYPE_CHECKING:
 
 # Bytes a pixel beside picture and depth, measured with some to spare; the least is for the numbers
 # that are printed.
-_USE_BYTES = {str(name): facts.use_bytes for name, facts in FORMATS.items()}
-_USE_BYTES |= {"mkv": 16, "mp4": 20, "webm": 20, "mov": 24}
+_USE_BYTES = {
+    str(name): facts.use_bytes
+    for table in (FORMATS, VIDEO_FORMATS)
+    for name, facts in table.items()
+}
 _LEAST_USE_BYTES = 10
 _PICTURE_BESIDE_BYTES = 18
 _UNITS = {"": 1, "K": 1_000, "M": 1_000_000, "G": 1_000_000_000}

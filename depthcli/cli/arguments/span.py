@@ -1,9 +1,8 @@
-"""Words that ``depthcli video`` takes, kept apart so that its help needs no numpy."""
+"""The part of a video that ``depthcli video`` takes, in words."""
 
 from __future__ import annotations
 
 import re
-from enum import StrEnum
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -17,41 +16,11 @@ _RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)
 _MINUTE = 60
 
 
-class VideoFormat(StrEnum):
-    """What to write."""
-
-    MKV = "mkv"
-    """Lossless 16-bit video."""
-    MP4 = "mp4"
-    """A preview in colours, for any player and browser."""
-    WEBM = "webm"
-    """A preview in a royalty-free format."""
-    MOV = "mov"
-    """A preview for editors."""
-    PNG16 = "png16"
-    """A 16-bit PNG for each frame."""
-    EXR = "exr"
-    """An EXR for each frame."""
-    NPY = "npy"
-    """A NumPy file for each frame."""
-    JSON = "json"
-    """What the numbers of the others mean."""
-
-
-class PreviewCodec(StrEnum):
-    """How a preview is compressed; a part of :class:`depthcli.io.video.codecs.Codec`."""
-
-    H264 = "h264"
-    VP9 = "vp9"
-    AV1 = "av1"
-    PRORES = "prores"
-
-
 def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     """The part of a video that ``--start``, ``--end`` and ``--every`` describe.
 
     Raises:
-        UsageError: one is no such place, or the span is empty them.
+        UsageError: one is no such place, or the span is empty.
     """
     from depthcli.io.video.spans import Span
 

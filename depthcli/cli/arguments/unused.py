@@ -5,39 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from depthcli.errors import UsageError
+from depthcli.io.video.formats import VIDEO_FORMATS
+from depthcli.io.writers.formats import FORMATS
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping, Sequence
 
-_PREVIEW_VIDEO = ("mp4", "webm", "mov")
-_PREVIEW = ("preview", *_PREVIEW_VIDEO)
-_USED_BY = {
-    # The sidecar states the scale of the PNG beside it.
-    "png_scale": ("png16", "mkv", "json"),
-    "png_normalize": ("png16", "json"),
-    "exr_channel": ("exr",),
-    "half": ("exr",),
-    "colormap": _PREVIEW,
-    "near": _PREVIEW,
-    "vmin": _PREVIEW,
-    "vmax": _PREVIEW,
-    "legend": _PREVIEW,
-    "side_by_side": _PREVIEW,
-    "lock": (*_PREVIEW_VIDEO, "mkv"),
-    "codec": _PREVIEW_VIDEO,
-    "audio": _PREVIEW_VIDEO,
-    # Those of convert, which scales no metres.
-    "cloud_focal_px": ("ply",),
-    "cloud_hfov": ("ply",),
-    "picture": ("ply",),
-}
-"""The formats that an option is for, by the name of its parameter."""
+PICTURE_OPTIONS = {str(name): facts.options for name, facts in FORMATS.items()}
+VIDEO_OPTIONS = {str(name): facts.options for name, facts in VIDEO_FORMATS.items()}
+"""The options that a format uses, by the names of their parameters."""
 
 
 def refuse_unused(
     context: Any,  # noqa: ANN401 - typer's own
     formats: Collection[str],
-    available: Collection[str],
+    used_by: Mapping[str, Collection[str]],
 ) -> None:
     """Refuse an option of the command line which no format that is written uses.
 
@@ -46,19 +28,23 @@ def refuse_unused(
     Args:
         context: of the command that runs.
         formats: names of what is written.
-        available: names of all that the command can write.
+        used_by: the options that each format uses, of all that the command can write.
 
     Raises:
         UsageError: there is such an option.
     """
     for name, word in given_options(context).items():
-        users = _USED_BY.get(name, tuple(formats))
-        if set(users).isdisjoint(formats):
-            meant = next(user for user in users if user in available)
+        users = [format_ for format_, options in used_by.items() if name in options]
+        if users and set(users).isdisjoint(formats):
             raise UsageError(
-                f"{word} is for {meant}, and only {' and '.join(formats)} would be written; "
-                f"remove it, or write {meant}"
+                f"{word} is for {_listed(users)}, and only {' and '.join(formats)} would be "
+                "written; remove it, or choose another format"
             )
+
+
+def _listed(names: Sequence[str]) -> str:
+    """``a``, ``a or b``, ``a, b or c``."""
+    return " or ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
 
 
 def given_options(context: Any) -> dict[str, str]:  # noqa: ANN401 - typer's own

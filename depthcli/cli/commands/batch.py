@@ -113,7 +113,7 @@ def batch(
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import Engine
-    from depthcli.cli.arguments.unused import refuse_unused
+    from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import choose_looks
     from depthcli.core.parallel.cores import usable_cores
 
@@ -131,7 +131,7 @@ def batch(
     )
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
-    refuse_unused(context, chosen, tuple(Format))
+    refuse_unused(context, chosen, PICTURE_OPTIONS)
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     plan = _plan(folder, output, files, include or (), exclude or ())
     cores = usable_cores()

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(rich_markup_mode=None)
 
+# Unlike those of predict, they scale no metres.
+_CLOUD_OPTIONS = ("cloud_focal_px", "cloud_hfov", "picture")
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
 
@@ -74,7 +76,7 @@ def convert(
 ) -> int:
     """Convert a depth file and report the round-trip error."""
     from depthcli.cli.arguments.camera import choose_camera
-    from depthcli.cli.arguments.unused import refuse_unused
+    from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import check_looks
     from depthcli.cli.screen.convert import Converted, RoundTrip
     from depthcli.io.depth.read import read_depth
@@ -82,7 +84,7 @@ def convert(
     from depthcli.io.writers.options import WriterOptions
 
     chosen = _format(target, format_)
-    refuse_unused(context, (chosen,), tuple(Format))
+    refuse_unused(context, (chosen,), PICTURE_OPTIONS | {Format.PLY: _CLOUD_OPTIONS})
     choose_camera(cloud_focal_px, cloud_hfov, None)
     check_looks(png_scale, None, None, None, None, png_normalize=png_normalize)
     written = WriterOptions(png_scale or MILLIMETRES, png_normalize, exr_channel.value, half)

@@ -69,7 +69,7 @@ def predict(
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import Engine
-    from depthcli.cli.arguments.unused import refuse_unused
+    from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import choose_looks
     from depthcli.jobs.predict.plan import (
         STANDARD,
@@ -96,7 +96,7 @@ def predict(
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = choose_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen
-    refuse_unused(context, written, tuple(Format))
+    refuse_unused(context, written, PICTURE_OPTIONS)
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     pictures, own = pictures_among(images)
     jobs = plan_jobs(pictures, output, chosen, sidecar=sidecar)

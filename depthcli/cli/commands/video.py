@@ -9,9 +9,10 @@ import typer
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.arguments.numbers import not_negative
-from depthcli.cli.arguments.span import PreviewCodec, VideoFormat
 from depthcli.core.choices import Upsampling
 from depthcli.errors import UsageError
+from depthcli.io.video.codecs import PreviewCodec
+from depthcli.io.video.formats import VideoFormat
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -147,7 +148,7 @@ def video(
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import Engine
     from depthcli.cli.arguments.span import parse_fps, parse_span
-    from depthcli.cli.arguments.unused import refuse_unused
+    from depthcli.cli.arguments.unused import VIDEO_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import choose_looks
     from depthcli.core.parallel.cores import usable_cores
     from depthcli.jobs.video.plan import choose_formats, plan_video
@@ -170,7 +171,7 @@ def video(
     chosen = choose_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
-    refuse_unused(context, chosen, tuple(VideoFormat))
+    refuse_unused(context, chosen, VIDEO_OPTIONS)
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     job = plan_video(file, output, chosen, sidecar=sidecar, codec=codec, has_sound=audio)
     cores = usable_cores()

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from depthcli.cli.app import COMMANDS, PROFILED
 from depthcli.cli.arguments.unused import is_given
 from depthcli.cli.profiles import files as profile_files
 from depthcli.errors import UsageError
+from depthcli.io.video.formats import video_format_of
 from depthcli.io.writers.formats import format_of
 from depthcli.jobs.naming import is_folder
-from depthcli.jobs.video.plan import FORMAT_OF_SUFFIX
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -47,9 +46,7 @@ class Defaults(dict[str, Any]):
         if name != _FORMATS or not is_given(self._context, _OUTPUT):
             return False
         output = str(self._context.params.get(_OUTPUT))
-        names_format = (
-            format_of(output) is not None or Path(output).suffix.lower() in FORMAT_OF_SUFFIX
-        )
+        names_format = format_of(output) is not None or video_format_of(output) is not None
         return names_format and self._context.info_name != _FOLDERS_ONLY and not is_folder(output)
 
 

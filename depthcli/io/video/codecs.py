@@ -26,6 +26,15 @@ class Codec(StrEnum):
     """ProRes 422 HQ, 10 bit, for editors."""
 
 
+class PreviewCodec(StrEnum):
+    """The codecs that previews can have; a part of :class:`Codec`, under the same names."""
+
+    H264 = "h264"
+    VP9 = "vp9"
+    AV1 = "av1"
+    PRORES = "prores"
+
+
 @dataclass(frozen=True, slots=True)
 class Encoding:
     """How a codec is used.

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli import __version__
-from depthcli.cli.arguments.span import VideoFormat
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_video
+from depthcli.io.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
 from depthcli.io.writers.formats import FORMATS, Format
 from depthcli.jobs.batch.manifest import Origin, is_intact
 
@@ -25,15 +25,6 @@ if TYPE_CHECKING:
     from depthcli.jobs.batch.journal import Rows
     from depthcli.jobs.batch.manifest import Row
     from depthcli.jobs.batch.plan import Plan
-
-COUNTERPART = {
-    Format.PNG16: VideoFormat.MKV,
-    Format.PREVIEW: VideoFormat.MP4,
-    Format.EXR: VideoFormat.EXR,
-    Format.NPY: VideoFormat.NPY,
-    Format.JSON: VideoFormat.JSON,
-}
-"""What a video gets where pictures get this."""
 
 
 class Recipe(NamedTuple):
@@ -114,11 +105,9 @@ class Targets(NamedTuple):
 
     def of_video(self, found: Found) -> dict[VideoFormat, Path]:
         """Where the outputs of a video go; a sequence's name holds ``%06d``."""
-        from depthcli.jobs.video.plan import SUFFIXES as VIDEO_SUFFIXES
-
         base = self.plan.names.base(found.name)
-        chosen = [COUNTERPART[f] for f in self.recipe.formats if f in COUNTERPART]
-        return {which: self.plan.out / (base + VIDEO_SUFFIXES[which]) for which in chosen}
+        chosen = [COUNTERPARTS[f] for f in self.recipe.formats if f in COUNTERPARTS]
+        return {which: self.plan.out / (base + VIDEO_FORMATS[which].suffix) for which in chosen}
 
     def kept(self, found: Found, sha256: str) -> Row | None:
         """The row of an earlier batch, if its outputs are still there and still right."""

@@ -7,11 +7,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.cli.arguments.span import VideoFormat
 from depthcli.errors import InputError
+from depthcli.io.video.formats import SEQUENCES, VideoFormat
 from depthcli.jobs.batch.manifest import FAILED, OK, Row, written
 from depthcli.jobs.batch.pictures import Result, blame, reason
-from depthcli.jobs.video.plan import SEQUENCES, VideoJob
+from depthcli.jobs.video.plan import VideoJob
 from depthcli.jobs.video.run import run_video
 from depthcli.jobs.video.stages import VideoSettings
 

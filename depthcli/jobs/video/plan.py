@@ -7,12 +7,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.cli.arguments.span import PreviewCodec, VideoFormat
 from depthcli.errors import UsageError
-from depthcli.io.video.codecs import Codec, preview_codec
+from depthcli.io.video.codecs import Codec, PreviewCodec, preview_codec
+from depthcli.io.video.formats import (
+    SEQUENCES,
+    VIDEO_FORMATS,
+    VideoFormat,
+    sequence_of,
+    video_format_of,
+)
 from depthcli.io.video.frame_source import is_sequence
 from depthcli.io.video.number_pattern import is_pattern, number_name, without_number
-from depthcli.io.writers.formats import Format
 from depthcli.jobs.naming import is_folder, output_bases
 
 if TYPE_CHECKING:
@@ -26,35 +31,6 @@ if TYPE_CHECKING:
     from depthcli.io.writers.options import WriterOptions
 
 DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
-FORMAT_OF_SUFFIX = {
-    ".mkv": VideoFormat.MKV,
-    ".mp4": VideoFormat.MP4,
-    ".webm": VideoFormat.WEBM,
-    ".mov": VideoFormat.MOV,
-    ".json": VideoFormat.JSON,
-}
-SUFFIXES = {
-    VideoFormat.MKV: ".depth.mkv",
-    VideoFormat.MP4: ".preview.mp4",
-    VideoFormat.WEBM: ".preview.webm",
-    VideoFormat.MOV: ".preview.mov",
-    VideoFormat.PNG16: ".depth.%06d.png",
-    VideoFormat.EXR: ".depth.%06d.exr",
-    VideoFormat.NPY: ".depth.%06d.npy",
-    VideoFormat.JSON: ".depth.json",
-}
-"""Ends of the output names; of a sequence, with the place of the frame's number."""
-_SEQUENCE_SUFFIXES = {
-    ".png": VideoFormat.PNG16,
-    ".exr": VideoFormat.EXR,
-    ".npy": VideoFormat.NPY,
-}
-SEQUENCES = {
-    VideoFormat.PNG16: Format.PNG16,
-    VideoFormat.EXR: Format.EXR,
-    VideoFormat.NPY: Format.NPY,
-}
-PREVIEWS = {VideoFormat.MP4, VideoFormat.WEBM, VideoFormat.MOV}
 
 
 class VideoJob(NamedTuple):
@@ -104,17 +80,17 @@ class VideoJob(NamedTuple):
         inputs, timing = files_of(source), Timing(rate, source.tick_s)
         if which is VideoFormat.MKV:
             return outputs.depth_video(self.path(which), timing, looks.png_scale, inputs)
-        if which in PREVIEWS:
-            writer = looks.writer(Format.PREVIEW)
-            if not isinstance(writer, PreviewWriter):
-                raise TypeError(type(writer))
+        picture = VIDEO_FORMATS[which].picture
+        if picture is None:
+            raise ValueError(which)
+        writer = looks.writer(picture)
+        if isinstance(writer, PreviewWriter):
             path = self.path(which)
             codec = self.codecs.get(which) or preview_codec(path.suffix.lower(), None)
             sound = None
             if self.has_sound and source.start_s is not None:
                 sound = Sound(self.source, source.start_s)
             return outputs.preview_video(path, timing, writer, inputs, codec=codec, sound=sound)
-        writer = looks.writer(SEQUENCES[which])
         name = partial(number_name, self.names[which])
         return nullcontext(
             outputs.SequenceOutput(which.value, self.folder, name, writer, files_of(source))
@@ -133,8 +109,8 @@ def choose_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vi
         chosen = tuple(dict.fromkeys(asked))
     elif output is None or _is_folder(output):
         chosen = DEFAULT_FORMATS
-    elif Path(output).suffix.lower() in FORMAT_OF_SUFFIX:
-        chosen = (FORMAT_OF_SUFFIX[Path(output).suffix.lower()],)
+    elif (found := video_format_of(output)) is not None:
+        chosen = (found,)
     else:
         raise UsageError(
             f"--out {output} says no format; end it in .mkv, .mp4, .webm or .mov, or name a folder "
@@ -177,7 +153,7 @@ def plan_video(
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if sidecar else formats))
     if output is None or _is_folder(output):
         folder = source.parent if output is None else Path(output)
-        names = {which: _base(source) + SUFFIXES[which] for which in wanted}
+        names = {which: _base(source) + VIDEO_FORMATS[which].suffix for which in wanted}
     else:
         folder = Path(output).parent
         names = _file_names(Path(output), formats, wanted)
@@ -194,7 +170,7 @@ def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat
     Raises:
         UsageError: its suffix says none, or something else is asked for.
     """
-    found = _SEQUENCE_SUFFIXES.get(Path(output).suffix.lower())
+    found = sequence_of(output)
     if found is None or set(asked) - {found}:
         raise UsageError(
             f"--out {output} is a pattern for numbered files: end it in .png, .exr or .npy, with "
@@ -211,7 +187,7 @@ def _base(source: Path) -> str:
 
 
 def _codecs(names: dict[VideoFormat, str], asked: PreviewCodec | None) -> dict[VideoFormat, Codec]:
-    previews = [which for which in names if which in PREVIEWS]
+    previews = [which for which in names if VIDEO_FORMATS[which].is_preview]
     codec = None if asked is None else Codec(asked)
     return {which: preview_codec(f".{which}", codec) for which in previews}
 
@@ -226,12 +202,12 @@ def _file_names(
         sidecar = without_number(output.stem) + ".json"
         return names | ({VideoFormat.JSON: sidecar} if VideoFormat.JSON in wanted else {})
     if len(main) > 1:
-        return {which: output.stem + SUFFIXES[which] for which in wanted}
+        return {which: output.stem + VIDEO_FORMATS[which].suffix for which in wanted}
     if main[0] in SEQUENCES:
         raise UsageError(
             f"--out {output} is one file and {main[0]} writes one a frame; name a folder"
         )
-    if FORMAT_OF_SUFFIX.get(output.suffix.lower()) is not main[0]:
+    if video_format_of(output) is not main[0]:
         raise UsageError(
             f"--out {output} does not end in .{main[0]}; the suffix has to match the format"
         )

@@ -7,13 +7,13 @@ import time
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Any
 
-from depthcli.cli.arguments.span import VideoFormat
 from depthcli.cli.video_resume import progress_of
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.core.progress import NO_PROGRESS
 from depthcli.errors import InputError, OutputError
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.video.formats import VideoFormat
 from depthcli.io.video.frame_source import open_frames
 from depthcli.io.video.sequence import ImageSequence
 from depthcli.jobs.video.result import VideoDone
