@@ -28,6 +28,7 @@ from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.evaluation.predictors.model import open_model
 from depthcli.evaluation.run import Entry, evaluate
+from depthcli.inference.loading import SessionLoader
 from depthcli.io.writers.png16 import Png16Writer
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
     dataset = open_nyu(options.data)
-    model = open_model(None, threads=1, detail=Detail(Upsampling.BILINEAR))
+    model = open_model(SessionLoader(threads=1), Detail(Upsampling.BILINEAR))
     folder = tempfile.TemporaryDirectory()
     out = Path(folder.name)
     ways: dict[str, Callable[[range], object]] = {

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from depthcli.api import DepthMap, DepthModel, DepthVideo, load_model, read_depth
-    from depthcli.core.anchor import Anchor
+    from depthcli.core.camera import Anchor
     from depthcli.core.choices import Detail, Upsampling
     from depthcli.core.point_cloud import PointCloud
     from depthcli.core.types import CameraSource, DepthKind, Frame, Provenance
@@ -83,7 +83,7 @@ __all__ = [
 
 _HOMES = {
     "depthcli.api": ("DepthMap", "DepthModel", "DepthVideo", "load_model", "read_depth"),
-    "depthcli.core.anchor": ("Anchor",),
+    "depthcli.core.camera": ("Anchor",),
     "depthcli.core.choices": ("Detail", "Upsampling"),
     "depthcli.core.point_cloud": ("PointCloud",),
     "depthcli.core.types": ("CameraSource", "DepthKind", "Frame", "Provenance"),

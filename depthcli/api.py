@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.core import scaling, types
-from depthcli.core.anchor import Anchor
+from depthcli.core.camera import Anchor
 from depthcli.core.choices import PLAIN
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.core.point_cloud import point_cloud

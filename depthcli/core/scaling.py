@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from depthcli.core.anchor import Anchor
+    from depthcli.core.camera import Anchor
 
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 _STRAIGHT_ANGLE_DEG = 180.0

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from depthcli.core.anchor import Anchor
+    from depthcli.core.camera import Anchor
 
 
 class DepthKind(StrEnum):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from depthcli.models.card_specs import CameraSpec, InputSpec
 
 
-class Camera(NamedTuple):
+class PictureCamera(NamedTuple):
     """The camera of one picture.
 
     Attributes:
@@ -41,7 +41,7 @@ def gives_metres(card: ModelCard) -> bool:
 
 def camera_of(
     card: ModelCard, frame: Frame, place: Layout, focal_px: float | None, hfov_deg: float | None
-) -> Camera | None:
+) -> PictureCamera | None:
     """The camera that a picture is taken to come from.
 
     Args:
@@ -69,18 +69,18 @@ def learned_focal_px(spec: InputSpec, camera: CameraSpec) -> float:
     return scaling.focal_px(camera.hfov_deg, spec.width) * math.sqrt(spec.pixel_aspect)
 
 
-def _known(frame: Frame, focal_px: float | None, hfov_deg: float | None) -> Camera | None:
+def _known(frame: Frame, focal_px: float | None, hfov_deg: float | None) -> PictureCamera | None:
     if focal_px is not None:
-        return Camera(focal_px, CameraSource.OPTION)
+        return PictureCamera(focal_px, CameraSource.OPTION)
     if hfov_deg is not None:
-        return Camera(scaling.focal_px(hfov_deg, frame.width), CameraSource.OPTION)
+        return PictureCamera(scaling.focal_px(hfov_deg, frame.width), CameraSource.OPTION)
     if frame.focal_35mm is not None:
         in_px = scaling.focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
-        return Camera(in_px, CameraSource.EXIF)
+        return PictureCamera(in_px, CameraSource.EXIF)
     return None
 
 
-def _assumed(spec: InputSpec, camera: CameraSpec, frame: Frame) -> Camera:
+def _assumed(spec: InputSpec, camera: CameraSpec, frame: Frame) -> PictureCamera:
     """The camera that a model learned.
 
     A picture of another shape is taken for the largest crop of that camera's, held upright or not;
@@ -90,4 +90,4 @@ def _assumed(spec: InputSpec, camera: CameraSpec, frame: Frame) -> Camera:
     long, short = sorted((frame.width, frame.height), reverse=True)
     long_px = max(long, short * max(aspect, 1 / aspect))
     width_px = long_px if aspect >= 1 else long_px * aspect
-    return Camera(width_px * scaling.focal_px(camera.hfov_deg, 1), CameraSource.CARD)
+    return PictureCamera(width_px * scaling.focal_px(camera.hfov_deg, 1), CameraSource.CARD)

@@ -12,13 +12,12 @@ from depthcli.core.choices import PLAIN
 from depthcli.core.types import DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.inference.camera import camera_of, gives_metres
+from depthcli.inference.loading import SessionLoader
 from depthcli.inference.memory import tile_width_px
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
 from depthcli.inference.providers import AUTO
-from depthcli.inference.session import Session
 from depthcli.inference.tiles import refine
-from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
     import os
@@ -28,8 +27,9 @@ if TYPE_CHECKING:
 
     from depthcli.core.choices import Detail
     from depthcli.core.types import Frame
-    from depthcli.inference.camera import Camera
+    from depthcli.inference.camera import PictureCamera
     from depthcli.inference.preprocess import Layout
+    from depthcli.inference.session import Session
     from depthcli.models.card import ModelCard
 
 
@@ -114,7 +114,7 @@ class Pipeline:
         frame: Frame,
         raw: npt.NDArray[np.float32],
         place: Layout,
-        camera: Camera | None,
+        camera: PictureCamera | None,
     ) -> DepthMap:
         coarse = coarse_depth(self.card.output, raw, place)
         tile_px, reach = tile_width_px(self.card.input, frame, self.detail), 1
@@ -159,7 +159,7 @@ class Pipeline:
                 "length does not apply; remove --focal-px and --hfov"
             )
 
-    def _provenance(self, frame: Frame, place: Layout, camera: Camera | None) -> Provenance:
+    def _provenance(self, frame: Frame, place: Layout, camera: PictureCamera | None) -> Provenance:
         return Provenance(
             model=self.card.name,
             model_sha256=self.session.model.sha256,
@@ -192,7 +192,5 @@ def load(
         ProviderError: the named provider is not available.
         UsageError: no provider has that name, or it takes no options and some are given.
     """
-    session = Session(
-        find_model(model), provider=provider, threads=threads, provider_options=provider_options
-    )
-    return Pipeline(session, detail)
+    loader = SessionLoader(model, provider, threads, provider_options or {})
+    return Pipeline(loader.load(), detail)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from depthcli.core.anchor import Anchor
+from depthcli.core.camera import Anchor
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:

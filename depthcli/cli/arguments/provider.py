@@ -1,54 +1,31 @@
-"""The model of a command, loaded while the command does something else."""
+"""Options of a provider, as the command line has them."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from depthcli.core.parallel.background import Background
 from depthcli.errors import UsageError
+from depthcli.inference.loading import SessionLoader
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from depthcli.inference.session import Session
 
+def session_loader(
+    model: str | None, provider: str, threads: int | None, words: Sequence[str] | None
+) -> SessionLoader:
+    """The model that the options name, and what runs it.
 
-class Engine(NamedTuple):
-    """Which model runs, and how.
+    Args:
+        model: as ``--model`` has it.
+        provider: as ``--provider`` has it.
+        threads: of the network; None for onnxruntime's choice.
+        words: as ``--provider-option`` has them.
 
-    Attributes:
-        model: name or path; None for the default.
-        provider: ``auto`` or a name.
-        threads: None for onnxruntime's choice.
-        settings: options of the provider, as ``KEY=VALUE`` words.
+    Raises:
+        UsageError: an option of the provider is none.
     """
-
-    model: str | None
-    provider: str
-    threads: int | None
-    settings: Sequence[str] = ()
-
-    def start(self) -> Background[Session]:
-        """Begin to find and load the model; what is wrong with it comes with the result.
-
-        Imports hold the interpreter's lock; reading, checking and loading a model do not. So the
-        file is checked while onnxruntime is imported here, and loaded while the caller imports all
-        that reads pictures.
-        """
-        options = provider_options(self.settings)
-        from depthcli.models.catalog import find_model
-
-        checking = Background(lambda: find_model(self.model))
-        from depthcli.inference.session import Session
-
-        return Background(
-            lambda: Session(
-                checking.result(),
-                provider=self.provider,
-                threads=self.threads,
-                provider_options=options,
-            )
-        )
+    return SessionLoader(model, provider, threads, provider_options(words or ()))
 
 
 def provider_options(words: Sequence[str]) -> dict[str, str]:

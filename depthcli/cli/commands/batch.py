@@ -112,7 +112,7 @@ def batch(
     """
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.detail import choose_detail
-    from depthcli.cli.arguments.provider import Engine
+    from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import choose_looks
     from depthcli.core.parallel.cores import usable_cores
@@ -137,7 +137,7 @@ def batch(
     cores = usable_cores()
     at_once = workers or cores
     threads = threads or max(1, cores // at_once)
-    loading = Engine(model, provider, threads, provider_option or ()).start()
+    loading = session_loader(model, provider, threads, provider_option).start()
     from depthcli.cli.screen.batch import Voice
     from depthcli.core.picture_limit import PictureLimit
     from depthcli.inference.pipeline import Pipeline

@@ -57,7 +57,7 @@ def bench(
 
     End-to-end is from the encoded file to a 16-bit PNG on disk.
     """
-    from depthcli.cli.arguments.provider import Engine
+    from depthcli.cli.arguments.provider import session_loader
     from depthcli.core.choices import Detail
     from depthcli.core.parallel.cores import usable_cores
     from depthcli.inference.pipeline import Pipeline
@@ -67,9 +67,8 @@ def bench(
     data = read_bytes(image) if image else made_picture(*_pixels(size))
     count = workers or usable_cores()
     each = max(1, usable_cores() // count)
-    settings = provider_option or ()
     alone, shared = (
-        Pipeline(Engine(model, provider, n, settings).start().result(), Detail(upsample))
+        Pipeline(session_loader(model, provider, n, provider_option).load(), Detail(upsample))
         for n in (threads, each)
     )
     for warning in alone.session.warnings:

@@ -8,6 +8,7 @@ import typer
 
 from depthcli.cli.arguments import completion
 from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 from depthcli.errors import DepthcliError, ExitCode
 from depthcli.jobs.doctor_packages import Check, families, modules, reason, versions
 
@@ -41,7 +42,7 @@ def doctor(
         if as_json:
             console.out_json(check._asdict())
         else:
-            console.out(f"{check.status:<8} {check.name:<24} {console.one_line(check.detail)}")
+            console.out(f"{check.status:<8} {check.name:<24} {one_line(check.detail)}")
     return ExitCode.FAILURE if failed else ExitCode.OK
 
 

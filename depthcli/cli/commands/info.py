@@ -10,6 +10,7 @@ import typer
 from depthcli.cli.arguments.frame import VIDEO_SUFFIX, check_scale
 from depthcli.cli.arguments.numbers import positive
 from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
 
 app = typer.Typer(rich_markup_mode=None)
@@ -30,11 +31,13 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> int:
     """Show unit, scale, size, range and model of a depth file."""
+    from dataclasses import asdict
+
     import numpy as np
 
+    from depthcli.core.summary import DepthRange
     from depthcli.io.depth.facts import stated_facts
     from depthcli.io.depth.read import read_depth
-    from depthcli.jobs.predict.outcome import Range
 
     path = Path(file)
     check_scale(path, png_scale)
@@ -50,7 +53,7 @@ def info(
         "width": depth.width,
         "height": depth.height,
         "valid": int(np.isfinite(depth.values).sum()),
-        **Range.of(depth)._asdict(),
+        **asdict(DepthRange.of(depth)),
         "metadata": stated_facts(path),
     }
     return _tell(facts, as_json=as_json)
@@ -73,4 +76,4 @@ def _show(facts: dict[str, object]) -> None:
         text = (
             f"{value:.6g}" if isinstance(value, float) else str("none" if value is None else value)
         )
-        console.out(console.one_line(f"{name:<{width}}  {text}"))
+        console.out(one_line(f"{name:<{width}}  {text}"))

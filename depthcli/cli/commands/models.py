@@ -10,6 +10,7 @@ import typer
 from depthcli.cli.arguments import completion
 from depthcli.cli.commands import models_own
 from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def _verify(name: str, as_json: bool) -> bool:
     if as_json:
         console.out_json({"model": name, "status": "ok", **_facts(model)})
     else:
-        console.out(f"{console.one_line(name)}: ok, sha256 {model.sha256}")
+        console.out(f"{one_line(name)}: ok, sha256 {model.sha256}")
     return False
 
 

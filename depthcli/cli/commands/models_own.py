@@ -8,6 +8,7 @@ import typer
 
 from depthcli.cli.arguments import completion
 from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -54,8 +55,8 @@ def add(
             | _preprocessing(model.card)
         )
         return ExitCode.OK
-    said = console.one_line(f"{model.card.name}: {what_comes_out(model.card)}")
-    console.out(f"{said}, in {console.one_line(str(model.path.parent))}")
+    said = one_line(f"{model.card.name}: {what_comes_out(model.card)}")
+    console.out(f"{said}, in {one_line(str(model.path.parent))}")
     _warn_of_preprocessing(model.card)
     return ExitCode.OK
 
@@ -72,7 +73,7 @@ def remove(
     from depthcli.jobs.install_model import remove_model
 
     for name in models:
-        console.out(f"removed {console.one_line(str(remove_model(name)))}")
+        console.out(f"removed {one_line(str(remove_model(name)))}")
     return ExitCode.OK
 
 

@@ -68,7 +68,7 @@ def predict(
     """
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.detail import choose_detail
-    from depthcli.cli.arguments.provider import Engine
+    from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import choose_looks
     from depthcli.jobs.predict.plan import (
@@ -102,7 +102,7 @@ def predict(
     jobs = plan_jobs(pictures, output, chosen, sidecar=sidecar)
     for name in () if quiet else own:
         console.warn(f"{name} was written by depthcli; skipped")
-    loading = Engine(model, provider, threads, provider_option or ()).start()
+    loading = session_loader(model, provider, threads, provider_option).start()
     from depthcli.core.picture_limit import PictureLimit
     from depthcli.jobs.predict.run import Predictor, Voice
 

@@ -13,6 +13,7 @@ import typer
 from depthcli.cli.arguments import completion
 from depthcli.cli.profiles import files as profile_files
 from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def save(
 
     check_together(values)
     path = profile_files.write(name, values, force=force)
-    console.out(f"saved {console.one_line(str(path))}")
+    console.out(f"saved {one_line(str(path))}")
     return ExitCode.OK
 
 
@@ -75,7 +76,7 @@ def list_profiles(as_json: _Json = False) -> int:
             console.out_json({"name": name, "path": path, "options": profile_files.read(name)})
         else:
             options = profile_files.read_text(name).strip().replace("\n", "; ")
-            console.out(console.one_line(f"{name}: {options}"))
+            console.out(one_line(f"{name}: {options}"))
     return ExitCode.OK
 
 
@@ -83,7 +84,7 @@ def list_profiles(as_json: _Json = False) -> int:
 def show(name: _Name) -> int:
     """Show a profile, as TOML."""
     for line in profile_files.read_text(name).splitlines():
-        console.out(console.one_line(line))
+        console.out(one_line(line))
     return ExitCode.OK
 
 
@@ -98,7 +99,7 @@ def remove(
 ) -> int:
     """Delete profiles."""
     for name in profiles:
-        console.out(f"removed {console.one_line(str(profile_files.remove(name)))}")
+        console.out(f"removed {one_line(str(profile_files.remove(name)))}")
     return ExitCode.OK
 
 

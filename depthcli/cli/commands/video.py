@@ -146,7 +146,7 @@ def video(
     """
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.detail import choose_detail
-    from depthcli.cli.arguments.provider import Engine
+    from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.span import parse_fps, parse_span
     from depthcli.cli.arguments.unused import VIDEO_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import choose_looks
@@ -177,7 +177,7 @@ def video(
     cores = usable_cores()
     at_once = workers or cores
     share = threads or max(1, cores // at_once)
-    loading = Engine(model, provider, share, provider_option or ()).start()
+    loading = session_loader(model, provider, share, provider_option).start()
     from depthcli.cli.screen.video import run_and_tell
     from depthcli.core.picture_limit import PictureLimit
     from depthcli.jobs.video.stages import VideoSettings

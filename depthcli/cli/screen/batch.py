@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 from depthcli.io.listing.skipped import summary
 from depthcli.jobs.batch.manifest import MANIFEST_NAME
 
@@ -54,7 +55,7 @@ class Voice(NamedTuple):
         say(", ".join(_account(plan, tally)) + f"; {_speed(tally)}")
         if tally.passed < tally.total:
             console.note("stopped early; run the same command again to resume")
-        say(console.one_line(f"manifest: {plan.out / MANIFEST_NAME}"))
+        say(one_line(f"manifest: {plan.out / MANIFEST_NAME}"))
 
 
 def _account(plan: Plan, tally: Tally) -> list[str]:

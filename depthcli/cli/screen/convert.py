@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap
@@ -74,6 +75,6 @@ class Converted(NamedTuple):
                 f"  round trip: max error {largest:.3g}{unit}, "
                 f"mean {mean:.3g}{unit}, {lost} pixels lost"
             )
-        console.out(console.one_line(line))
+        console.out(one_line(line))
         for warning in self.warnings:
             console.warn(warning)

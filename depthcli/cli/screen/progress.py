@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,7 +28,7 @@ class Stage:
 
     def __init__(self, what: str, total: int | None, unit: str) -> None:
         self.note = ""
-        self._what = console.one_line(what)
+        self._what = one_line(what)
         self._total = total
         self._per_second = f" {unit}/s" if unit else "/s"
         self._done = self._skipped = 0

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING
 
 from depthcli.core.choices import PLAIN
 from depthcli.evaluation.choices import Source
-from depthcli.inference.pipeline import load
+from depthcli.inference.pipeline import Pipeline
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from depthcli.core.choices import Detail
     from depthcli.core.types import DepthKind, DepthMap
     from depthcli.evaluation.predictors.base import Sample
-    from depthcli.inference.pipeline import Pipeline
+    from depthcli.inference.loading import SessionLoader
     from depthcli.models.card import ModelCard
 
 
@@ -53,28 +51,15 @@ class ModelPredictor:
         return self.pipeline.predict(sample.frame)
 
 
-def open_model(
-    name_or_path: str | None,
-    *,
-    provider: str = "auto",
-    threads: int | None = None,
-    detail: Detail = PLAIN,
-    provider_options: Mapping[str, str] | None = None,
-) -> ModelPredictor:
-    """Find a model by name or path and load it.
+def open_model(loader: SessionLoader, detail: Detail = PLAIN) -> ModelPredictor:
+    """Find a model and load it.
 
     Raises:
         ModelError: it is not there or cannot be used.
     """
-    pipeline = load(
-        name_or_path,
-        provider=provider,
-        threads=threads,
-        detail=detail,
-        provider_options=provider_options,
-    )
+    pipeline = Pipeline(loader.load(), detail)
     return ModelPredictor(
-        name=name_or_path or pipeline.card.name,
+        name=str(loader.model or pipeline.card.name),
         kind=pipeline.card.output.kind,
         model_sha256=pipeline.session.model.sha256,
         pipeline=pipeline,

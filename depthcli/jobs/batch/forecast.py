@@ -6,6 +6,7 @@ import hashlib
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, InputError
 from depthcli.io.listing.folder import is_video
 from depthcli.io.listing.skipped import summary
@@ -53,7 +54,7 @@ def _tell(what: str, name: str, outputs: list[str], problem: str | None, *, as_j
         console.out_json({"input": name, "would": what, "outputs": outputs, "error": problem})
     else:
         target = problem or ", ".join(outputs)
-        console.out(console.one_line(f"{what:<4}  {name} -> {target}"))
+        console.out(one_line(f"{what:<4}  {name} -> {target}"))
 
 
 def _verdict(targets: Targets, found: Found) -> tuple[str, str | None]:

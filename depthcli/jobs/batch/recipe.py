@@ -17,7 +17,7 @@ from depthcli.io.writers.formats import FORMATS, Format
 from depthcli.jobs.batch.manifest import Origin, is_intact
 
 if TYPE_CHECKING:
-    from depthcli.cli.arguments.camera import Camera
+    from depthcli.core.camera import Camera
     from depthcli.core.picture_limit import PictureLimit
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.listing.folder import Found
@@ -52,7 +52,7 @@ class Recipe(NamedTuple):
         decisive = (
             tuple(format_.value for format_ in self.formats),
             astuple(self.looks),
-            tuple(self.camera),
+            astuple(self.camera),
             repr(pipeline.detail),
             pipeline.session.provider,
             tuple(sorted(self.provider_options)),

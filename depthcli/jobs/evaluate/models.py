@@ -11,35 +11,24 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from depthcli.cli.arguments.provider import Engine
     from depthcli.core.choices import Detail
     from depthcli.evaluation.nyu import EvalTask
     from depthcli.evaluation.predictors.base import Predictor
     from depthcli.evaluation.predictors.model import ModelPredictor
+    from depthcli.inference.loading import SessionLoader
 
 
-def open_models(engines: Sequence[Engine], detail: Detail) -> list[ModelPredictor]:
+def open_models(loaders: Sequence[SessionLoader], detail: Detail) -> list[ModelPredictor]:
     """Load models, and say once each what is not as it should be.
 
     Raises:
-        UsageError: an option of the provider is none.
         DepthcliError: a model or its provider is not there or cannot be used.
     """
-    if not engines:
+    if not loaders:
         return []
-    from depthcli.cli.arguments.provider import provider_options
     from depthcli.evaluation.predictors.model import open_model
 
-    models = [
-        open_model(
-            engine.model,
-            provider=engine.provider,
-            threads=engine.threads,
-            detail=detail,
-            provider_options=provider_options(engine.settings),
-        )
-        for engine in engines
-    ]
+    models = [open_model(loader, detail) for loader in loaders]
     for warning in dict.fromkeys(text for model in models for text in model.warnings):
         console.warn(warning)
     return models

@@ -2,41 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, astuple
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from depthcli.cli.screen import console
+from depthcli.core.summary import DepthRange
+from depthcli.core.text import one_line
 from depthcli.io.writers.facts import Facts, camera_words
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from depthcli.core.types import DepthMap
     from depthcli.errors import DepthcliError
-
-
-class Range(NamedTuple):
-    """Least, median and largest depth of a picture; None where it has no depth at all."""
-
-    min: float | None
-    median: float | None
-    max: float | None
-
-    @classmethod
-    def of(cls, depth: DepthMap) -> Range:
-        """The range of a depth map, NaN and infinity left out."""
-        finite = depth.values[np.isfinite(depth.values)]
-        if not finite.size:
-            return cls(None, None, None)
-        return cls(float(finite.min()), _median(finite), float(finite.max()))
-
-
-def _median(values: npt.NDArray[np.float32]) -> float:
-    """As np.median, which would import numpy.ma and take as long as writing a PNG."""
-    middle = (values.size - 1) // 2, values.size // 2
-    parted = np.partition(values, middle)
-    return float((parted[middle[0]] + parted[middle[1]]) / 2)
 
 
 class Done(NamedTuple):
@@ -67,7 +42,7 @@ class Done(NamedTuple):
             "outputs": list(self.outputs),
             "kind": known.kind,
             "unit": known.unit,
-            **Range.of(self.depth)._asdict(),
+            **asdict(DepthRange.of(self.depth)),
             "width": self.depth.width,
             "height": self.depth.height,
             "model": known.model,
@@ -82,15 +57,15 @@ class Done(NamedTuple):
 
     def as_text(self) -> str:
         """One line: where the outputs are, the range of depth, and the camera it belongs to."""
-        low, median, high = Range.of(self.depth)
-        names = ", ".join(console.one_line(name) for name in self.outputs)
+        low, median, high = astuple(DepthRange.of(self.depth))
+        names = ", ".join(one_line(name) for name in self.outputs)
         if low is None:
-            return f"{console.one_line(self.name)} -> {names}  no depth"
+            return f"{one_line(self.name)} -> {names}  no depth"
         unit = " m" if self.depth.is_metric else f" ({self.depth.kind}, no unit)"
         numbers = f"min {low:.3f}, median {median:.3f}, max {high:.3f}{unit}"
         camera = camera_words(self.depth)
         seen_by = f"  camera: {camera}" if camera else ""
-        return f"{console.one_line(self.name)} -> {names}  {numbers}{seen_by}"
+        return f"{one_line(self.name)} -> {names}  {numbers}{seen_by}"
 
 
 class Failed(NamedTuple):

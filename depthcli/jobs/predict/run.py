@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.pictures.read import read_image
@@ -17,7 +18,7 @@ from depthcli.jobs.predict.plan import STANDARD, write_output
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from depthcli.cli.arguments.camera import Camera
+    from depthcli.core.camera import Camera
     from depthcli.core.choices import Detail
     from depthcli.core.parallel.background import Background
     from depthcli.core.picture_limit import PictureLimit
@@ -89,7 +90,7 @@ class Predictor(NamedTuple):
                 outcome: Done | Failed = self._one(job)
             except (InputError, OutputError) as error:
                 outcome = Failed(job.name, error)
-                failed.append(console.one_line(job.name) or "''")
+                failed.append(one_line(job.name) or "''")
             self.voice.tell(outcome)
         self.loading.result()  # a model that fails is told even if no picture got so far
         if failed and len(jobs) > 1:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 from depthcli.io.video.rates import rate_text
 from depthcli.io.writers.facts import SOFTWARE, Facts, camera_words
 
@@ -85,7 +85,7 @@ class VideoDone(NamedTuple):
 
     def as_text(self) -> str:
         """One line: where the outputs are, how many frames, how steady, the camera."""
-        names = ", ".join(console.one_line(name) for name in self.outputs)
+        names = ", ".join(one_line(name) for name in self.outputs)
         flicker = "" if self.flicker is None else f", flicker {self.flicker:.2%} a frame"
         before = self.flicker_unsmoothed
         smoothed = "" if before is None else f" ({before:.2%} before smoothing)"
@@ -93,7 +93,7 @@ class VideoDone(NamedTuple):
         seen_by = f"  camera: {camera}" if camera else ""
         frames = "1 frame" if self.frames == 1 else f"{self.frames} frames"
         return (
-            f"{console.one_line(self.name)} -> {names}  {frames} at "
+            f"{one_line(self.name)} -> {names}  {frames} at "
             f"{rate_text(self.rate)} fps in {self.seconds:.1f} s{flicker}{smoothed}{seen_by}"
         )
 

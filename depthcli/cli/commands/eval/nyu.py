@@ -151,7 +151,7 @@ def nyu(
 ) -> None:
     """Evaluate depth metrics on NYU Depth v2."""
     from depthcli.cli.arguments.detail import choose_detail
-    from depthcli.cli.arguments.provider import Engine
+    from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.screen.evaluation import stages
     from depthcli.core.parallel.cores import usable_cores
     from depthcli.datasets.nyu import open_nyu
@@ -177,9 +177,9 @@ def nyu(
             "nothing to compare: give --model or --predictions, or remove --no-model or "
             "--no-trivial (baselines need training pairs of the split)"
         )
-    engines = [Engine(name, provider, share, provider_option or ()) for name in names]
+    loaders = [session_loader(name, provider, share, provider_option) for name in names]
     predictors: list[Predictor] = [
-        *open_models(engines, detail),
+        *open_models(loaders, detail),
         *open_prediction_folders(predictions or [], task, predictions_kind),
     ]
     protocol = EvalProtocol(

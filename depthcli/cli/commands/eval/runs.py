@@ -197,14 +197,14 @@ def _loaded(
     threads: int | None,
 ) -> list[TrainedModel]:
     """Every run with its model, ready to predict, and the time that it takes."""
-    from depthcli.cli.arguments.provider import Engine
+    from depthcli.cli.arguments.provider import session_loader
     from depthcli.evaluation.trained import TrainedModel
     from depthcli.inference.latency import measure_ms
     from depthcli.jobs.evaluate.models import open_models
 
-    engines = [Engine(str(path), provider, threads, settings) for _, path in exported]
+    loaders = [session_loader(str(path), provider, threads, settings) for _, path in exported]
     # The headline protocol resizes bilinearly: what is compared is the network alone.
-    opened = open_models(engines, Detail(Upsampling.BILINEAR))
+    opened = open_models(loaders, Detail(Upsampling.BILINEAR))
     times_ms = measure_ms([model.pipeline for model in opened])
     rows = zip(exported, opened, times_ms, strict=True)
     return [TrainedModel(run, replace(model, name=run.name), ms) for (run, _), model, ms in rows]

@@ -1,0 +1,37 @@
+"""A depth map in three numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from depthcli.core.types import DepthMap
+
+
+@dataclass(frozen=True, slots=True)
+class DepthRange:
+    """Least, median and largest depth, in the map's unit; None where it has no depth at all."""
+
+    min: float | None
+    median: float | None
+    max: float | None
+
+    @classmethod
+    def of(cls, depth: DepthMap) -> DepthRange:
+        """The range of a depth map, NaN and infinity left out."""
+        finite = depth.values[np.isfinite(depth.values)]
+        if not finite.size:
+            return cls(None, None, None)
+        return cls(float(finite.min()), _median(finite), float(finite.max()))
+
+
+def _median(values: npt.NDArray[np.float32]) -> float:
+    """As np.median, which would import numpy.ma and take as long as writing a PNG."""
+    middle = (values.size - 1) // 2, values.size // 2
+    parted = np.partition(values, middle)
+    return float((parted[middle[0]] + parted[middle[1]]) / 2)

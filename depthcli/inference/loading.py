@@ -1,0 +1,62 @@
+"""Which model runs, and how; loaded at once, or while the caller does something else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from depthcli.core.parallel.background import Background
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping
+
+    from depthcli.inference.session import Session
+
+
+@dataclass(frozen=True, slots=True)
+class SessionLoader:
+    """What a session is made of; a few words that can be sent to another process.
+
+    Attributes:
+        model: a name in the catalog, a folder, or an ``.onnx`` file; None for the default model.
+        provider: ``auto``, or a name such as ``cpu`` or ``cuda`` that has to be there.
+        threads: threads within one operator; None for onnxruntime's choice.
+        provider_options: for a provider asked for by name, as onnxruntime documents them.
+    """
+
+    model: str | os.PathLike[str] | None = None
+    provider: str = "auto"
+    threads: int | None = None
+    provider_options: Mapping[str, str] = field(default_factory=dict)
+
+    def load(self) -> Session:
+        """Find the model and load it.
+
+        Raises:
+            ModelError: the model is not there or is damaged.
+            ProviderError: the named provider is not available.
+            UsageError: no provider has that name, or it takes no options and some are given.
+        """
+        return self.start().result()
+
+    def start(self) -> Background[Session]:
+        """Begin to find and load the model; what is wrong with it comes with the result.
+
+        Imports hold the interpreter's lock; reading, checking and loading a model do not. So the
+        file is checked while onnxruntime is imported here, and loaded while the caller imports all
+        that reads pictures.
+        """
+        from depthcli.models.catalog import find_model  # noqa: PLC0415 - see above
+
+        checking = Background(lambda: find_model(self.model))
+        from depthcli.inference.session import Session  # noqa: PLC0415
+
+        return Background(
+            lambda: Session(
+                checking.result(),
+                provider=self.provider,
+                threads=self.threads,
+                provider_options=self.provider_options,
+            )
+        )
