@@ -11,7 +11,7 @@ from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_media
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.writers.formats import stem_of
-from depthcli.jobs.batch.names import TreeNames
+from depthcli.jobs.tree_names import TreeNames
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.io.writers.formats import FORMATS
-from depthcli.jobs.batch.names import TreeNames
+from depthcli.jobs.tree_names import TreeNames
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from depthcli.io.listing.skipped import (
     summary,
     to_convert,
 )
-from depthcli.jobs.batch.names import TreeNames
+from depthcli.jobs.tree_names import TreeNames
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-from dataclasses import astuple
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli import __version__
+from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_video
 from depthcli.io.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
@@ -49,16 +48,15 @@ class Recipe(NamedTuple):
         model, card = pipeline.session.model, pipeline.card
         # Providers differ in the last digits; threads, workers and batch sizes do not. What the
         # card says decides as much as the weights do, and is no part of their file.
-        decisive = (
-            tuple(format_.value for format_ in self.formats),
-            astuple(self.looks),
-            astuple(self.camera),
-            repr(pipeline.detail),
+        checksum = fingerprint(
+            self.formats,
+            self.looks,
+            self.camera,
+            pipeline.detail,
             pipeline.session.provider,
-            tuple(sorted(self.provider_options)),
-            repr((card.input, card.output, card.camera)),
+            sorted(self.provider_options),
+            (card.input, card.output, card.camera),
         )
-        checksum = hashlib.sha256(repr(decisive).encode()).hexdigest()
         return Origin(checksum, card.name, model.sha256, __version__)
 
 

@@ -1,0 +1,51 @@
+"""A checksum of what results follow from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.fingerprint import fingerprint
+
+
+@dataclass(frozen=True)
+class Options:
+    """One option."""
+
+    near_m: float | None = None
+
+
+def test_it_is_the_same_for_ever() -> None:
+    facts = ("a", Options(0.5), Detail(tile_px=3), Fraction(1, 3), Path("a/b"), {"b": 1, "a": [2]})
+    expected = "601dc9d0596062879db3f627efa8040962c8c41b29acde861189338fb5bfee26"
+    assert fingerprint(*facts) == expected
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        Options(1.0),
+        Options(),
+        None,
+        0.5,
+        "0.5",
+        (Options(0.5),),
+        Upsampling.BILINEAR,
+        {"near": 0.5},
+    ],
+)
+def test_other_facts_give_another(other: object) -> None:
+    assert fingerprint(other) != fingerprint(Options(0.5))
+
+
+def test_mappings_have_no_order() -> None:
+    assert fingerprint({"a": 1, "b": 2}) == fingerprint({"b": 2, "a": 1})
+
+
+def test_what_could_look_different_the_next_time_is_refused() -> None:
+    with pytest.raises(TypeError, match="object has no fingerprint"):
+        fingerprint([object()])
