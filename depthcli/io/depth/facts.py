@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from depthcli.core.types import CameraSource, Provenance
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.png.text import read_text
+from depthcli.io.writers.facts import ORIGIN_FACTS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,8 +19,7 @@ if TYPE_CHECKING:
 _PREFIX = "depthcli:"
 _FRAME_NUMBER = re.compile(r"\.\d{6,}$")
 _ORIENTATIONS = frozenset("12345678")
-_CAMERA = ("focal_px", "camera_source", "camera")
-_SHARED = ("software", "orientation", "model", "model_sha256", *_CAMERA)
+_SHARED = ("software", "orientation", *ORIGIN_FACTS)
 
 
 def stated_facts(path: Path) -> dict[str, str]:
@@ -59,7 +59,7 @@ def provenance_of(facts: Mapping[str, str]) -> Provenance | None:
     found = Provenance(
         model=facts.get("model"),
         model_sha256=facts.get("model_sha256"),
-        focal_px=positive(facts.get("focal_px", "camera_source")),
+        focal_px=positive(facts.get("focal_px")),
         orientation=int(orientation) if orientation in _ORIENTATIONS else None,
         camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
     )

@@ -14,13 +14,13 @@ from depthcli.errors import InputError
 from depthcli.io.depth.facts import completed, positive, provenance_of, sidecar_facts
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.png.text import read_text
+from depthcli.io.writers.formats import MILLIMETRES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
-_MILLIMETRES = 1000.0
 _CHANNELS = ("Z", "V", "Y", "R")
 _COLOURS = ("G", "B", "RY", "BY")
 _DIMENSIONS = 2
@@ -63,7 +63,7 @@ def _png(path: Path, png_scale: float | None) -> DepthMap:
     facts = completed(path, read_text(data))
     ends = _ends(facts) if png_scale is None else None
     if ends is None:
-        scale = png_scale or positive(facts.get("scale")) or _MILLIMETRES
+        scale = png_scale or positive(facts.get("scale")) or MILLIMETRES
         values = steps.astype(np.float32) / np.float32(scale)
     else:
         low, high = ends

@@ -13,6 +13,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth.facts import positive, provenance_of
 from depthcli.io.video.rates import exact_rate
+from depthcli.io.writers.formats import MILLIMETRES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 LABEL_PREFIX = "DEPTHCLI_"
 _DEPTH_FORMAT = "gray16le"
-_MILLIMETRES = 1000.0
 _TOP = 65535
 
 
@@ -71,7 +71,7 @@ class DepthVideo:
         kind = self.labels.get("kind")
         self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
         said = self.labels.get("scale")
-        self.scale = scale or (None if said == "normalized" else positive(said) or _MILLIMETRES)
+        self.scale = scale or (None if said == "normalized" else positive(said) or MILLIMETRES)
 
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, (H, W) float32: metres, NaN where there is no depth.

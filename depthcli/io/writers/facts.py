@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from depthcli import __version__
 from depthcli.core import scaling
 from depthcli.core.types import CameraSource, Provenance
+from depthcli.io.writers.formats import MILLIMETRES
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap
 
-_MILLIMETRES = 1000
 SOFTWARE = f"depthcli {__version__}"
 _UNKNOWN = Provenance()
 _HOW_KNOWN = {
@@ -56,6 +56,14 @@ class Facts(NamedTuple):
             camera=camera_words(depth),
         )
 
+    def origin(self) -> dict[str, str | float | None]:
+        """The facts of model and camera, under their names: ``ORIGIN_FACTS``."""
+        return {name: getattr(self, name) for name in ORIGIN_FACTS}
+
+
+ORIGIN_FACTS = tuple(name for name in Facts._fields if name not in {"kind", "unit"})
+"""Names of what is known of a map's origin; a file that cannot state it has a sidecar that does."""
+
 
 def facts(depth: DepthMap) -> dict[str, str]:
     """The facts and the software, in words; what is unknown is left out.
@@ -64,14 +72,11 @@ def facts(depth: DepthMap) -> dict[str, str]:
     """
     known = Facts.of(depth)
     words = {"kind": known.kind, "unit": known.unit or "none", "software": SOFTWARE}
-    source = {
-        "model": known.model,
-        "model_sha256": known.model_sha256,
-        "focal_px": f"{known.focal_px:.6g}" if known.focal_px else None,
-        "camera_source": known.camera_source,
-        "camera": known.camera,
-    }
-    return words | {name: text for name, text in source.items() if text}
+    return words | {name: _word(fact) for name, fact in known.origin().items() if fact}
+
+
+def _word(fact: str | float | None) -> str:
+    return f"{fact:.6g}" if isinstance(fact, float) else str(fact)
 
 
 def camera_words(depth: DepthMap) -> str | None:
@@ -87,4 +92,4 @@ def camera_words(depth: DepthMap) -> str | None:
 
 def step_unit(scale: float) -> str:
     """Unit of whole steps, ``mm`` where a metre has 1000 of them."""
-    return "mm" if scale == _MILLIMETRES else f"1/{scale:g} m"
+    return "mm" if scale == MILLIMETRES else f"1/{scale:g} m"

@@ -46,12 +46,8 @@ class SidecarWriter:
             "min": float(finite.min()) if has_depth else None,
             "median": float(np.median(finite)) if has_depth else None,
             "max": float(finite.max()) if has_depth else None,
-            "model": known.model,
-            "model_sha256": known.model_sha256,
             "network_size_px": source.input_size_px,
-            "focal_px": known.focal_px,
-            "camera_source": known.camera_source,
-            "camera": known.camera,
+            **known.origin(),
         }
         path.write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", "utf-8")
         return ()

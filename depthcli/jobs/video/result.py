@@ -117,9 +117,5 @@ class VideoDone(NamedTuple):
             "flicker_unsmoothed": self.flicker_unsmoothed,
             "smooth_s": self.smooth_s,
             "lock_s": self.lock_s,
-            "model": known.model,
-            "model_sha256": known.model_sha256,
-            "focal_px": known.focal_px,
-            "camera_source": known.camera_source,
-            "camera": known.camera,
+            **known.origin(),
         }
