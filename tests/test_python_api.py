@@ -409,13 +409,14 @@ def test_what_a_format_loses_is_a_warning_at_the_caller(tmp_path: Path) -> None:
 def test_frames_of_a_depth_video_have_the_same_methods(tmp_path: Path) -> None:
     from fractions import Fraction  # noqa: PLC0415
 
-    from depthcli.io.video.outputs import Shot, depth_video  # noqa: PLC0415
+    from depthcli.io.video.depth_output import depth_video  # noqa: PLC0415
+    from depthcli.io.video.output import VideoFrame  # noqa: PLC0415
     from depthcli.io.video.rates import Timing  # noqa: PLC0415
 
     frame = depthcli.Frame(np.zeros((4, 6), np.uint8))
     with depth_video(tmp_path / "a.mkv", Timing(Fraction(25)), 1000, ()) as output:
         flat = depthcli.DepthMap(np.full((4, 6), 1.5, np.float32))
-        output.append(output.encode(Shot(frame, flat, (1, 2))))
+        output.append(output.encode(VideoFrame(frame, flat, (1, 2))))
         output.finish()
     (depth,) = depthcli.DepthVideo(tmp_path / "a.mkv")
     assert depth.to_points(focal_px=6).xyz_m[:, 2] == pytest.approx(1.5)

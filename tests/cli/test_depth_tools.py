@@ -15,7 +15,8 @@ from tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import read_depth
-from depthcli.io.video.outputs import Shot, depth_video
+from depthcli.io.video.depth_output import depth_video
+from depthcli.io.video.output import VideoFrame
 from depthcli.io.video.rates import Timing
 
 if TYPE_CHECKING:
@@ -170,7 +171,7 @@ def depth_mkv(cli: Cli) -> Path:
         for metres in (1, 2, 3):
             depth = DepthMap(np.full((4, 6), metres, np.float32), DepthKind.METRIC)
             output.append(
-                output.encode(Shot(Frame(picture, timestamp_s=metres / 25), depth, (0, 1)))
+                output.encode(VideoFrame(Frame(picture, timestamp_s=metres / 25), depth, (0, 1)))
             )
         output.finish()
     return path

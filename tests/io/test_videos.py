@@ -19,8 +19,10 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.io.video.codecs import Codec, preview_codec
 from depthcli.io.video.depth import DepthVideo
+from depthcli.io.video.depth_output import depth_video, within
 from depthcli.io.video.integrity import is_cut
-from depthcli.io.video.outputs import Shot, depth_video, preview_video, within
+from depthcli.io.video.output import VideoFrame
+from depthcli.io.video.preview_output import preview_video
 from depthcli.io.video.rates import Timing, exact_rate, rate_text
 from depthcli.io.video.sound import Sound
 from depthcli.io.video.source import VideoSource
@@ -41,9 +43,9 @@ TURN = tuple(range(0, 256, 3))
 
 def shot(
     values: np.ndarray[Any, Any], kind: DepthKind = DepthKind.METRIC, time_s: float = 0.0
-) -> Shot:
+) -> VideoFrame:
     frame = Frame(np.zeros(values.shape, np.uint8), timestamp_s=time_s)
-    return Shot(frame, DepthMap(values, kind), (0.0, 1.0))
+    return VideoFrame(frame, DepthMap(values, kind), (0.0, 1.0))
 
 
 def write_depth(
@@ -625,8 +627,8 @@ def test_a_preview_can_be_played_while_it_is_loaded(tmp_path: Path) -> None:
     assert data.index(b"moov") < data.index(b"mdat")
 
 
-def with_sound(path: Path, codec: str, seconds: float = 4) -> Path:
-    """A gray clip with a tone that begins at one second."""
+def with_sound(path: Path, codec: str, seconds: float = 4, begin_s: int = 0) -> Path:
+    """A gray clip with a tone that begins at one second; its clock may begin later than 0."""
     rate = 48_000
     with av.open(str(path), "w") as output:
         pictures = output.add_stream("mpeg4", rate=25)
@@ -635,12 +637,12 @@ def with_sound(path: Path, codec: str, seconds: float = 4) -> Path:
         sound.codec_context.layout = "mono"
         for index in range(round(seconds * 25)):
             frame = av.VideoFrame.from_ndarray(flat_frames([2 * index])[0], "rgb24")
-            frame.pts, frame.time_base = index, Fraction(1, 25)
+            frame.pts, frame.time_base = index + 25 * begin_s, Fraction(1, 25)
             output.mux(pictures.encode(frame))
             times_s = (index * rate // 25 + np.arange(rate // 25)) / rate
             tone = np.where(times_s < 1, 0, np.sin(2 * np.pi * 440 * times_s) * 9000)
             samples = av.AudioFrame.from_ndarray(tone[None].astype(np.int16), "s16", "mono")
-            samples.sample_rate, samples.pts = rate, index * rate // 25
+            samples.sample_rate, samples.pts = rate, index * rate // 25 + rate * begin_s
             samples.time_base = Fraction(1, rate)
             output.mux(sound.encode(samples))
         output.mux(pictures.encode(None))
@@ -672,11 +674,18 @@ def heard(path: Path) -> tuple[str, float, float]:
         ("a.mkv", "pcm_s16le", "p.mov", "pcm_s16le"),
     ],
 )
+@pytest.mark.parametrize("begin_s", [0, 7])
 @pytest.mark.parametrize("first_s", [0.0, 0.48])
 def test_the_sound_comes_along_and_stays_in_time(
-    source: str, codec: str, preview: str, expected: str, first_s: float, tmp_path: Path
+    source: str,
+    codec: str,
+    preview: str,
+    expected: str,
+    first_s: float,
+    begin_s: int,
+    tmp_path: Path,
 ) -> None:
-    path = with_sound(tmp_path / source, codec)
+    path = with_sound(tmp_path / source, codec, begin_s=begin_s)
     out = tmp_path / preview
     with VideoSource(path) as video:
         sound = Sound(path, video.start_s)

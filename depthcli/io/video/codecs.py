@@ -7,6 +7,8 @@ from enum import StrEnum
 
 from depthcli.errors import OutputError, UsageError
 
+DEPTH_PIXELS = "gray16le"
+"""FFmpeg's name of the pixels of depth."""
 _LEAST_FOR_SLICES = 16
 _CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
 
@@ -62,7 +64,7 @@ class Encoding:
 ENCODINGS = {
     Codec.FFV1: Encoding(
         "ffv1",
-        "gray16le",
+        DEPTH_PIXELS,
         (("level", "3"), ("slices", "4"), ("slicecrc", "1"), ("threads", "4")),
         is_all_key=True,
     ),

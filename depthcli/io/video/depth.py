@@ -12,6 +12,7 @@ import numpy as np
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth.facts import positive, provenance_of
+from depthcli.io.video.codecs import DEPTH_PIXELS
 from depthcli.io.video.rates import exact_rate
 from depthcli.io.writers.formats import MILLIMETRES
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from depthcli.io.video.decoder import FrameDecoder
 
 LABEL_PREFIX = "DEPTHCLI_"
-_DEPTH_FORMAT = "gray16le"
 _TOP = 65535
 
 
@@ -59,7 +59,7 @@ class DepthVideo:
         pixel_format, fps = stream.codec_context.pix_fmt, stream.average_rate
         stated = dict(container.metadata)
         container.close()
-        if pixel_format != _DEPTH_FORMAT:
+        if pixel_format != DEPTH_PIXELS:
             raise InputError(f"{self.path} is not 16-bit gray, so it holds no depth")
         self.labels = {
             name.removeprefix(LABEL_PREFIX).lower(): text

@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, cast
 
 import av
-import numpy as np
-from av.video.frame import VideoFrame
-from av.video.reformatter import ColorRange, Colorspace, Interpolation
+from av.video.reformatter import ColorRange
 
 from depthcli.errors import OutputError
-from depthcli.io.video.codecs import ENCODINGS, Codec, check_encoder, container_format
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.video.codecs import (
+    DEPTH_PIXELS,
+    ENCODINGS,
+    Codec,
+    check_encoder,
+    container_format,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    import numpy.typing as npt
     from av.container import OutputContainer
+    from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
     from depthcli.io.video.rates import Timing
     from depthcli.io.video.sound import Sound
 
-_GRAY = "gray16le"
 _BT709 = 1
 _KEY_EVERY_S = 2
 _MOST_BETWEEN_KEYS = 250
@@ -108,7 +112,7 @@ class VideoFile:
         if self._sound is not None:
             self._sound.close()
         if self._container is not None:
-            with contextlib.suppress(av.FFmpegError):
+            with suppress(av.FFmpegError):
                 self._container.close()
             self._container = None
 
@@ -140,7 +144,7 @@ class VideoFile:
         context = stream.codec_context
         context.time_base = self._timing.clock
         context.gop_size = 1 if encoding.is_all_key else self._frames_between_keys()
-        if encoding.pixel_format != _GRAY:
+        if encoding.pixel_format != DEPTH_PIXELS:
             context.colorspace = context.color_primaries = context.color_trc = _BT709
             context.color_range = ColorRange.MPEG
         self._stream = stream
@@ -170,29 +174,22 @@ class VideoFile:
         self._before = frame
 
 
-def coded(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Codec) -> VideoFrame:
-    """Pixels as a codec takes them; for any thread.
+@contextmanager
+def video_file(
+    path: Path, codec: Codec, timing: Timing, inputs: Sequence[Path], sound: Sound | None = None
+) -> Iterator[VideoFile]:
+    """A file that appears whole or not at all.
 
     Args:
-        pixels: (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8. Where the codec halves the
-            colours' rows and columns, an odd row or column is doubled.
-        codec: how the frame will be compressed.
+        path: where it goes; its suffix says the container.
+        codec: how frames are compressed.
+        timing: rate and clock.
+        inputs: files that must not be replaced.
+        sound: what is heard; None for nothing.
     """
-    wanted = ENCODINGS[codec].pixel_format
-    if wanted == _GRAY:
-        return VideoFrame.from_ndarray(np.ascontiguousarray(pixels, np.uint16), _GRAY)
-    return VideoFrame.from_ndarray(_even(pixels), "rgb24").reformat(
-        format=wanted,
-        dst_colorspace=Colorspace.ITU709,
-        dst_color_range=ColorRange.MPEG,
-        dst_color_trc=None,
-        interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND,
-        threads=1,
-    )
-
-
-def _even(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.uint8]:
-    height, width = pixels.shape[:2]
-    if height % 2 or width % 2:
-        pixels = np.pad(pixels, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-    return np.ascontiguousarray(pixels, np.uint8)
+    with atomic_path(path, inputs=inputs) as temporary:
+        file = VideoFile(temporary, codec, timing, sound)
+        try:
+            yield file
+        finally:
+            file.close()

@@ -19,6 +19,7 @@ from depthcli.io.video.integrity import counts_frames, is_cut
 from depthcli.io.video.pixels import orientation_of, rgb_pixels, transfer_warning
 from depthcli.io.video.rates import exact_rate
 from depthcli.io.video.spans import WHOLE
+from depthcli.io.video.timeline import Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -62,7 +63,6 @@ class VideoSource:
         """
         self.path = Path(path)
         self._container, stream = open_video(self.path)
-        self._stream = stream
         self._check_size(stream.width, stream.height, max_pixels)
         rate = exact_rate(stream.average_rate or stream.guessed_rate or 0)
         self.rate = rate or FALLBACK_RATE
@@ -74,19 +74,22 @@ class VideoSource:
         self.tick_s = Fraction(1, self.rate.numerator) if is_even else self._time_base
         self.frames_stated = stream.frames or self._frames_of_length(stream.duration)
         self.problem: str | None = None
-        self.start_s = Fraction(0)
         self._decoder = FrameDecoder(self._container, stream)
         self._reformatter = VideoReformatter()
-        self._lost = 0
-        self._unplaced = 0
-        self._index = 0
-        self._time_s = Fraction(-1)
-        self._first = self._decoder.next()
-        if self._first is None:
+        first = self._decoder.next()
+        if first is None:
             self.close()
             raise InputError(f"{self.path} holds no frame that can be decoded; it is damaged")
-        self._at_hand = self._first
-        self._describe(self._first, max_pixels)
+        self._at_hand = first
+        self._describe(first, max_pixels)
+        self._timeline = Timeline(
+            self.rate,
+            self._time_base,
+            first.pts,
+            failed=self._decoder.take_failed(first.pts),
+            stated_ticks=stream.start_time,
+        )
+        self.start_s = self._timeline.start_s
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Decode the frames of a span; to be called once.
@@ -114,8 +117,8 @@ class VideoSource:
             yield Frame(
                 pixels.copy() if self._orientation > 1 else pixels,
                 self.path,
-                self._index,
-                float(self._time_s),
+                self._timeline.index,
+                float(self._timeline.time_s),
                 orientation=self._orientation,
             )
 
@@ -162,65 +165,26 @@ class VideoSource:
 
     def _places(self) -> Iterator[tuple[int, Fraction]]:
         """Number and time of each frame, while it is the one at hand."""
-        index = 0
-        frame, self._first = self._first, None
+        frame: VideoFrame | None = self._at_hand
         while frame is not None:
-            self._unplaced += self._decoder.take_failed(frame.pts)
-            at_s = None if frame.pts is None else frame.pts * self._time_base
-            if self._time_s < 0:
-                self.start_s = self._start_s(at_s or Fraction(0))
-            measured_s = None if at_s is None else at_s - self.start_s
-            index += self._missed(index, measured_s) if self._unplaced else 0
-            self._time_s = self._time(index, measured_s)
-            self._index = index
             self._at_hand = frame
-            yield index, self._time_s
-            index += 1
+            place = self._timeline.place(frame.pts, self._decoder.take_failed(frame.pts))
+            self._say_lost()
+            yield place
             frame = self._decoder.next()
-        self._judge_end(index)
+        self._judge_end()
 
-    def _start_s(self, first_s: Fraction) -> Fraction:
-        """Time of the first frame; if that is lost, what the file states."""
-        stated = self._stream.start_time
-        if not self._unplaced or stated is None:
-            return first_s
-        return min(first_s, stated * self._time_base)
-
-    def _missed(self, index: int, measured_s: Fraction | None) -> int:
-        """How many frames are missing before the one at hand, by its time if that is regular."""
-        missing = self._unplaced
-        if measured_s is not None:
-            by_time = round(measured_s * self.rate)
-            if self._is_regular(by_time, measured_s):
-                missing = max(0, by_time - index)
-        if missing:
-            self._unplaced = max(0, self._unplaced - missing)
-            self._lost += missing
-            self._say_damaged()
-        return missing
-
-    def _time(self, index: int, measured_s: Fraction | None) -> Fraction:
-        """The frame's place on the grid of the exact rate, or its own time if that is not there."""
-        if measured_s is None:
-            return self._time_s + 1 / self.rate if index else Fraction(0)
-        time_s = index / self.rate if self._is_regular(index, measured_s) else measured_s
-        # Times can stand still or go back where streams were joined.
-        return time_s if time_s > self._time_s else self._time_s + 1 / self.rate
-
-    def _is_regular(self, index: int, measured_s: Fraction) -> bool:
-        # Two roundings, of the frame's time and of the first one's, and the rate's own.
-        return abs(index / self.rate - measured_s) <= self._time_base * Fraction(11, 10)
-
-    def _judge_end(self, read: int) -> None:
+    def _judge_end(self) -> None:
         """Compare what came with what the file said."""
-        self._lost += self._unplaced + self._decoder.take_failed()
-        if self._lost:
-            self._say_damaged()
+        self._timeline.end(self._decoder.take_failed())
+        self._say_lost()
+        read = self._timeline.index + 1
         stated = self.frames_stated if counts_frames(self.path) else None
         short = stated is not None and stated - read > max(1, stated // _MISSING_SHARE)
         if short or self._decoder.ended_early or is_cut(self.path):
             of = "" if stated is None else f" of {stated}"
             self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
 
-    def _say_damaged(self) -> None:
-        self.problem = f"it is damaged: {self._lost} frames cannot be decoded"
+    def _say_lost(self) -> None:
+        if self._timeline.lost:
+            self.problem = f"it is damaged: {self._timeline.lost} frames cannot be decoded"

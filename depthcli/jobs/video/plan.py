@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from fractions import Fraction
 
-    from depthcli.io.video.outputs import VideoOutput
+    from depthcli.io.video.output import VideoOutput
     from depthcli.io.video.sequence import ImageSequence
     from depthcli.io.video.source import VideoSource
     from depthcli.io.writers.options import WriterOptions
@@ -71,15 +71,17 @@ class VideoJob(NamedTuple):
             source: what is read.
             rate: frames a second of the output.
         """
-        from depthcli.io.video import outputs
+        from depthcli.io.video.depth_output import depth_video
         from depthcli.io.video.frame_source import files_of
+        from depthcli.io.video.preview_output import preview_video
         from depthcli.io.video.rates import Timing
+        from depthcli.io.video.sequence_output import SequenceOutput
         from depthcli.io.video.sound import Sound
         from depthcli.io.writers.preview import PreviewWriter
 
         inputs, timing = files_of(source), Timing(rate, source.tick_s)
         if which is VideoFormat.MKV:
-            return outputs.depth_video(self.path(which), timing, looks.png_scale, inputs)
+            return depth_video(self.path(which), timing, looks.png_scale, inputs)
         picture = VIDEO_FORMATS[which].picture
         if picture is None:
             raise ValueError(which)
@@ -90,11 +92,9 @@ class VideoJob(NamedTuple):
             sound = None
             if self.has_sound and source.start_s is not None:
                 sound = Sound(self.source, source.start_s)
-            return outputs.preview_video(path, timing, writer, inputs, codec=codec, sound=sound)
+            return preview_video(path, timing, writer, inputs, codec=codec, sound=sound)
         name = partial(number_name, self.names[which])
-        return nullcontext(
-            outputs.SequenceOutput(which.value, self.folder, name, writer, files_of(source))
-        )
+        return nullcontext(SequenceOutput(which.value, self.folder, name, writer, files_of(source)))
 
 
 def choose_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from depthcli.core.progress import Progress
     from depthcli.core.types import Frame
     from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.video.outputs import Shot, VideoOutput
+    from depthcli.io.video.output import VideoFrame, VideoOutput
     from depthcli.io.video.source import VideoSource
     from depthcli.io.writers.options import WriterOptions
     from depthcli.jobs.video.plan import VideoJob
@@ -131,7 +131,7 @@ def _through(
 ) -> None:
     """Every frame through all stages, each stage a few frames ahead of the next."""
 
-    def encoded(shot: Shot) -> list[Any]:
+    def encoded(shot: VideoFrame) -> list[Any]:
         whole = reel.depth_of(shot)
         return [output.encode(whole) for output in outputs]
 

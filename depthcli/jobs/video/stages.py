@@ -21,7 +21,7 @@ from depthcli.core.temporal.smoothing import (
 )
 from depthcli.core.types import DepthMap
 from depthcli.io.pictures.decode import MAX_PIXELS
-from depthcli.io.video.outputs import Shot
+from depthcli.io.video.output import VideoFrame
 from depthcli.io.video.spans import WHOLE, Span
 from depthcli.io.writers.preview import percentiles
 
@@ -132,7 +132,7 @@ class Reel:
         spread, is_kept = percentiles(small), kept is not None
         return Seen(frame, depth, guide, steps, to_steps(small), spread, is_kept)
 
-    def steady(self, frames: Iterable[Seen]) -> Iterator[Shot]:
+    def steady(self, frames: Iterable[Seen]) -> Iterator[VideoFrame]:
         """The part that needs the frames in order; cheap, for one thread."""
         for seen in frames:
             now_s = seen.frame.timestamp_s or 0.0
@@ -144,7 +144,7 @@ class Reel:
                 self.first = (alone, seen.depth)
             yield self._steadied(seen, interval_s)
 
-    def _steadied(self, seen: Seen, interval_s: float) -> Shot:
+    def _steadied(self, seen: Seen, interval_s: float) -> VideoFrame:
         change = self._changes.step(seen.guide)
         self.scenes += change.is_cut
         kept = kept_share(interval_s, self._settings.lock_s)
@@ -156,12 +156,12 @@ class Reel:
             steps = self._smoother.step(seen.steps, change, kept)
             self.smoothed.step(sample(steps, seen.guide.shape), change)
             depth = dataclasses.replace(depth, values=steps)
-        return Shot(seen.frame, depth, spread, seen.is_kept)
+        return VideoFrame(seen.frame, depth, spread, seen.is_kept)
 
-    def depth_of(self, shot: Shot) -> Shot:
+    def depth_of(self, shot: VideoFrame) -> VideoFrame:
         """Depth from what the smoother left; for any thread."""
         if not self._settings.smooth_s:
             return shot
         depth = shot.depth
         values = from_steps(depth.values, depth.kind)
-        return shot._replace(depth=dataclasses.replace(depth, values=values))
+        return dataclasses.replace(shot, depth=dataclasses.replace(depth, values=values))

@@ -1,0 +1,51 @@
+"""What outputs of a video take and do, whatever their format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from depthcli.core.types import DepthMap, Frame
+
+
+@dataclass(frozen=True, slots=True)
+class VideoFrame:
+    """One frame, ready to be written.
+
+    Attributes:
+        picture: what is seen.
+        depth: its depth.
+        spread: low and high end of the preview's range.
+        is_kept: whether an earlier run wrote it.
+    """
+
+    picture: Frame
+    depth: DepthMap
+    spread: tuple[float, float]
+    is_kept: bool = False
+
+    @property
+    def time_s(self) -> float:
+        """When the frame is shown."""
+        return self.picture.timestamp_s or 0.0
+
+
+class VideoOutput(Protocol):
+    """One output of a video."""
+
+    def encode(self, frame: VideoFrame) -> Any:  # noqa: ANN401 - each output has its own
+        """The part of the work that any thread can do, for any frame."""
+        ...
+
+    def append(self, encoded: Any) -> None:  # noqa: ANN401
+        """The part that is done frame after frame."""
+        ...
+
+    def finish(self) -> tuple[str, ...]:
+        """Complete the output.
+
+        Returns:
+            Warnings, one line each.
+        """
+        ...

@@ -1,0 +1,68 @@
+"""A video's depth as a preview for people, with the video's sound."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from depthcli.io.video.codecs import Codec
+from depthcli.io.video.coding import coded
+from depthcli.io.video.file import video_file
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    import av
+
+    from depthcli.io.video.file import VideoFile
+    from depthcli.io.video.output import VideoFrame, VideoOutput
+    from depthcli.io.video.rates import Timing
+    from depthcli.io.video.sound import Sound
+    from depthcli.io.writers.preview import PreviewWriter
+
+
+@contextmanager
+def preview_video(
+    path: Path,
+    timing: Timing,
+    writer: PreviewWriter,
+    inputs: Sequence[Path],
+    *,
+    codec: Codec = Codec.H264,
+    sound: Sound | None = None,
+) -> Iterator[VideoOutput]:
+    """A preview that appears whole or not at all.
+
+    Args:
+        path: ends in ``.mp4``, ``.webm`` or ``.mov``.
+        timing: of the frames.
+        writer: of the colours.
+        inputs: files that must not be replaced.
+        codec: one that the container holds.
+        sound: what is heard.
+    """
+    with video_file(path, codec, timing, inputs, sound) as file:
+        yield PreviewVideoOutput(file, codec, writer)
+
+
+class PreviewVideoOutput:
+    """Colours for people, in a range that is held steady."""
+
+    def __init__(self, file: VideoFile, codec: Codec, writer: PreviewWriter) -> None:
+        self._file = file
+        self._codec = codec
+        self._writer = writer
+
+    def encode(self, frame: VideoFrame) -> tuple[av.VideoFrame, float]:
+        """The preview of a frame."""
+        pixels = self._writer.render(frame.depth, frame.picture, frame.spread)
+        return coded(pixels, self._codec), frame.time_s
+
+    def append(self, encoded: tuple[av.VideoFrame, float]) -> None:
+        """Write it."""
+        self._file.write(*encoded, {})
+
+    def finish(self) -> tuple[str, ...]:
+        """Complete the file, with its sound."""
+        return self._file.finish()
