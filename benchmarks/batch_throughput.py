@@ -32,10 +32,11 @@ from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.pipeline import load
 from depthcli.io.pictures.read import read_image
-from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.writers.formats import Format
+from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.journal import Journal
 from depthcli.jobs.batch.manifest import OK, Origin, Row, written
-from depthcli.jobs.predict.plan import Job, write_output
+from depthcli.jobs.outputs import write_output
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
         detail=Detail(how.upsample),
         provider_options=provider_options(how.provider_option),
     )
-    writer = Png16Writer()
+    options = WriterOptions()
     model = pipeline.session.model
     origin = Origin("0" * 64, model.card.name, model.sha256, "")
     journal = Journal(out.parent / "rows")
@@ -102,8 +103,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
         sha256 = stages("checksum of input", partial(_sha256, data))
         frame = stages("decode", partial(read_image, path, data))
         depth = stages("predict", partial(pipeline.predict, frame))
-        job = Job(path.name, path, {})
-        stages("encode and write", partial(write_output, writer, out, depth, frame, job))
+        stages("encode and write", partial(write_output, options, Format.PNG16, depth, frame, out))
         file = stages("checksum of output", partial(written, out.parent, out))
         row = Row(path.name, OK, origin, (file,), 0.04, sha256)
         stages("row of the manifest", partial(journal.add, row))

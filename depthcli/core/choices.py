@@ -28,6 +28,8 @@ class Weights(StrEnum):
 
 AUTO_TILE = 0
 """Width of tiles that stands for three quarters of the picture's; see docs/sharpness.md."""
+MAX_PIXELS = 250_000_000
+"""Larger pictures are refused, where no other limit is given."""
 DEPTH_BYTES = 4
 """A pixel of a depth map."""
 

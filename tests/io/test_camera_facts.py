@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from depthcli.cli.screen.predict import json_of, text_of
 from depthcli.core.types import CameraSource, DepthMap, Provenance
 from depthcli.io.depth.facts import stated_facts
 from depthcli.io.depth.read import read_depth
@@ -15,7 +16,7 @@ from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.sidecar import SidecarWriter
-from depthcli.jobs.predict.outcome import Done
+from depthcli.jobs.predict.pictures import Done
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -59,16 +60,16 @@ def test_a_file_says_which_camera(
 @pytest.mark.parametrize("source", WORDS)
 def test_predict_says_which_camera(source: CameraSource | None) -> None:
     done = Done("a.jpg", ("a.png",), seen_by(source), "cpu", 0.1, ())
-    assert done.as_text().endswith(f"max 1.000 m  camera: {WORDS[source]}")
-    facts = json.loads(json.dumps(done.as_json()))
+    assert text_of(done).endswith(f"max 1.000 m  camera: {WORDS[source]}")
+    facts = json.loads(json.dumps(json_of(done)))
     assert (facts["focal_px"], facts["camera_source"]) == (2, source)
     assert facts["camera"] == WORDS[source]
 
 
 def test_a_camera_that_nobody_knows_is_not_named() -> None:
     done = Done("a.jpg", ("a.png",), seen_by(None, None), "cpu", 0.1, ())
-    assert "camera" not in done.as_text()
-    assert (done.as_json()["camera"], done.as_json()["focal_px"]) == (None, None)
+    assert "camera" not in text_of(done)
+    assert (json_of(done)["camera"], json_of(done)["focal_px"]) == (None, None)
 
 
 def test_a_source_that_another_program_wrote_is_no_source(tmp_path: Path) -> None:

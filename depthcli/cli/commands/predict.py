@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
 import typer
@@ -10,7 +11,8 @@ from depthcli.cli.arguments import options
 from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.screen import console
 from depthcli.core.choices import Upsampling
-from depthcli.errors import UsageError
+from depthcli.core.text import one_line
+from depthcli.errors import ExitCode, UsageError
 from depthcli.io.writers.formats import Format
 
 app = typer.Typer(rich_markup_mode=None)
@@ -71,17 +73,13 @@ def predict(
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import choose_looks
-    from depthcli.jobs.predict.plan import (
-        STANDARD,
-        choose_formats,
-        pictures_among,
-        plan_jobs,
-    )
+    from depthcli.jobs.predict import run as job
+    from depthcli.jobs.predict.plan import STANDARD, picture_formats, pictures_among
 
     to_stdout = output == STANDARD
     if as_json and to_stdout:
         raise UsageError("-o - and --json both want stdout; name a file with -o")
-    looks = choose_looks(
+    writing = choose_looks(
         png_scale=png_scale,
         png_normalize=png_normalize,
         exr_channel=exr_channel,
@@ -94,24 +92,36 @@ def predict(
         side_by_side=side_by_side,
     )
     camera = choose_camera(focal_px, hfov, anchor)
-    chosen = choose_formats(output, formats or ())
+    chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen
     refuse_unused(context, written, PICTURE_OPTIONS)
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     pictures, own = pictures_among(images)
-    jobs = plan_jobs(pictures, output, chosen, sidecar=sidecar)
+    results = job.predict(
+        job.PredictRequest(
+            pictures=tuple(pictures),
+            output=output,
+            formats=chosen,
+            sidecar=sidecar,
+            model=session_loader(model, provider, threads, provider_option),
+            camera=camera,
+            writing=writing,
+            detail=detail,
+            max_pixels=max_pixels,
+            stdin=sys.stdin.buffer if STANDARD in pictures else None,
+            stdout=sys.stdout.buffer if to_stdout else None,
+        )
+    )
     for name in () if quiet else own:
         console.warn(f"{name} was written by depthcli; skipped")
-    loading = session_loader(model, provider, threads, provider_option).start()
-    from depthcli.core.picture_limit import PictureLimit
-    from depthcli.jobs.predict.run import Predictor, Voice
+    from depthcli.cli.screen.predict import tell
+    from depthcli.jobs.failed import Failed
 
-    predictor = Predictor(
-        loading=loading,
-        camera=camera,
-        looks=looks,
-        detail=detail,
-        limit=PictureLimit(max_pixels, detail),
-        voice=Voice(as_json=as_json, quiet=quiet, to_stderr=to_stdout),
-    )
-    return predictor.run(jobs)
+    failed = []
+    for result in results:
+        tell(result, as_json=as_json, quiet=quiet, to_stderr=to_stdout)
+        if isinstance(result, Failed):
+            failed.append(one_line(result.name) or "''")
+    if failed and len(pictures) > 1:
+        console.note(f"{len(failed)} of {len(pictures)} inputs failed: {', '.join(failed)}")
+    return ExitCode.SOME_FAILED if failed else ExitCode.OK

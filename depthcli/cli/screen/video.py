@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
+from depthcli.cli.screen.predict import tell_failed
 from depthcli.cli.screen.progress import drawn
 from depthcli.errors import ExitCode, InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
-from depthcli.jobs.predict.outcome import Failed
+from depthcli.jobs.failed import Failed
 from depthcli.jobs.video.run import run_video
 
 if TYPE_CHECKING:
@@ -43,10 +44,7 @@ def run_and_tell(
         with drawn(silent=quiet or as_json) as progress:
             done = run_video(job, pipeline, settings, progress)
     except (InputError, OutputError) as error:
-        failed = Failed(job.name, error)
-        if as_json:
-            console.out_json(failed.as_json())
-        console.error(failed.as_text())
+        tell_failed(Failed(job.name, error), as_json=as_json)
         return ExitCode.SOME_FAILED
     _tell(done, as_json=as_json, quiet=quiet)
     return ExitCode.SOME_FAILED if done.problem else ExitCode.OK

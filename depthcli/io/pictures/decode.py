@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from depthcli.core import choices
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.opencv_log import silent_opencv
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-MAX_PIXELS = 250_000_000
+MAX_PIXELS = choices.MAX_PIXELS
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 _GRAY_ALPHA, _RGB, _RGBA = 2, 3, 4
 

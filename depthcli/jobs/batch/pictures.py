@@ -20,7 +20,7 @@ from depthcli.inference.trial import try_session
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
 from depthcli.jobs.batch.manifest import FAILED, OK, Row, written
-from depthcli.jobs.predict.plan import Job, write_output
+from depthcli.jobs.outputs import write_output
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,12 +112,11 @@ class Worker:
         found, outputs = opened.found, self._targets.of_picture(opened.found)
         if isinstance(depth, Exception):
             return self._failed(found, depth, start, opened.sha256)
-        job = Job(found.name, Path(found.path), {**outputs})
         try:
             fitted = self._recipe.camera.fitted(depth)
             warnings: list[str] = []
-            for name in outputs:
-                warnings += write_output(self._recipe.looks, name, fitted, opened.frame, job)
+            for name, path in outputs.items():
+                warnings += write_output(self._recipe.looks, name, fitted, opened.frame, path)
             files = tuple(written(self._targets.plan.out, path) for path in outputs.values())
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(found, error, start, opened.sha256)

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import is_own_picture
-from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of
 from depthcli.jobs.naming import is_folder, plan_outputs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from depthcli.core.types import DepthMap, Frame
-    from depthcli.io.writers.base import Writer
-    from depthcli.io.writers.options import WriterOptions
 
 STANDARD = "-"
 DEFAULT_FORMATS = (Format.PNG16, Format.PREVIEW)
@@ -39,7 +34,8 @@ def pictures_among(names: Sequence[str]) -> tuple[list[str], list[str]]:
     return others, own
 
 
-class Job(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class PicturePlan:
     """One input and its outputs.
 
     Attributes:
@@ -53,7 +49,7 @@ class Job(NamedTuple):
     outputs: dict[Format, Path | None]
 
 
-def choose_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format, ...]:
+def picture_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format, ...]:
     """What to write: what was asked for, else what the output's suffix says, else the default.
 
     Raises:
@@ -76,9 +72,9 @@ def choose_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format,
     return (found,)
 
 
-def plan_jobs(
+def plan_pictures(
     names: Sequence[str], output: str | None, formats: Sequence[Format], *, sidecar: bool
-) -> tuple[Job, ...]:
+) -> tuple[PicturePlan, ...]:
     """Name every output before anything is read.
 
     Raises:
@@ -91,52 +87,21 @@ def plan_jobs(
     if output == STANDARD:
         if len(names) != 1 or len(wanted) != 1:
             raise UsageError("-o - takes one input and one format; name a folder for more")
-        return (Job(names[0], sources[0], dict.fromkeys(wanted)),)
+        return (PicturePlan(names[0], sources[0], dict.fromkeys(wanted)),)
     # A sidecar beside the one file that the user named must not change that file's name.
     beside = sidecar and len(formats) == 1 and output is not None and not is_folder(output)
     main = formats if beside else wanted
     plans = plan_outputs(sources, output, {name: FORMATS[name].suffix for name in main})
-    jobs = [
-        Job(name, plan.source, {Format(key): path for key, path in plan.outputs.items()})
+    pictures = [
+        PicturePlan(name, plan.source, {Format(key): path for key, path in plan.outputs.items()})
         for name, plan in zip(names, plans, strict=True)
     ]
     if beside and output is not None:
         json_path = str(Path(output).with_suffix(".json"))
         (plan,) = plan_outputs(sources, json_path, {Format.JSON: ""})
-        if plan.outputs[Format.JSON] in jobs[0].outputs.values():
+        if plan.outputs[Format.JSON] in pictures[0].outputs.values():
             raise UsageError(
                 f"the sidecar would take the place of -o {output}; choose another name"
             )
-        jobs[0].outputs[Format.JSON] = plan.outputs[Format.JSON]
-    return tuple(jobs)
-
-
-def write_output(
-    looks: WriterOptions, name: Format, depth: DepthMap, frame: Frame, job: Job
-) -> tuple[str, ...]:
-    """Write one output of a job whole or not at all.
-
-    Returns:
-        Warnings, one line each.
-
-    Raises:
-        OutputError: it cannot be written, or an input is in its place.
-    """
-    path, writer = job.outputs[name], looks.writer(name)
-    if path is None:
-        return _write_stdout(writer, name, depth, frame)
-    inputs = () if job.source is None else (job.source,)
-    with atomic_path(path, inputs=inputs) as temporary:
-        return writer.write(depth, temporary, frame)
-
-
-def _write_stdout(writer: Writer, name: Format, depth: DepthMap, frame: Frame) -> tuple[str, ...]:
-    """The formats' libraries want a file, so there is one for a moment."""
-    from tempfile import TemporaryDirectory
-
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"depth{Path(FORMATS[name].suffix).suffix}"
-        warnings = writer.write(depth, path, frame)
-        sys.stdout.buffer.write(path.read_bytes())
-    sys.stdout.buffer.flush()
-    return warnings
+        pictures[0].outputs[Format.JSON] = plan.outputs[Format.JSON]
+    return tuple(pictures)

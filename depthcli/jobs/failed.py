@@ -1,0 +1,22 @@
+"""An input that came to nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from depthcli.errors import DepthcliError
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """An input that could not be used, or whose outputs could not be written.
+
+    Attributes:
+        name: the input, as the user wrote it.
+        error: why.
+    """
+
+    name: str
+    error: DepthcliError

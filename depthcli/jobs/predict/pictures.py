@@ -1,0 +1,111 @@
+"""One picture after another, from its file to its outputs."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from depthcli.core.picture_limit import PictureLimit
+from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.inference.pipeline import Pipeline
+from depthcli.io.pictures.read import read_image
+from depthcli.io.writers.formats import writer_class
+from depthcli.jobs.failed import Failed
+from depthcli.jobs.outputs import write_output, write_stream
+from depthcli.jobs.predict.plan import STANDARD
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from depthcli.core.parallel.background import Background
+    from depthcli.core.types import DepthMap, Frame
+    from depthcli.inference.session import Session
+    from depthcli.io.writers.formats import Format
+    from depthcli.jobs.predict.plan import PicturePlan
+    from depthcli.jobs.predict.run import PredictRequest
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """An input whose outputs are all written.
+
+    Attributes:
+        name: the input, as the user wrote it.
+        outputs: the files written, ``-`` for standard output.
+        depth: the depth map.
+        provider: what ran the model.
+        seconds: from opening the input to the last output.
+        warnings: one-line texts.
+    """
+
+    name: str
+    outputs: tuple[str, ...]
+    depth: DepthMap
+    provider: str
+    seconds: float
+    warnings: tuple[str, ...]
+
+
+def each_picture(
+    request: PredictRequest, plans: Sequence[PicturePlan], loading: Background[Session]
+) -> Iterator[Done | Failed]:
+    """What becomes of each picture, when its turn comes.
+
+    Raises:
+        ModelError: the model cannot be used.
+        UsageError: the model takes no focal length.
+    """
+    for name in {name for plan in plans for name in plan.outputs}:
+        writer_class(name)  # imported while the model loads
+    for plan in plans:
+        try:
+            yield _done(request, plan, loading)
+        except (InputError, OutputError) as error:
+            yield Failed(plan.name, error)
+    loading.result()  # a model that fails is told even if no picture got so far
+
+
+def _done(request: PredictRequest, plan: PicturePlan, loading: Background[Session]) -> Done:
+    start = time.perf_counter()
+    frame = _read(request, plan)
+    session = loading.result()
+    camera = request.camera
+    depth = camera.fitted(
+        Pipeline(session, request.detail).predict(
+            frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
+        )
+    )
+    warnings = list(session.warnings)
+    for name, path in plan.outputs.items():
+        warnings += _write(request, name, depth, frame, path)
+    return Done(
+        name=plan.name,
+        outputs=tuple(str(path or STANDARD) for path in plan.outputs.values()),
+        depth=depth,
+        provider=session.provider,
+        seconds=time.perf_counter() - start,
+        warnings=tuple(warnings),
+    )
+
+
+def _read(request: PredictRequest, plan: PicturePlan) -> Frame:
+    if not plan.name:
+        raise InputError("an input's name is empty; is a variable of the command not set?")
+    data = request.stdin.read() if plan.source is None and request.stdin else None
+    try:
+        limit = PictureLimit(request.max_pixels, request.detail)
+        return read_image(plan.source, data, max_pixels=limit)
+    except MemoryError as error:
+        raise InputError("does not fit into memory; make it smaller") from error
+
+
+def _write(
+    request: PredictRequest, name: Format, depth: DepthMap, frame: Frame, path: Path | None
+) -> tuple[str, ...]:
+    if path is not None:
+        return write_output(request.writing, name, depth, frame, path)
+    if request.stdout is None:
+        raise UsageError("output is '-' but there is no stdout; name a file or a folder")
+    return write_stream(request.writing, name, depth, frame, request.stdout)

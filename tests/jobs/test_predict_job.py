@@ -1,0 +1,114 @@
+"""Pictures predicted by the job itself, as a program calls it."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from tiny import write_model, write_picture
+
+from depthcli.core.camera import Anchor, Camera
+from depthcli.errors import InputError, ModelError, OutputError, UsageError
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.read import read_depth
+from depthcli.io.writers.formats import Format
+from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.failed import Failed
+from depthcli.jobs.predict.pictures import Done
+from depthcli.jobs.predict.run import PredictRequest, predict
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture
+def loader(tmp_path: Path) -> SessionLoader:
+    return SessionLoader(write_model(tmp_path / "model"), "cpu", threads=1)
+
+
+def test_every_picture_has_its_result_in_its_turn(
+    tmp_path: Path, loader: SessionLoader, capfd: pytest.CaptureFixture[str]
+) -> None:
+    names = [str(write_picture(tmp_path / name)) for name in ("a.png", "b.png")]
+    damaged = tmp_path / "damaged.png"
+    damaged.write_bytes(b"no picture")
+    pictures = (names[0], str(damaged), "", names[1])
+    results = predict(PredictRequest(pictures, formats=(Format.NPY,), model=loader))
+    first = next(results)
+    assert isinstance(first, Done)
+    assert first.outputs == (str(tmp_path / "a.depth.npy"),)
+    assert (first.provider, first.warnings) == ("cpu", ())
+    assert not (tmp_path / "b.depth.npy").exists()
+    *failed, last = results
+    assert all(isinstance(one, Failed) and isinstance(one.error, InputError) for one in failed)
+    assert [one.name for one in (*failed, last)] == list(pictures[1:])
+    np.testing.assert_array_equal(read_depth(tmp_path / "b.depth.npy"), first.depth)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_streams_are_those_of_the_request(tmp_path: Path, loader: SessionLoader) -> None:
+    picture = BytesIO(write_picture(tmp_path / "a.png").read_bytes())
+    written = BytesIO()
+    request = PredictRequest(
+        ("-",),
+        "-",
+        model=loader,
+        writing=WriterOptions(png_scale=256),
+        stdin=picture,
+        stdout=written,
+    )
+    (done,) = predict(request)
+    assert isinstance(done, Done)
+    assert done.outputs == ("-",)
+    steps = cv2.imdecode(np.frombuffer(written.getvalue(), np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(steps / 256, done.depth, atol=1 / 256)
+
+
+def test_without_streams_there_is_nothing_to_read_or_write(
+    tmp_path: Path, loader: SessionLoader
+) -> None:
+    (failed,) = predict(PredictRequest(("-",), str(tmp_path / "d.png"), model=loader))
+    assert isinstance(failed, Failed)
+    name = str(write_picture(tmp_path / "a.png"))
+    with pytest.raises(UsageError, match="there is no stdout"):
+        next(predict(PredictRequest((name,), "-", model=loader)))
+
+
+def test_outputs_are_named_before_anything_is_read(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="is one file but there are 2 inputs"):
+        predict(PredictRequest(("a.png", "b.png"), str(tmp_path / "d.png")))
+
+
+def test_a_model_that_is_not_there_ends_it(tmp_path: Path) -> None:
+    missing = SessionLoader(tmp_path / "missing")
+    results = predict(PredictRequest((str(tmp_path / "no.png"),), model=missing))
+    assert isinstance(next(results), Failed)
+    with pytest.raises(ModelError):
+        next(results)
+
+
+def test_anchors_that_miss_a_picture_fail_it_alone(tmp_path: Path, loader: SessionLoader) -> None:
+    small = write_picture(tmp_path / "small.png", np.full((8, 8, 3), 99, np.uint8))
+    large = write_picture(tmp_path / "large.png")
+    camera = Camera(anchors=(Anchor(40, 30, 2.0),))
+    request = PredictRequest(
+        (str(small), str(large)), formats=(Format.NPY,), model=loader, camera=camera
+    )
+    failed, done = predict(request)
+    assert isinstance(failed, Failed)
+    assert isinstance(done, Done)
+    assert done.depth.values[30, 40] == pytest.approx(2)
+
+
+def test_a_picture_is_never_its_own_output(tmp_path: Path, loader: SessionLoader) -> None:
+    picture = write_picture(tmp_path / "a.png")
+    before = picture.read_bytes()
+    link = tmp_path / "link.png"
+    link.symlink_to(picture)
+    (failed,) = predict(PredictRequest((str(picture),), str(link), model=loader))
+    assert isinstance(failed, Failed)
+    assert isinstance(failed.error, OutputError)
+    assert picture.read_bytes() == before
