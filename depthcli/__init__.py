@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from depthcli._version import __version__
+
 if TYPE_CHECKING:
     from depthcli.api import DepthMap, DepthModel, DepthVideo, load_model, read_depth
     from depthcli.core.camera import Anchor
@@ -40,8 +42,6 @@ if TYPE_CHECKING:
     from depthcli.io.video.source import VideoSource
     from depthcli.models.card import ModelCard
     from depthcli.models.catalog import Model, find_model
-
-__version__ = "0.1.0"
 
 # The stable names; one that is not here may change at any time.
 __all__ = [

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from depthcli.cli import shell
-from depthcli.cli.app import COMMANDS, help_text
+from depthcli.cli.table import COMMANDS, help_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

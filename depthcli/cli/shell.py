@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -10,18 +9,18 @@ import typer
 from typer.core import TyperGroup, TyperOption
 from typer.main import get_command
 
-from depthcli import __version__
-from depthcli.cli.app import COMMANDS, PROFILED, PROGRAM, help_text, reader_left
+from depthcli._version import __version__
 from depthcli.cli.arguments import completion
+from depthcli.cli.loading import plain_command
 from depthcli.cli.screen import console
 from depthcli.cli.signals import exit_on_signals
+from depthcli.cli.table import COMMANDS, PROFILED, PROGRAM, help_text
 from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_COMPLETION = {"install_completion", "show_completion"}
 _TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
 
 
@@ -81,7 +80,7 @@ def run(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         return ExitCode.INTERRUPTED
     except BrokenPipeError:
-        return reader_left()
+        raise
     except SystemExit as stop:  # shell completion, a closed pipe, a signal
         return stop.code if isinstance(stop.code, int) else ExitCode.OK
     except Exception as error:  # noqa: BLE001 - the last line of defence: one line, never a traceback
@@ -134,15 +133,9 @@ def _suggestion(name: str) -> str:
 
 def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
     """One command, its module imported now."""
-    module = importlib.import_module(COMMANDS[name][0])
-    command = get_command(module.app)
-    command.name = name
-    # Completion is installed for the program, not for each of its commands.
-    command.params = [p for p in command.params if p.name not in _COMPLETION]
+    command = plain_command(name)
     if name in PROFILED:
         command.params.append(_profile_option())
-    if hasattr(module, "prepare"):
-        module.prepare(command)
     _add_debug(command)
     return command
 

@@ -6,7 +6,7 @@ import hashlib
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from depthcli import __version__
+from depthcli._version import __version__
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.video.formats import SEQUENCES, VideoFormat

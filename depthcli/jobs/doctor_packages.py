@@ -49,7 +49,7 @@ def versions() -> Iterator[Check]:
     """Of depthcli, Python and the packages, as they were installed."""
     from importlib.metadata import PackageNotFoundError, version
 
-    from depthcli import __version__
+    from depthcli._version import __version__
 
     yield Check("depthcli", "ok", __version__)
     yield Check("Python", "ok", sys.version.split()[0])

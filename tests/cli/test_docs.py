@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from depthcli.cli import shell
-from depthcli.cli.app import COMMANDS
+from depthcli.cli.table import COMMANDS
 from depthcli.models.ready_cards import ready_names
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

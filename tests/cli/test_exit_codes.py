@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from depthcli.cli import shell
-from depthcli.cli.app import COMMANDS
+from depthcli.cli.table import COMMANDS
 from depthcli.errors import InputError
 from depthcli.jobs.batch.pictures import reason
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from tiny import write_model
 
 from depthcli.cli import shell
-from depthcli.cli.app import COMMANDS, PROFILED
 from depthcli.cli.profiles.files import _toml
+from depthcli.cli.table import COMMANDS, PROFILED
 
 if TYPE_CHECKING:
     from command_line import Cli

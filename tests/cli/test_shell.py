@@ -11,7 +11,7 @@ import pytest
 from tiny import write_model
 
 import depthcli
-from depthcli.cli.app import COMMANDS
+from depthcli.cli.table import COMMANDS
 
 if TYPE_CHECKING:
     from pathlib import Path

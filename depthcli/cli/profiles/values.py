@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from depthcli.cli.app import COMMANDS, PROFILED
 from depthcli.cli.arguments.unused import is_given
+from depthcli.cli.loading import plain_command
 from depthcli.cli.profiles import files as profile_files
+from depthcli.cli.table import COMMANDS, PROFILED
 from depthcli.errors import UsageError
 from depthcli.io.video.formats import video_format_of
 from depthcli.io.writers.formats import format_of
@@ -80,9 +81,7 @@ def options_of(command: Any) -> dict[str, Any]:  # noqa: ANN401 - typer's own ty
 
 def profiled_commands() -> Iterable[Any]:
     """The commands that take profiles."""
-    from depthcli.cli.shell import load_command
-
-    return (load_command(name) for name in COMMANDS if name in PROFILED)
+    return (plain_command(name) for name in COMMANDS if name in PROFILED)
 
 
 def _all_keys() -> set[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli import __version__
+from depthcli._version import __version__
 from depthcli.core import scaling
 from depthcli.core.types import CameraSource, Provenance
 from depthcli.io.writers.formats import MILLIMETRES

@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli import __version__
+from depthcli._version import __version__
 from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_video

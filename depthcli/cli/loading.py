@@ -1,0 +1,24 @@
+"""A command as its module has it, without the options that the shell gives to all."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from typer.main import get_command
+
+from depthcli.cli.table import COMMANDS
+
+_COMPLETION = {"install_completion", "show_completion"}
+
+
+def plain_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
+    """One command, its module imported now."""
+    module = importlib.import_module(COMMANDS[name][0])
+    command = get_command(module.app)
+    command.name = name
+    # Completion is installed for the program, not for each of its commands.
+    command.params = [p for p in command.params if p.name not in _COMPLETION]
+    if hasattr(module, "prepare"):
+        module.prepare(command)
+    return command
