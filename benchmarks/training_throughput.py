@@ -23,16 +23,17 @@ import numpy as np
 import torch
 from lightning_fabric import Fabric
 
-from depthcli.cli.screen.training import Both, Silent
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
 from depthcli.training.board import Board
 from depthcli.training.config.changes import resolve
-from depthcli.training.data.batches import Batch, Batches, PairStore
+from depthcli.training.config.presets import preset_file
+from depthcli.training.data.batches import Batch, Batches
+from depthcli.training.data.pair_store import PairStore
 from depthcli.training.loop import Limits, train
 from depthcli.training.methods.registry import default_config
-from depthcli.training.preset_files import preset_file
 from depthcli.training.run import Run
+from depthcli.training.watchers import Both, Silent
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,7 +13,7 @@ from depthcli.errors import CheckpointError, ModelError, OutputError
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.models.catalog import Place, read_model
 from depthcli.training.checkpoint import load_generator
-from depthcli.training.loop import CHECKPOINT
+from depthcli.training.folder import CHECKPOINT
 
 if TYPE_CHECKING:
     from pathlib import Path

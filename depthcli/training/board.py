@@ -9,7 +9,7 @@ import numpy as np
 
 from depthcli.core.extras import INSTALL_TENSORBOARD
 from depthcli.errors import TrainingError
-from depthcli.training.loop import writing
+from depthcli.training.folder import writing
 from depthcli.training.samples import sample_path
 from depthcli.training.schedule import factor
 

@@ -4,46 +4,26 @@ from __future__ import annotations
 
 import math
 import time
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-import torch
-
-from depthcli.datasets.splits import held_out_scenes
-from depthcli.errors import OutputError, TrainingError, UsageError
 from depthcli.training import metrics_log
-from depthcli.training.checkpoint import Progress
-from depthcli.training.config.ranges import check_batch
-from depthcli.training.data.batches import Batches, PairStore
 from depthcli.training.devices import any_process, first_process_first
+from depthcli.training.folder import CHECKPOINT, METRICS_LOG, writing
 from depthcli.training.interrupt import Interrupt
-from depthcli.training.run import Run
 from depthcli.training.samples import write_samples
-from depthcli.training.validation import Validation
+from depthcli.training.setup import prepare
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from lightning_fabric import Fabric
 
-    from depthcli.datasets.base import DepthDataset
     from depthcli.datasets.training_data import TrainingData
-    from depthcli.training.config.schema import DataConfig, TrainConfig
-
-CHECKPOINT = "last.ckpt"
-METRICS_LOG = "metrics.jsonl"
-
-
-class Watcher(Protocol):
-    """Who is told how a run goes; with several processes, the first one's."""
-
-    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
-        """A step of ``steps`` in all is done."""
-
-    def epoch(self, progress: Progress) -> None:
-        """An epoch is done, validated and saved."""
+    from depthcli.training.checkpoint import Progress
+    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.setup import Prepared
+    from depthcli.training.watchers import Watcher
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +37,10 @@ class Limits:
 
     minutes: float = math.inf
     steps: float = math.inf
+
+    def reached(self, seconds: float, steps: int) -> bool:
+        """Whether a sitting of this length is over."""
+        return seconds >= 60 * self.minutes or steps >= self.steps
 
 
 def train(
@@ -91,108 +75,43 @@ def train(
             is kept.
     """
     limits, interrupt = limits or Limits(), interrupt or Interrupt()
-    first, dataset = fabric.is_global_zero, data.dataset
     with first_process_first(fabric):
-        with writing(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-        train_rows, held_out = divide(dataset, config.data)
-        batches = Batches(
-            PairStore(dataset, train_rows, config.data),
-            config.data,
-            config.optim.batch_size,
-            config.seed,
-            fabric.device,
-            fabric.global_rank,
-            fabric.world_size,
-            _extra_store(data, config),
-        )
-        check_batch(config, batches.own_size)
-        validation = Validation(dataset, held_out, config) if held_out and first else None
-        run = Run(config, fabric, batches.steps_per_epoch)
-        run.progress = Progress(
-            train_ids=tuple(dataset.ids[i] for i in train_rows),
-            held_out_ids=tuple(dataset.ids[i] for i in held_out),
-            data=data.title,
-            hfov_deg=data.hfov_deg,
-            extra=data.extra_title,
-            start=run.start_from(start) if start else "",
-            aspect=data.aspect,
-        )
-        run.resume(folder / CHECKPOINT)
-        run.progress = replace(run.progress, threads=torch.get_num_threads())
-        if first:
-            with writing(folder):
-                metrics_log.cut(folder / METRICS_LOG, run.progress.step)
-
-    started, first_step, before_s = time.monotonic(), run.progress.step, run.progress.seconds
+        prepared = prepare(config, data, folder, fabric, start)
+    run, batches = prepared.run, prepared.batches
+    started, before = time.monotonic(), run.progress
     with interrupt:
         while run.progress.step < run.steps:
             losses = run.step(batches[run.progress.step])
-            elapsed_s = time.monotonic() - started
-            run.progress = replace(
-                run.progress, step=run.progress.step + 1, seconds=before_s + elapsed_s
-            )
-            if first:
+            step, elapsed_s = run.progress.step + 1, time.monotonic() - started
+            run.progress = replace(run.progress, step=step, seconds=before.seconds + elapsed_s)
+            if fabric.is_global_zero:
                 watcher.step(run.progress, run.steps, losses)
-            epoch_ends = run.progress.step % batches.steps_per_epoch == 0
-            done = run.progress.step - first_step
-            ends = elapsed_s >= 60 * limits.minutes or done >= limits.steps
-            stops = any_process(fabric, ends or interrupt.number is not None)
+            over = limits.reached(elapsed_s, step - before.step) or interrupt.number is not None
+            stops = any_process(fabric, over)
+            epoch_ends = step % batches.steps_per_epoch == 0
             if epoch_ends:
-                run.progress = replace(run.progress, epoch=run.progress.epoch + 1)
-                last = run.progress.step == run.steps
-                if validation and (last or run.progress.epoch % config.validate_every == 0):
-                    _validate(run, validation, folder)
-                if first:
-                    with writing(folder):
-                        metrics_log.append(folder / METRICS_LOG, run.progress, losses)
+                _end_epoch(prepared, folder, losses)
             due = epoch_ends and run.progress.epoch % config.save_every == 0
-            if due or stops or run.progress.step == run.steps:
+            if due or stops or step == run.steps:
                 run.save(folder / CHECKPOINT)
-            if epoch_ends and first:
+            if epoch_ends and fabric.is_global_zero:
                 watcher.epoch(run.progress)
             if stops:
                 break
     return run.progress
 
 
-def _extra_store(data: TrainingData, config: TrainConfig) -> PairStore | None:
-    if data.extra is None:
-        return None
-    if config.output.coding != "log" or config.method != "proposed":
-        raise UsageError("extra pairs need the method proposed and output.coding=log")
-    return PairStore(data.extra, range(len(data.extra)), config.data)
-
-
-def _validate(run: Run, validation: Validation, folder: Path) -> None:
-    """Score the generator on the held-out pairs, and draw some of them."""
-    scores = validation.score(run.best_generator, run.fabric.device)
-    run.progress = replace(run.progress, scores=dict(scores.items()))
-    with writing(folder):
-        write_samples(folder, run.progress.epoch, validation, run.best_generator, run.fabric)
-
-
-def divide(dataset: DepthDataset, data: DataConfig) -> tuple[list[int], list[int]]:
-    """Positions to train on and positions held out, whole scenes on either side."""
-    if not data.holdout_every:
-        return list(range(len(dataset))), []
-    held_out = held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)
-    inside = [scene in held_out for scene in dataset.scenes]
-    train_rows = [i for i, held in enumerate(inside) if not held]
-    return train_rows, [i for i, held in enumerate(inside) if held]
-
-
-@contextmanager
-def writing(folder: Path) -> Iterator[None]:
-    """Turn a file that cannot be written into an error that says so.
-
-    Raises:
-        TrainingError: the system refuses.
-    """
-    try:
-        yield
-    except (OSError, OutputError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise TrainingError(
-            f"cannot write to {folder} ({reason}): free some space or give another --out"
-        ) from error
+def _end_epoch(prepared: Prepared, folder: Path, losses: dict[str, float]) -> None:
+    """Count an epoch, validate where that is due, and log it."""
+    run, validation = prepared.run, prepared.validation
+    epoch = run.progress.epoch + 1
+    run.progress = replace(run.progress, epoch=epoch)
+    due = epoch % run.config.validate_every == 0 or run.progress.step == run.steps
+    if validation and due:
+        scores = validation.score(run.best_generator, run.fabric.device)
+        run.progress = replace(run.progress, scores=dict(scores.items()))
+        with writing(folder):
+            write_samples(folder, epoch, validation, run.best_generator, run.fabric)
+    if run.fabric.is_global_zero:
+        with writing(folder):
+            metrics_log.append(folder / METRICS_LOG, run.progress, losses)

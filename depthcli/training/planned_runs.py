@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.training.checkpoint import Checkpoint, Progress
 from depthcli.training.config_differences import another_run, differences
-from depthcli.training.loop import CHECKPOINT
+from depthcli.training.folder import CHECKPOINT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,7 +9,7 @@ import torch.nn.functional as F  # noqa: N812
 
 from depthcli.metrics.accumulate import Accumulator, Scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
-from depthcli.training.data.batches import PairStore, whole_pictures
+from depthcli.training.data.pair_store import PairStore, whole_pictures
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

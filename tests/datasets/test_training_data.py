@@ -15,7 +15,7 @@ from depthcli.datasets.training_data import open_training_data
 from depthcli.datasets.unpaired_folder import UnpairedFolder
 from depthcli.errors import DatasetError
 from depthcli.training.config.schema import DataConfig
-from depthcli.training.loop import divide
+from depthcli.training.setup import divide
 
 if TYPE_CHECKING:
     from pathlib import Path

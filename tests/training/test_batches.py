@@ -10,8 +10,9 @@ import torch
 from rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 
 from depthcli.errors import DatasetError, UsageError
-from depthcli.training.data.batches import Batch, Batches, PairStore, whole_pictures
-from depthcli.training.loop import divide
+from depthcli.training.data.batches import Batch, Batches
+from depthcli.training.data.pair_store import PairStore, whole_pictures
+from depthcli.training.setup import divide
 
 CPU = torch.device("cpu")
 DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2, brightness=0.2, noise=0.02)

@@ -13,10 +13,10 @@ import torch
 
 from depthcli.errors import UsageError
 from depthcli.training.config.changes import resolve, updated
+from depthcli.training.config.presets import FOLDER, preset_file
 from depthcli.training.config.schema import LossConfig, OutputConfig, TrainConfig
 from depthcli.training.methods.registry import DEFAULTS, METHODS, default_config
 from depthcli.training.networks.build import build_generator
-from depthcli.training.preset_files import FOLDER, preset_file
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,17 +10,19 @@ import torch
 from lightning_fabric import Fabric
 from rooms import EFFICIENT, PAPER, TRAIN, room_data, rooms, write_rooms
 
-from depthcli.cli.screen.training import Silent
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.config.schema import LossConfig
-from depthcli.training.data.batches import Batch, Batches, PairStore
+from depthcli.training.data.batches import Batch, Batches
+from depthcli.training.data.pair_store import PairStore
+from depthcli.training.folder import CHECKPOINT
 from depthcli.training.initial import start_from
-from depthcli.training.loop import CHECKPOINT, Limits, train
+from depthcli.training.loop import Limits, train
 from depthcli.training.methods.proposed import Proposed
 from depthcli.training.networks.build import build_generator
+from depthcli.training.watchers import Silent
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,8 +15,9 @@ from rooms import PAPER, TRAIN, rooms
 
 from depthcli.errors import DatasetError
 from depthcli.training.data.augment import augment
-from depthcli.training.data.batches import Batches, PairStore
+from depthcli.training.data.batches import Batches
 from depthcli.training.data.holes import shrink
+from depthcli.training.data.pair_store import PairStore
 from depthcli.training.losses.gradient import gradient_loss
 from depthcli.training.losses.regularised_l1 import regularised_l1
 

@@ -20,7 +20,8 @@ from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
 from depthcli.training.config.schema import OutputConfig
 from depthcli.training.data.batches import Batch
 from depthcli.training.finite import finite
-from depthcli.training.loop import CHECKPOINT, METRICS_LOG, Limits, train
+from depthcli.training.folder import CHECKPOINT, METRICS_LOG
+from depthcli.training.loop import Limits, train
 from depthcli.training.run import Run
 from depthcli.training.schedule import factor
 

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from lightning_fabric import Fabric
 from rooms import EFFICIENT, room_data
 
-from depthcli.cli.screen.training import Silent
 from depthcli.training import metrics_log
 from depthcli.training.checkpoint import Progress
-from depthcli.training.loop import CHECKPOINT, METRICS_LOG, Limits, train
+from depthcli.training.folder import CHECKPOINT, METRICS_LOG
+from depthcli.training.loop import Limits, train
 from depthcli.training.run import Run
+from depthcli.training.watchers import Silent
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,12 +11,13 @@ from lightning_fabric import Fabric
 from lightning_fabric.plugins.precision.amp import MixedPrecision
 from rooms import EFFICIENT, PAPER, room_data
 
-from depthcli.cli.screen.training import Silent
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.config.changes import updated
 from depthcli.training.data.batches import Batch
-from depthcli.training.loop import CHECKPOINT, Limits, train
+from depthcli.training.folder import CHECKPOINT
+from depthcli.training.loop import Limits, train
 from depthcli.training.run import Run
+from depthcli.training.watchers import Silent
 
 if TYPE_CHECKING:
     from pathlib import Path

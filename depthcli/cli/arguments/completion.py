@@ -59,7 +59,7 @@ def profiles(incomplete: str) -> list[str]:
 
 def presets(incomplete: str) -> list[str]:
     """Names for ``--preset``."""
-    from depthcli.training.preset_files import preset_names
+    from depthcli.training.config.presets import preset_names
 
     return _beginning(preset_names(), incomplete)
 

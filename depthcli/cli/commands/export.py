@@ -10,8 +10,7 @@ import typer
 from depthcli.cli.arguments.numbers import field_of_view, not_negative
 from depthcli.cli.screen import console
 from depthcli.core.choices import Weights
-from depthcli.core.extras import INSTALL_TRAIN
-from depthcli.errors import DepthcliError, ExitCode, UsageError
+from depthcli.errors import ExitCode, UsageError
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -78,10 +77,8 @@ def export_onnx(
 
     Nothing is written if torch and onnxruntime disagree by more than the tolerance.
     """
-    try:
-        from depthcli.export.onnx import ExportOptions, export_checkpoint
-    except ImportError as error:
-        raise DepthcliError(f"export needs {error.name}: {INSTALL_TRAIN}") from error
+    from depthcli.export.onnx import ExportOptions, export_checkpoint
+
     if fp16 and int8 is not None:
         raise UsageError("--fp16 and --int8 exclude each other; give one")
     options = ExportOptions(

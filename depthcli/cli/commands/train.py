@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import math
 import signal
-from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from depthcli.cli.arguments import completion
-from depthcli.cli.screen import console
 from depthcli.cli.signals import SIGNAL_BASE, ending_signals
-from depthcli.core.extras import INSTALL_TRAIN
-from depthcli.errors import DepthcliError, ExitCode, UsageError
-
-if TYPE_CHECKING:
-    from depthcli.training.config.schema import TrainConfig
+from depthcli.errors import ExitCode
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -130,107 +124,41 @@ def train(
 ) -> int:
     """Train a method. Run the same command again to resume."""
     if every_method or methods is not None:
-        from depthcli.jobs.train.queue import train_all
+        from depthcli.cli.commands.train_all import train_all
 
         return train_all(context)
     if method is None or seeds is not None:
         raise typer.BadParameter("name a METHOD; --seeds goes with --all or --methods")
+    from depthcli.cli.screen import training as screen
+    from depthcli.training.resolve import resolve_config
+
     folder = None if show_config else out
-    resolved = resolve_config(method, preset, config or [], settings or [], folder)
+    resolved = resolve_config(method, preset, config or (), settings or (), folder)
     if show_config:
-        _print_config(resolved)
+        screen.show_config(resolved)
         return ExitCode.OK
     if data is None:
         raise typer.BadParameter("give the data set with --data")
-    from depthcli.cli.screen.training import progress_for, with_board
-    from depthcli.datasets.paired_folder import open_paired_folder
-    from depthcli.datasets.training_data import open_training_data
-    from depthcli.jobs.train.launch import launched, open_fabric, set_threads
-    from depthcli.training.interrupt import Interrupt
-    from depthcli.training.loop import Limits, divide
-    from depthcli.training.loop import train as run
+    from depthcli.jobs.train import run
 
-    fabric = open_fabric(accelerator, resolved.precision, devices)
-    opened = open_training_data(
-        data,
-        paired=resolved.data.paired,
-        split=resolved.data.split,
-        units_per_metre=resolved.data.units_per_metre,
+    request = run.TrainRequest(
+        config=resolved,
+        data=data,
+        out=out,
+        extra=extra,
+        start=init,
+        minutes=math.inf if max_minutes is None else max_minutes,
+        accelerator=accelerator,
+        devices=devices,
+        threads=threads,
+        tensorboard=tensorboard,
+        signals=(signal.SIGINT, *ending_signals()),
     )
-    opened = opened._replace(extra=None if extra is None else open_paired_folder(extra))
-    with launched(fabric):
-        first = fabric.is_global_zero
-        set_threads(threads, resolved, out, fabric, quiet=quiet or as_json or not first)
-        if first and not quiet and resolved.data.holdout_every:
-            _, held_out = divide(opened.dataset, resolved.data)
-            if not held_out:
-                console.warn("too few scenes to hold one out, so nothing is validated")
-        interrupt = Interrupt(signal.SIGINT, *ending_signals())
-        with ExitStack() as stack:
-            watcher = stack.enter_context(progress_for(as_json=as_json, quiet=quiet or not first))
-            if tensorboard and first:
-                watcher = stack.enter_context(with_board(watcher, out, resolved))
-            limits = Limits(minutes=math.inf if max_minutes is None else max_minutes)
-            done = run(resolved, opened, out, fabric, watcher, limits, interrupt, init)
-    if not first:
+    with screen.watcher_for(as_json=as_json, quiet=quiet) as watcher:
+        result = run.train(request, watcher)
+    if not result.is_first:
         return ExitCode.OK
     if not quiet and not as_json:
-        console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")
-    return ExitCode.OK if interrupt.number is None else SIGNAL_BASE + interrupt.number
-
-
-def resolve_config(
-    method: str,
-    preset: str | None,
-    files: list[Path],
-    settings: list[str],
-    folder: Path | None = None,
-) -> TrainConfig:
-    """The configuration that a command line stands for.
-
-    Args:
-        method: that was named.
-        preset: name of a preset.
-        files: of differences.
-        settings: ``a.b=c``.
-        folder: of a run, whose own configuration counts if there is one.
-
-    Raises:
-        UsageError: a name or a value is wrong.
-        CheckpointError: the folder's run has not what was given.
-    """
-    try:
-        from depthcli.training.config.changes import resolve
-        from depthcli.training.continued import continued, saved_run
-        from depthcli.training.methods.registry import METHODS, check_terms, default_config
-        from depthcli.training.preset_files import preset_file
-    except ImportError as error:
-        raise DepthcliError(f"training needs {error.name}: {INSTALL_TRAIN}") from error
-    if method not in METHODS:
-        raise typer.BadParameter(f"no method '{method}'; choose from {', '.join(METHODS)}")
-    named = [preset_file(preset)] if preset else []
-    saved = None if folder is None else saved_run(folder)
-    if folder is not None and saved is not None:
-        return continued(folder, saved.config, method, [*named, *files], settings)
-    resolved = resolve(default_config(method), [*named, *files], settings)
-    if resolved.method != method:
-        raise UsageError(
-            f"the settings are of method {resolved.method}, not {method}: name that one, or leave "
-            "their method out"
-        )
-    check_terms(resolved)
-    return resolved
-
-
-def _print_config(config: TrainConfig) -> None:
-    import dataclasses
-    import json
-
-    for name, value in dataclasses.asdict(config).items():
-        if not isinstance(value, dict):
-            console.out(f"{name} = {json.dumps(value)}")
-    for name, group in dataclasses.asdict(config).items():
-        if isinstance(group, dict):
-            console.out(f"\n[{name}]")
-            for key, value in group.items():
-                console.out(f"{key} = {json.dumps(value)}")
+        screen.summary(result, out)
+    number = result.signal_number
+    return ExitCode.OK if number is None else SIGNAL_BASE + number

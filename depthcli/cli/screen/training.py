@@ -3,80 +3,61 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import drawn
+from depthcli.training.metrics_log import finite_or_none
+from depthcli.training.watchers import Silent
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
     from depthcli.cli.screen.progress import Drawing, Stage
+    from depthcli.jobs.train.run import RunWatcher, TrainResult, TrainStart
     from depthcli.training.checkpoint import Progress
     from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.loop import Watcher
 
 _SHOWN = ("abs_rel", "rmse", "d1")
 
 
 @contextmanager
-def progress_for(*, as_json: bool, quiet: bool) -> Iterator[Watcher]:
+def watcher_for(*, as_json: bool, quiet: bool) -> Iterator[RunWatcher]:
     """The watcher that fits options and terminal."""
-    if quiet:
-        yield Silent()
-    elif as_json:
-        yield JsonLines()
-    elif sys.stderr.isatty():
-        with drawn(silent=False) as drawing:
-            yield Lines(drawing)
-    else:
-        yield Lines(None)
+    with ExitStack() as stack:
+        yield Quiet() if quiet else JsonLines() if as_json else Lines(stack)
 
 
-@contextmanager
-def with_board(watcher: Watcher, folder: Path, config: TrainConfig) -> Iterator[Watcher]:
-    """Also write event files for TensorBoard.
-
-    Raises:
-        TrainingError: its package is not installed.
-    """
-    from depthcli.training.board import Board
-
-    board = Board(folder, config)
-    try:
-        yield Both(watcher, board)
-    finally:
-        board.close()
+def show_config(config: TrainConfig) -> None:
+    """A configuration as TOML, on standard output."""
+    values = dataclasses.asdict(config)
+    groups = {name: group for name, group in values.items() if isinstance(group, dict)}
+    _assignments({name: value for name, value in values.items() if name not in groups})
+    for name, group in groups.items():
+        console.out(f"\n[{name}]")
+        _assignments(group)
 
 
-class Both:
-    """Two watchers in one."""
-
-    def __init__(self, first: Watcher, second: Watcher) -> None:
-        self._watchers = first, second
-
-    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
-        """Tell both."""
-        for watcher in self._watchers:
-            watcher.step(progress, steps, losses)
-
-    def epoch(self, progress: Progress) -> None:
-        """Tell both."""
-        for watcher in self._watchers:
-            watcher.epoch(progress)
+def _assignments(values: dict[str, object]) -> None:
+    for name, value in values.items():
+        console.out(f"{name} = {json.dumps(value)}")
 
 
-class Silent:
+def summary(result: TrainResult, out: Path) -> None:
+    """How far the run has come, for people."""
+    done = result.progress
+    console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")
+
+
+class Quiet(Silent):
     """Shows nothing."""
 
-    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
-        """Nothing."""
-
-    def epoch(self, progress: Progress) -> None:
+    def begin(self, start: TrainStart) -> None:
         """Nothing."""
 
 
@@ -86,6 +67,11 @@ class JsonLines(Silent):
     def __init__(self) -> None:
         self._losses: dict[str, float] = {}
 
+    def begin(self, start: TrainStart) -> None:
+        """Warn if nothing will be validated."""
+        if start.lacks_scenes:
+            console.warn("too few scenes to hold one out, so nothing is validated")
+
     def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
         """Keep the losses until the epoch ends."""
         del progress, steps
@@ -93,24 +79,39 @@ class JsonLines(Silent):
 
     def epoch(self, progress: Progress) -> None:
         """Step, seconds, scores, and the losses of the last step."""
-        from depthcli.training.metrics_log import finite_or_none
-
         values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
         del values["train_ids"], values["held_out_ids"]
         values["losses"] = self._losses
         console.out_json(values)
 
 
-class Lines(Silent):
-    """One line an epoch on standard error, under a bar where there is one."""
+class Lines(JsonLines):
+    """One line an epoch on standard error, under a bar on a terminal.
 
-    def __init__(self, drawing: Drawing | None) -> None:
-        self._drawing = drawing
+    Args:
+        stack: closes the bar.
+    """
+
+    def __init__(self, stack: ExitStack) -> None:
+        super().__init__()
+        self._stack = stack
+        self._drawing: Drawing | None = None
         self._stage: Stage | None = None
-        self._losses: dict[str, float] = {}
         self._started_s = time.monotonic()
         self._first_step: int | None = None
         self._steps = 0
+
+    def begin(self, start: TrainStart) -> None:
+        """Say on how many threads, and show the bar."""
+        if start.timed and start.threads < start.cores:
+            console.note(
+                f"training on {start.threads} of {start.cores} CPU cores, as fast as more of them "
+                "in a short trial; --threads sets the number"
+            )
+        super().begin(start)
+        if sys.stderr.isatty():
+            self._drawing = self._stack.enter_context(drawn(silent=False))
+        self._started_s = time.monotonic()
 
     def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
         """Move the bar."""

@@ -5,24 +5,27 @@ from __future__ import annotations
 import signal
 from typing import TYPE_CHECKING, Any, Self
 
-from depthcli.cli.signals import ending_signals
-
 if TYPE_CHECKING:
     import subprocess
+    from collections.abc import Iterable
 
 
 class SignalRelay:
-    """While entered, SIGINT, SIGTERM and SIGHUP go to a process, which decides when it ends.
+    """While entered, signals go to a process, which decides when it ends.
 
     The process has a process group of its own: a terminal would tell it too, and a second signal
     means something else than the first.
+
+    Args:
+        signals: those that are handed on.
 
     Attributes:
         number: the first signal that came, or None.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, signals: Iterable[signal.Signals]) -> None:
         self.number: int | None = None
+        self._signals = tuple(signals)
         self._process: subprocess.Popen[bytes] | None = None
         self._before: dict[signal.Signals, Any] = {}
 
@@ -33,7 +36,7 @@ class SignalRelay:
             process.send_signal(self.number)
 
     def __enter__(self) -> Self:
-        for number in (signal.SIGINT, *ending_signals()):
+        for number in self._signals:
             self._before[number] = signal.signal(number, self._relay)
         return self
 

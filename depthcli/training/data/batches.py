@@ -7,24 +7,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import cv2
 import numpy as np
 import torch
 
-from depthcli.errors import DatasetError, UsageError
-from depthcli.training.data.augment import Views, augment, network_input
-from depthcli.training.data.holes import shrink
+from depthcli.errors import UsageError
+from depthcli.training.data.augment import Views, augment
 from depthcli.training.views import view_size
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from torch import Tensor
 
-    from depthcli.datasets.base import DepthDataset
     from depthcli.training.config.schema import DataConfig
-
-_STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
+    from depthcli.training.data.pair_store import PairStore
 
 
 class Batch(NamedTuple):
@@ -42,58 +36,6 @@ class Batch(NamedTuple):
     depth_m: Tensor
     known: Tensor | None = None
     extra: Tensor | None = None
-
-
-class PairStore:
-    """Some pairs of a data set, shrunk once and kept in memory.
-
-    Args:
-        dataset: where they are read.
-        positions: which pairs.
-        data: gives the network's size.
-
-    Attributes:
-        rgb: (N, 3, h, w) uint8.
-        depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m; holes are filled.
-        known: (N, 1, h, w) bool, False in the holes; None if no pair has one.
-
-    Raises:
-        DatasetError: there is no pair, or one without depth.
-    """
-
-    def __init__(self, dataset: DepthDataset, positions: Sequence[int], data: DataConfig) -> None:
-        if not positions:
-            raise DatasetError("no pair to train on: check the data folder and holdout_every")
-        size = _stored_size(dataset.image(positions[0]).shape, data)
-        shape = (len(positions), 3, size[1], size[0])
-        self.rgb = torch.empty(shape, dtype=torch.uint8)
-        self.depth_m = torch.empty((len(positions), 1, *shape[2:]), dtype=torch.float16)
-        self.known: Tensor | None = None
-        for row, position in enumerate(positions):
-            rgb = cv2.resize(dataset.image(position), size, interpolation=cv2.INTER_AREA)
-            self.rgb[row] = torch.from_numpy(rgb).permute(2, 0, 1)
-            measured = shrink(dataset.depth_m(position), size)
-            if measured is None:
-                raise DatasetError(
-                    f"pair {dataset.ids[position]} has almost no depth: remove or repair it"
-                )
-            self.depth_m[row, 0] = torch.from_numpy(measured.depth_m)
-            if measured.known is not None:
-                self._note_holes(row, torch.from_numpy(measured.known))
-
-    def __len__(self) -> int:
-        return len(self.rgb)
-
-    def _note_holes(self, row: int, known: Tensor) -> None:
-        if self.known is None:
-            self.known = torch.ones(self.depth_m.shape, dtype=torch.bool)
-        self.known[row, 0] = known
-
-
-def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
-    """Width and height in memory: the first picture's, if that is less than is ever seen."""
-    most = min(_STORED_PER_NETWORK_PX, max(1.0, shape[1] / data.width, shape[0] / data.height))
-    return round(data.width * most), round(data.height * most)
 
 
 class Batches:
@@ -203,14 +145,6 @@ def _joined(views: Views, more: Views) -> Batch:
 def _known(views: Views) -> Tensor:
     everywhere = torch.ones_like(views.depth_m, dtype=torch.bool)
     return everywhere if views.known is None else views.known
-
-
-def whole_pictures(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
-    """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs, without augmentation."""
-    rgb = store.rgb[rows].float() / 255
-    size = (data.height, data.width)
-    gray = network_input(rgb, data)  # before resampling, as at inference
-    return torch.nn.functional.interpolate(gray, size=size, mode="area")
 
 
 def _mixed(seed: int, count: int, stream: int) -> int:

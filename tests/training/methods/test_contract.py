@@ -12,11 +12,12 @@ from lightning_fabric import Fabric
 from rooms import PAPER, room_data
 from tiny_methods import tiny
 
-from depthcli.cli.screen.training import Silent
 from depthcli.errors import UsageError
 from depthcli.training.checkpoint import Checkpoint, load_generator
-from depthcli.training.loop import CHECKPOINT, Limits, train
+from depthcli.training.folder import CHECKPOINT
+from depthcli.training.loop import Limits, train
 from depthcli.training.methods.registry import METHODS, build_method
+from depthcli.training.watchers import Silent
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,15 +11,16 @@ from lightning_fabric import Fabric
 from rooms import room_data, rooms
 from tiny_methods import tiny
 
-from depthcli.cli.screen.training import Silent
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.inference.pipeline import load
 from depthcli.inference.preprocess import prepare
 from depthcli.training.checkpoint import load_generator
-from depthcli.training.loop import CHECKPOINT, Limits, train
+from depthcli.training.folder import CHECKPOINT
+from depthcli.training.loop import Limits, train
 from depthcli.training.methods.registry import METHODS
+from depthcli.training.watchers import Silent
 
 if TYPE_CHECKING:
     from pathlib import Path

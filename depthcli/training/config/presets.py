@@ -6,7 +6,7 @@ from pathlib import Path
 
 from depthcli.errors import UsageError
 
-FOLDER = Path(__file__).parent / "presets"
+FOLDER = Path(__file__).parents[1] / "presets"
 
 
 def preset_file(name: str) -> Path:

@@ -1,0 +1,152 @@
+"""One run: a method trained on a data set, in a folder that it is continued from."""
+
+from __future__ import annotations
+
+import math
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import torch
+
+from depthcli.core.parallel.cores import usable_cores
+from depthcli.datasets.paired_folder import open_paired_folder
+from depthcli.datasets.training_data import TrainingData, open_training_data
+from depthcli.training import loop
+from depthcli.training.interrupt import Interrupt
+from depthcli.training.launch import launched, open_fabric
+from depthcli.training.resolve import saved_run
+from depthcli.training.setup import divide
+from depthcli.training.threads import default_threads
+from depthcli.training.watchers import Watcher, with_board
+
+if TYPE_CHECKING:
+    import signal
+    from pathlib import Path
+
+    from lightning_fabric import Fabric
+
+    from depthcli.training.checkpoint import Progress
+    from depthcli.training.config.schema import TrainConfig
+
+
+@dataclass(frozen=True, slots=True)
+class TrainRequest:
+    """What is trained, and how.
+
+    Attributes:
+        config: of the run; see :func:`depthcli.training.resolve.resolve_config`.
+        data: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it.
+        out: folder for checkpoint, log and samples; a run in it is continued.
+        extra: folder of pairs whose metres are less sure.
+        start: exported model or checkpoint whose weights a new run starts from.
+        minutes: wall-clock minutes of this sitting.
+        accelerator: auto, cpu, cuda or mps.
+        devices: GPUs, or CPU processes.
+        threads: CPU threads; None for those of the folder's run, or the fastest.
+        tensorboard: also write event files for TensorBoard.
+        signals: those that end it after the step at hand, with a checkpoint.
+    """
+
+    config: TrainConfig
+    data: Path
+    out: Path
+    extra: Path | None = None
+    start: Path | None = None
+    minutes: float = math.inf
+    accelerator: str = "auto"
+    devices: int = 1
+    threads: int | None = None
+    tensorboard: bool = False
+    signals: tuple[signal.Signals, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class TrainStart:
+    """What is known of a run before its first step.
+
+    Attributes:
+        threads: CPU threads that it uses.
+        cores: CPU cores that it could use.
+        timed: whether a short trial chose the threads.
+        lacks_scenes: whether pairs were to be held out and there are too few scenes for that.
+    """
+
+    threads: int
+    cores: int
+    timed: bool
+    lacks_scenes: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TrainResult:
+    """How a sitting ended.
+
+    Attributes:
+        progress: how far the run has come.
+        signal_number: the signal that ended it, or None.
+        is_first: whether this process speaks for the run; of several, only the first does.
+    """
+
+    progress: Progress
+    signal_number: int | None
+    is_first: bool
+
+
+class RunWatcher(Watcher, Protocol):
+    """Who is told how a run goes; with several processes, the first one's."""
+
+    def begin(self, start: TrainStart) -> None:
+        """The run is about to begin, or to go on."""
+
+
+def train(request: TrainRequest, watcher: RunWatcher) -> TrainResult:
+    """Train until the schedule, the time limit or a signal ends it.
+
+    With several devices this same command is started again for each of them.
+
+    Raises:
+        UsageError: the accelerator, devices or settings do not fit together.
+        DatasetError: the data set cannot be used.
+        CheckpointError: the folder holds another run, or a checkpoint cannot be written.
+        TrainingError: training cannot go on; the last checkpoint is kept.
+    """
+    config, out = request.config, request.out
+    fabric = open_fabric(request.accelerator, config.precision, request.devices)
+    data = _data(request)
+    with launched(fabric):
+        first = fabric.is_global_zero
+        start = _set_up(request, data, fabric)
+        if first:
+            watcher.begin(start)
+        board = with_board(watcher, out, config) if request.tensorboard and first else None
+        interrupt = Interrupt(*request.signals)
+        with board or nullcontext(watcher) as told:
+            limits = loop.Limits(minutes=request.minutes)
+            done = loop.train(config, data, out, fabric, told, limits, interrupt, request.start)
+    return TrainResult(done, interrupt.number, first)
+
+
+def _data(request: TrainRequest) -> TrainingData:
+    wanted = request.config.data
+    data = open_training_data(
+        request.data,
+        paired=wanted.paired,
+        split=wanted.split,
+        units_per_metre=wanted.units_per_metre,
+    )
+    return data._replace(extra=None if request.extra is None else open_paired_folder(request.extra))
+
+
+def _set_up(request: TrainRequest, data: TrainingData, fabric: Fabric) -> TrainStart:
+    """Set the number of CPU threads of this process."""
+    cores, threads, timed = usable_cores(), request.threads, False
+    saved = saved_run(request.out) if threads is None else None
+    if saved is not None:  # another number would change its last digits
+        threads = min(cores, saved.progress.threads or torch.get_num_threads())
+    if threads is None:
+        threads, timed = default_threads(request.config, fabric, cores), True
+    torch.set_num_threads(threads)
+    wanted = request.config.data
+    lacks_scenes = bool(wanted.holdout_every) and not divide(data.dataset, wanted)[1]
+    return TrainStart(threads, cores, timed, lacks_scenes)

@@ -1,0 +1,31 @@
+"""The folder of a run: what its files are called, and what is said when it cannot be written."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from depthcli.errors import OutputError, TrainingError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+CHECKPOINT = "last.ckpt"
+METRICS_LOG = "metrics.jsonl"
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Turn a file that cannot be written into an error that says so.
+
+    Raises:
+        TrainingError: the system refuses.
+    """
+    try:
+        yield
+    except (OSError, OutputError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise TrainingError(
+            f"cannot write to {folder} ({reason}): free some space or give another --out"
+        ) from error

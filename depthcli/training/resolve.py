@@ -1,0 +1,76 @@
+"""The configuration of a run: a new one's from what was given, a folder's own where it goes on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from depthcli.errors import UsageError
+from depthcli.training.checkpoint import Checkpoint
+from depthcli.training.config.changes import resolve
+from depthcli.training.config.presets import preset_file
+from depthcli.training.config_differences import another_run, differences
+from depthcli.training.folder import CHECKPOINT
+from depthcli.training.methods.registry import check_terms, default_config
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from depthcli.training.config.schema import TrainConfig
+
+
+def resolve_config(
+    method: str,
+    preset: str | None = None,
+    files: Sequence[Path] = (),
+    settings: Sequence[str] = (),
+    folder: Path | None = None,
+) -> TrainConfig:
+    """The configuration that a method, a preset, files and settings stand for.
+
+    Args:
+        method: name of the method.
+        preset: name of a preset, which comes before the files.
+        files: of differences.
+        settings: ``a.b=c``, which come last.
+        folder: of a run, whose own configuration counts if there is one.
+
+    Raises:
+        UsageError: a name or a value is wrong.
+        CheckpointError: the folder's run has not what was given.
+    """
+    usual = default_config(method)
+    files = [preset_file(preset), *files] if preset else files
+    saved = None if folder is None else saved_run(folder)
+    if folder is not None and saved is not None:
+        return _continued(folder, saved.config, method, files, settings)
+    resolved = resolve(usual, files, settings)
+    if resolved.method != method:
+        raise UsageError(
+            f"the settings are of method {resolved.method}, not {method}: name that one, or leave "
+            "their method out"
+        )
+    check_terms(resolved)
+    return resolved
+
+
+def saved_run(folder: Path) -> Checkpoint | None:
+    """The checkpoint of a folder; None where a run would begin.
+
+    Raises:
+        CheckpointError: there is one that cannot be used.
+    """
+    path = folder / CHECKPOINT
+    return Checkpoint.load(path) if path.is_file() else None
+
+
+def _continued(
+    folder: Path, saved: TrainConfig, method: str, files: Sequence[Path], settings: Sequence[str]
+) -> TrainConfig:
+    """A run's own configuration; what was given again has to be the same."""
+    strange = differences(saved, resolve(saved, files, settings))
+    if saved.method != method:
+        strange = (f'method is "{saved.method}" there, "{method}" here', *strange)
+    if strange:
+        raise another_run(folder / CHECKPOINT, strange)
+    return saved

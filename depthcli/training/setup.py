@@ -1,0 +1,102 @@
+"""What a run needs before its first step: its pairs, networks, folder, and where it had stopped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import torch
+
+from depthcli.datasets.splits import held_out_scenes
+from depthcli.errors import UsageError
+from depthcli.training import metrics_log
+from depthcli.training.checkpoint import Progress
+from depthcli.training.config.ranges import check_batch
+from depthcli.training.data.batches import Batches
+from depthcli.training.data.pair_store import PairStore
+from depthcli.training.folder import CHECKPOINT, METRICS_LOG, writing
+from depthcli.training.run import Run
+from depthcli.training.validation import Validation
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from lightning_fabric import Fabric
+
+    from depthcli.datasets.base import DepthDataset
+    from depthcli.datasets.training_data import TrainingData
+    from depthcli.training.config.schema import DataConfig, TrainConfig
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A run that can take its next step.
+
+    Attributes:
+        run: networks, optimisers and progress.
+        batches: what each step is shown.
+        validation: the held-out pairs; None without them, and in processes after the first.
+    """
+
+    run: Run
+    batches: Batches
+    validation: Validation | None
+
+
+def prepare(
+    config: TrainConfig, data: TrainingData, folder: Path, fabric: Fabric, start: Path | None
+) -> Prepared:
+    """Read the pairs, build the networks, and take up the folder's checkpoint if there is one.
+
+    The arguments and errors are those of :func:`depthcli.training.loop.train`.
+    """
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    dataset, first = data.dataset, fabric.is_global_zero
+    train_rows, held_out = divide(dataset, config.data)
+    batches = Batches(
+        PairStore(dataset, train_rows, config.data),
+        config.data,
+        config.optim.batch_size,
+        config.seed,
+        fabric.device,
+        fabric.global_rank,
+        fabric.world_size,
+        _extra_store(data, config),
+    )
+    check_batch(config, batches.own_size)
+    validation = Validation(dataset, held_out, config) if held_out and first else None
+    run = Run(config, fabric, batches.steps_per_epoch)
+    run.progress = Progress(
+        train_ids=tuple(dataset.ids[i] for i in train_rows),
+        held_out_ids=tuple(dataset.ids[i] for i in held_out),
+        data=data.title,
+        hfov_deg=data.hfov_deg,
+        extra=data.extra_title,
+        start=run.start_from(start) if start else "",
+        aspect=data.aspect,
+    )
+    run.resume(folder / CHECKPOINT)
+    run.progress = replace(run.progress, threads=torch.get_num_threads())
+    if first:
+        with writing(folder):
+            metrics_log.cut(folder / METRICS_LOG, run.progress.step)
+    return Prepared(run, batches, validation)
+
+
+def divide(dataset: DepthDataset, data: DataConfig) -> tuple[list[int], list[int]]:
+    """Positions to train on and positions held out, whole scenes on either side."""
+    if not data.holdout_every:
+        return list(range(len(dataset))), []
+    held_out = held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)
+    inside = [scene in held_out for scene in dataset.scenes]
+    train_rows = [i for i, held in enumerate(inside) if not held]
+    return train_rows, [i for i, held in enumerate(inside) if held]
+
+
+def _extra_store(data: TrainingData, config: TrainConfig) -> PairStore | None:
+    if data.extra is None:
+        return None
+    if config.output.coding != "log" or config.method != "proposed":
+        raise UsageError("extra pairs need the method proposed and output.coding=log")
+    return PairStore(data.extra, range(len(data.extra)), config.data)
