@@ -6,24 +6,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
     from depthcli.io.writers.base import Writer
 
 MILLIMETRES = 1000.0
 """Steps per metre of 16-bit depth, where nothing else is said."""
-
-
-class Format(StrEnum):
-    """What is written of a picture; ``--format`` takes these words."""
-
-    PNG16 = "png16"
-    EXR = "exr"
-    NPY = "npy"
-    PREVIEW = "preview"
-    PLY = "ply"
-    JSON = "json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,22 +39,36 @@ class FormatFacts:
 
 
 _COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
+_PNG = ("png_scale", "png_normalize")
 
-FORMATS = {
-    Format.PNG16: FormatFacts(
-        "png16:Png16Writer", ".depth.png", ".png", ("png_scale", "png_normalize"), use_bytes=13
-    ),
-    Format.EXR: FormatFacts("exr:ExrWriter", ".depth.exr", ".exr", ("exr_channel", "half")),
-    Format.NPY: FormatFacts("npy:NpyWriter", ".depth.npy", ".npy"),
-    Format.PREVIEW: FormatFacts(
-        "preview:PreviewWriter", ".preview.png", None, _COLOURS, use_bytes=20
-    ),
-    Format.PLY: FormatFacts("ply:PlyWriter", ".ply", ".ply", use_bytes=46),
+
+class Format(StrEnum):
+    """What is written of a picture; ``--format`` takes these words.
+
+    A member is its word and its :class:`FormatFacts`; nothing else need know of a new one.
+    """
+
+    facts: FormatFacts
+
+    def __new__(cls, word: str, *facts: FormatFacts) -> Self:  # noqa: D102 - Format("exr") is typed
+        member = str.__new__(cls, word)
+        member._value_ = word
+        (member.facts,) = facts
+        return member
+
+    PNG16 = "png16", FormatFacts("png16:Png16Writer", ".depth.png", ".png", _PNG, use_bytes=13)
+    EXR = "exr", FormatFacts("exr:ExrWriter", ".depth.exr", ".exr", ("exr_channel", "half"))
+    NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy")
+    PREVIEW = (
+        "preview",
+        FormatFacts("preview:PreviewWriter", ".preview.png", None, _COLOURS, use_bytes=20),
+    )
+    PLY = "ply", FormatFacts("ply:PlyWriter", ".ply", ".ply", use_bytes=46)
     # It describes the PNG beside it.
-    Format.JSON: FormatFacts(
-        "sidecar:SidecarWriter", ".depth.json", ".json", ("png_scale", "png_normalize")
-    ),
-}
+    JSON = "json", FormatFacts("sidecar:SidecarWriter", ".depth.json", ".json", _PNG)
+
+
+FORMATS = {format_: format_.facts for format_ in Format}
 ENDINGS = tuple(facts.ending for facts in FORMATS.values() if facts.ending)
 """File suffixes that say a format."""
 
