@@ -1,50 +1,194 @@
-"""What the numbers of a depth video mean."""
+"""Depth files that are looked into: what their numbers mean, and what they are at a pixel."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from depthcli.core.summary import DepthRange
+from depthcli.errors import InputError, UsageError
+from depthcli.io.depth.facts import stated_facts
+from depthcli.io.depth.read import read_depth
 from depthcli.io.video.depth import DepthVideo
 from depthcli.io.video.rates import rate_text
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Mapping
+
+    from depthcli.core.types import DepthMap
+
+_VIDEO_SUFFIX = ".mkv"
 
 
-def video_facts(path: Path, scale: float | None) -> dict[str, object]:
-    """Size, rate, length, range and labels of a depth video; all of it is read.
+@dataclass(frozen=True, slots=True)
+class MapFacts:
+    """What the numbers of a depth map mean.
+
+    Attributes:
+        file: as the user wrote it.
+        kind: metric, relative or inverse.
+        unit: ``m``; None for relative and inverse maps.
+        width: columns.
+        height: rows.
+        valid: pixels with depth.
+        min: least depth; None where there is none.
+        median: in the middle of them; None likewise.
+        max: largest; None likewise.
+        metadata: what the file states.
+    """
+
+    file: str
+    kind: str
+    unit: str | None
+    width: int
+    height: int
+    valid: int
+    min: float | None
+    median: float | None
+    max: float | None
+    metadata: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class VideoFacts:
+    """What the numbers of a depth video mean.
+
+    Attributes:
+        file: as the user wrote it.
+        kind: metric, relative or inverse.
+        unit: ``m``; None where the video has none.
+        width: columns.
+        height: rows.
+        frames: how many there are.
+        fps: frames a second, exact; None if it is not stated.
+        valid: pixels with depth, of all frames.
+        min: least depth; None where there is none.
+        max: largest depth; None likewise.
+        metadata: what the file states.
+    """
+
+    file: str
+    kind: str
+    unit: str | None
+    width: int
+    height: int
+    frames: int
+    fps: str | None
+    valid: int
+    min: float | None
+    max: float | None
+    metadata: Mapping[str, str]
+
+
+def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts:
+    """Unit, scale, size, range and model of a depth file; all of it is read.
+
+    Args:
+        file: its name.
+        scale: steps a metre of a PNG or a video; None for what the file states.
+
+    Raises:
+        InputError: missing, damaged or without depth.
+        UsageError: a scale for a file that holds metres as they are.
+    """
+    path = Path(file)
+    _check_scale(path, scale)
+    if _is_video(path):
+        return _video_facts(file, scale)
+    depth = read_depth(path, png_scale=scale)
+    spread = DepthRange.of(depth)
+    return MapFacts(
+        file=file,
+        kind=depth.kind.value,
+        unit="m" if depth.is_metric else None,
+        width=depth.width,
+        height=depth.height,
+        valid=int(np.isfinite(depth.values).sum()),
+        min=spread.min,
+        median=spread.median,
+        max=spread.max,
+        metadata=stated_facts(path),
+    )
+
+
+def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> DepthMap:
+    """A depth map from any file that depthcli writes.
 
     Args:
         path: the file.
-        scale: steps a metre; None for what the file states.
+        scale: steps a metre of a PNG or a video; None for what the file states.
+        frame: number of the frame in a video, counted in this file; None for other files.
 
     Raises:
-        InputError: it cannot be read, or is no depth video.
+        InputError: missing, damaged, without depth, or shorter than that.
+        UsageError: a video without the number of a frame, or a number or a scale for another file.
     """
-    video = DepthVideo(path, scale=scale)
+    _check_scale(path, scale)
+    if _is_video(path):
+        if frame is None:
+            raise UsageError(f"{path} is a video; say which frame with --frame, 0 for the first")
+        return _frame(path, scale, frame)
+    if frame is not None:
+        raise UsageError(f"--frame is for depth videos (.mkv), but {path} is not one; remove it")
+    return read_depth(path, png_scale=scale)
+
+
+def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
+    """Depth at a column and a row; None where there is none.
+
+    Raises:
+        UsageError: the pixel is outside the map.
+    """
+    if x >= depth.width or y >= depth.height:
+        raise UsageError(f"{x},{y} is outside the map of {depth.width}×{depth.height} pixels")
+    value = float(depth.values[y, x])
+    return value if math.isfinite(value) else None
+
+
+def _is_video(path: Path) -> bool:
+    return path.suffix.lower() == _VIDEO_SUFFIX
+
+
+def _check_scale(path: Path, scale: float | None) -> None:
+    """Refuse a scale for a file that holds metres as they are."""
+    if scale is not None and path.suffix.lower() != ".png" and not _is_video(path):
+        raise UsageError(
+            f"a scale is for PNG and depth videos (.mkv), but {path} is neither; remove it"
+        )
+
+
+def _frame(path: Path, scale: float | None, number: int) -> DepthMap:
+    count = 0
+    for count, depth in enumerate(DepthVideo(path, scale=scale), start=1):
+        if count > number:
+            return depth
+    raise InputError(f"{path} has no frame {number}; its last one is {count - 1}")
+
+
+def _video_facts(file: str, scale: float | None) -> VideoFacts:
+    video = DepthVideo(Path(file), scale=scale)
     frames = valid = width = height = 0
-    low: float | None = None
-    high: float | None = None
+    low, high = math.inf, -math.inf
     for depth in video:
         known = depth.values[np.isfinite(depth.values)]
         frames, valid = frames + 1, valid + known.size
         height, width = depth.values.shape
-        if known.size:
-            least, largest = float(known.min()), float(known.max())
-            low = least if low is None else min(low, least)
-            high = largest if high is None else max(high, largest)
-    return {
-        "file": str(path),
-        "kind": video.kind.value,
-        "unit": None if video.scale is None else "m",
-        "width": width,
-        "height": height,
-        "frames": frames,
-        "fps": None if video.rate is None else rate_text(video.rate),
-        "valid": valid,
-        "min": low,
-        "max": high,
-        "metadata": video.labels,
-    }
+        low = min(low, float(known.min(initial=np.inf)))
+        high = max(high, float(known.max(initial=-np.inf)))
+    return VideoFacts(
+        file=file,
+        kind=video.kind.value,
+        unit=None if video.scale is None else "m",
+        width=width,
+        height=height,
+        frames=frames,
+        fps=None if video.rate is None else rate_text(video.rate),
+        valid=valid,
+        min=low if valid else None,
+        max=high if valid else None,
+        metadata=video.labels,
+    )

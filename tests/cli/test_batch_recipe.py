@@ -10,7 +10,7 @@ from tiny import write_model
 
 from depthcli.cli.arguments.camera import choose_camera
 from depthcli.cli.arguments.formats import Colormap, ExrChannel, Near
-from depthcli.cli.arguments.writing import choose_looks
+from depthcli.cli.arguments.writing import writer_options
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.inference.pipeline import load
 from depthcli.io.writers.formats import Format
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from depthcli.jobs.batch.manifest import Origin
 
-LOOKS = choose_looks(
+LOOKS = writer_options(
     png_scale=None,
     png_normalize=False,
     exr_channel=ExrChannel.Z,

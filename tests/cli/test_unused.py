@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tiny import write_picture
 
-from depthcli.cli.arguments.formats import Colormap, ExrChannel, Near
-from depthcli.cli.arguments.writing import check_looks, choose_looks
+from depthcli.cli.arguments.formats import Colormap, Near
+from depthcli.cli.arguments.writing import check_writing, writer_options
 from depthcli.cli.shell import load_command
 from depthcli.errors import UsageError
 
@@ -73,18 +73,7 @@ def test_a_profile_may_hold_more_than_a_run_uses(cli: Cli) -> None:
 
 
 def looks(colormap: Colormap | None, near: Near | None) -> tuple[str, str]:
-    chosen = choose_looks(
-        png_scale=None,
-        png_normalize=False,
-        exr_channel=ExrChannel.Y,
-        half=False,
-        colormap=colormap,
-        near=near,
-        vmin=None,
-        vmax=None,
-        legend=False,
-        side_by_side=False,
-    )
+    chosen = writer_options(colormap=colormap, near=near)
     return chosen.colormap, chosen.near
 
 
@@ -102,7 +91,7 @@ def test_white_and_black_mean_gray() -> None:
 
 def test_limits_the_wrong_way_round_are_refused() -> None:
     with pytest.raises(UsageError, match="--vmin 5 is above --vmax 2; swap them"):
-        check_looks(None, 5, 2, None, None, png_normalize=False)
+        check_writing(None, 5, 2, None, None, png_normalize=False)
 
 
 def test_near_white_is_a_gray_picture(cli: Cli) -> None:

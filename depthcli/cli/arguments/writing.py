@@ -8,7 +8,7 @@ from depthcli.io.writers.formats import MILLIMETRES
 from depthcli.io.writers.options import WriterOptions
 
 
-def check_looks(
+def check_writing(
     png_scale: float | None,
     vmin: float | None,
     vmax: float | None,
@@ -37,25 +37,25 @@ def check_looks(
         )
 
 
-def choose_looks(
+def writer_options(
     *,
-    png_scale: float | None,
-    png_normalize: bool,
-    exr_channel: ExrChannel,
-    half: bool,
-    colormap: Colormap | None,
-    near: Near | None,
-    vmin: float | None,
-    vmax: float | None,
-    legend: bool,
-    side_by_side: bool,
+    png_scale: float | None = None,
+    png_normalize: bool = False,
+    exr_channel: ExrChannel = ExrChannel.Y,
+    half: bool = False,
+    colormap: Colormap | None = None,
+    near: Near | None = None,
+    vmin: float | None = None,
+    vmax: float | None = None,
+    legend: bool = False,
+    side_by_side: bool = False,
 ) -> WriterOptions:
     """The writers' options that the words describe.
 
     Raises:
         UsageError: they contradict each other.
     """
-    check_looks(png_scale, vmin, vmax, colormap, near, png_normalize=png_normalize)
+    check_writing(png_scale, vmin, vmax, colormap, near, png_normalize=png_normalize)
     near = near or Near.WARM
     if colormap is None:
         colormap = Colormap.INFERNO if near is Near.WARM else Colormap.GRAY

@@ -114,10 +114,10 @@ def batch(
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
-    from depthcli.cli.arguments.writing import choose_looks
+    from depthcli.cli.arguments.writing import writer_options
     from depthcli.core.parallel.cores import usable_cores
 
-    looks = choose_looks(
+    looks = writer_options(
         png_scale=png_scale,
         png_normalize=png_normalize,
         exr_channel=exr_channel,

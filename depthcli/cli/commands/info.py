@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from depthcli.cli.arguments.frame import VIDEO_SUFFIX, check_scale
 from depthcli.cli.arguments.numbers import positive
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
@@ -33,33 +31,9 @@ def info(
     """Show unit, scale, size, range and model of a depth file."""
     from dataclasses import asdict
 
-    import numpy as np
+    from depthcli.jobs.inspect import inspect_file
 
-    from depthcli.core.summary import DepthRange
-    from depthcli.io.depth.facts import stated_facts
-    from depthcli.io.depth.read import read_depth
-
-    path = Path(file)
-    check_scale(path, png_scale)
-    if path.suffix.lower() == VIDEO_SUFFIX:
-        from depthcli.jobs.inspect import video_facts
-
-        return _tell(video_facts(path, png_scale), as_json=as_json)
-    depth = read_depth(path, png_scale=png_scale)
-    facts: dict[str, object] = {
-        "file": file,
-        "kind": depth.kind.value,
-        "unit": "m" if depth.is_metric else None,
-        "width": depth.width,
-        "height": depth.height,
-        "valid": int(np.isfinite(depth.values).sum()),
-        **asdict(DepthRange.of(depth)),
-        "metadata": stated_facts(path),
-    }
-    return _tell(facts, as_json=as_json)
-
-
-def _tell(facts: dict[str, object], *, as_json: bool) -> int:
+    facts = asdict(inspect_file(file, png_scale))
     if as_json:
         console.out_json(facts)
     else:
@@ -67,10 +41,8 @@ def _tell(facts: dict[str, object], *, as_json: bool) -> int:
     return ExitCode.OK
 
 
-def _show(facts: dict[str, object]) -> None:
-    metadata = facts.pop("metadata")
-    if isinstance(metadata, dict):
-        facts |= {f"metadata {name}": value for name, value in metadata.items()}
+def _show(facts: dict[str, Any]) -> None:
+    facts |= {f"metadata {name}": value for name, value in facts.pop("metadata").items()}
     width = max(map(len, facts))
     for name, value in facts.items():
         text = (

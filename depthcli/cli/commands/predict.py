@@ -72,14 +72,14 @@ def predict(
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
-    from depthcli.cli.arguments.writing import choose_looks
+    from depthcli.cli.arguments.writing import writer_options
     from depthcli.jobs.predict import run as job
     from depthcli.jobs.predict.plan import STANDARD, picture_formats, pictures_among
 
     to_stdout = output == STANDARD
     if as_json and to_stdout:
         raise UsageError("-o - and --json both want stdout; name a file with -o")
-    writing = choose_looks(
+    writing = writer_options(
         png_scale=png_scale,
         png_normalize=png_normalize,
         exr_channel=exr_channel,

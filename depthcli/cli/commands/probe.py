@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from depthcli.cli.arguments.frame import FrameOption, read_map
+from depthcli.cli.arguments.frame import FrameOption
 from depthcli.cli.arguments.numbers import positive
 from depthcli.cli.arguments.points import parse_pixel
 from depthcli.cli.screen import console
-from depthcli.errors import ExitCode, UsageError
-
-if TYPE_CHECKING:
-    from depthcli.core.types import DepthMap
+from depthcli.errors import ExitCode
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -42,9 +37,13 @@ def probe(
     ] = False,
 ) -> int:
     """Show the depth at one or several pixels of a depth file."""
+    from pathlib import Path
+
+    from depthcli.jobs.inspect import depth_at, read_map
+
     places = [parse_pixel(word) for word in pixels]
     depth = read_map(Path(file), scale=png_scale, frame=frame)
-    values = [_value(depth, x, y) for x, y in places]
+    values = [depth_at(depth, x, y) for x, y in places]
     unit = "m" if depth.is_metric else None
     for (x, y), value in zip(places, values, strict=True):
         if as_json:
@@ -52,13 +51,6 @@ def probe(
         else:
             console.out(f"{x},{y}  {'no depth' if value is None else _text(value, unit)}")
     return ExitCode.OK
-
-
-def _value(depth: DepthMap, x: int, y: int) -> float | None:
-    if x >= depth.width or y >= depth.height:
-        raise UsageError(f"{x},{y} is outside the map of {depth.width}×{depth.height} pixels")
-    value = float(depth.values[y, x])
-    return value if math.isfinite(value) else None
 
 
 def _text(value: float, unit: str | None) -> str:

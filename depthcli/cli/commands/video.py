@@ -149,11 +149,11 @@ def video(
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.span import parse_fps, parse_span
     from depthcli.cli.arguments.unused import VIDEO_OPTIONS, refuse_unused
-    from depthcli.cli.arguments.writing import choose_looks
+    from depthcli.cli.arguments.writing import writer_options
     from depthcli.core.parallel.cores import usable_cores
     from depthcli.jobs.video.plan import choose_formats, plan_video
 
-    looks = choose_looks(
+    looks = writer_options(
         png_scale=png_scale,
         png_normalize=png_normalize,
         exr_channel=exr_channel,

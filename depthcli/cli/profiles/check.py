@@ -8,7 +8,7 @@ from depthcli.cli.arguments.camera import choose_camera
 from depthcli.cli.arguments.detail import choose_detail
 from depthcli.cli.arguments.provider import provider_options
 from depthcli.cli.arguments.span import parse_span
-from depthcli.cli.arguments.writing import check_looks
+from depthcli.cli.arguments.writing import check_writing
 from depthcli.core.choices import Upsampling
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def check_together(values: Mapping[str, Value]) -> None:
     choose_detail(Upsampling.BILINEAR, word("tile"), word("max-memory"))
     parse_span(word("start"), word("end"), word("every"))
     provider_options(words("provider-option"))
-    check_looks(
+    check_writing(
         number("png-scale"),
         number("vmin"),
         number("vmax"),

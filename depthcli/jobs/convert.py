@@ -1,0 +1,155 @@
+"""A depth file in another format, and what that costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.core import scaling
+from depthcli.core.camera import Camera
+from depthcli.core.types import CameraSource, Provenance
+from depthcli.errors import InputError, UsageError
+from depthcli.io.depth.read import read_depth
+from depthcli.io.pictures.read import read_image
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.writers.formats import ENDINGS, Format, format_of
+from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.inspect import read_map
+from depthcli.jobs.naming import is_folder
+
+if TYPE_CHECKING:
+    from depthcli.core.types import DepthMap, Frame
+
+_READABLE = (Format.PNG16, Format.EXR, Format.NPY)
+
+
+@dataclass(frozen=True, slots=True)
+class ConvertRequest:
+    """A depth file, and what is to be made of it.
+
+    Attributes:
+        source: a map, or a depth video.
+        target: the file to write.
+        format: of the target; None for what its suffix says.
+        scale: steps a metre of the source; None for what it states.
+        frame: of a depth video, from 0.
+        camera: of a point cloud, in place of the one that the source states; depth stays as it is.
+        picture: of the same size, for the colours of a point cloud.
+        writing: options of the formats.
+    """
+
+    source: str
+    target: str
+    format: Format | None = None
+    scale: float | None = None
+    frame: int | None = None
+    camera: Camera = field(default_factory=Camera)
+    picture: str | None = None
+    writing: WriterOptions = field(default_factory=WriterOptions)
+
+
+@dataclass(frozen=True, slots=True)
+class RoundTrip:
+    """How far what is read back is from what was written, in the map's unit.
+
+    Attributes:
+        max_error: largest distance.
+        mean_error: mean distance.
+        lost: pixels that no longer have depth.
+    """
+
+    max_error: float
+    mean_error: float
+    lost: int
+
+    @classmethod
+    def of(cls, depth: DepthMap, again: DepthMap) -> RoundTrip:
+        """The distance of two maps of one size."""
+        here, there = np.isfinite(depth.values), np.isfinite(again.values)
+        both = here & there
+        gap = np.abs(depth.values[both].astype(np.float64) - again.values[both])
+        lost = int((here & ~there).sum())
+        return cls(*(float(gap.max()), float(gap.mean())) if gap.size else (0.0, 0.0), lost)
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """A file that was converted.
+
+    Attributes:
+        source: the input, as the user wrote it.
+        target: the output, as the user wrote it.
+        depth: what was written.
+        round_trip: what that cost; None for a format that is not read back.
+        warnings: one-line texts.
+    """
+
+    source: str
+    target: str
+    depth: DepthMap
+    round_trip: RoundTrip | None
+    warnings: tuple[str, ...]
+
+
+def convert(request: ConvertRequest) -> Converted:
+    """Write a depth file in another format.
+
+    Raises:
+        InputError: the source or the picture cannot be used.
+        OutputError: the target cannot be written, or is an input.
+        UsageError: the target says no format, or the request does not fit the source.
+    """
+    wanted = target_format(request.target, request.format)
+    depth = read_map(Path(request.source), scale=request.scale, frame=request.frame)
+    depth = _seen_by(depth, request.camera)
+    colours = None if request.picture is None else _colours(request.picture, depth)
+    inputs = [Path(name) for name in (request.source, request.picture) if name is not None]
+    with atomic_path(Path(request.target), inputs=inputs) as temporary:
+        warnings = request.writing.writer(wanted).write(depth, temporary, colours)
+        again = read_depth(temporary) if wanted in _READABLE else None
+    round_trip = None if again is None else RoundTrip.of(depth, again)
+    return Converted(request.source, request.target, depth, round_trip, warnings)
+
+
+def target_format(target: str, asked: Format | None) -> Format:
+    """The format to write: the one asked for, else what the target's name says.
+
+    Raises:
+        UsageError: it says none, or is no file.
+    """
+    if target == "-" or is_folder(target):
+        raise UsageError(
+            f"{target} is not a file; name one, for example {target.rstrip('/')}/depth.exr"
+        )
+    found = asked or format_of(target)
+    if found is None:
+        raise UsageError(
+            f"{target} says no format; end it in {', '.join(ENDINGS)}, or give --format"
+        )
+    return found
+
+
+def _seen_by(depth: DepthMap, camera: Camera) -> DepthMap:
+    """The same depth with a camera that is given in place of the stated one."""
+    focal_px = camera.focal_px
+    if camera.hfov_deg is not None:
+        focal_px = scaling.focal_px(camera.hfov_deg, depth.width)
+    if focal_px is None:
+        return depth
+    source = replace(
+        depth.provenance or Provenance(), focal_px=focal_px, camera_source=CameraSource.OPTION
+    )
+    return replace(depth, provenance=source)
+
+
+def _colours(picture: str, depth: DepthMap) -> Frame:
+    frame = read_image(picture)
+    if (frame.width, frame.height) != (depth.width, depth.height):
+        raise InputError(
+            f"{picture} has {frame.width}×{frame.height} pixels and the depth "
+            f"{depth.width}×{depth.height}; give the picture that the depth was made of"
+        )
+    return frame
