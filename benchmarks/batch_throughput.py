@@ -27,10 +27,10 @@ from typing import TYPE_CHECKING, TypeVar
 import cv2
 from made_pictures import write_pictures
 
-from depthcli.cli.arguments.provider import provider_options
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.parallel.cores import usable_cores
-from depthcli.inference.pipeline import load
+from depthcli.inference.loading import SessionLoader
+from depthcli.inference.pipeline import Pipeline
 from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
@@ -84,13 +84,9 @@ class Stages:
 def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace) -> Stages:
     """Each stage of ``batch`` in one thread, after five pictures unmeasured."""
     cv2.setNumThreads(1)
-    pipeline = load(
-        how.model,
-        provider=how.provider,
-        threads=1,
-        detail=Detail(how.upsample),
-        provider_options=provider_options(how.provider_option),
-    )
+    settings = dict(setting.split("=", 1) for setting in how.provider_option)
+    loader = SessionLoader(how.model, how.provider, threads=1, provider_options=settings)
+    pipeline = Pipeline(loader.load(), Detail(how.upsample))
     options = WriterOptions()
     model = pipeline.session.model
     origin = Origin("0" * 64, model.card.name, model.sha256, "")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from io import BytesIO
 from typing import TYPE_CHECKING
 
@@ -75,6 +77,13 @@ def test_without_streams_there_is_nothing_to_read_or_write(
     name = str(write_picture(tmp_path / "a.png"))
     with pytest.raises(UsageError, match="there is no stdout"):
         next(predict(PredictRequest((name,), "-", model=loader)))
+
+
+def test_a_request_is_made_before_anything_heavy_is_loaded() -> None:
+    code = "import sys, depthcli.jobs.predict.run; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    modules = set(done.stdout.decode().split())
+    assert not modules & {"numpy", "cv2", "onnxruntime", "typer", "rich"}
 
 
 def test_outputs_are_named_before_anything_is_read(tmp_path: Path) -> None:

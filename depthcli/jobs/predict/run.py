@@ -69,6 +69,6 @@ def predict(request: PredictRequest) -> Iterator[Done | Failed]:
     plans = plan_pictures(request.pictures, request.output, formats, sidecar=request.sidecar)
     loading = request.model.start()
     # What reads pictures is imported while the model loads.
-    from depthcli.jobs.predict.pictures import each_picture
+    from depthcli.jobs.predict.pictures import each_picture  # noqa: PLC0415
 
     return each_picture(request, plans, loading)
