@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from depthcli.core.progress import NO_PROGRESS
 from depthcli.datasets.splits import Split, SplitName, split_nyu
 from depthcli.evaluation.learned import learned_count
 from depthcli.evaluation.predictors.trivial import fit_trivial
@@ -20,17 +20,10 @@ from depthcli.metrics.choices import Alignment
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from depthcli.core.progress import Progress
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors.base import Predictor
     from depthcli.evaluation.report import ReportRow
-
-Stage: TypeAlias = Callable[[str, int], Callable[[], None]]
-"""Called with what begins and its number of steps; returns what to call after each step."""
-
-
-def _silent(what: str, steps: int) -> Callable[[], None]:
-    del what, steps
-    return lambda: None
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +76,7 @@ def evaluate_nyu(
     alignments: Sequence[Alignment] = (Alignment.NONE,),
     trivial: bool = True,
     per_image: bool = False,
-    stage: Stage = _silent,
+    progress: Progress = NO_PROGRESS,
     workers: int = 0,
 ) -> Report:
     """Make the table.
@@ -96,7 +89,7 @@ def evaluate_nyu(
             unaligned and median-scaled.
         trivial: whether to include the rows that never look at the picture.
         per_image: keep the scores of each image.
-        stage: told of progress.
+        progress: told of two stages.
         workers: images at the same time; 0 works in the calling thread.
 
     Raises:
@@ -111,7 +104,7 @@ def evaluate_nyu(
         alignments=alignments,
         trivial=trivial,
         per_image=per_image,
-        stage=stage,
+        progress=progress,
         workers=workers,
     )
     comparable = task.split.name is SplitName.PAPER and protocol.is_headline
@@ -135,7 +128,7 @@ def score_nyu(
     alignments: Sequence[Alignment] = (Alignment.NONE,),
     trivial: bool = True,
     per_image: bool = False,
-    stage: Stage = _silent,
+    progress: Progress = NO_PROGRESS,
     workers: int = 0,
 ) -> tuple[ReportRow, ...]:
     """The rows that are measured here; arguments and errors as in :func:`evaluate_nyu`."""
@@ -143,14 +136,14 @@ def score_nyu(
         entry_for(predictor, alignments, learned_count(predictor, task)) for predictor in predictors
     ]
     if trivial and task.split.train:
-        entries = [*_trivial_entries(task, protocol, alignments, stage, workers), *entries]
+        entries = [*_trivial_entries(task, protocol, alignments, progress, workers), *entries]
     return evaluate(
         task.dataset,
         task.test,
         entries,
         protocol,
         per_image=per_image,
-        progress=stage("comparing images", len(task.test)),
+        progress=progress,
         workers=workers,
     )
 
@@ -159,7 +152,7 @@ def _trivial_entries(
     task: EvalTask,
     protocol: EvalProtocol,
     alignments: Sequence[Alignment],
-    stage: Stage,
+    progress: Progress,
     workers: int,
 ) -> list[Entry]:
     train = task.split.train
@@ -168,7 +161,7 @@ def _trivial_entries(
         train,
         min_m=protocol.min_m,
         max_m=protocol.max_m,
-        progress=stage("mean of training images", len(train)),
+        progress=progress,
         workers=workers,
     )
     wanted = (Alignment.NONE, Alignment.MEDIAN, *alignments)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.progress import NO_PROGRESS
 from depthcli.datasets.base import HasRawDepth
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.choices import Mask
@@ -20,8 +21,9 @@ from depthcli.metrics.boundary import BoundaryAccumulator
 from depthcli.metrics.choices import Alignment
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
+    from depthcli.core.progress import Progress
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors.base import Predictor
     from depthcli.evaluation.protocol import Truth
@@ -126,7 +128,7 @@ def evaluate(
     protocol: EvalProtocol | None = None,
     *,
     per_image: bool = False,
-    progress: Callable[[], None] = lambda: None,
+    progress: Progress = NO_PROGRESS,
     workers: int = 0,
 ) -> tuple[ReportRow, ...]:
     """Score every entry on the same images; each depth is read once, each picture at most once.
@@ -140,7 +142,7 @@ def evaluate(
         entries: what to score.
         protocol: how to compare; the headline protocol if None.
         per_image: keep the scores of each image in the rows.
-        progress: called after each image.
+        progress: told of each image.
         workers: images at the same time; 0 works in the calling thread.
 
     Raises:
@@ -154,6 +156,8 @@ def evaluate(
         for alignment in entry.alignments
     ]
 
+    advance = progress.begin("comparing images", len(test))
+
     def measured(position: int) -> list[_Measured]:
         return _measured(dataset, position, entries, protocol)
 
@@ -164,7 +168,7 @@ def evaluate(
         for position, image in zip(test, images, strict=True):
             for row, one in zip(rows, image, strict=True):
                 row.add(dataset.ids[position], one, keep=per_image)
-            progress()
+            advance(1)
     return tuple(row.close() for row in rows)
 
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from depthcli.core.choices import Weights
+from depthcli.core.progress import NO_PROGRESS
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.differences import Difference, differences_from
-from depthcli.evaluation.nyu import Stage, score_nyu, trivial_notes
+from depthcli.evaluation.nyu import score_nyu, trivial_notes
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.published import PUBLISHED, PUBLISHED_COUNT
 from depthcli.evaluation.report import ReportRow
@@ -20,6 +21,7 @@ from depthcli.metrics.depth import METRICS
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from depthcli.core.progress import Progress
     from depthcli.evaluation.nyu import EvalTask
 
 _RAW = "weights of the last step, not their moving average"
@@ -109,7 +111,7 @@ def evaluate_runs(
     alignments: Sequence[Alignment] = (Alignment.NONE,),
     trivial: bool = True,
     published: bool = True,
-    stage: Stage,
+    progress: Progress = NO_PROGRESS,
     workers: int = 0,
     weights: Weights = Weights.AVERAGED,
     against: str | None = None,
@@ -122,7 +124,7 @@ def evaluate_runs(
         alignments: one row for each.
         trivial: include the rows that never look at the picture.
         published: include the paper's rows.
-        stage: told of progress.
+        progress: told of two stages.
         workers: images at the same time; 0 works in the calling thread.
         weights: which weights of the runs the models have, for the notes.
         against: also compare this trained row with every other, picture by picture.
@@ -144,7 +146,7 @@ def evaluate_runs(
         alignments=alignments,
         trivial=trivial,
         per_image=against is not None,
-        stage=stage,
+        progress=progress,
         workers=workers,
     )
     differences = () if against is None else _differences(against, task, groups, scored)

@@ -7,7 +7,7 @@ import weakref
 import numpy as np
 import plain_evaluator as plain
 import pytest
-from small_set import HEIGHT, WIDTH, Playback, noisy, small_set
+from small_set import HEIGHT, WIDTH, Playback, Watched, noisy, small_set
 
 from depthcli.core.types import DepthKind
 from depthcli.errors import DatasetError, UsageError
@@ -103,15 +103,15 @@ def test_image_without_valid_pixel_is_reported() -> None:
 
 def test_progress_is_told_after_each_image() -> None:
     dataset = small_set()
-    ticks: list[int] = []
+    watched = Watched()
     evaluate(
         dataset,
         range(4),
         [Entry(Playback(noisy(dataset)))],
         EvalProtocol(full_size_px=SMALL),
-        progress=lambda: ticks.append(1),
+        progress=watched,
     )
-    assert len(ticks) == 4
+    assert watched.stages == {"comparing images": [4, 4]}
 
 
 def test_error_about_the_truth_names_the_pair() -> None:
@@ -198,7 +198,7 @@ def test_an_error_ends_all_workers() -> None:
     dataset = small_set(30)
     maps = noisy(dataset)
     del maps["0007"]
-    ticks: list[int] = []
+    watched = Watched()
     before = threading.active_count()
     with pytest.raises(KeyError, match="0007"):
         evaluate(
@@ -206,8 +206,8 @@ def test_an_error_ends_all_workers() -> None:
             range(30),
             [Entry(Playback(maps))],
             EvalProtocol(full_size_px=SMALL),
-            progress=lambda: ticks.append(1),
+            progress=watched,
             workers=3,
         )
-    assert len(ticks) == 7
+    assert watched.stages == {"comparing images": [30, 7]}
     assert threading.active_count() == before

@@ -6,7 +6,7 @@ import json
 import math
 
 import pytest
-from small_set import HEIGHT, WIDTH, Playback, noisy, small_set
+from small_set import HEIGHT, WIDTH, Playback, Watched, noisy, small_set
 
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.choices import Source
@@ -144,15 +144,10 @@ def test_csv_names_protocol_and_split_in_every_line() -> None:
 
 
 def test_progress_has_two_stages() -> None:
-    seen: dict[str, list[int]] = {}
-
-    def stage(what: str, steps: int) -> object:
-        seen[what] = [steps, 0]
-        return lambda: seen[what].__setitem__(1, seen[what][1] + 1)
-
+    watched = Watched()
     task = plan_nyu(small_set(**AROUND_1000), SplitName.PAPER)
-    evaluate_nyu(task, [], protocol=ANY_SIZE, stage=stage)
-    assert seen == {"mean of training images": [5, 5], "comparing images": [3, 3]}
+    evaluate_nyu(task, [], protocol=ANY_SIZE, progress=watched)
+    assert watched.stages == {"mean of training images": [5, 5], "comparing images": [3, 3]}
 
 
 @pytest.mark.parametrize("name", SplitName)

@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.progress import NO_PROGRESS
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.choices import Source
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
+    from depthcli.core.progress import Progress
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors.base import Sample
 
@@ -51,7 +53,7 @@ def fit_trivial(
     *,
     min_m: float = MIN_DEPTH_M,
     max_m: float = MAX_DEPTH_M,
-    progress: Callable[[], None] = lambda: None,
+    progress: Progress = NO_PROGRESS,
     workers: int = 0,
 ) -> tuple[TrivialPredictor, TrivialPredictor]:
     """Constant mean and per-pixel mean of the training depth, read once, in constant memory.
@@ -61,13 +63,14 @@ def fit_trivial(
         train: their positions.
         min_m: only depth farther than this counts.
         max_m: only depth nearer than this counts.
-        progress: called after each pair.
+        progress: told of each pair.
         workers: depth images read at the same time; 0 reads in the calling thread.
 
     Raises:
         DatasetError: no training pair, no valid pixel, or pairs of different sizes.
     """
     sums, counts = np.zeros((0, 0)), np.zeros((0, 0), np.int64)
+    advance = progress.begin("mean of training images", len(train))
     with closing(ordered_map(dataset.depth_m, train, workers=workers)) as maps:
         for n, (i, depth_m) in enumerate(zip(train, maps, strict=True)):
             if n == 0:
@@ -77,7 +80,7 @@ def fit_trivial(
             valid = (depth_m > min_m) & (depth_m < max_m)
             np.add(sums, depth_m, out=sums, where=valid)
             counts += valid
-            progress()
+            advance(1)
     if not counts.any():
         raise DatasetError("no training depth to take the mean of: baselines need training pairs")
     return _predictors(sums, counts)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.core.colour import value_channel
+from depthcli.core.progress import NO_PROGRESS
 from depthcli.core.resize import resize_area
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import UsageError
@@ -21,10 +22,11 @@ from depthcli.visual.contact_sheet import contact_sheet
 from depthcli.visual.legend import with_legend
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     import numpy.typing as npt
 
+    from depthcli.core.progress import Progress
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.nyu import EvalTask
     from depthcli.evaluation.predictors.base import Predictor
@@ -123,7 +125,7 @@ def draw_figures(
     predictors: Sequence[Predictor],
     titles: Sequence[str],
     *,
-    progress: Callable[[], None] = lambda: None,
+    progress: Progress = NO_PROGRESS,
 ) -> tuple[Figure, Figure]:
     """Draw a sheet in gray and one in colour: input, one column a predictor, truth.
 
@@ -134,16 +136,16 @@ def draw_figures(
         positions: which of them, see :func:`choose`.
         predictors: what is shown.
         titles: of their columns.
-        progress: called after each picture.
+        progress: told of each picture.
 
     Raises:
         DatasetError: a pair cannot be read.
         DepthcliError: a predictor failed.
     """
-    rows = []
+    advance, rows = progress.begin("drawing pictures", len(positions)), []
     for position in positions:
         rows.append(_row(task.dataset, position, predictors))
-        progress()
+        advance(1)
     columns = ["input", *titles, "truth"]
     shown = ", ".join(task.dataset.ids[i] for i in positions)
     rule = f"pictures {shown} from top to bottom; each row has the range of its truth"

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from depthcli.evaluation.nyu import EvalTask, Stage
+    from depthcli.core.progress import Progress
+    from depthcli.evaluation.nyu import EvalTask
     from depthcli.evaluation.predictors.base import Predictor
     from depthcli.evaluation.reports.figures import Figure
 
@@ -37,13 +38,12 @@ def figures_of(
     positions: Sequence[int],
     predictors: Sequence[Predictor],
     titles: Sequence[str],
-    stage: Stage,
+    progress: Progress,
 ) -> tuple[Figure, ...]:
     """The sheets in gray and in colour; none without predictors."""
     if not predictors:
         return ()
-    done = stage("drawing pictures", len(positions))
-    return draw_figures(task, positions, predictors, titles, progress=done)
+    return draw_figures(task, positions, predictors, titles, progress=progress)
 
 
 def write_figures(figures: Sequence[Figure], folder: Path, *, quiet: bool) -> None:

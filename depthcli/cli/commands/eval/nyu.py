@@ -152,7 +152,7 @@ def nyu(
     """Evaluate depth metrics on NYU Depth v2."""
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
-    from depthcli.cli.screen.evaluation import stages
+    from depthcli.cli.screen.progress import drawn
     from depthcli.core.parallel.cores import usable_cores
     from depthcli.datasets.nyu import open_nyu
     from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
@@ -191,7 +191,7 @@ def nyu(
         tile_px=detail.tile_px,
         boundary=boundary,
     )
-    with stages(quiet=quiet or as_json) as stage:
+    with drawn(silent=quiet or as_json, announces=True) as progress:
         report = evaluate_nyu(
             task,
             predictors,
@@ -199,13 +199,13 @@ def nyu(
             alignments=align or [Alignment.NONE],
             trivial=trivial,
             per_image=per_image,
-            stage=stage,
+            progress=progress,
             workers=at_once,
         )
         sheets: tuple[Figure, ...] = ()
         if figures or html:
             titles = [Path(p.name).name for p in predictors]
-            sheets = figures_of(task, positions, predictors, titles, stage)
+            sheets = figures_of(task, positions, predictors, titles, progress)
     console.out(report.to_json() if as_json else to_text(report))
     if csv is not None:
         write_text(report.to_csv(), csv)

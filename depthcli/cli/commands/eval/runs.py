@@ -20,7 +20,7 @@ from depthcli.metrics.choices import Alignment
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from depthcli.evaluation.nyu import Stage
+    from depthcli.core.progress import Progress
     from depthcli.evaluation.reports.figures import Figure
     from depthcli.evaluation.trained import TrainedModel
     from depthcli.export.trained import TrainedRun
@@ -93,7 +93,7 @@ def runs(
 
     Runs whose folders differ only in -seedK are one row: mean and standard deviation.
     """
-    from depthcli.cli.screen.evaluation import stages
+    from depthcli.cli.screen.progress import drawn
     from depthcli.core.parallel.cores import usable_cores
     from depthcli.datasets.nyu import open_nyu
     from depthcli.evaluation.reports.runs_report import to_csv, to_json
@@ -113,8 +113,8 @@ def runs(
     if against is not None and against not in names:
         raise UsageError(f"--against {against} is no row; choose from {', '.join(names)}")
     quiet = quiet or as_json
-    with tempfile.TemporaryDirectory() as spare, stages(quiet=quiet) as stage:
-        exported = _exported(opened, Path(spare), weights, stage, failed)
+    with tempfile.TemporaryDirectory() as spare, drawn(silent=quiet, announces=True) as progress:
+        exported = _exported(opened, Path(spare), weights, progress, failed)
         models = _loaded(exported, provider, provider_option or (), threads)
         report = evaluate_runs(
             task,
@@ -122,7 +122,7 @@ def runs(
             alignments=align or [Alignment.NONE],
             trivial=trivial,
             published=published,
-            stage=stage,
+            progress=progress,
             workers=usable_cores(),
             weights=weights,
             against=against,
@@ -133,7 +133,7 @@ def runs(
             groups = grouped([model.run for model in models])
             by_run = {model.run.name: model.predictor for model in models}
             firsts = [by_run[groups[name][0].name] for name in shown]
-            sheets = figures_of(task, positions, firsts, shown, stage)
+            sheets = figures_of(task, positions, firsts, shown, progress)
     console.out(to_json(report) if as_json else to_text(report))
     if csv is not None:
         write_text(to_csv(report), csv)
@@ -169,7 +169,11 @@ def _open_runs(folder: Path) -> tuple[list[TrainedRun], list[str]]:
 
 
 def _exported(
-    opened: Sequence[TrainedRun], spare: Path, weights: Weights, stage: Stage, failed: list[str]
+    opened: Sequence[TrainedRun],
+    spare: Path,
+    weights: Weights,
+    progress: Progress,
+    failed: list[str],
 ) -> list[tuple[TrainedRun, Path]]:
     """Every run with its model; those that cannot be exported join ``failed``.
 
@@ -178,13 +182,13 @@ def _exported(
     """
     from depthcli.export.trained import export_run
 
-    done, exported = stage("exporting runs", len(opened)), []
+    advance, exported = progress.begin("exporting runs", len(opened)), []
     for run in opened:
         try:
             exported.append((run, export_run(run, spare, weights)))
         except DepthcliError as error:
             failed.append(f"{run.name} ({error})")
-        done()
+        advance(1)
     if not exported:
         raise DepthcliError(f"no run can be exported: {'; '.join(failed)}")
     return exported
