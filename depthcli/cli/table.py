@@ -21,7 +21,7 @@ COMMANDS = {
     ),
     "info": ("depthcli.cli.commands.info", "Show unit, scale and range of a depth file."),
     "probe": ("depthcli.cli.commands.probe", "Show the depth at given pixels of a depth file."),
-    "eval": ("depthcli.cli.commands.eval.nyu", "Evaluate accuracy on NYU Depth v2."),
+    "eval": ("depthcli.cli.commands.eval.app", "Evaluate accuracy on NYU Depth v2."),
     "train": ("depthcli.cli.commands.train", "Train a model with one of seven methods."),
     "export-onnx": (
         "depthcli.cli.commands.export",

@@ -11,7 +11,7 @@ from depthcli.core.progress import NO_PROGRESS
 from depthcli.datasets.splits import Split, SplitName, split_nyu
 from depthcli.evaluation.learned import learned_count
 from depthcli.evaluation.predictors.trivial import fit_trivial
-from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.evaluation.protocol import HEADLINE
 from depthcli.evaluation.published import PUBLISHED
 from depthcli.evaluation.report import Report
 from depthcli.evaluation.run import Entry, entry_for, evaluate
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from depthcli.core.progress import Progress
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors.base import Predictor
+    from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.evaluation.report import ReportRow
 
 
@@ -72,7 +73,7 @@ def evaluate_nyu(
     task: EvalTask,
     predictors: Sequence[Predictor],
     *,
-    protocol: EvalProtocol | None = None,
+    protocol: EvalProtocol = HEADLINE,
     alignments: Sequence[Alignment] = (Alignment.NONE,),
     trivial: bool = True,
     per_image: bool = False,
@@ -84,7 +85,7 @@ def evaluate_nyu(
     Args:
         task: the images.
         predictors: what to score on them.
-        protocol: how to compare; the headline protocol if None.
+        protocol: how to compare.
         alignments: one row for each that suits a predictor. Trivial rows get them too, besides
             unaligned and median-scaled.
         trivial: whether to include the rows that never look at the picture.
@@ -96,7 +97,6 @@ def evaluate_nyu(
         DatasetError: a pair cannot be read or does not fit the protocol.
         UsageError: no alignment suits a predictor.
     """
-    protocol = protocol or EvalProtocol()
     rows = score_nyu(
         task,
         predictors,

@@ -76,22 +76,21 @@ class EvalProtocol:
     @property
     def is_headline(self) -> bool:
         """Whether every choice is the headline's."""
-        return self == EvalProtocol()
+        return self == HEADLINE
 
     @property
     def name(self) -> str:
         """Short name: "headline", or what differs from it."""
-        headline = EvalProtocol()
         changes = [
-            (self.averaging != headline.averaging, f"{self.averaging} average"),
-            (self.crop != headline.crop, f"{self.crop} crop"),
-            (self.mask != headline.mask, f"{self.mask}-valid mask"),
+            (self.averaging != HEADLINE.averaging, f"{self.averaging} average"),
+            (self.crop != HEADLINE.crop, f"{self.crop} crop"),
+            (self.mask != HEADLINE.mask, f"{self.mask}-valid mask"),
             (self.compare_px is not None, f"compared at {_size(self.compare_px)}"),
-            (self.full_size_px != headline.full_size_px, f"truth {_size(self.full_size_px)}"),
-            (self.min_m != headline.min_m, f"min {self.min_m:g} m"),
-            (self.max_m != headline.max_m, f"max {self.max_m:g} m"),
-            (self.upsampling != headline.upsampling, f"{self.upsampling} upsampling"),
-            (self.tile_px != headline.tile_px, f"tiles of {_tile(self.tile_px)}"),
+            (self.full_size_px != HEADLINE.full_size_px, f"truth {_size(self.full_size_px)}"),
+            (self.min_m != HEADLINE.min_m, f"min {self.min_m:g} m"),
+            (self.max_m != HEADLINE.max_m, f"max {self.max_m:g} m"),
+            (self.upsampling != HEADLINE.upsampling, f"{self.upsampling} upsampling"),
+            (self.tile_px != HEADLINE.tile_px, f"tiles of {_tile(self.tile_px)}"),
         ]
         return ", ".join(text for differs, text in changes if differs) or "headline"
 
@@ -154,6 +153,9 @@ class EvalProtocol:
             exact = predicted.astype(np.float64), truth.depth_m.astype(np.float64)
             predicted = align(*exact, alignment, depth.kind)
         return DepthPixels(truth.depth_m, predicted, self.min_m, self.max_m)
+
+
+HEADLINE = EvalProtocol()
 
 
 def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:

@@ -13,7 +13,7 @@ from depthcli.datasets.base import HasRawDepth
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.choices import Mask
 from depthcli.evaluation.predictors.base import Sample
-from depthcli.evaluation.protocol import EvalProtocol, compare_boundaries
+from depthcli.evaluation.protocol import HEADLINE, compare_boundaries
 from depthcli.evaluation.report import ImageScores, ReportRow
 from depthcli.metrics.accumulate import Accumulator, PixelSums
 from depthcli.metrics.alignment import SUITABLE
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from depthcli.core.progress import Progress
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors.base import Predictor
-    from depthcli.evaluation.protocol import Truth
+    from depthcli.evaluation.protocol import EvalProtocol, Truth
     from depthcli.metrics.boundary import BoundaryScores
 
 
@@ -125,7 +125,7 @@ def evaluate(
     dataset: DepthDataset,
     test: Sequence[int],
     entries: Sequence[Entry],
-    protocol: EvalProtocol | None = None,
+    protocol: EvalProtocol = HEADLINE,
     *,
     per_image: bool = False,
     progress: Progress = NO_PROGRESS,
@@ -140,7 +140,7 @@ def evaluate(
         dataset: where the pairs are.
         test: positions of the images to compare.
         entries: what to score.
-        protocol: how to compare; the headline protocol if None.
+        protocol: how to compare.
         per_image: keep the scores of each image in the rows.
         progress: told of each image.
         workers: images at the same time; 0 works in the calling thread.
@@ -149,7 +149,6 @@ def evaluate(
         DatasetError: a pair cannot be read or does not fit the protocol.
         DepthcliError: a predictor failed.
     """
-    protocol = protocol or EvalProtocol()
     rows = [
         _OpenRow.of(entry, alignment, protocol)
         for entry in entries

@@ -10,7 +10,7 @@ from depthcli.core.progress import NO_PROGRESS
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.differences import Difference, differences_from
 from depthcli.evaluation.nyu import score_nyu, trivial_notes
-from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.evaluation.protocol import HEADLINE
 from depthcli.evaluation.published import PUBLISHED, PUBLISHED_COUNT
 from depthcli.evaluation.report import ReportRow
 from depthcli.evaluation.trained import TrainedModel, grouped, mean_and_spread
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from depthcli.core.progress import Progress
     from depthcli.evaluation.nyu import EvalTask
+    from depthcli.evaluation.protocol import EvalProtocol
 
 _RAW = "weights of the last step, not their moving average"
 _TABLE_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]
@@ -138,11 +139,10 @@ def evaluate_runs(
         name: [by_name[run.name] for run in members]
         for name, members in grouped([model.run for model in models]).items()
     }
-    protocol = EvalProtocol()
     scored = score_nyu(
         task,
         [model.predictor for model in models],
-        protocol=protocol,
+        protocol=HEADLINE,
         alignments=alignments,
         trivial=trivial,
         per_image=against is not None,
@@ -163,7 +163,7 @@ def evaluate_runs(
         image_count=len(task.test),
         split_count=task.split.test_count,
         train_count=len(task.split.train) if trivial else 0,
-        protocol=protocol,
+        protocol=HEADLINE,
         rows=tuple(rows),
         notes=(
             *_notes(task, models, trivial=trivial, published=published),

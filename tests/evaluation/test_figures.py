@@ -15,6 +15,7 @@ from depthcli.errors import UsageError
 from depthcli.evaluation.nyu import EvalTask
 from depthcli.evaluation.reports.figures import Figure, choose, draw_figures, scene_type
 from depthcli.evaluation.reports.html import html_page
+from depthcli.evaluation.reports.text import Page
 from depthcli.visual.contact_sheet import contact_sheet
 
 CELL = (240, 180)
@@ -120,7 +121,8 @@ def test_sheet_has_titles_over_its_columns_and_pictures_where_they_belong() -> N
 
 def test_page_escapes_what_it_shows() -> None:
     figure = Figure("x", "<b>caption</b>", b"png")
-    page = html_page("a < b", "c & d", ["row"], [["<script>"]], ["'note'"], [figure])
+    table = [["row"], ["<script>"]]
+    page = html_page(Page("a < b", "c & d", table, ["'note'"]), [figure])
     assert "<script>" not in page
     assert "&lt;script&gt;" in page
     assert "<b>caption" not in page

@@ -10,6 +10,8 @@ from depthcli.evaluation.choices import Source
 from depthcli.inference.pipeline import Pipeline
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from depthcli.core.choices import Detail
     from depthcli.core.types import DepthKind, DepthMap
     from depthcli.evaluation.predictors.base import Sample
@@ -65,3 +67,17 @@ def open_model(loader: SessionLoader, detail: Detail = PLAIN) -> ModelPredictor:
         pipeline=pipeline,
         warnings=pipeline.session.warnings,
     )
+
+
+def open_models(
+    loaders: Sequence[SessionLoader], detail: Detail, warn: Callable[[str], object]
+) -> list[ModelPredictor]:
+    """Load models, and say once each what is not as it should be.
+
+    Raises:
+        DepthcliError: a model or its provider is not there or cannot be used.
+    """
+    models = [open_model(loader, detail) for loader in loaders]
+    for warning in dict.fromkeys(text for model in models for text in model.warnings):
+        warn(warning)
+    return models

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from depthcli.evaluation.reports.figures import Figure
+    from depthcli.evaluation.reports.text import Page
 
 _STYLE = """\
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 80rem; padding: 0 1rem;
@@ -27,41 +28,31 @@ figure img { max-width: 100%; height: auto; }
 figcaption { color: #444; }"""
 
 
-def html_page(
-    title: str,
-    subtitle: str,
-    header: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    notes: Sequence[str],
-    figures: Sequence[Figure] = (),
-) -> str:
-    """The page.
+def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
+    """The file.
 
     Args:
-        title: data set, split, number of images and protocol.
-        subtitle: the protocol in words.
-        header: names of the columns.
-        rows: cells as text.
-        notes: what a reader has to know besides.
+        page: what it says.
         figures: sheets of sample pictures; they become part of the file.
     """
+    header, *rows = page.table
     lines = [
         "<!doctype html>",
         '<html lang="en">',
         '<head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{escape(title)}</title>",
+        f"<title>{escape(page.title)}</title>",
         f"<style>\n{_STYLE}\n</style></head>",
         "<body>",
-        f"<h1>{escape(title)}</h1>",
-        f"<p>{escape(subtitle)}</p>",
+        f"<h1>{escape(page.title)}</h1>",
+        f"<p>{escape(page.subtitle)}</p>",
         '<div class="scroll"><table>',
         f"<thead><tr>{_cells('th', header)}</tr></thead>",
         "<tbody>",
         *(f"<tr>{_cells('td', row)}</tr>" for row in rows),
         "</tbody></table></div>",
         "<ul>",
-        *(f"<li>{escape(note)}</li>" for note in notes),
+        *(f"<li>{escape(note)}</li>" for note in page.notes),
         "</ul>",
         *(_figure(figure) for figure in figures),
         "</body></html>",

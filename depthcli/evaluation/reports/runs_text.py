@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from depthcli.core.text import one_line
-from depthcli.evaluation.reports.text import aligned
+from depthcli.evaluation.reports.text import Page
 from depthcli.metrics.depth import METRICS
 
 if TYPE_CHECKING:
@@ -21,14 +21,16 @@ _METRICS = ("abs_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3")
 _FACTS = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
 
 
-def to_text(report: RunsReport) -> str:
-    """Title, protocol, table, differences and notes, as lines."""
-    lines = [report.title, report.protocol.description, "", *aligned(cells(report))]
+def runs_page(report: RunsReport) -> Page:
+    """A report in words."""
+    header = ["row", "align", *_FACTS, "images", *_METRICS]
+    table = [header, *(_row(line) for line in report.rows)]
+    differences = None
     if report.differences:
         name = one_line(report.differences[0].name)
         title = f"{name} minus each row, 95 % of draws of whole scenes; ! clear of zero"
-        lines += ["", title, "", *aligned(_difference_cells(report))]
-    return "\n".join([*lines, "", *notes(report)])
+        differences = title, _difference_cells(report)
+    return Page(report.title, report.protocol.description, table, _notes(report), differences)
 
 
 def _difference_cells(report: RunsReport) -> list[list[str]]:
@@ -48,13 +50,7 @@ def _interval(interval: Interval) -> str:
     return f"{interval.mean:+.4f}{clear} [{interval.low:+.3f},{interval.high:+.3f}]"
 
 
-def cells(report: RunsReport) -> list[list[str]]:
-    """The table as text, header first."""
-    header = ["row", "align", *_FACTS, "images", *_METRICS]
-    return [header, *(_row(line) for line in report.rows)]
-
-
-def notes(report: RunsReport) -> list[str]:
+def _notes(report: RunsReport) -> list[str]:
     """What stands under the table."""
     marked = [f"* {line.row.note}" for line in report.rows if line.row.note]
     return ["higher is better for d1, d2, d3, lower for the others", *marked, *report.notes]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from depthcli.core.text import one_line
@@ -18,15 +19,38 @@ _DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
 _TEXT_COLUMNS = 2
 
 
-def to_text(report: Report) -> str:
-    """Title, protocol, table and notes, as lines."""
-    head = [report.title, report.protocol.description, ""]
-    return "\n".join([*head, *aligned(cells(report)), "", *footnotes(report)])
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A report in words.
+
+    Attributes:
+        title: data set, split, number of images and protocol.
+        subtitle: the protocol in words.
+        table: cells as text, header first.
+        notes: what a reader has to know besides.
+        differences: a line on a second table, and that table; None if there is none.
+    """
+
+    title: str
+    subtitle: str
+    table: Sequence[Sequence[str]]
+    notes: Sequence[str]
+    differences: tuple[str, Sequence[Sequence[str]]] | None = None
+
+    def to_text(self) -> str:
+        """All of it as lines."""
+        lines = [self.title, self.subtitle, "", *_aligned(self.table)]
+        if self.differences:
+            title, table = self.differences
+            lines += ["", title, "", *_aligned(table)]
+        return "\n".join([*lines, "", *self.notes])
 
 
-def cells(report: Report) -> list[list[str]]:
-    """The table as text, header first."""
-    return [["row", "align", "images", *report.columns], *(_cells(r, report) for r in report.rows)]
+def report_page(report: Report) -> Page:
+    """A report in words."""
+    header = ["row", "align", "images", *report.columns]
+    table = [header, *(_cells(row, report) for row in report.rows)]
+    return Page(report.title, report.protocol.description, table, _notes(report))
 
 
 def _cells(row: ReportRow, report: Report) -> list[str]:
@@ -38,7 +62,7 @@ def _cells(row: ReportRow, report: Report) -> list[str]:
     return [name, row.alignment or "-", str(row.image_count), *scores]
 
 
-def aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
+def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
     """Lines with text to the left and numbers to the right."""
     widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
     for cells in table:
@@ -49,7 +73,7 @@ def aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join(padded).rstrip()
 
 
-def footnotes(report: Report) -> list[str]:
+def _notes(report: Report) -> list[str]:
     """What stands under the table."""
     marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
     empty = sorted({row.empty_count for row in report.rows} - {0})

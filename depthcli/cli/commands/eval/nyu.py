@@ -1,14 +1,13 @@
-"""``depthcli eval``: the table of metrics for models, files of other tools and trivial rows."""
+"""``depthcli eval nyu``: the table of metrics for models, files of other tools and trivial rows."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path  # noqa: TC003 - typer reads the annotation
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli.arguments import completion, options
-from depthcli.cli.commands.eval.runs import runs
+from depthcli.cli.arguments import completion, evaluation, options
 from depthcli.cli.screen import console
 from depthcli.core.choices import Upsampling
 from depthcli.datasets.splits import SplitName
@@ -19,21 +18,9 @@ from depthcli.metrics.choices import Alignment, Averaging
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from depthcli.evaluation.predictors.base import Predictor
-    from depthcli.evaluation.reports.figures import Figure
-
-app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare models on a data set.")
+    from depthcli.core.types import DepthKind
 
 
-@app.callback()
-def _group() -> None:
-    """Compare models on a data set."""
-
-
-app.command()(runs)
-
-
-@app.command()
 def nyu(
     *,
     data: Annotated[
@@ -97,9 +84,7 @@ def nyu(
     mask: Annotated[
         Mask, typer.Option(help="raw: only where the sensor measured depth.")
     ] = Mask.FILLED,
-    trivial: Annotated[
-        bool, typer.Option(help="Include baselines that ignore the picture.")
-    ] = True,
+    trivial: evaluation.TrivialOption = True,
     boundary: Annotated[
         bool,
         typer.Option(
@@ -114,12 +99,7 @@ def nyu(
         ),
     ] = Upsampling.BILINEAR,
     tile: options.TileOption = None,
-    limit: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="Evaluate only N images, spread evenly over the split."
-        ),
-    ] = None,
+    limit: evaluation.LimitOption = None,
     provider: options.ProviderOption = "auto",
     provider_option: options.ProviderSettingsOption = None,
     workers: Annotated[
@@ -130,90 +110,60 @@ def nyu(
         int | None,
         typer.Option(min=1, help="Inference threads per worker. Default: cores / workers."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: evaluation.JsonOption = False,
     per_image: Annotated[
         bool, typer.Option("--per-image", help="With --json, also print the scores of each image.")
     ] = False,
-    csv: Annotated[Path | None, typer.Option(help="Also write the table as CSV.")] = None,
-    figures: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Write figures of sample pictures, in gray and in colour."
-        ),
-    ] = None,
-    ids: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Picture ids to show in the figures.")
-    ] = None,
-    html: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write table and figures to one HTML file.")
-    ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not show progress.")] = False,
+    csv: evaluation.CsvOption = None,
+    figures: evaluation.FiguresOption = None,
+    ids: evaluation.IdsOption = None,
+    html: evaluation.HtmlOption = None,
+    quiet: evaluation.QuietOption = False,
 ) -> None:
     """Evaluate depth metrics on NYU Depth v2."""
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.screen.progress import drawn
     from depthcli.core.parallel.cores import usable_cores
-    from depthcli.datasets.nyu import open_nyu
-    from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
     from depthcli.evaluation.protocol import EvalProtocol
-    from depthcli.evaluation.reports.text import cells, footnotes, to_text
-    from depthcli.io.storage.atomic import write_text
-    from depthcli.jobs.evaluate.models import open_models, open_prediction_folders
-    from depthcli.jobs.evaluate.sheets import figures_of, positions_of, write_figures, write_page
+    from depthcli.evaluation.reports.text import report_page
+    from depthcli.jobs.evaluate.files import EvaluationFiles
+    from depthcli.jobs.evaluate.nyu import NyuRequest, compare_on_nyu
 
     _check_options(models=model, no_model=no_model, per_image=per_image, as_json=as_json)
-    if ids and not (figures or html):
-        raise UsageError("--ids needs --figures DIR or --html FILE")
-    detail = choose_detail(upsample, tile, None)
-    task = plan_nyu(open_nyu(data), split, limit)
-    positions = positions_of(task, ids)
-    cores = usable_cores()
-    at_once = workers or cores
     names: Sequence[str | None] = model or ([] if no_model or predictions else [None])
-    share = threads or max(1, cores // at_once)
-    if no_model and not predictions and not (trivial and task.split.train):
-        raise UsageError(
-            "nothing to compare: give --model or --predictions, or remove --no-model or "
-            "--no-trivial (baselines need training pairs of the split)"
-        )
-    loaders = [session_loader(name, provider, share, provider_option) for name in names]
-    predictors: list[Predictor] = [
-        *open_models(loaders, detail),
-        *open_prediction_folders(predictions or [], task, predictions_kind),
-    ]
-    protocol = EvalProtocol(
-        averaging=average,
-        crop=crop,
-        mask=mask,
-        compare_px=None if compare_at is None else (compare_at, compare_at),
-        upsampling=upsample,
-        tile_px=detail.tile_px,
-        boundary=boundary,
+    at_once = workers or usable_cores()
+    share = threads or max(1, usable_cores() // at_once)
+    request = NyuRequest(
+        data,
+        models=tuple(session_loader(name, provider, share, provider_option) for name in names),
+        predictions=tuple(predictions or ()),
+        predictions_kind=_kind(predictions_kind),
+        split=split,
+        limit=limit,
+        protocol=EvalProtocol(
+            averaging=average,
+            crop=crop,
+            mask=mask,
+            compare_px=None if compare_at is None else (compare_at, compare_at),
+            upsampling=upsample,
+            tile_px=choose_detail(upsample, tile, None).tile_px,
+            boundary=boundary,
+        ),
+        alignments=tuple(align or (Alignment.NONE,)),
+        trivial=trivial,
+        per_image=per_image,
+        shown_ids=evaluation.shown_ids(ids, figures, html),
+        workers=at_once,
     )
     with drawn(silent=quiet or as_json, announces=True) as progress:
-        report = evaluate_nyu(
-            task,
-            predictors,
-            protocol=protocol,
-            alignments=align or [Alignment.NONE],
-            trivial=trivial,
-            per_image=per_image,
-            progress=progress,
-            workers=at_once,
-        )
-        sheets: tuple[Figure, ...] = ()
-        if figures or html:
-            titles = [Path(p.name).name for p in predictors]
-            sheets = figures_of(task, positions, predictors, titles, progress)
-    console.out(report.to_json() if as_json else to_text(report))
-    if csv is not None:
-        write_text(report.to_csv(), csv)
-    if figures is not None:
-        write_figures(sheets, figures, quiet=quiet or as_json)
-    if html is not None:
-        description = report.protocol.description
-        write_page(html, report.title, description, cells(report), footnotes(report), sheets)
+        done = compare_on_nyu(request, progress, console.warn)
+    page = report_page(done.report)
+    console.out(done.report.to_json() if as_json else page.to_text())
+    files = EvaluationFiles(csv, figures, html)
+    for path in files.write(page, done.report.to_csv(), done.figures):
+        if not (quiet or as_json):
+            console.note(str(path))
 
 
 def _check_options(
@@ -223,3 +173,11 @@ def _check_options(
         raise UsageError("--model and --no-model exclude each other: give one of them")
     if per_image and not as_json:
         raise UsageError("--per-image is part of the JSON output: add --json")
+
+
+def _kind(name: str | None) -> DepthKind | None:
+    from depthcli.core.types import DepthKind
+
+    if name not in {None, *DepthKind}:
+        raise UsageError(f"--predictions-kind is {', '.join(DepthKind)}, not {name}")
+    return None if name is None else DepthKind(name)
