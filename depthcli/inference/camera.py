@@ -58,15 +58,24 @@ def camera_of(
     known = _known(frame, focal_px, hfov_deg)
     if card.camera is None or not gives_metres(card):
         return known
-    shrink_x, shrink_y = place.inner_width / frame.width, place.inner_height / frame.height
     camera = known or _assumed(card.input, card.camera, frame)
-    seen_px = camera.focal_px * math.sqrt(shrink_x * shrink_y)
+    seen_px = camera.focal_px * _shrink(card.input, frame, place)
     return camera._replace(scale=seen_px / learned_focal_px(card.input, card.camera))
 
 
 def learned_focal_px(spec: InputSpec, camera: CameraSpec) -> float:
     """The focal length that a model learned, in pixels of its input."""
     return scaling.focal_px(camera.hfov_deg, spec.width) * math.sqrt(spec.pixel_aspect)
+
+
+def _shrink(spec: InputSpec, frame: Frame, place: Layout) -> float:
+    """Pixels of the network's input for one of the picture, the geometric mean of both axes."""
+    across, down = place.width / frame.width, place.height / frame.height
+    if not place.is_padded:
+        return math.sqrt(across * down)
+    # One axis is full. The other is rounded to whole pixels, which is much of a thin strip.
+    root = math.sqrt(spec.pixel_aspect)
+    return min(across * root, down / root)
 
 
 def _known(frame: Frame, focal_px: float | None, hfov_deg: float | None) -> PictureCamera | None:

@@ -30,7 +30,9 @@ _RESIZES = {
     Resize.CUBIC: resize_cubic,
 }
 _LARGE_PIXELS = 4_000_000  # whose planes of floats are no longer held at once
-_LONGEST = 4  # times its shorter side: what a network that keeps the aspect sees of a long strip
+# Times the shorter side; longer pictures are padded to that. Chosen on held-out pairs, on which a
+# longer input of the same area is worse: docs/cameras.md.
+_LONGEST = 2
 _MOST_PIXELS = 16  # times the nominal pixel count, for a picture that is one long strip
 
 
@@ -67,13 +69,8 @@ def layout(spec: InputSpec, width: int, height: int) -> Layout:
     if spec.fit is Fit.LOWER_BOUND or spec.fit is Fit.UPPER_BOUND:
         return _bounded(spec, width, height)
     if spec.dynamic:
-        return _same_area(spec, width / height)
-    # Rows are denser than columns by the aspect of the network's pixels.
-    scale = min(spec.width / width, spec.height / (height * spec.pixel_aspect))
-    inner_width = min(spec.width, max(1, round(width * scale)))
-    inner_height = min(spec.height, max(1, round(height * scale * spec.pixel_aspect)))
-    left, top = (spec.width - inner_width) // 2, (spec.height - inner_height) // 2
-    return Layout(spec.width, spec.height, left, top, inner_width, inner_height)
+        return _same_area(spec, width, height)
+    return _inside(spec, spec.width, spec.height, width, height)
 
 
 def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Layout]:
@@ -104,16 +101,28 @@ def _shrunk(spec: InputSpec, frame: Frame, place: Layout) -> npt.NDArray[np.floa
     return _RESIZES[spec.resize](planes(frame.pixels), *size)
 
 
-def _same_area(spec: InputSpec, aspect: float) -> Layout:
+def _same_area(spec: InputSpec, width: int, height: int) -> Layout:
     """The same pixel count as the nominal size, so the cost does not depend on the aspect."""
     nominal = spec.width / spec.height
     longest = max(_LONGEST, nominal, 1 / nominal)
-    wanted = min(max(aspect / spec.pixel_aspect, 1 / longest), longest)
+    aspect = width / height / spec.pixel_aspect
+    wanted = min(max(aspect, 1 / longest), longest)
     area = spec.width * spec.height
-    return _filled(
-        _multiple(math.sqrt(area * wanted), spec.multiple_of),
-        _multiple(math.sqrt(area / wanted), spec.multiple_of),
-    )
+    sides = math.sqrt(area * wanted), math.sqrt(area / wanted)
+    columns, rows = (_multiple(side, spec.multiple_of) for side in sides)
+    if wanted == aspect:
+        return _filled(columns, rows)
+    return _inside(spec, columns, rows, width, height)
+
+
+def _inside(spec: InputSpec, columns: int, rows: int, width: int, height: int) -> Layout:
+    """As large as it fits into an input of ``columns`` x ``rows``, in its middle."""
+    # Rows are denser than columns by the aspect of the network's pixels.
+    scale = min(columns / width, rows / (height * spec.pixel_aspect))
+    inner_width = min(columns, max(1, round(width * scale)))
+    inner_height = min(rows, max(1, round(height * scale * spec.pixel_aspect)))
+    left, top = (columns - inner_width) // 2, (rows - inner_height) // 2
+    return Layout(columns, rows, left, top, inner_width, inner_height)
 
 
 def _bounded(spec: InputSpec, width: int, height: int) -> Layout:

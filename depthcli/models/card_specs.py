@@ -36,7 +36,7 @@ class Fit(StrEnum):
     KEEP_ASPECT = "keep-aspect"
     """The picture's aspect is kept: same pixel count if the size is dynamic, else a letterbox.
 
-    A dynamic size is no longer than 4 : 1; longer pictures are stretched to that.
+    A dynamic size is no longer than 2 : 1; longer pictures are padded to that.
     """
     LOWER_BOUND = "lower-bound"
     """Dynamic only: the aspect is kept, and neither side is below the nominal size."""

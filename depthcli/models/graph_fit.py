@@ -44,5 +44,17 @@ def fit_to_graph(
             f"{path} takes pictures of {width} x {height} pixels only; set input.width to {width}, "
             f"input.height to {height} and input.dynamic to false in the card"
         )
-    fit = Fit.STRETCH if spec.fit in _NEEDS_DYNAMIC else spec.fit
-    return replace(card, input=replace(spec, width=width, height=height, dynamic=False, fit=fit))
+    pixel_aspect = spec.pixel_aspect
+    if spec.fit is Fit.STRETCH:  # the pictures that it learned keep their shape, its pixels do not
+        pixel_aspect *= (spec.width * height) / (spec.height * width)
+    return replace(
+        card,
+        input=replace(
+            spec,
+            width=width,
+            height=height,
+            dynamic=False,
+            fit=Fit.STRETCH if spec.fit in _NEEDS_DYNAMIC else spec.fit,
+            pixel_aspect=pixel_aspect,
+        ),
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from tiny import write_model
 
 import depthcli
+from depthcli.core.choices import Detail
 from depthcli.core.types import CameraSource, Frame
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.preprocess import layout
@@ -49,7 +51,8 @@ def test_metres_follow_the_focal_length_that_the_network_sees(
     pipeline, (width, height) = model(tmp_path, **fit), shape
     depth = pipeline.predict(black(width, height), focal_px=50)
     place = layout(pipeline.card.input, width, height)
-    seen_px = 50 * math.sqrt(place.inner_width / width * place.inner_height / height)
+    across, down = place.width / width, place.height / height
+    seen_px = 50 * (min(across, down) if place.is_padded else math.sqrt(across * down))
     assert depth.values[0, 0] == pytest.approx(seen_px / LEARNED_PX, rel=1e-6)
 
 
@@ -136,6 +139,27 @@ def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(tmp_path: 
         (CameraSource.EXIF, pytest.approx(exif_px)),
         (CameraSource.CARD, pytest.approx(20 / math.tan(math.radians(30)))),
     ]
+
+
+def test_exif_is_known_to_clouds_of_models_that_learned_no_camera(tmp_path: Path) -> None:
+    pipeline = load(write_model(tmp_path, camera=None))
+    depth = pipeline.predict(black(40, 30, focal_35mm=50.0))
+    assert depth.provenance is not None
+    assert depth.provenance.camera_source is CameraSource.EXIF
+    np.testing.assert_array_equal(depth.values, 1)
+    assert pipeline.predict(black(40, 30)).provenance == replace(
+        depth.provenance, focal_px=None, camera_source=None
+    )
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_tiles_have_the_metres_of_the_whole_picture(tmp_path: Path, shape: tuple[int, int]) -> None:
+    session = model(tmp_path, input__fit="keep-aspect").session
+    whole, tiled = (
+        Pipeline(session, Detail(tile_px=tile)).predict(black(*shape), focal_px=50)
+        for tile in (None, max(1, shape[0] // 2))
+    )
+    np.testing.assert_allclose(tiled.values, whole.values, rtol=1e-5)
 
 
 def test_a_point_cloud_has_the_camera_of_its_metres(tmp_path: Path) -> None:

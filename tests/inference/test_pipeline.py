@@ -157,8 +157,8 @@ def test_pictures_of_one_network_size_run_together(
         return run(batch)
 
     monkeypatch.setattr(pipeline.session, "run", noted)
-    maps = pipeline.predict_many([gray(0), gray(51, 30, 90), gray(255), gray(0, 60, 80)])
-    assert shapes == [(3, 1, 12, 16), (1, 1, 8, 24)]
+    maps = pipeline.predict_many([gray(0), gray(51, 30, 54), gray(255), gray(0, 60, 80)])
+    assert shapes == [(3, 1, 12, 16), (1, 1, 10, 19)]
     assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 2.6, 9, 1])
 
 
