@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from depthcli.core.anchor import Anchor
+from depthcli.core.camera import Anchor
 
 import depthcli
 from depthcli.core.scaling import fit_anchors
