@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from depthcli.core.camera import Anchor
 
 import depthcli
+from depthcli.core.camera import Anchor
 from depthcli.core.scaling import fit_anchors
 from depthcli.datasets import id_ranges
 from depthcli.models.card import ModelCard
