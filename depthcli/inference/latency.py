@@ -1,20 +1,54 @@
-"""How long models take for one picture, measured side by side."""
+"""How long models take: one thing done again and again, or models side by side."""
 
 from __future__ import annotations
 
+import statistics
 import time
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from depthcli.inference.pipeline import Pipeline
 
+_UNMEASURED = 3
+_FEWEST = 5
 _TURNS = 3
 _SECONDS_A_TURN = 0.3
 _MOST_A_TURN = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """Wall-clock milliseconds of one thing done several times.
+
+    Attributes:
+        median_ms: of the runs.
+        min_ms: of the runs.
+        noise: half the spread of the middle half of the runs, as a share of the median.
+        runs: how many were measured, after a few that were not.
+    """
+
+    median_ms: float
+    min_ms: float
+    noise: float
+    runs: int
+
+
+def measure_latency(action: Callable[[], object], seconds: float) -> Latency:
+    """Do one thing for so many seconds, and at least a few times."""
+    for _ in range(_UNMEASURED):
+        action()
+    runs_ms: list[float] = []
+    end_s = time.perf_counter() + seconds
+    while len(runs_ms) < _FEWEST or time.perf_counter() < end_s:
+        runs_ms.append(1e3 * _elapsed_s(action))
+    low, median, high = statistics.quantiles(runs_ms, n=4)
+    return Latency(median, min(runs_ms), (high - low) / 2 / median, len(runs_ms))
 
 
 def measure_ms(pipelines: Sequence[Pipeline]) -> tuple[float, ...]:
@@ -23,13 +57,12 @@ def measure_ms(pipelines: Sequence[Pipeline]) -> tuple[float, ...]:
     The models take turns, so that whatever else the machine does meets all of them alike. The
     first picture of a turn is not counted: threads of the model before may still be awake.
     """
-    batches = [_batch(pipeline) for pipeline in pipelines]
+    actions = [partial(pipeline.session.run, _batch(pipeline)) for pipeline in pipelines]
     times_s: list[list[float]] = [[] for _ in pipelines]
     for _ in range(_TURNS):
-        for times, pipeline, batch in zip(times_s, pipelines, batches, strict=True):
-            once_s = _seconds(pipeline, batch)
-            count = int(np.clip(_SECONDS_A_TURN / once_s, 1, _MOST_A_TURN))
-            times += [_seconds(pipeline, batch) for _ in range(count)]
+        for times, action in zip(times_s, actions, strict=True):
+            count = int(np.clip(_SECONDS_A_TURN / _elapsed_s(action), 1, _MOST_A_TURN))
+            times += [_elapsed_s(action) for _ in range(count)]
     return tuple(1000 * float(np.median(times)) for times in times_s)
 
 
@@ -39,7 +72,7 @@ def _batch(pipeline: Pipeline) -> np.ndarray[tuple[int, ...], np.dtype[np.float3
     return np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
 
 
-def _seconds(pipeline: Pipeline, batch: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> float:
-    started = time.perf_counter()
-    pipeline.session.run(batch)
-    return time.perf_counter() - started
+def _elapsed_s(action: Callable[[], object]) -> float:
+    started_s = time.perf_counter()
+    action()
+    return time.perf_counter() - started_s

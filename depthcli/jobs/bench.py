@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import statistics
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -13,37 +12,46 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.parallel.cores import usable_cores
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.inference.latency import measure_latency
+from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.preprocess import prepare
+from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.png16 import Png16Writer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from depthcli.inference.pipeline import Pipeline
+    from depthcli.inference.latency import Latency
+    from depthcli.inference.loading import SessionLoader
 
-_UNMEASURED = 3
 _FEWEST = 5
 _MEBIBYTE = 2**20
 
 
 @dataclass(frozen=True, slots=True)
-class Latency:
-    """Wall-clock milliseconds of one thing done several times.
+class BenchRequest:
+    """What is measured.
 
     Attributes:
-        median_ms: of the runs.
-        min_ms: of the runs.
-        noise: half the spread of the middle half of the runs, as a share of the median.
-        runs: how many were measured, after a few that were not.
+        model: what runs, with the threads that one picture may take.
+        picture: a file; None for a made one.
+        made_px: (width, height) of the made one.
+        upsampling: how depth gets to the picture's size.
+        workers: pictures at the same time, for the throughput; None for one a core.
+        seconds: how long each of three measurements lasts, at least.
     """
 
-    median_ms: float
-    min_ms: float
-    noise: float
-    runs: int
+    model: SessionLoader
+    picture: Path | None = None
+    made_px: tuple[int, int] = (640, 480)
+    upsampling: Upsampling = Upsampling.GUIDED
+    workers: int | None = None
+    seconds: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +70,52 @@ class Speed:
     whole: Latency
     pictures_per_s: float
     peak_memory_mb: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class BenchResult:
+    """What was measured, and of what.
+
+    Attributes:
+        model: name in its card.
+        model_sha256: checksum of its file.
+        provider: what really runs it.
+        workers: pictures at the same time, for the throughput.
+        speed: the figures.
+    """
+
+    model: str
+    model_sha256: str
+    provider: str
+    workers: int
+    speed: Speed
+
+
+def run_bench(
+    request: BenchRequest, warn: Callable[[str], object] = lambda _text: None
+) -> BenchResult:
+    """Measure a model on this machine.
+
+    Args:
+        request: what is wanted.
+        warn: told in one line where the model does not run as it should.
+
+    Raises:
+        InputError: the picture cannot be read.
+        ModelError: the model is not there, cannot be used, or fails.
+        UsageError: the provider or its options are none.
+    """
+    given = request.picture
+    picture = made_picture(*request.made_px) if given is None else read_bytes(given)
+    workers = request.workers or usable_cores()
+    each = replace(request.model, threads=max(1, usable_cores() // workers))
+    detail = Detail(request.upsampling)
+    alone, shared = (Pipeline(loader.load(), detail) for loader in (request.model, each))
+    for warning in alone.session.warnings:
+        warn(warning)
+    speed = measure_speed(alone, shared, picture, workers=workers, seconds=request.seconds)
+    session = alone.session
+    return BenchResult(alone.card.name, session.model.sha256, session.provider, workers, speed)
 
 
 def measure_speed(
@@ -84,8 +138,8 @@ def measure_speed(
     batch, _ = prepare(alone.card.input, frame)
     with TemporaryDirectory(prefix="depthcli-") as name:
         folder = Path(name)
-        network = _latency(lambda: alone.session.run(batch), seconds)
-        whole = _latency(lambda: _convert(alone, picture, folder / "alone.png"), seconds)
+        network = measure_latency(lambda: alone.session.run(batch), seconds)
+        whole = measure_latency(lambda: _convert(alone, picture, folder / "alone.png"), seconds)
         rate = _throughput(shared, picture, folder, workers, seconds)
     return Speed(network, whole, rate, peak_memory_mb())
 
@@ -104,7 +158,7 @@ def peak_memory_mb() -> float | None:
     """Most resident memory of this process so far, in MiB; None where the system does not tell."""
     if sys.platform == "win32":
         return None
-    import resource
+    import resource  # noqa: PLC0415 - Windows has none
 
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / _MEBIBYTE
@@ -113,19 +167,6 @@ def peak_memory_mb() -> float | None:
 def _convert(pipeline: Pipeline, picture: bytes, path: Path) -> None:
     frame = read_image(None, picture)
     Png16Writer().write(pipeline.predict(frame), path, frame)
-
-
-def _latency(action: Callable[[], object], seconds: float) -> Latency:
-    for _ in range(_UNMEASURED):
-        action()
-    runs_ms: list[float] = []
-    end_s = time.perf_counter() + seconds
-    while len(runs_ms) < _FEWEST or time.perf_counter() < end_s:
-        start_s = time.perf_counter()
-        action()
-        runs_ms.append(1e3 * (time.perf_counter() - start_s))
-    low, median, high = statistics.quantiles(runs_ms, n=4)
-    return Latency(median, min(runs_ms), (high - low) / 2 / median, len(runs_ms))
 
 
 def _throughput(

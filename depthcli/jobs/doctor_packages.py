@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,7 +32,8 @@ _MODULES = {
 """What has to be in each module, and the package that brings it."""
 
 
-class Check(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Check:
     """One finding.
 
     Attributes:
@@ -41,7 +43,7 @@ class Check(NamedTuple):
     """
 
     name: str
-    status: str
+    status: Literal["ok", "warning", "failed"]
     detail: str
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path  # noqa: TC003 - typer reads the annotation
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,8 +15,8 @@ from depthcli.core.choices import Upsampling
 from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.jobs.bench import Latency, Speed
+    from depthcli.inference.latency import Latency
+    from depthcli.jobs.bench import BenchResult
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -58,28 +58,18 @@ def bench(
     End-to-end is from the encoded file to a 16-bit PNG on disk.
     """
     from depthcli.cli.arguments.provider import session_loader
-    from depthcli.core.choices import Detail
-    from depthcli.core.parallel.cores import usable_cores
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.pictures.decode import read_bytes
-    from depthcli.jobs.bench import made_picture, measure_speed
+    from depthcli.jobs.bench import BenchRequest, run_bench
 
-    data = read_bytes(image) if image else made_picture(*_pixels(size))
-    count = workers or usable_cores()
-    each = max(1, usable_cores() // count)
-    alone, shared = (
-        Pipeline(session_loader(model, provider, n, provider_option).load(), Detail(upsample))
-        for n in (threads, each)
-    )
-    for warning in alone.session.warnings:
-        console.warn(warning)
+    loader = session_loader(model, provider, threads, provider_option)
+    request = BenchRequest(loader, image, _pixels(size), upsample, workers, seconds)
     if sys.stderr.isatty() and not as_json:
         console.note(f"measuring for about {_MEASUREMENTS * seconds:.0f} s")
-    speed = measure_speed(alone, shared, data, workers=count, seconds=seconds)
+    done = run_bench(request, console.warn)
     if as_json:
-        console.out_json(_facts(alone, count) | dataclasses.asdict(speed))
+        facts = dataclasses.asdict(done)
+        console.out_json(facts | facts.pop("speed"))
     else:
-        _tell(alone, speed, count)
+        _tell(done)
     return ExitCode.OK
 
 
@@ -92,21 +82,12 @@ def _pixels(size: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def _facts(pipeline: Pipeline, workers: int) -> dict[str, Any]:
-    session = pipeline.session
-    return {
-        "model": pipeline.card.name,
-        "model_sha256": session.model.sha256,
-        "provider": session.provider,
-        "workers": workers,
-    }
-
-
-def _tell(pipeline: Pipeline, speed: Speed, workers: int) -> None:
-    console.out(f"{pipeline.card.name} on {pipeline.session.provider}")
+def _tell(done: BenchResult) -> None:
+    speed = done.speed
+    console.out(f"{done.model} on {done.provider}")
     console.out(f"network        {_latency(speed.network)}")
     console.out(f"whole picture  {_latency(speed.whole)}")
-    console.out(f"throughput     {speed.pictures_per_s:8.1f} pictures/s, {workers} at a time")
+    console.out(f"throughput     {speed.pictures_per_s:8.1f} pictures/s, {done.workers} at a time")
     if speed.peak_memory_mb is not None:
         console.out(f"peak memory    {speed.peak_memory_mb:8.0f} MiB")
 

@@ -1,0 +1,91 @@
+"""What works on this machine, and what does not: one finding after the other.
+
+Nothing is imported before its own check: a package that is broken is a finding too.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from depthcli.errors import DepthcliError
+from depthcli.jobs.doctor_packages import Check, families, modules, reason, versions
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+
+def check_installation(model: str | None = None, provider: str = "auto") -> Iterator[Check]:
+    """Look at versions, packages, a model, the providers and the codecs.
+
+    Args:
+        model: name or path of the model to run; None for the default.
+        provider: ``auto``, or the name of one that has to work.
+    """
+    yield from versions()
+    yield from modules()
+    yield from families()
+    yield from _guarded("model", lambda: _model(model, provider))
+    yield from _guarded("providers", lambda: _providers(model))
+    yield from _guarded("codecs", _codecs)
+    yield from _guarded("codec .exr", _exr)
+
+
+def _model(name: str | None, provider: str) -> Iterator[Check]:
+    import onnxruntime
+
+    from depthcli.inference.providers import available_providers
+    from depthcli.inference.trial import try_model
+    from depthcli.models.catalog import find_model
+
+    model = find_model(name)
+    session = try_model(model, provider=provider)
+    detail = (
+        f"{model.path} (sha256 {model.sha256}) runs on {session.provider}; "
+        f"onnxruntime {onnxruntime.__version__} has {', '.join(available_providers())}"
+    )
+    found = "; ".join((detail, *session.warnings))
+    yield Check("model", "warning" if session.warnings else "ok", found)
+
+
+def _providers(name: str | None) -> Iterator[Check]:
+    """Whether each provider of this onnxruntime runs the model, but for one that takes minutes."""
+    from depthcli.inference.providers import SLOW_TO_START, available_providers
+    from depthcli.inference.trial import try_model
+    from depthcli.models.catalog import find_model
+
+    for provider in available_providers():
+        title = f"provider {provider}"
+        if provider == SLOW_TO_START:
+            yield Check(title, "ok", "built in; builds an engine before its first run, not tried")
+            continue
+        try:
+            try_model(find_model(name), provider=provider)
+        except DepthcliError as error:
+            yield Check(title, "warning", str(error))
+        else:
+            yield Check(title, "ok", "runs the model")
+
+
+def _codecs() -> Iterator[Check]:
+    from depthcli.io.pictures.codecs import PICTURE_SUFFIXES, can_code
+
+    for suffix in PICTURE_SUFFIXES:
+        works = can_code(suffix)
+        detail = "reads and writes" if works else "not in this OpenCV; convert such pictures"
+        yield Check(f"codec {suffix}", "ok" if works else "warning", detail)
+
+
+def _exr() -> Iterator[Check]:
+    import OpenEXR
+
+    yield Check("codec .exr", "ok", f"OpenEXR {OpenEXR.__version__}")
+
+
+def _guarded(name: str, checks: Callable[[], Iterator[Check]]) -> Iterator[Check]:
+    """Checks whose error is a finding too: one problem never hides the others."""
+    try:
+        yield from checks()
+    except DepthcliError as error:
+        yield Check(name, "failed", str(error))
+    except Exception as error:  # noqa: BLE001 - a broken package raises whatever it likes
+        yield Check(name, "failed", reason(error))
