@@ -22,7 +22,7 @@ COMMANDS = {
     "info": ("depthcli.cli.commands.info", "Show unit, scale and range of a depth file."),
     "probe": ("depthcli.cli.commands.probe", "Show the depth at given pixels of a depth file."),
     "eval": ("depthcli.cli.commands.eval.app", "Evaluate accuracy on NYU Depth v2."),
-    "train": ("depthcli.cli.commands.train", "Train a model with one of seven methods."),
+    "train": ("depthcli.cli.commands.train", "Train a model; can be resumed."),
     "export-onnx": (
         "depthcli.cli.commands.export",
         "Export a checkpoint to ONNX with a model card.",

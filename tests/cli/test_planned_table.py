@@ -12,7 +12,8 @@ import pytest
 from depthcli.cli.app import main
 from depthcli.training.config.changes import resolve
 from depthcli.training.config.presets import preset_file
-from depthcli.training.methods.registry import METHODS, default_config
+from depthcli.training.methods.registry import default_config
+from depthcli.training.methods.table import METHODS
 from depthcli.training.schedule import factor
 
 PAGE = (Path(__file__).parents[2] / "docs" / "methods.md").read_text("utf-8")

@@ -15,7 +15,8 @@ from depthcli.errors import UsageError
 from depthcli.training.config.changes import resolve, updated
 from depthcli.training.config.presets import FOLDER, preset_file
 from depthcli.training.config.schema import LossConfig, OutputConfig, TrainConfig
-from depthcli.training.methods.registry import DEFAULTS, METHODS, default_config
+from depthcli.training.methods.registry import DEFAULTS, default_config
+from depthcli.training.methods.table import METHODS
 from depthcli.training.networks.build import build_generator
 
 if TYPE_CHECKING:

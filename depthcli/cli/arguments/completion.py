@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from depthcli.training.methods.table import METHODS
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-# Asking onnxruntime and torch would take seconds; a test compares these with what they know.
+# Asking onnxruntime would take seconds; a test compares these with what it knows.
 PROVIDERS = (
     "auto",
     "cpu",
@@ -19,7 +21,6 @@ PROVIDERS = (
     "coreml",
     "openvino",
 )
-METHODS = ("cyclegan", "cut", "fastcut", "dclgan", "simdcl", "hnegsrc", "proposed")
 ACCELERATORS = ("auto", "cpu", "cuda", "mps")
 
 

@@ -12,6 +12,7 @@ import typer
 from depthcli.cli.arguments import completion
 from depthcli.cli.signals import SIGNAL_BASE, ending_signals
 from depthcli.errors import ExitCode
+from depthcli.training.methods.table import METHODS
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -20,7 +21,7 @@ _Method = Annotated[
     typer.Argument(
         metavar="[METHOD]",
         autocompletion=completion.methods,
-        help="cyclegan, cut, fastcut, dclgan, simdcl, hnegsrc or proposed.",
+        help=f"One of {', '.join(METHODS)}.",
     ),
 ]
 _All = Annotated[

@@ -19,7 +19,7 @@ from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.jobs.train.signal_relay import SignalRelay
 from depthcli.jobs.train.sitting import Sitting, failed, looked_up
-from depthcli.training.methods.registry import METHODS
+from depthcli.training.methods.table import METHODS
 from depthcli.training.planned_runs import PlannedRun, next_share_s, plan_runs
 from depthcli.training.resolve import resolve_config
 

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
-TERMS = (
-    "adversarial",
-    "contrast_x",
-    "contrast_y",
-    "identity",
-    "cycle",
-    "l1",
-    "gradient",
-    "relation",
-    "similarity",
-)
-"""Weights of ``LossConfig`` that make a term of their own."""
+_TERM = "term"
+
+
+def _weighs(loss: str = "") -> dict[str, str]:
+    """What marks the weight of a term.
+
+    Args:
+        loss: ``module:function`` of ``depthcli/training/losses/`` where the term is no more than a
+            comparison of a depth map with its truth; see :mod:`~depthcli.training.losses.paired`.
+    """
+    return {_TERM: loss}
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,24 +46,31 @@ class LossConfig:
         similarity: weight of the domains' similarity (SimDCL).
     """
 
-    adversarial: float = 1.0
-    contrast_x: float = 0.5
-    contrast_y: float = 0.5
-    identity: float = 5.0
-    cycle: float = 10.0
-    l1: float = 10.0
+    adversarial: float = field(default=1.0, metadata=_weighs())
+    contrast_x: float = field(default=0.5, metadata=_weighs())
+    contrast_y: float = field(default=0.5, metadata=_weighs())
+    identity: float = field(default=5.0, metadata=_weighs())
+    cycle: float = field(default=10.0, metadata=_weighs())
+    l1: float = field(default=10.0, metadata=_weighs())
     weight_penalty: float = 1e-6
-    gradient: float = 0.0
+    gradient: float = field(default=0.0, metadata=_weighs("gradient:gradient_loss"))
     extra_scale: float = 0.0
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"
     adversarial_backward: bool = True
     contrast: Literal["cut", "cfl"] = "cut"
     l1_backward: bool = False
     flip_contrast: bool = False
-    relation: float = 0.0
+    relation: float = field(default=0.0, metadata=_weighs())
     gamma_start: float = 50.0
     gamma_end: float = 10.0
-    similarity: float = 0.0
+    similarity: float = field(default=0.0, metadata=_weighs())
+
+
+_PLACES = {f.name: str(f.metadata[_TERM]) for f in fields(LossConfig) if _TERM in f.metadata}
+TERMS = tuple(_PLACES)
+"""Weights of ``LossConfig`` that make a term of their own."""
+PAIRED_LOSSES = {name: place for name, place in _PLACES.items() if place}
+"""Those that compare a depth map with its truth, with ``module:function`` of each loss."""
 
 
 @dataclass(frozen=True, slots=True)

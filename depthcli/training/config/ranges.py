@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
-from depthcli.training.config.objective import TERMS
+from depthcli.training.config.objective import PAIRED_LOSSES, TERMS
 
 if TYPE_CHECKING:
     from depthcli.training.config.schema import GeneratorConfig, TrainConfig
@@ -121,7 +121,7 @@ def _check_pairing(config: TrainConfig) -> None:
     """Losses that compare with the truth of the same scene mean nothing without it."""
     if config.data.paired:
         return
-    needs = [name for name in ("l1", "gradient", "l1_backward") if getattr(config.loss, name)]
+    needs = [name for name in ("l1", *PAIRED_LOSSES, "l1_backward") if getattr(config.loss, name)]
     needs += ["contrast=cfl"] if config.loss.contrast == "cfl" else []
     if needs:
         raise UsageError(

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import torch.nn.functional as F  # noqa: N812
 
-from depthcli.training.losses.gradient import gradient_loss
+from depthcli.training.config.objective import PAIRED_LOSSES
+from depthcli.training.losses.paired import paired_losses
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
 from depthcli.training.losses.regularised_l1 import regularised_l1
 from depthcli.training.methods.base import Phase, built, present, sized
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 class Proposed(CycleGan):
     """Eq. 7, and any part of it: a weight of zero leaves the term and its networks out."""
 
-    TERMS: ClassVar = CycleGan.TERMS | {"contrast_x", "contrast_y", "l1", "gradient"}
+    TERMS: ClassVar = CycleGan.TERMS | {"contrast_x", "contrast_y", "l1", *PAIRED_LOSSES}
     SETTINGS: ClassVar = CycleGan.SETTINGS | {
         "loss.adversarial_backward",
         "loss.contrast",
@@ -38,6 +39,7 @@ class Proposed(CycleGan):
         super().__init__(config)
         contrast = self.weights.contrast_x or self.weights.contrast_y
         self.sampler = patch_heads(self.generator, self.generator.TAPS) if contrast else None
+        self._paired = paired_losses(self.weights)
 
     @property
     def _both_ways(self) -> bool:
@@ -80,7 +82,7 @@ class Proposed(CycleGan):
         return raw_y + moved[:, None, None, None]
 
     def _supervised(self, raw_y: Tensor, y: Tensor, known: Tensor | None) -> dict[str, Tensor]:
-        """Eq. 1 and the gradients, of measured pixels alone."""
+        """Eq. 1 and the other comparisons with the truth, of measured pixels alone."""
         weights, terms, size = self.weights, {}, raw_y.shape[2:]
         if size != y.shape[2:]:
             y = F.interpolate(y, size=size, mode="area")
@@ -90,8 +92,8 @@ class Proposed(CycleGan):
         if weights.l1:
             l1 = regularised_l1(raw_y, y, self.generator, weights.weight_penalty, known)
             terms["l1"] = weights.l1 * l1
-        if weights.gradient:
-            terms["gradient"] = weights.gradient * gradient_loss(raw_y, y, known)
+        for name, loss in self._paired.items():
+            terms[name] = getattr(weights, name) * loss(raw_y, y, known)
         return terms
 
     def _contrasted(self, x: Tensor, y: Tensor, made: Made) -> dict[str, Tensor]:

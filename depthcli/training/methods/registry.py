@@ -1,8 +1,9 @@
-"""The methods by name, and what each is set to."""
+"""A method's class, and what it is set to."""
 
 from __future__ import annotations
 
 import tomllib
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,39 +11,41 @@ from depthcli.errors import UsageError
 from depthcli.training.config.changes import updated
 from depthcli.training.config.objective import TERMS
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.methods.cut import Cut
-from depthcli.training.methods.cyclegan import CycleGan
-from depthcli.training.methods.dclgan import DclGan
-from depthcli.training.methods.hnegsrc import HnegSrc
-from depthcli.training.methods.proposed import Proposed
-from depthcli.training.methods.simdcl import SimDcl
+from depthcli.training.methods.table import METHODS
 
 if TYPE_CHECKING:
     from depthcli.training.methods.base import Method
 
-METHODS: dict[str, type[Method]] = {
-    "cyclegan": CycleGan,
-    "cut": Cut,
-    "fastcut": Cut,
-    "dclgan": DclGan,
-    "simdcl": SimDcl,
-    "hnegsrc": HnegSrc,
-    "proposed": Proposed,
-}
-"""In the order of the paper's Table I."""
-_OF_SOME = sorted(frozenset().union(*(method.SETTINGS for method in METHODS.values())))
 DEFAULTS = Path(__file__).parent / "defaults"
 
 
-def default_config(method: str) -> TrainConfig:
-    """A method as its authors set it: the differences from the paper's, which is the default.
+def method_class(name: str) -> type[Method]:
+    """The class of a method; its module, and with it torch, is loaded now.
 
     Raises:
         UsageError: there is no such method.
     """
-    _known(method)
-    differences = tomllib.loads((DEFAULTS / f"{method}.toml").read_text("utf-8"))
-    return updated(TrainConfig(method=method), differences)
+    if name not in METHODS:
+        raise UsageError(f"no method '{name}'; choose from {', '.join(METHODS)}")
+    module, _, attribute = METHODS[name].partition(":")
+    found: type[Method] = getattr(import_module(f"depthcli.training.methods.{module}"), attribute)
+    return found
+
+
+def default_config(method: str) -> TrainConfig:
+    """A method as its authors set it.
+
+    Unless its file of ``defaults/`` says otherwise, it is set as the paper's method, without the
+    losses and the pairs that it does not know.
+
+    Raises:
+        UsageError: there is no such method.
+    """
+    kind, file = method_class(method), DEFAULTS / f"{method}.toml"
+    absent = {term: 0.0 for term in TERMS if term not in kind.TERMS}
+    usual = {"loss": absent, "data": {"paired": kind.PAIRED}}
+    config = updated(TrainConfig(method=method), usual)
+    return updated(config, tomllib.loads(file.read_text("utf-8"))) if file.is_file() else config
 
 
 def build_method(config: TrainConfig) -> Method:
@@ -52,7 +55,7 @@ def build_method(config: TrainConfig) -> Method:
         UsageError: there is no such method, or a setting would do nothing.
     """
     check_terms(config)
-    return METHODS[config.method](config)
+    return method_class(config.method)(config)
 
 
 def check_terms(config: TrainConfig) -> None:
@@ -61,7 +64,8 @@ def check_terms(config: TrainConfig) -> None:
     Raises:
         UsageError: otherwise; one that does nothing would be taken for one that does.
     """
-    known = _known(config.method).TERMS
+    method = method_class(config.method)
+    known = method.TERMS
     strange = [name for name in TERMS if getattr(config.loss, name) and name not in known]
     if strange:
         raise UsageError(
@@ -69,14 +73,14 @@ def check_terms(config: TrainConfig) -> None:
         )
     if not any(getattr(config.loss, name) for name in known):
         raise UsageError(f"one of loss.{', loss.'.join(sorted(known))} is above 0")
-    _check_settings(config)
-    if config.data.paired and not METHODS[config.method].PAIRED:
+    _check_settings(config, method.SETTINGS)
+    if config.data.paired and not method.PAIRED:
         raise UsageError(f"{config.method} learns without pairs: remove data.paired")
 
 
-def _check_settings(config: TrainConfig) -> None:
-    known, usual = METHODS[config.method].SETTINGS, default_config(config.method)
-    for path in _OF_SOME:
+def _check_settings(config: TrainConfig, known: frozenset[str]) -> None:
+    usual = default_config(config.method)
+    for path in sorted(frozenset().union(*(method_class(name).SETTINGS for name in METHODS))):
         if path not in known and _value(config, path) != _value(usual, path):
             raise UsageError(f"{config.method} does not use {path}: remove it")
 
@@ -84,9 +88,3 @@ def _check_settings(config: TrainConfig) -> None:
 def _value(config: TrainConfig, path: str) -> object:
     group, name = path.split(".")
     return getattr(getattr(config, group), name)
-
-
-def _known(method: str) -> type[Method]:
-    if method not in METHODS:
-        raise UsageError(f"no method '{method}'; choose from {', '.join(METHODS)}")
-    return METHODS[method]

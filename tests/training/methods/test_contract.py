@@ -16,7 +16,8 @@ from depthcli.errors import UsageError
 from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.loop import Limits, train
-from depthcli.training.methods.registry import METHODS, build_method
+from depthcli.training.methods.registry import build_method
+from depthcli.training.methods.table import METHODS
 from depthcli.training.watchers import Silent
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from depthcli.training.config.changes import updated
 from depthcli.training.data.batches import Batch
-from depthcli.training.methods.registry import METHODS, build_method, default_config
+from depthcli.training.methods.registry import build_method, default_config
+from depthcli.training.methods.table import METHODS
 
 TFLOP = {
     "cyclegan": 1.85,

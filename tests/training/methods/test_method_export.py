@@ -19,7 +19,7 @@ from depthcli.inference.preprocess import prepare
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.loop import Limits, train
-from depthcli.training.methods.registry import METHODS
+from depthcli.training.methods.table import METHODS
 from depthcli.training.watchers import Silent
 
 if TYPE_CHECKING:

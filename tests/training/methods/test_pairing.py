@@ -10,7 +10,8 @@ from tiny_methods import batch, tiny, tiny_method
 
 from depthcli.errors import UsageError
 from depthcli.training.config.changes import resolve, updated
-from depthcli.training.methods.registry import METHODS, build_method, default_config
+from depthcli.training.methods.registry import build_method, default_config
+from depthcli.training.methods.table import METHODS
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -10,7 +10,13 @@ from tiny_methods import tiny
 from depthcli.errors import UsageError
 from depthcli.training.config.changes import resolve
 from depthcli.training.config.schema import LossConfig, TrainConfig
-from depthcli.training.methods.registry import METHODS, build_method, check_terms, default_config
+from depthcli.training.methods.registry import (
+    build_method,
+    check_terms,
+    default_config,
+    method_class,
+)
+from depthcli.training.methods.table import METHODS
 
 UNPAIRED = ("cyclegan", "cut", "fastcut", "dclgan", "simdcl", "hnegsrc")
 WEIGHTS = {
@@ -49,7 +55,7 @@ SCHEDULES = {
 @pytest.mark.parametrize("name", METHODS)
 def test_weights_are_the_published_ones(name: str) -> None:
     loss = default_config(name).loss
-    terms = METHODS[name].TERMS
+    terms = method_class(name).TERMS
     set_here = {term: getattr(loss, term) for term in terms if getattr(loss, term)}
     assert set_here == WEIGHTS[name]
     assert loss.gan == ("hinge" if name in {"dclgan", "simdcl"} else "lsgan")

@@ -1,0 +1,29 @@
+"""The losses that compare a depth map with its truth, by the names of their weights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import TYPE_CHECKING, TypeAlias
+
+from torch import Tensor
+
+from depthcli.training.config.objective import PAIRED_LOSSES
+
+if TYPE_CHECKING:
+    from depthcli.training.config.objective import LossConfig
+
+PairedLoss: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
+"""Prediction and truth (B, 1, H, W), coded depth, and which pixels are known (B, 1, H, W) bool,
+None for all; to a scalar."""
+
+
+def paired_losses(weights: LossConfig) -> dict[str, PairedLoss]:
+    """Those with a weight, by its name."""
+    return {name: _loss(place) for name, place in PAIRED_LOSSES.items() if getattr(weights, name)}
+
+
+def _loss(place: str) -> PairedLoss:
+    module, _, function = place.partition(":")
+    found: PairedLoss = getattr(import_module(f"depthcli.training.losses.{module}"), function)
+    return found

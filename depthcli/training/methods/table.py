@@ -1,0 +1,12 @@
+"""The methods by name; it imports nothing, so that help texts and completion can list them."""
+
+METHODS = {
+    "cyclegan": "cyclegan:CycleGan",
+    "cut": "cut:Cut",
+    "fastcut": "cut:Cut",
+    "dclgan": "dclgan:DclGan",
+    "simdcl": "simdcl:SimDcl",
+    "hnegsrc": "hnegsrc:HnegSrc",
+    "proposed": "proposed:Proposed",
+}
+"""Name -> ``module:class``, in the order of the paper's Table I."""
