@@ -14,7 +14,7 @@ import typer
 from depthcli.cli import shell
 from depthcli.cli.table import COMMANDS
 from depthcli.errors import InputError
-from depthcli.jobs.batch.pictures import reason
+from depthcli.jobs.batch.task import reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -59,16 +58,6 @@ def test_what_is_no_row_is_none(line: bytes) -> None:
 )
 def test_somebody_else_s_json_is_none(line: bytes) -> None:
     assert parse_row(line) is None
-
-
-def test_what_a_row_holds_for() -> None:
-    found, outputs = row("a"), ["a.depth.png"]
-    assert found.holds(outputs, "3" * 64, ORIGIN)
-    assert not found.holds([*outputs, "a.depth.exr"], "3" * 64, ORIGIN)
-    assert not found.holds(outputs, "4" * 64, ORIGIN)
-    for change in ("options_sha256", "model", "model_sha256", "version"):
-        assert not found.holds(outputs, "3" * 64, replace(ORIGIN, **{change: "other"}))
-    assert not replace(found, status=FAILED).holds(outputs, "3" * 64, ORIGIN)
 
 
 def test_an_output_is_intact_until_it_changes(tmp_path: Path) -> None:

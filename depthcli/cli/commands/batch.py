@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -9,7 +11,7 @@ import typer
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.core.choices import Upsampling
-from depthcli.errors import UsageError
+from depthcli.errors import ExitCode, UsageError
 from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(rich_markup_mode=None)
 
-GPU_BATCH = 8
+STANDARD = "-"
 
 
 @app.command()
@@ -115,9 +117,9 @@ def batch(
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import writer_options
-    from depthcli.core.parallel.cores import usable_cores
+    from depthcli.core.parallel.cores import share_cores
 
-    looks = writer_options(
+    writing = writer_options(
         png_scale=png_scale,
         png_normalize=png_normalize,
         exr_channel=exr_channel,
@@ -134,33 +136,24 @@ def batch(
     refuse_unused(context, chosen, PICTURE_OPTIONS)
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     plan = _plan(folder, output, files, include or (), exclude or ())
-    cores = usable_cores()
-    at_once = workers or cores
-    threads = threads or max(1, cores // at_once)
-    loading = session_loader(model, provider, threads, provider_option).start()
-    from depthcli.cli.screen.batch import Voice
-    from depthcli.core.picture_limit import PictureLimit
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.jobs.batch.recipe import Recipe
+    at_once, threads = share_cores(workers, threads)
+    loader = session_loader(model, provider, threads, provider_option)
+    loading = loader.start()
+    from depthcli.cli.screen.batch import Report, tell_forecasts
+    from depthcli.jobs.batch.options import BatchOptions, BatchRequest
+
+    wanted = BatchOptions(tuple(dict.fromkeys(chosen)), writing, camera, detail, max_pixels)
+    request = BatchRequest(plan, wanted, loader, at_once, batch_size)
+    if dry_run:
+        from depthcli.jobs.batch.forecast import forecast
+
+        tell_forecasts(forecast(request, loading.result()), plan, as_json=as_json)
+        return ExitCode.OK
     from depthcli.jobs.batch.run import Batch
 
-    limit = PictureLimit(max_pixels, detail)
-    recipe = Recipe(
-        tuple(dict.fromkeys(chosen)), looks, camera, limit, tuple(provider_option or ())
-    )
-    pipeline = Pipeline(loading.result(), detail)
-    if dry_run:
-        from depthcli.jobs.batch.forecast import dry_run as say
-
-        return say(plan, recipe, pipeline, as_json=as_json)
-    return Batch(
-        plan=plan,
-        recipe=recipe,
-        pipeline=pipeline,
-        workers=at_once,
-        batch_size=batch_size or (1 if pipeline.session.provider == "cpu" else GPU_BATCH),
-        voice=Voice(as_json=as_json, quiet=quiet),
-    ).run()
+    job = Batch(request, loading.result())
+    Report(as_json=as_json, quiet=quiet).follow(job, plan)
+    return ExitCode.SOME_FAILED if job.tally.failures else ExitCode.OK
 
 
 def _plan(
@@ -177,7 +170,15 @@ def _plan(
         raise UsageError("name the folder for outputs: --out OUT")
     wanted = NameFilter.of(include, exclude)
     if files is not None:
-        return plan_files(files, folder or ".", output, wanted)
+        return plan_files(_read_list(files), files, folder or ".", output, wanted)
     if folder is None:
         raise UsageError("name a folder, or give --files with a list")
     return plan_folder(folder, output, wanted)
+
+
+def _read_list(source: str) -> bytes:
+    """The content of a list; ``-`` is standard input."""
+    try:
+        return sys.stdin.buffer.read() if source == STANDARD else Path(source).read_bytes()
+    except OSError as error:
+        raise UsageError(f"cannot read the list {source}: {error.strerror}") from error

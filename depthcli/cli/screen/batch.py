@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from contextlib import closing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
+from depthcli.cli.screen.progress import drawn
 from depthcli.core.text import one_line
 from depthcli.io.listing.skipped import summary
 from depthcli.jobs.batch.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
-    from depthcli.jobs.batch.pictures import Result
+    from depthcli.jobs.batch.forecast import Forecast
     from depthcli.jobs.batch.plan import Plan
+    from depthcli.jobs.batch.run import Batch
     from depthcli.jobs.batch.tally import Tally
+    from depthcli.jobs.batch.task import Result
 
 
-class Voice(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Report:
     """What is said, and where.
 
     Attributes:
@@ -28,20 +34,31 @@ class Voice(NamedTuple):
     as_json: bool
     quiet: bool
 
-    def warn(self, warnings: Iterable[str]) -> None:
-        """What is to be known of the whole batch."""
-        for warning in () if self.quiet else warnings:
+    def follow(self, batch: Batch, plan: Plan) -> None:
+        """Let a batch work, and tell what becomes of its inputs."""
+        for warning in () if self.quiet else batch.warnings:
             console.warn(warning)
+        try:
+            with drawn(silent=self.quiet or self.as_json) as progress, closing(batch):
+                stage = progress.begin("", batch.tally.total, "inputs")
+                for result in batch:
+                    self._tell(result)
+                    failed = len(batch.tally.failures)
+                    stage.note = f"{failed} failed" if failed else ""
+                    (stage.skip if result.is_kept else stage)(1)
+        finally:
+            for result in batch.late:
+                self._tell(result)
+            self._sum_up(plan, batch.tally)
 
-    def tell(self, result: Result) -> None:
-        """What became of one input."""
+    def _tell(self, result: Result) -> None:
         if self.as_json:
             console.out_json(result.row.as_json() | {"kept": result.is_kept})
         elif not self.quiet and not result.is_kept:
             for warning in result.row.warnings:
                 console.warn(f"{result.row.input}: {warning}")
 
-    def sum_up(self, plan: Plan, tally: Tally) -> None:
+    def _sum_up(self, plan: Plan, tally: Tally) -> None:
         """The failures, then what was done."""
         for name, reason in tally.failures:
             console.error(reason if name in reason else f"{name}: {reason}")
@@ -71,3 +88,30 @@ def _account(plan: Plan, tally: Tally) -> list[str]:
 
 def _speed(tally: Tally) -> str:
     return f"{tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s"
+
+
+def tell_forecasts(forecasts: Iterable[Forecast], plan: Plan, *, as_json: bool) -> None:
+    """What would become of each input, and how many there are of each fate."""
+    for warning in plan.warnings:
+        console.warn(warning)
+    counts = {"do": 0, "keep": 0, "fail": 0}
+    for one in forecasts:
+        counts[one.would] += 1
+        paths = [str(path) for path in one.outputs]
+        _tell_one(one.would, one.input, paths, one.error, as_json=as_json)
+    for file in plan.skipped:
+        _tell_one("skip", file.name, [], file.reason, as_json=as_json)
+    rest = f"; {summary(plan.skipped)}" if plan.skipped else ""
+    console.note(
+        f"would process {counts['do']}, keep {counts['keep']} already done, fail "
+        f"{counts['fail']}{rest}"
+    )
+
+
+def _tell_one(
+    what: str, name: str, outputs: Sequence[str], problem: str | None, *, as_json: bool
+) -> None:
+    if as_json:
+        console.out_json({"input": name, "would": what, "outputs": outputs, "error": problem})
+    else:
+        console.out(one_line(f"{what:<4}  {name} -> {problem or ', '.join(outputs)}"))

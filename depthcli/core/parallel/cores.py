@@ -10,3 +10,15 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def share_cores(workers: int | None = None, threads: int | None = None) -> tuple[int, int]:
+    """How many work at the same time, and how many threads each of them has.
+
+    Args:
+        workers: so many; None for one a core.
+        threads: so many; None for each worker's share of the cores.
+    """
+    cores = usable_cores()
+    workers = workers or cores
+    return workers, threads or max(1, cores // workers)

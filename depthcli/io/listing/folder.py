@@ -22,7 +22,7 @@ VIDEO_SUFFIXES = (
 _Identity: TypeAlias = tuple[int, int] | None
 
 
-class Found(NamedTuple):
+class InputFile(NamedTuple):
     """Something below a folder.
 
     Attributes:
@@ -45,7 +45,7 @@ class Listing(NamedTuple):
         loops: folders left out because they lead back to a folder that they are in.
     """
 
-    media: tuple[Found, ...]
+    media: tuple[InputFile, ...]
     skipped: tuple[Skipped, ...]
     loops: tuple[str, ...]
 
@@ -100,7 +100,7 @@ class _Walk:
         self.skipped: list[Skipped] = []
         self.loops: list[str] = []
 
-    def run(self, root: str) -> Iterator[Found]:
+    def run(self, root: str) -> Iterator[InputFile]:
         stack: list[tuple[str, str, tuple[_Identity, ...]]] = [(root, "", (_identity(root),))]
         while stack:
             folder, name, above = stack.pop()
@@ -109,7 +109,7 @@ class _Walk:
                     children = sorted(entries, key=lambda entry: os.fsencode(entry.name))
             except OSError as error:
                 reason = f"{folder} cannot be listed: {error.strerror}"
-                yield Found(name or ".", folder, reason)
+                yield InputFile(name or ".", folder, reason)
                 continue
             folders = []
             for child in children:
@@ -120,7 +120,7 @@ class _Walk:
                     continue
                 skipped = why_skipped(child.path)
                 if skipped is None:
-                    yield Found(child_name, child.path)
+                    yield InputFile(child_name, child.path)
                 else:
                     self.skipped.append(Skipped(child_name, skipped))
             stack.extend(reversed(folders))

@@ -53,6 +53,10 @@ class NameFilter(NamedTuple):
         return any(pattern.fullmatch(name) for pattern in self.exclude)
 
 
+ANY = NameFilter((), (), ())
+"""Every name."""
+
+
 def _compiled(pattern: str) -> re.Pattern[str]:
     trimmed = pattern.rstrip("/")
     anywhere = "" if "/" in trimmed else "(?:.*/)?"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from depthcli.io.listing.folder import Found
+from depthcli.io.listing.folder import InputFile
 
 
 def parse_list(data: bytes) -> list[str]:
@@ -18,7 +18,7 @@ def parse_list(data: bytes) -> list[str]:
     return list(dict.fromkeys(os.fsdecode(word) for word in words if word))
 
 
-def locate(words: list[str], root: str) -> tuple[Found, ...]:
+def locate(words: list[str], root: str) -> tuple[InputFile, ...]:
     """Listed paths, by their names below a folder.
 
     Args:
@@ -31,11 +31,11 @@ def locate(words: list[str], root: str) -> tuple[Found, ...]:
     """
     base = os.path.abspath(root)  # noqa: PTH100 - links stay as named
     start = max((root, ""), key=lambda folder: _existing(words, folder))
-    named: dict[str, Found] = {}
+    named: dict[str, InputFile] = {}
     for word in words:
         path = os.path.join(start, word)  # noqa: PTH118 - keeps "./" and names with any byte
         name = _name(os.path.abspath(path), base)  # noqa: PTH100
-        named.setdefault(name, Found(name, path))
+        named.setdefault(name, InputFile(name, path))
     return tuple(sorted(named.values(), key=lambda found: os.fsencode(found.name)))
 
 

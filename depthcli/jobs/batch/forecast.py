@@ -1,70 +1,80 @@
-"""What ``depthcli batch --dry-run`` says: what a batch would do, without a trace."""
+"""What a batch would do, without a trace."""
 
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
-from depthcli.cli.screen import console
-from depthcli.core.text import one_line
-from depthcli.errors import ExitCode, InputError
+from depthcli.errors import InputError
 from depthcli.io.listing.folder import is_video
-from depthcli.io.listing.skipped import summary
 from depthcli.io.pictures.decode import check
 from depthcli.jobs.batch.journal import known_rows
+from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.pictures import read_input
-from depthcli.jobs.batch.recipe import Targets
 from depthcli.jobs.batch.videos import checked_video
+from depthcli.jobs.batch.worker_spec import WorkerSpec
 
 if TYPE_CHECKING:
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.listing.folder import Found
-    from depthcli.jobs.batch.plan import Plan
-    from depthcli.jobs.batch.recipe import Recipe
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from depthcli.inference.session import Session
+    from depthcli.io.listing.folder import InputFile
+    from depthcli.jobs.batch.journal import Rows
+    from depthcli.jobs.batch.manifest import Origin
+    from depthcli.jobs.batch.options import BatchRequest
 
 
-def dry_run(plan: Plan, recipe: Recipe, pipeline: Pipeline, *, as_json: bool) -> int:
-    """Say what would become of each input. Inputs are read and outputs are checked.
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """What would become of an input.
 
-    Returns:
-        The exit code.
+    Attributes:
+        input: its name.
+        would: do it, keep what an earlier batch wrote, or fail.
+        outputs: the files of its outputs.
+        error: why it would fail; None if it would not.
     """
-    targets = Targets(plan, recipe, recipe.origin(pipeline), known_rows(plan.out))
-    targets.check_apart()
-    for warning in plan.warnings:
-        console.warn(warning)
-    counts = {"do": 0, "keep": 0, "fail": 0}
-    for found in plan.inputs:
-        what, problem = _verdict(targets, found)
-        counts[what] += 1
-        paths = [str(path) for path in targets.of(found).values()]
-        _tell(what, found.name, paths, problem, as_json=as_json)
-    for file in plan.skipped:
-        _tell("skip", file.name, [], file.reason, as_json=as_json)
-    rest = f"; {summary(plan.skipped)}" if plan.skipped else ""
-    console.note(
-        f"would process {counts['do']}, keep {counts['keep']} already done, fail "
-        f"{counts['fail']}{rest}"
-    )
-    return ExitCode.OK
+
+    input: str
+    would: Literal["do", "keep", "fail"]
+    outputs: tuple[Path, ...]
+    error: str | None = None
 
 
-def _tell(what: str, name: str, outputs: list[str], problem: str | None, *, as_json: bool) -> None:
-    if as_json:
-        console.out_json({"input": name, "would": what, "outputs": outputs, "error": problem})
-    else:
-        target = problem or ", ".join(outputs)
-        console.out(one_line(f"{what:<4}  {name} -> {target}"))
+def forecast(request: BatchRequest, session: Session) -> Iterator[Forecast]:
+    """What would become of each input, in their order; inputs are read for it.
+
+    Args:
+        request: the batch.
+        session: its model.
+
+    Raises:
+        UsageError: an output would replace an input.
+    """
+    plan, options = request.plan, request.options
+    outputs = OutputMap(plan, options.formats)
+    outputs.check_apart()
+    spec = WorkerSpec(request.model, session.model.sha256, options, plan.out)
+    origin, rows = spec.origin(session), known_rows(plan.out)
+    return (_forecast(file, request, outputs, rows, origin) for file in plan.inputs)
 
 
-def _verdict(targets: Targets, found: Found) -> tuple[str, str | None]:
+def _forecast(
+    file: InputFile, request: BatchRequest, outputs: OutputMap, rows: Rows, origin: Origin
+) -> Forecast:
+    paths = tuple(outputs.of(file).values())
     try:
-        if is_video(found.name):
-            sha256 = checked_video(found, targets)
+        if is_video(file.name):
+            video = outputs.video(file, rows)
+            sha256 = checked_video(video, request.options.camera)
+            kept = video.kept(request.plan.out, sha256, origin)
         else:
-            data = read_input(found)
-            check(data, found.path, targets.recipe.limit)
+            data = read_input(file)
+            check(data, file.path, request.options.limit)
             sha256 = hashlib.sha256(data).hexdigest()
+            kept = outputs.picture(file, rows).kept(request.plan.out, sha256, origin)
     except InputError as error:
-        return "fail", str(error)
-    return ("keep" if targets.kept(found, sha256) else "do"), None
+        return Forecast(file.name, "fail", paths, str(error))
+    return Forecast(file.name, "keep" if kept else "do", paths)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from depthcli.errors import OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
 MANIFEST_NAME = "manifest.jsonl"
@@ -95,11 +94,6 @@ class Row:
     def as_line(self) -> bytes:
         """One line; names with bytes that are not UTF-8 are escaped as Python does."""
         return json.dumps(self.as_json(), ensure_ascii=True).encode() + b"\n"
-
-    def holds(self, outputs: Sequence[str], input_sha256: str, origin: Origin) -> bool:
-        """Whether doing the input again could only give the same names."""
-        same = (self.status, self.input_sha256, self.origin) == (OK, input_sha256, origin)
-        return same and [file.path for file in self.outputs] == list(outputs)
 
 
 def parse_row(line: bytes) -> Row | None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from depthcli.errors import InputError, UsageError
-from depthcli.io.listing.folder import Found, is_video, list_folder
+from depthcli.io.listing.folder import InputFile, is_video, list_folder
+from depthcli.io.listing.globs import ANY, NameFilter
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.listing.path_list import locate, parse_list
 from depthcli.io.listing.skipped import (
@@ -24,12 +25,9 @@ from depthcli.jobs.tree_names import TreeNames
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from depthcli.io.listing.globs import NameFilter
 
-STANDARD = "-"
-
-
-class Plan(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Plan:
     """All inputs of a batch.
 
     Attributes:
@@ -42,7 +40,7 @@ class Plan(NamedTuple):
     """
 
     out: Path
-    inputs: tuple[Found, ...]
+    inputs: tuple[InputFile, ...]
     names: TreeNames
     skipped: tuple[Skipped, ...]
     loops: tuple[str, ...] = ()
@@ -58,12 +56,12 @@ class Plan(NamedTuple):
             yield unreadable
 
     @property
-    def pictures(self) -> Iterator[Found]:
+    def pictures(self) -> Iterator[InputFile]:
         """Everything but videos."""
         return (found for found in self.inputs if not is_video(found.name))
 
     @property
-    def videos(self) -> Iterator[Found]:
+    def videos(self) -> Iterator[InputFile]:
         """The videos."""
         return (found for found in self.inputs if is_video(found.name))
 
@@ -72,7 +70,7 @@ class Plan(NamedTuple):
         return {self.out, *((self.out / found.name).parent for found in self.inputs)}
 
 
-def plan_folder(root: str, out: str, wanted: NameFilter) -> Plan:
+def plan_folder(root: str, out: str, wanted: NameFilter = ANY) -> Plan:
     """Plan for all pictures and videos below a folder.
 
     Raises:
@@ -95,23 +93,20 @@ def plan_folder(root: str, out: str, wanted: NameFilter) -> Plan:
     return plan
 
 
-def plan_files(source: str, root: str, out: str, wanted: NameFilter) -> Plan:
+def plan_files(data: bytes, source: str, root: str, out: str, wanted: NameFilter = ANY) -> Plan:
     """Plan for listed files, whatever their suffix.
 
     Args:
-        source: a file with one path a line; ``-`` for standard input.
+        data: one path a line, or one before each NUL.
+        source: what messages call the list.
         root: the folder that listed paths start from, and whose tree is kept.
         out: the output folder.
         wanted: which names are taken.
 
     Raises:
-        UsageError: the list cannot be read, or the patterns leave nothing.
+        UsageError: the patterns leave nothing.
         InputError: it lists nothing but outputs of depthcli.
     """
-    try:
-        data = sys.stdin.buffer.read() if source == STANDARD else Path(source).read_bytes()
-    except OSError as error:
-        raise UsageError(f"cannot read the list {source}: {error.strerror}") from error
     listed = locate(parse_list(data), root)
     own = {found for found in listed if is_own_output(found.path)}
     pictures = [found for found in listed if found not in own]
@@ -125,8 +120,8 @@ def plan_files(source: str, root: str, out: str, wanted: NameFilter) -> Plan:
 
 
 def _divided(
-    media: Iterable[Found], wanted: NameFilter
-) -> tuple[tuple[Found, ...], tuple[Skipped, ...]]:
+    media: Iterable[InputFile], wanted: NameFilter
+) -> tuple[tuple[InputFile, ...], tuple[Skipped, ...]]:
     """Inputs, and what the patterns leave out."""
     inputs, unwanted = [], []
     for found in media:

@@ -1,124 +1,150 @@
-"""What ``depthcli batch`` does: all inputs by several workers, and an account of them."""
+"""What ``depthcli batch`` does: all inputs by an engine, and an account of them."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
 from contextlib import closing
 from itertools import islice
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from depthcli.cli.screen.progress import drawn
-from depthcli.core.parallel.opencv_threads import one_thread_each
-from depthcli.core.parallel.ordered_map import ordered_map
-from depthcli.errors import ExitCode
+from depthcli.core.parallel.cores import share_cores
+from depthcli.inference.providers import CPU
 from depthcli.io.opencv_log import silent_opencv
-from depthcli.jobs.batch.journal import Journal, known_rows, remove_leftovers
-from depthcli.jobs.batch.pictures import Worker
-from depthcli.jobs.batch.recipe import Targets
+from depthcli.jobs.batch.engines.threads import ThreadEngine
+from depthcli.jobs.batch.journal import Journal, remove_leftovers
+from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.tally import Tally
+from depthcli.jobs.batch.task import Result
+from depthcli.jobs.batch.worker_spec import WorkerSpec
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Iterator
+    from collections.abc import Generator, Sequence
 
-    from depthcli.cli.screen.batch import Voice
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.listing.folder import Found
-    from depthcli.jobs.batch.manifest import Origin
-    from depthcli.jobs.batch.pictures import Result
-    from depthcli.jobs.batch.plan import Plan
-    from depthcli.jobs.batch.recipe import Recipe
+    from depthcli.inference.session import Session
+    from depthcli.jobs.batch.engines.engine import Engine
+    from depthcli.jobs.batch.options import BatchRequest
+    from depthcli.jobs.batch.pictures import PictureTask
 
-_AHEAD = 64
-"""Chunks a worker may be ahead of one that takes long; they hold names only."""
+GPU_BATCH = 8
 
 
-class Batch(NamedTuple):
-    """One run of the command.
+class Batch(Iterator[Result]):
+    """A batch at work: what became of each input, pictures first, in the order of the plan.
+
+    A bad input never stops the others. The manifest is written when the last result was given, or
+    when the batch is closed; the same request goes on where an earlier one was stopped.
 
     Attributes:
-        plan: inputs and names.
-        recipe: options of the outputs.
-        pipeline: the model.
-        workers: pictures, or chunks of them, at the same time.
-        batch_size: pictures in one run of the network.
-        voice: what is said.
+        warnings: what is to be known of the whole batch, one line each.
+        tally: what became of the inputs so far.
+        late: results that were there when the batch was closed and that nobody had asked for.
     """
 
-    plan: Plan
-    recipe: Recipe
-    pipeline: Pipeline
-    workers: int
-    batch_size: int
-    voice: Voice
+    def __init__(
+        self,
+        request: BatchRequest,
+        session: Session | None = None,
+        engine: Engine | None = None,
+    ) -> None:
+        """Load the model and take the output folder.
 
-    def run(self) -> int:
-        """Work off all inputs; a bad one never stops the others.
+        Args:
+            request: what to do.
+            session: the request's model, where that is loaded already.
+            engine: what works off the pictures; None for threads of this process.
 
-        Returns:
-            The exit code.
+        Raises:
+            ModelError: the model cannot be used.
+            OutputError: the output folder cannot be written.
+            UsageError: the options do not fit the model or the inputs, or another batch writes
+                there.
+        """
+        plan, options = request.plan, request.options
+        self._workers, threads = share_cores(request.workers, request.model.threads)
+        model = dataclasses.replace(request.model, threads=threads)
+        self._session = session = session or model.load()
+        self._engine = engine or ThreadEngine(self._workers, session)
+        self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)
+        self._worker = self._spec.build(session)
+        self._worker.pipeline.check_focal(options.camera.focal_px, options.camera.hfov_deg)
+        self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
+        self._plan, self._outputs = plan, OutputMap(plan, options.formats)
+        self._outputs.check_apart()
+        self._journal: Journal | None = Journal(plan.out)
+        if self._journal.was_cut_short:
+            remove_leftovers(plan.folders())
+        self.warnings = (*plan.warnings, *session.warnings)
+        self.tally = Tally(len(plan.inputs))
+        self.late: tuple[Result, ...] = ()
+        self._recorded: dict[str, Result] = {}
+        self._results = self._run(self._journal)
+
+    def __next__(self) -> Result:
+        """What became of the next input.
 
         Raises:
             ModelError: the network fails on any picture.
-            OutputError: the output folder cannot be written.
-            UsageError: another batch writes there.
+            OutputError: the journal or the manifest cannot be written.
         """
-        camera = self.recipe.camera
-        self.pipeline.check_focal(camera.focal_px, camera.hfov_deg)
-        origin = self.recipe.origin(self.pipeline)
-        Targets(self.plan, self.recipe, origin, known_rows(self.plan.out)).check_apart()
-        journal = Journal(self.plan.out)
-        if journal.was_cut_short:
-            remove_leftovers(self.plan.folders())
-        tally = Tally(len(self.plan.inputs))
-        late: list[Result] = []
-        self.voice.warn((*self.plan.warnings, *self.pipeline.session.warnings))
+        return next(self._results)
+
+    def close(self) -> None:
+        """Stop, and write the manifest of what is done."""
+        self._results.close()
+        self._finish()  # a generator that never began has no end of its own
+
+    def _run(self, journal: Journal) -> Generator[Result, None, None]:
+        tasks = (self._outputs.picture(file, journal) for file in self._plan.pictures)
         try:
-            silent = self.voice.quiet or self.voice.as_json
             with (
                 silent_opencv(),
-                one_thread_each(self.workers),
-                drawn(silent=silent) as progress,
                 closing(
-                    self._results(origin, journal, late)
+                    self._engine.run(self._spec, _chunks(tasks, self._chunk), self._record)
                 ) as results,  # no worker outlives the journal
             ):
-                stage = progress.begin("", tally.total, "inputs")
                 for result in results:
-                    self._account(result, tally)
-                    stage.note = f"{len(tally.failures)} failed" if tally.failures else ""
-                    (stage.skip if result.is_kept else stage)(1)
+                    yield self._taken(result)
+                for result in self._videos(journal):
+                    yield self._taken(result)
         finally:
-            # First, because nobody may be left to be told.
-            journal.finish(found.name for found in self.plan.inputs)
-            for result in late:
-                self._account(result, tally)
-            self.voice.sum_up(self.plan, tally)
-        return ExitCode.SOME_FAILED if tally.failures else ExitCode.OK
+            self._finish()
 
-    def _account(self, result: Result, tally: Tally) -> None:
-        tally.add(result)
-        self.voice.tell(result)
+    def _videos(self, journal: Journal) -> Iterator[Result]:
+        files = list(self._plan.videos)
+        if not files:
+            return
+        from depthcli.jobs.batch.videos import VideoWorker  # it loads PyAV
 
-    def _results(
-        self, origin: Origin, journal: Journal, late: list[Result]
-    ) -> Generator[Result, None, None]:
-        """Results in order; those that come after an interruption are put into ``late``."""
-        targets = Targets(self.plan, self.recipe, origin, journal)
-        worker = Worker(targets, self.pipeline, journal)
-        chunks = _chunks(self.plan.pictures, self.batch_size)
-        ahead = _AHEAD * self.workers
-        with closing(
-            ordered_map(worker.work, chunks, workers=self.workers, ahead=ahead, late=late.extend)
-        ) as results:
-            for chunk in results:
-                yield from chunk
-        if any(True for _ in self.plan.videos):
-            from depthcli.jobs.batch.videos import VideoWorker
+        worker = VideoWorker(self._worker, self._workers)
+        for file in files:
+            result = worker.work(self._outputs.video(file, journal))
+            self._record((result,))
+            yield result
 
-            videos = VideoWorker(targets, self.pipeline, journal, self.workers)
-            yield from map(videos.work, self.plan.videos)
+    def _record(self, results: Sequence[Result]) -> None:
+        for result in results:
+            if not result.is_kept and self._journal is not None:
+                self._journal.add(result.row)
+            self._recorded[result.row.input] = result
+
+    def _taken(self, result: Result) -> Result:
+        del self._recorded[result.row.input]
+        self.tally.add(result)
+        return result
+
+    def _finish(self) -> None:
+        """Write the manifest, once."""
+        journal, self._journal = self._journal, None
+        if journal is None:
+            return
+        names = [file.name for file in self._plan.inputs]
+        journal.finish(names)
+        self.late = tuple(self._recorded[name] for name in names if name in self._recorded)
+        for result in self.late:
+            self.tally.add(result)
 
 
-def _chunks(inputs: Iterable[Found], size: int) -> Iterator[tuple[Found, ...]]:
-    remaining = iter(inputs)
-    while chunk := tuple(islice(remaining, size)):
+def _chunks(tasks: Iterator[PictureTask], size: int) -> Iterator[Sequence[PictureTask]]:
+    while chunk := tuple(islice(tasks, size)):
         yield chunk

@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from depthcli.jobs.batch.pictures import Result
+    from depthcli.jobs.batch.task import Result
 
 
 class Tally:

@@ -4,91 +4,76 @@ from __future__ import annotations
 
 import hashlib
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, TypeAlias
 
 from depthcli.errors import InputError
 from depthcli.io.video.formats import SEQUENCES, VideoFormat
 from depthcli.jobs.batch.manifest import FAILED, OK, Row, written
-from depthcli.jobs.batch.pictures import Result, blame, reason
+from depthcli.jobs.batch.task import Result, Task, check_network
 from depthcli.jobs.video.plan import VideoJob
 from depthcli.jobs.video.run import run_video
 from depthcli.jobs.video.stages import VideoSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.listing.folder import Found
-    from depthcli.jobs.batch.journal import Journal
-    from depthcli.jobs.batch.recipe import Targets
+    from depthcli.core.camera import Camera
+    from depthcli.jobs.batch.pictures import PictureWorker
+
+VideoTask: TypeAlias = Task[VideoFormat]
 
 
-class VideoWorker(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class VideoWorker:
     """Does videos.
 
     Attributes:
-        targets: the outputs to make.
-        pipeline: the model.
-        journal: where rows go.
+        pictures: the worker that does pictures with the same model and options.
         workers: frames at the same time.
     """
 
-    targets: Targets
-    pipeline: Pipeline
-    journal: Journal
+    pictures: PictureWorker
     workers: int
 
-    def work(self, found: Found) -> Result:
+    def work(self, task: VideoTask) -> Result:
         """Do one video.
 
         Raises:
             ModelError: the network fails on any picture.
-            OutputError: the journal cannot be written.
         """
-        start = time.perf_counter()
+        start_s = time.perf_counter()
         sha256 = None
+        origin = self.pictures.origin
         try:
-            sha256 = checked_video(found, self.targets)
-            kept = self.targets.kept(found, sha256)
-            if kept is not None:
-                return Result(kept, is_kept=True)
-            row = self._row(found, sha256)
+            sha256 = checked_video(task, self.pictures.options.camera)
+            row = task.kept(self.pictures.out, sha256, origin)
+            if row is not None:
+                return Result(row, is_kept=True)
+            return Result(self._row(task, sha256))
         except Exception as error:  # noqa: BLE001 - no file may stop the others
-            blame(error, self.pipeline)
-            row = Row(
-                input=found.name,
-                status=FAILED,
-                origin=self.targets.origin,
-                seconds=time.perf_counter() - start,
-                input_sha256=sha256,
-                error=reason(error),
-            )
-        self.journal.add(row)
-        return Result(row, is_kept=False)
+            check_network(error, self.pictures.pipeline.session)
+            return task.failed(error, origin, start_s, sha256)
 
-    def _row(self, found: Found, sha256: str) -> Row:
-        recipe, outputs = self.targets.recipe, self.targets.of_video(found)
-        folder = (self.targets.plan.out / found.name).parent
-        job = VideoJob(
-            found.name, Path(found.path), folder, {w: p.name for w, p in outputs.items()}
-        )
+    def _row(self, task: VideoTask, sha256: str) -> Row:
+        options, out = self.pictures.options, self.pictures.out
+        name = task.input.name
+        names = {which: path.name for which, path in task.outputs.items()}
+        job = VideoJob(name, Path(task.input.path), (out / name).parent, names)
         settings = VideoSettings(
-            looks=recipe.looks,
+            looks=options.writing,
             workers=self.workers,
-            focal_px=recipe.camera.focal_px,
-            hfov_deg=recipe.camera.hfov_deg,
-            limit=recipe.limit,
+            focal_px=options.camera.focal_px,
+            hfov_deg=options.camera.hfov_deg,
+            limit=options.limit,
         )
-        done = run_video(job, self.pipeline, settings)
-        files = tuple(
-            written(self.targets.plan.out, path) for path in _files(outputs, done.numbers)
-        )
+        done = run_video(job, self.pictures.pipeline, settings)
         return Row(
-            input=found.name,
+            input=name,
             status=FAILED if done.problem else OK,
-            origin=self.targets.origin,
-            outputs=files,
+            origin=self.pictures.origin,
+            outputs=tuple(written(out, path) for path in _files(task.outputs, done.numbers)),
             seconds=done.seconds,
             input_sha256=sha256,
             error=done.problem,
@@ -96,7 +81,7 @@ class VideoWorker(NamedTuple):
         )
 
 
-def _files(outputs: dict[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
+def _files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
     for which, path in outputs.items():
         if which not in SEQUENCES:
             yield path
@@ -106,16 +91,16 @@ def _files(outputs: dict[VideoFormat, Path], numbers: Sequence[int]) -> Iterator
             yield path.with_name(f"{start}{number:06d}{end}")
 
 
-def checked_video(found: Found, targets: Targets) -> str:
+def checked_video(task: VideoTask, camera: Camera) -> str:
     """Checksum of a video, which may not fit into memory.
 
     Raises:
         InputError: it cannot be read, or the options do not apply to videos.
     """
-    path = Path(found.path)
-    if not set(targets.of_video(found)) - {VideoFormat.JSON}:
+    path = Path(task.input.path)
+    if not set(task.outputs) - {VideoFormat.JSON}:
         raise InputError(f"{path} is a video, which this format cannot hold; add --format png16")
-    if targets.recipe.camera.anchors:
+    if camera.anchors:
         raise InputError(f"{path} is a video, to which --anchor does not apply")
     if not path.is_file():
         raise InputError(f"{path} is missing, or no file")

@@ -1,0 +1,56 @@
+"""A batch in the threads of this process, which share one model."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from depthcli.core.parallel.opencv_threads import one_thread_each
+from depthcli.core.parallel.ordered_map import ordered_map
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterable, Sequence
+
+    from depthcli.inference.session import Session
+    from depthcli.jobs.batch.pictures import PictureTask
+    from depthcli.jobs.batch.task import Result
+    from depthcli.jobs.batch.worker_spec import WorkerSpec
+
+_AHEAD = 64
+"""Chunks a worker may be ahead of one that takes long; they hold names only."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThreadEngine:
+    """An :class:`depthcli.jobs.batch.engines.engine.Engine`.
+
+    Attributes:
+        workers: chunks at the same time.
+        session: the model, where it is loaded already.
+    """
+
+    workers: int
+    session: Session | None = None
+
+    def run(
+        self,
+        spec: WorkerSpec,
+        chunks: Iterable[Sequence[PictureTask]],
+        record: Callable[[Sequence[Result]], None],
+    ) -> Generator[Result, None, None]:
+        """Work off chunks of pictures, as every engine does."""
+        worker = spec.build(self.session)
+
+        def work(chunk: Sequence[PictureTask]) -> list[Result]:
+            results = worker.work(chunk)
+            record(results)
+            return results
+
+        ahead = _AHEAD * self.workers
+        with (
+            one_thread_each(self.workers),
+            closing(ordered_map(work, chunks, workers=self.workers, ahead=ahead)) as done,
+        ):
+            for results in done:
+                yield from results

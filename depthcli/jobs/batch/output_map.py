@@ -1,0 +1,88 @@
+"""Where the outputs of each input go."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from depthcli.errors import UsageError
+from depthcli.io.listing.folder import is_video
+from depthcli.io.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
+from depthcli.io.writers.formats import FORMATS, Format
+from depthcli.jobs.batch.task import Task
+
+if TYPE_CHECKING:
+    from depthcli.io.listing.folder import InputFile
+    from depthcli.jobs.batch.journal import Rows
+    from depthcli.jobs.batch.plan import Plan
+
+
+@dataclass(frozen=True, slots=True)
+class OutputMap:
+    """The outputs that a batch is after.
+
+    Attributes:
+        plan: all inputs.
+        formats: what pictures get; videos get the counterparts.
+    """
+
+    plan: Plan
+    formats: tuple[Format, ...]
+
+    def check_apart(self) -> None:
+        """Refuse outputs that would replace inputs, which can lie side by side in a list.
+
+        Raises:
+            UsageError: one would.
+        """
+        out = os.path.realpath(self.plan.out)
+        inputs = {_place(Path(file.path)) for file in self.plan.inputs}
+        if not any(place.startswith(os.path.join(out, "")) for place in inputs):  # noqa: PTH118
+            return
+        for file in self.plan.inputs:
+            for path in self.of(file).values():
+                if _place(path) in inputs:
+                    raise UsageError(
+                        f"{path}, the output for {file.name}, is an input; choose another --out"
+                    )
+
+    def of(self, file: InputFile) -> dict[Format, Path] | dict[VideoFormat, Path]:
+        """Where the outputs of an input go."""
+        return self._of_video(file) if is_video(file.name) else self._of_picture(file)
+
+    def picture(self, file: InputFile, rows: Rows) -> Task[Format]:
+        """What is to be done for a picture, after what earlier batches did."""
+        outputs, row = self._of_picture(file), rows.row(file.name)
+        names = [path.relative_to(self.plan.out).as_posix() for path in outputs.values()]
+        has_names = row is not None and [file.path for file in row.outputs] == names
+        return Task(file, outputs, row if has_names else None)
+
+    def video(self, file: InputFile, rows: Rows) -> Task[VideoFormat]:
+        """What is to be done for a video, after what earlier batches did."""
+        row = rows.row(file.name)
+        # How many frames there are is known only once they are written.
+        start = f"{self.plan.names.base(file.name)}."
+        has_names = row is not None and all(file.path.startswith(start) for file in row.outputs)
+        return Task(file, self._of_video(file), row if has_names else None)
+
+    def _of_picture(self, file: InputFile) -> dict[Format, Path]:
+        base = self.plan.names.base(file.name)
+        return {which: self.plan.out / (base + FORMATS[which].suffix) for which in self.formats}
+
+    def _of_video(self, file: InputFile) -> dict[VideoFormat, Path]:
+        base = self.plan.names.base(file.name)
+        chosen = [COUNTERPARTS[which] for which in self.formats if which in COUNTERPARTS]
+        return {which: self.plan.out / (base + VIDEO_FORMATS[which].suffix) for which in chosen}
+
+
+def _place(path: Path) -> str:
+    """A file's own place: links to its folder are followed, one that it is itself is not."""
+    return os.path.join(_real_folder(path.parent), path.name)  # noqa: PTH118
+
+
+@lru_cache
+def _real_folder(folder: Path) -> str:
+    return os.path.realpath(folder)

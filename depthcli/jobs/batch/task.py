@@ -1,0 +1,105 @@
+"""What is to be done for one input, and what became of it; both can go to another process."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from depthcli.errors import DepthcliError, ModelError, is_out_of_memory
+from depthcli.inference.trial import try_session
+from depthcli.io.video.formats import VideoFormat
+from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.manifest import FAILED, OK, Row, is_intact
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from depthcli.inference.session import Session
+    from depthcli.io.listing.folder import InputFile
+    from depthcli.jobs.batch.manifest import Origin
+
+_Which = TypeVar("_Which", Format, VideoFormat)
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What became of an input.
+
+    Attributes:
+        row: its row in the manifest.
+        is_kept: whether the outputs of an earlier run were still right.
+    """
+
+    row: Row
+    is_kept: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Task(Generic[_Which]):
+    """One input.
+
+    Attributes:
+        input: the file.
+        outputs: where each format goes; a sequence's name holds ``%06d``.
+        earlier: the row of an earlier run, if its outputs have these names.
+    """
+
+    input: InputFile
+    outputs: Mapping[_Which, Path]
+    earlier: Row | None = None
+
+    def kept(self, out: Path, sha256: str, origin: Origin) -> Row | None:
+        """The earlier row, if doing the input again could only give the same.
+
+        Args:
+            out: the output folder.
+            sha256: checksum of the input.
+            origin: what its outputs would follow from.
+        """
+        row = self.earlier
+        if row is None or (row.status, row.input_sha256, row.origin) != (OK, sha256, origin):
+            return None
+        return row if all(is_intact(out, file) for file in row.outputs) else None
+
+    def failed(
+        self, error: Exception, origin: Origin, start_s: float, sha256: str | None
+    ) -> Result:
+        """The result of an input that an error stopped.
+
+        Args:
+            error: why.
+            origin: model and options.
+            start_s: when work on the input began, by ``time.perf_counter``.
+            sha256: checksum of the input; None if it could not be read.
+        """
+        seconds = time.perf_counter() - start_s
+        row = Row(
+            input=self.input.name,
+            status=FAILED,
+            origin=origin,
+            seconds=seconds,
+            input_sha256=sha256,
+            error=reason(error),
+        )
+        return Result(row)
+
+
+def check_network(error: Exception, session: Session) -> None:
+    """Do nothing if an error is the input's: a network that fails on one may do the next.
+
+    Raises:
+        ModelError: the network fails on a plain gray picture, too.
+    """
+    if isinstance(error, ModelError):
+        try_session(session)
+
+
+def reason(error: Exception) -> str:
+    """Why an input failed, in one line."""
+    if isinstance(error, DepthcliError):
+        return str(error)
+    if is_out_of_memory(error):
+        return "does not fit into memory; make it smaller"
+    return f"unexpected {type(error).__name__}: {error}"

@@ -1,0 +1,72 @@
+"""Everything that a worker is made of, in a form that can be sent anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from depthcli._version import __version__
+from depthcli.core.fingerprint import fingerprint
+from depthcli.errors import ModelError
+from depthcli.inference.pipeline import Pipeline
+from depthcli.jobs.batch.manifest import Origin
+from depthcli.jobs.batch.pictures import PictureWorker
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.inference.loading import SessionLoader
+    from depthcli.inference.session import Session
+    from depthcli.jobs.batch.options import BatchOptions
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerSpec:
+    """A worker to be: plain values that can be pickled.
+
+    Attributes:
+        model: which model, and what runs it.
+        model_sha256: checksum of the model's file, 64 hex digits; another one is refused.
+        options: how each input becomes its outputs.
+        out: the output folder.
+    """
+
+    model: SessionLoader
+    model_sha256: str
+    options: BatchOptions
+    out: Path
+
+    def build(self, session: Session | None = None) -> PictureWorker:
+        """The worker, in the process that calls this.
+
+        Args:
+            session: the model, where it is loaded already.
+
+        Raises:
+            ModelError: the model cannot be loaded here, or it is another one.
+            ProviderError: the provider that was named is not available.
+        """
+        session = session or self.model.load()
+        if session.model.sha256 != self.model_sha256:
+            raise ModelError(
+                f"{session.model.path} is not the model that this batch began with "
+                f"(sha256 {self.model_sha256}); copy that one here"
+            )
+        pipeline = Pipeline(session, self.options.detail)
+        return PictureWorker(self.options, self.out, self.origin(session), pipeline)
+
+    def origin(self, session: Session) -> Origin:
+        """What outputs follow from, besides their input, where this session makes them."""
+        loaded, options = session.model, self.options
+        # Providers differ in the last digits; threads, workers and batch sizes do not. What the
+        # card says decides as much as the weights do, and is no part of their file.
+        checksum = fingerprint(
+            options.formats,
+            options.writing,
+            options.camera,
+            replace(options.detail, use_bytes=0),  # it follows from formats and writing
+            session.provider,
+            self.model.provider_options,
+            (loaded.card.input, loaded.card.output, loaded.card.camera),
+        )
+        return Origin(checksum, loaded.card.name, loaded.sha256, __version__)

@@ -1,0 +1,225 @@
+"""A batch as a library call: nothing is printed, and its worker can be built anywhere."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+from contextlib import closing
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from tiny import synthetic_picture, write_model, write_picture
+from videos import write_mp4
+
+from depthcli.core.camera import Anchor, Camera
+from depthcli.core.choices import Detail, Upsampling
+from depthcli.errors import ModelError, UsageError
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.writers.formats import Format
+from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.batch.engines.threads import ThreadEngine
+from depthcli.jobs.batch.forecast import forecast
+from depthcli.jobs.batch.journal import known_rows
+from depthcli.jobs.batch.manifest import FAILED, OK, Origin, Row, written
+from depthcli.jobs.batch.options import BatchOptions, BatchRequest
+from depthcli.jobs.batch.output_map import OutputMap
+from depthcli.jobs.batch.plan import plan_files, plan_folder
+from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.task import Result, Task
+from depthcli.jobs.batch.worker_spec import WorkerSpec
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterable, Sequence
+    from pathlib import Path
+
+    from command_line import Cli
+
+    from depthcli.jobs.batch.pictures import PictureTask
+
+NAMES = ("a.png", "z.png", "hall/b.png")
+OPTIONS = BatchOptions(
+    (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON),
+    WriterOptions(png_scale=256.0, colormap="turbo", legend=True),
+    Camera(anchors=(Anchor(3, 4, 2.5),)),
+    Detail(Upsampling.BILINEAR),
+    10_000,
+)
+
+
+def request(folder: Path, out: str = "out", options: BatchOptions | None = None) -> BatchRequest:
+    """A batch of the pictures in the folder ``in``, by two workers."""
+    plan = plan_folder(str(folder / "in"), str(folder / out))
+    loader = SessionLoader(write_model(folder / "model", camera={"hfov_deg": 60.0}), "cpu")
+    return BatchRequest(plan, options or BatchOptions(), loader, workers=2)
+
+
+def pictures(folder: Path) -> None:
+    """Three pictures, no two alike."""
+    for number, name in enumerate(NAMES):
+        write_picture(folder / "in" / name, synthetic_picture(24, 32 + number))
+
+
+def outputs(folder: Path) -> dict[str, bytes]:
+    """All but the manifest, whose seconds differ."""
+    paths = (path for path in folder.rglob("*") if path.is_file())
+    found = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+    return {name: data for name, data in found.items() if name != "manifest.jsonl"}
+
+
+def build_and_work(spec: WorkerSpec, tasks: list[PictureTask]) -> list[Result]:
+    """What a worker does in a process that knows nothing else."""
+    return spec.build().work(tasks)
+
+
+def test_a_worker_is_built_in_another_process_and_gives_the_same_bytes(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    here, there = (request(tmp_path, out, OPTIONS) for out in ("here", "there"))
+    rows = [result.row for result in Batch(here)]
+    sha256 = here.model.load().model.sha256
+    spec = WorkerSpec(there.model, sha256, OPTIONS, there.plan.out)
+    maps = OutputMap(there.plan, OPTIONS.formats)
+    tasks = [maps.picture(file, known_rows(there.plan.out)) for file in there.plan.inputs]
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        results = pool.apply(build_and_work, (spec, tasks))  # pickled on the way
+    assert [replace(result.row, seconds=0) for result in results] == [
+        replace(row, seconds=0) for row in rows
+    ]
+    assert len(outputs(tmp_path / "there")) == 4 * len(NAMES)
+    assert outputs(tmp_path / "there") == outputs(tmp_path / "here")
+
+
+def test_a_worker_refuses_another_model(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    found = request(tmp_path)
+    spec = WorkerSpec(found.model, "0" * 64, found.options, found.plan.out)
+    with pytest.raises(ModelError, match="is not the model that this batch began with"):
+        spec.build()
+
+
+def test_a_library_s_batch_prints_nothing_and_gives_what_the_shell_gives(
+    cli: Cli, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pictures(cli.folder)
+    (cli.folder / "in" / "bad.png").write_bytes(b"")
+    write_mp4(cli.folder / "in" / "clip.mp4", [np.full((48, 64, 3), 90, np.uint8)] * 2)
+    batch = Batch(request(cli.folder))
+    results = list(batch)
+    assert capfd.readouterr() == ("", "")
+    assert [result.row.status for result in results] == [OK, FAILED, OK, OK, OK]
+    assert [name for name, _ in batch.tally.failures] == ["bad.png"]
+    model = str(cli.folder / "model")
+    done = cli(
+        "batch", str(cli.folder / "in"), "--out", "shell", "--model", model, "--provider", "cpu"
+    )
+    assert done.returncode == 1
+    assert outputs(cli.folder / "out") == outputs(cli.folder / "shell")
+    mine, theirs = (
+        [{**json.loads(line), "seconds": 0} for line in (cli.folder / out).open()]
+        for out in ("out/manifest.jsonl", "shell/manifest.jsonl")
+    )
+    assert mine == theirs
+
+
+def test_a_batch_that_is_left_goes_on(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    with closing(Batch(request(tmp_path))) as batch:
+        first = next(batch)
+    told = {first.row.input, *(result.row.input for result in batch.late)}
+    assert batch.tally.passed == len(told)
+    again = list(Batch(request(tmp_path)))
+    assert {result.row.input for result in again if result.is_kept} == told
+    assert [result.row.input for result in again] == list(NAMES)
+    assert all(result.is_kept for result in Batch(request(tmp_path)))
+    other = request(tmp_path, options=BatchOptions(writing=WriterOptions(png_scale=256.0)))
+    assert not any(result.is_kept for result in Batch(other))
+
+
+def test_a_batch_that_is_closed_before_it_begins_leaves_the_folder_to_others(
+    tmp_path: Path,
+) -> None:
+    pictures(tmp_path)
+    first = Batch(request(tmp_path))
+    with pytest.raises(UsageError, match="another batch is writing"):
+        Batch(request(tmp_path))
+    first.close()
+    assert first.late == ()
+    assert len(list(Batch(request(tmp_path)))) == len(NAMES)
+
+
+class LastFirst:
+    """An engine that does chunks from the last to the first, one by one."""
+
+    def run(
+        self,
+        spec: WorkerSpec,
+        chunks: Iterable[Sequence[PictureTask]],
+        record: Callable[[Sequence[Result]], None],
+    ) -> Generator[Result, None, None]:
+        """Work off chunks."""
+        worker = spec.build()
+        done = []
+        for chunk in reversed(list(chunks)):
+            done.append(worker.work(chunk))
+            record(done[-1])
+        for results in reversed(done):
+            yield from results
+
+
+def test_another_engine_gives_the_same(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    threads = list(Batch(request(tmp_path, "threads"), engine=ThreadEngine(1)))
+    own = list(Batch(request(tmp_path, "own"), engine=LastFirst()))
+    assert [result.row.input for result in own] == [result.row.input for result in threads]
+    assert outputs(tmp_path / "own") == outputs(tmp_path / "threads")
+
+
+def test_what_was_recorded_is_in_the_manifest_though_nobody_asked_for_it(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    with closing(Batch(request(tmp_path), engine=LastFirst())) as batch:
+        assert next(batch).row.input == NAMES[0]
+    assert [result.row.input for result in batch.late] == list(NAMES[1:])
+    assert batch.tally.done == len(NAMES)
+    lines = (tmp_path / "out" / "manifest.jsonl").read_text().splitlines()
+    assert [json.loads(line)["input"] for line in lines] == list(NAMES)
+
+
+def test_a_forecast_writes_nothing(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    found = request(tmp_path)
+    session = found.model.load()
+    assert {one.would for one in forecast(found, session)} == {"do"}
+    assert not (tmp_path / "out").exists()
+    list(Batch(found, session))
+    (tmp_path / "in" / "z.png").write_bytes(b"")
+    assert [one.would for one in forecast(found, session)] == ["keep", "fail", "keep"]
+
+
+def test_a_list_is_given_as_bytes(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    plan = plan_files(b"z.png\0a.png\0", "mine", str(tmp_path / "in"), str(tmp_path / "out"))
+    assert [file.name for file in plan.inputs] == ["a.png", "z.png"]
+
+
+ORIGIN = Origin("0" * 64, "tiny", "1" * 64, "1.0")
+
+
+def test_what_an_earlier_row_holds_for(tmp_path: Path) -> None:
+    path = tmp_path / "a.depth.png"
+    path.write_bytes(b"depth")
+    row = Row("a.png", OK, ORIGIN, (written(tmp_path, path),), 0.5, "3" * 64)
+    (tmp_path / "a.png").write_bytes(b"")
+    (file,) = plan_files(b"a.png", "mine", str(tmp_path), str(tmp_path / "out")).inputs
+
+    def kept(earlier: Row | None, sha256: str = "3" * 64, origin: Origin = ORIGIN) -> Row | None:
+        return Task(file, {Format.PNG16: path}, earlier).kept(tmp_path, sha256, origin)
+
+    assert kept(row) is row
+    assert kept(None) is None
+    assert kept(row, sha256="4" * 64) is None
+    for change in ("options_sha256", "model", "model_sha256", "version"):
+        assert kept(row, origin=replace(ORIGIN, **{change: "other"})) is None
+    assert kept(replace(row, status=FAILED)) is None
+    path.write_bytes(b"other")
+    assert kept(row) is None

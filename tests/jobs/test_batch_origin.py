@@ -1,0 +1,70 @@
+"""What a batch's outputs follow from."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING
+
+import pytest
+from tiny import write_model
+
+from depthcli.core.camera import Camera
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.writers.formats import Format
+from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.batch.options import BatchOptions
+from depthcli.jobs.batch.worker_spec import WorkerSpec
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.jobs.batch.manifest import Origin
+
+WRITING = WriterOptions()
+OPTIONS = BatchOptions()
+SETTINGS = {"a": "1", "b": "2"}
+
+
+def origin(
+    folder: Path,
+    options: BatchOptions = OPTIONS,
+    settings: dict[str, str] = SETTINGS,
+    **card: object,
+) -> Origin:
+    session = SessionLoader(write_model(folder / "model", **card)).load()
+    loader = SessionLoader(provider_options=settings)
+    return WorkerSpec(loader, session.model.sha256, options, folder).origin(session)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        BatchOptions(formats=(Format.PNG16, Format.NPY)),
+        BatchOptions(camera=Camera(300.0)),
+        *(
+            BatchOptions(writing=replace(WRITING, **{field.name: "other"}))
+            for field in fields(WRITING)
+        ),
+    ],
+)
+def test_every_option_of_the_outputs_counts(tmp_path: Path, changed: BatchOptions) -> None:
+    assert origin(tmp_path, changed).options_sha256 != origin(tmp_path).options_sha256
+
+
+@pytest.mark.parametrize("changed", [{"a": "1"}, {"a": "1", "b": "3"}])
+def test_options_of_the_provider_count(tmp_path: Path, changed: dict[str, str]) -> None:
+    assert origin(tmp_path, settings=changed) != origin(tmp_path)
+
+
+def test_the_order_of_the_provider_s_options_does_not(tmp_path: Path) -> None:
+    assert origin(tmp_path, settings={"b": "2", "a": "1"}) == origin(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "card",
+    [{"output__shift": 6.0}, {"input__mean": [0.4]}, {"camera": {"hfov_deg": 60.0}}],
+)
+def test_a_model_is_more_than_its_weights(tmp_path: Path, card: dict[str, object]) -> None:
+    before, after = origin(tmp_path), origin(tmp_path, **card)
+    assert before.model_sha256 == after.model_sha256
+    assert before != after
