@@ -26,16 +26,16 @@ from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.pipeline import load
 from depthcli.io.video.formats import VideoFormat
 from depthcli.io.video.source import VideoSource
-from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.video.outputs import open_output
 from depthcli.jobs.video.plan import plan_video
-from depthcli.jobs.video.stages import Reel, VideoSettings
+from depthcli.jobs.video.settings import VideoSettings
+from depthcli.jobs.video.stages import FrameStages
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
-LOOKS = WriterOptions()
 FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
 
 
@@ -63,22 +63,24 @@ def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
     """CPU seconds of all stages of a frame, each in its turn, the mean over a few frames."""
     cv2.setNumThreads(1)
     pipeline = load(threads=1, detail=Detail())
-    settings = VideoSettings(LOOKS, workers=0)
-    reel, stages = Reel(pipeline, settings), Stages()
-    job = plan_video(str(video), f"{folder}/", FORMATS)
+    settings = VideoSettings(workers=0)
+    work, stages = FrameStages(pipeline, settings), Stages()
+    plan = plan_video(str(video), f"{folder}/", FORMATS)
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
-            which: stack.enter_context(job.open(which, settings.looks, source, source.rate))
+            which: stack.enter_context(
+                open_output(which, plan, settings.writing, source, source.rate)
+            )
             for which in FORMATS
         }
         taken = source.frames()
-        reel.see(next(taken))
+        work.predict(next(taken))
         for _ in range(frames):
             frame = stages("decode", next, taken)
-            seen = stages("predict", reel.see, frame)
-            shot = stages("over time", next, reel.steady([seen]))
+            predicted = stages("predict", work.predict, frame)
+            smoothed = stages("over time", next, work.smooth([predicted]))
             for which, output in outputs.items():
-                part = stages(f"prepare {which}", output.encode, shot)
+                part = stages(f"prepare {which}", output.encode, smoothed)
                 stages(f"encode {which}", output.append, part)
         for which, output in outputs.items():
             stages(f"encode {which}", output.finish)

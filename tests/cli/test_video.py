@@ -26,7 +26,7 @@ from depthcli.io.video.depth import DepthVideo
 from depthcli.io.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat
 from depthcli.io.video.source import VideoSource
 from depthcli.io.video.spans import Point, Span
-from depthcli.jobs.video.plan import choose_formats, plan_video
+from depthcli.jobs.video.plan import plan_video, video_formats
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -464,7 +464,7 @@ def test_names_of_outputs(tmp_path: Path) -> None:
         VideoFormat.PNG16: "b.depth.%06d.png",
     }
     assert plan_video("a.mov", str(tmp_path), formats).folder == tmp_path
-    assert choose_formats("frames", ()) == (VideoFormat.MKV, VideoFormat.MP4)
+    assert video_formats("frames", ()) == (VideoFormat.MKV, VideoFormat.MP4)
     assert set(VIDEO_FORMATS) == set(VideoFormat)
 
 

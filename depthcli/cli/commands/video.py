@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,9 +10,12 @@ from depthcli.cli.arguments import options
 from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.arguments.numbers import not_negative
 from depthcli.core.choices import Upsampling
-from depthcli.errors import UsageError
+from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.io.video.codecs import PreviewCodec
 from depthcli.io.video.formats import VideoFormat
+
+if TYPE_CHECKING:
+    from depthcli.jobs.video.result import VideoDone
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -150,10 +153,14 @@ def video(
     from depthcli.cli.arguments.span import parse_fps, parse_span
     from depthcli.cli.arguments.unused import VIDEO_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import writer_options
-    from depthcli.core.parallel.cores import usable_cores
-    from depthcli.jobs.video.plan import choose_formats, plan_video
+    from depthcli.cli.screen.progress import drawn
+    from depthcli.core.parallel.cores import share_cores
+    from depthcli.jobs.failed import Failed
+    from depthcli.jobs.video import run as job
+    from depthcli.jobs.video.plan import video_formats
+    from depthcli.jobs.video.settings import VideoSettings
 
-    looks = writer_options(
+    writing = writer_options(
         png_scale=png_scale,
         png_normalize=png_normalize,
         exr_channel=exr_channel,
@@ -165,33 +172,40 @@ def video(
         legend=legend,
         side_by_side=side_by_side,
     )
-    choose_camera(focal_px, hfov, None)
-    span = parse_span(start, end, every)
-    rate = parse_fps(fps, file)
-    chosen = choose_formats(output, formats or ())
+    chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
     refuse_unused(context, chosen, VIDEO_OPTIONS)
-    detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
-    job = plan_video(file, output, chosen, sidecar=sidecar, codec=codec, has_sound=audio)
-    cores = usable_cores()
-    at_once = workers or cores
-    share = threads or max(1, cores // at_once)
-    loading = session_loader(model, provider, share, provider_option).start()
-    from depthcli.cli.screen.video import run_and_tell
-    from depthcli.core.picture_limit import PictureLimit
-    from depthcli.jobs.video.stages import VideoSettings
-
-    settings = VideoSettings(
-        looks=looks,
-        workers=at_once,
-        span=span,
-        smooth_s=smooth,
-        lock_s=lock,
-        focal_px=focal_px,
-        hfov_deg=hfov,
-        limit=PictureLimit(max_pixels, detail),
-        fps=rate,
-        start_number=start_number,
+    at_once, share = share_cores(workers, threads)
+    request = job.VideoRequest(
+        video=file,
+        output=output,
+        formats=chosen,
+        sidecar=sidecar,
+        codec=codec,
+        has_sound=audio,
+        model=session_loader(model, provider, share, provider_option),
+        settings=VideoSettings(
+            writing=writing,
+            workers=at_once,
+            span=parse_span(start, end, every),
+            smooth_s=smooth,
+            lock_s=lock,
+            camera=choose_camera(focal_px, hfov, None),
+            detail=choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side),
+            max_pixels=max_pixels,
+            fps=parse_fps(fps, file),
+            start_number=start_number,
+        ),
     )
-    return run_and_tell(job, loading, settings, detail, as_json=as_json, quiet=quiet)
+    result: VideoDone | Failed
+    try:
+        with drawn(silent=quiet or as_json) as progress:
+            result = job.video(request, progress)
+    except (InputError, OutputError) as error:
+        result = Failed(file, error)
+    from depthcli.cli.screen.video import tell  # what it needs is there by now
+
+    tell(result, as_json=as_json, quiet=quiet)
+    is_whole = not isinstance(result, Failed) and result.problem is None
+    return ExitCode.OK if is_whole else ExitCode.SOME_FAILED

@@ -1,4 +1,4 @@
-"""Running one video and saying what became of it."""
+"""What is said of a video, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -6,56 +6,61 @@ from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
 from depthcli.cli.screen.predict import tell_failed
-from depthcli.cli.screen.progress import drawn
-from depthcli.errors import ExitCode, InputError, OutputError
-from depthcli.inference.pipeline import Pipeline
+from depthcli.core.text import one_line
 from depthcli.jobs.failed import Failed
-from depthcli.jobs.video.run import run_video
 
 if TYPE_CHECKING:
-    from depthcli.core.choices import Detail
-    from depthcli.core.parallel.background import Background
-    from depthcli.inference.session import Session
-    from depthcli.jobs.video.plan import VideoJob
     from depthcli.jobs.video.result import VideoDone
-    from depthcli.jobs.video.stages import VideoSettings
 
 
-def run_and_tell(
-    job: VideoJob,
-    loading: Background[Session],
-    settings: VideoSettings,
-    detail: Detail,
-    *,
-    as_json: bool,
-    quiet: bool,
-) -> int:
-    """Run a video to its end.
+def tell(result: VideoDone | Failed, *, as_json: bool, quiet: bool) -> None:
+    """Say what became of a video.
 
-    Returns:
-        The exit code.
-
-    Raises:
-        ModelError: the model cannot be used.
-        UsageError: the options do not fit the model.
+    Args:
+        result: that.
+        as_json: one JSON object in place of text.
+        quiet: errors only.
     """
-    pipeline = Pipeline(loading.result(), detail)
-    try:
-        with drawn(silent=quiet or as_json) as progress:
-            done = run_video(job, pipeline, settings, progress)
-    except (InputError, OutputError) as error:
-        tell_failed(Failed(job.name, error), as_json=as_json)
-        return ExitCode.SOME_FAILED
-    _tell(done, as_json=as_json, quiet=quiet)
-    return ExitCode.SOME_FAILED if done.problem else ExitCode.OK
-
-
-def _tell(done: VideoDone, *, as_json: bool, quiet: bool) -> None:
+    if isinstance(result, Failed):
+        tell_failed(result, as_json=as_json)
+        return
     if as_json:
-        console.out_json(done.as_json())
+        console.out_json(json_of(result))
     elif not quiet:
-        console.out(done.as_text())
-        for warning in done.warnings:
-            console.warn(f"{done.name}: {warning}")
-    if done.problem:
-        console.error(f"{done.name}: {done.problem}; the {done.frames} frames read are written")
+        console.out(text_of(result))
+        for warning in result.warnings:
+            console.warn(f"{result.name}: {warning}")
+    if result.problem:
+        written = f"the {result.frames} frames read are written"
+        console.error(f"{result.name}: {result.problem}; {written}")
+
+
+def json_of(done: VideoDone) -> dict[str, object]:
+    """The object of ``--json``."""
+    return {
+        "input": done.name,
+        "status": "incomplete" if done.problem else "ok",
+        "outputs": list(done.outputs),
+        **done.facts(),
+        "provider": done.provider,
+        "seconds": round(done.seconds, 6),
+        "frames_per_second": round(done.frames / done.seconds, 3),
+        "warnings": list(done.warnings),
+        "error": done.problem,
+    }
+
+
+def text_of(done: VideoDone) -> str:
+    """One line: where the outputs are, how many frames, how steady, the camera."""
+    from depthcli.io.video.rates import rate_text
+    from depthcli.io.writers.facts import camera_words
+
+    files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
+    frames = "1 frame" if done.frames == 1 else f"{done.frames} frames"
+    flicker = "" if done.flicker is None else f", flicker {done.flicker:.2%} a frame"
+    before = done.flicker_unsmoothed
+    smoothed = "" if before is None else f" ({before:.2%} before smoothing)"
+    camera = camera_words(done.depth)
+    seen_by = f"  camera: {camera}" if camera else ""
+    speed = f"{frames} at {rate_text(done.rate)} fps in {done.seconds:.1f} s"
+    return f"{files}  {speed}{flicker}{smoothed}{seen_by}"

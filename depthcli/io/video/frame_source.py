@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from depthcli.io.pictures.decode import MAX_PIXELS
+from depthcli.core.choices import MAX_PIXELS
 from depthcli.io.video.number_pattern import is_pattern
 
 if TYPE_CHECKING:

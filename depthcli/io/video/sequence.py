@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import re
 from fractions import Fraction
-from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Self
 
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
-from depthcli.io.listing.folder import PICTURE_SUFFIXES
-from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.pictures.decode import MAX_PIXELS
 from depthcli.io.pictures.read import read_image
-from depthcli.io.video.number_pattern import NUMBER, is_pattern, numbered
 from depthcli.io.video.rates import rate_text
+from depthcli.io.video.sequence_files import EXR, find_pictures
 from depthcli.io.video.spans import WHOLE
 
 if TYPE_CHECKING:
@@ -25,23 +20,10 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from depthcli.core.picture_limit import PictureLimit
+    from depthcli.io.video.sequence_files import NumberedPicture
     from depthcli.io.video.spans import Span
 
 FALLBACK_RATE = Fraction(25)
-_EXR = ".exr"
-_LAST_NUMBER = re.compile(r"(.*?)(\d+)\D*", re.ASCII)
-
-
-class Numbered(NamedTuple):
-    """A picture of a sequence.
-
-    Attributes:
-        number: of the frame.
-        path: the file.
-    """
-
-    number: int
-    path: Path
 
 
 class ImageSequence:
@@ -97,10 +79,8 @@ class ImageSequence:
             (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 of EXR; ``index`` is the number
             in the file's name, and ``timestamp_s`` counts from the first picture of all.
         """
-        first = self.files[0].number
         lost = 0
-        times = ((file.number, (file.number - first) / self.rate) for file in self.files)
-        for file, is_wanted in zip(self.files, span.picks(times), strict=False):
+        for file, is_wanted in zip(self.files, span.picks(self._places()), strict=False):
             if not is_wanted:
                 continue
             try:
@@ -113,6 +93,10 @@ class ImageSequence:
                 self.problem = f"{file.path} has another size; the pictures before it are done"
                 return
             yield frame
+
+    def count(self, span: Span) -> int:
+        """How many pictures a span has."""
+        return sum(span.picks(self._places()))
 
     def close(self) -> None:
         """Do nothing; there is no file open."""
@@ -128,17 +112,23 @@ class ImageSequence:
     ) -> None:
         self.close()
 
-    def _read(self, file: Numbered) -> Frame:
-        if file.path.suffix.lower() == _EXR:
+    def _places(self) -> Iterator[tuple[int, Fraction]]:
+        """Number and time of each picture."""
+        return ((file.number, self._time_s(file)) for file in self.files)
+
+    def _time_s(self, file: NumberedPicture) -> Fraction:
+        return (file.number - self.files[0].number) / self.rate
+
+    def _read(self, file: NumberedPicture) -> Frame:
+        if file.path.suffix.lower() == EXR:
             picture = Frame(read_exr_picture(file.path, max_pixels=self._max_pixels), file.path)
         else:
             picture = read_image(file.path, max_pixels=self._max_pixels)
-        time_s = float((file.number - self.files[0].number) / self.rate)
         return Frame(
             picture.pixels,
             file.path,
             file.number,
-            time_s,
+            float(self._time_s(file)),
             orientation=picture.orientation,
             focal_35mm=picture.focal_35mm,
         )
@@ -149,49 +139,3 @@ class ImageSequence:
         missing = self.files[-1].number - self.files[0].number + 1 - len(self.files)
         if missing:
             yield f"{missing} numbers of the sequence are missing; the others keep their times"
-
-
-def find_pictures(path: Path) -> list[Numbered]:
-    """The pictures of a sequence, in their order.
-
-    Args:
-        path: a pattern, or a folder whose pictures are taken in the order of their names, but for
-            what depthcli wrote. Their last number counts if it grows; else they count from 0.
-
-    Raises:
-        InputError: there is no such folder, or nothing in it.
-    """
-    folder = path.parent if is_pattern(path.name) else path
-    try:
-        names = sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
-    except OSError as error:
-        raise InputError(f"{folder} cannot be listed: {error.strerror}") from None
-    if folder is path:
-        found = _by_name(folder, names)
-    else:
-        found = sorted(
-            Numbered(number, folder / name)
-            for name in names
-            if (number := numbered(path.name, name)) is not None
-        )
-    if not found:
-        what = "no picture" if folder is path else "no such picture: nothing fits the pattern"
-        raise InputError(f"{path} has {what}; see docs/video.md for image sequences")
-    return found
-
-
-def _by_name(folder: Path, names: list[str]) -> list[Numbered]:
-    paths = [
-        folder / name
-        for name in names
-        if not name.startswith(".")
-        and os.path.splitext(name)[1].lower() in (*PICTURE_SUFFIXES, _EXR)  # noqa: PTH122
-        and not is_own_output(str(folder / name))
-    ]
-    matches = [_LAST_NUMBER.fullmatch(path.stem) for path in paths]
-    numbers = [int(match[2]) for match in matches if match and len(match[2]) <= NUMBER]
-    grows = len(numbers) == len(paths) and all(a < b for a, b in pairwise(numbers))
-    return [
-        Numbered(number, path)
-        for number, path in zip(numbers if grows else range(len(paths)), paths, strict=True)
-    ]

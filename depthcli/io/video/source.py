@@ -122,6 +122,12 @@ class VideoSource:
                 orientation=self._orientation,
             )
 
+    def count(self, span: Span) -> int | None:
+        """How many frames a span has, by what the file says; None if it does not say."""
+        if self.frames_stated is None:
+            return None
+        return span.count(self.frames_stated, self.rate)
+
     def close(self) -> None:
         """Let the file go."""
         self._container.close()

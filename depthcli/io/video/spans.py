@@ -44,15 +44,14 @@ class Span:
             return rate / self.every.value
         return min(rate, 1 / self.every.value)
 
-    def count(self, frames: int, rate: Fraction, number: int = 0) -> int:
+    def count(self, frames: int, rate: Fraction) -> int:
         """How many frames are picked from a video of evenly spaced ones.
 
         Args:
             frames: how many there are.
             rate: frames a second.
-            number: of the first.
         """
-        start, end = (self._frame(point, rate, number) for point in (self.start, self.end))
+        start, end = (self._frame(point, rate) for point in (self.start, self.end))
         last = frames if end is None else min(frames, -(-end // 1))
         first = -(-(start or Fraction(0)) // 1)
         step = max(Fraction(1), self._frame(self.every, rate) or Fraction(1))
@@ -78,11 +77,11 @@ class Span:
             yield True
 
     @staticmethod
-    def _frame(point: Point | None, rate: Fraction, number: int = 0) -> Fraction | None:
-        """How many frames behind the first one, whose number is given, a point is."""
+    def _frame(point: Point | None, rate: Fraction) -> Fraction | None:
+        """How many frames behind the first one a point is."""
         if point is None:
             return None
-        return max(Fraction(0), point.value - number) if point.in_frames else point.value * rate
+        return point.value if point.in_frames else point.value * rate
 
 
 WHOLE = Span()

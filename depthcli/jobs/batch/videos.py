@@ -12,9 +12,9 @@ from depthcli.errors import InputError
 from depthcli.io.video.formats import SEQUENCES, VideoFormat
 from depthcli.jobs.batch.manifest import FAILED, OK, Row, written
 from depthcli.jobs.batch.task import Result, Task, check_network
-from depthcli.jobs.video.plan import VideoJob
-from depthcli.jobs.video.run import run_video
-from depthcli.jobs.video.stages import VideoSettings
+from depthcli.jobs.video.plan import VideoPlan
+from depthcli.jobs.video.settings import VideoSettings
+from depthcli.jobs.video.write import write_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -60,15 +60,15 @@ class VideoWorker:
         options, out = self.pictures.options, self.pictures.out
         name = task.input.name
         names = {which: path.name for which, path in task.outputs.items()}
-        job = VideoJob(name, Path(task.input.path), (out / name).parent, names)
+        plan = VideoPlan(name, Path(task.input.path), (out / name).parent, names)
         settings = VideoSettings(
-            looks=options.writing,
+            writing=options.writing,
             workers=self.workers,
-            focal_px=options.camera.focal_px,
-            hfov_deg=options.camera.hfov_deg,
-            limit=options.limit,
+            camera=options.camera,
+            detail=options.detail,
+            max_pixels=options.max_pixels,
         )
-        done = run_video(job, self.pictures.pipeline, settings)
+        done = write_video(plan, self.pictures.pipeline, settings)
         return Row(
             input=name,
             status=FAILED if done.problem else OK,

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
-from functools import partial
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
 from depthcli.io.video.codecs import Codec, PreviewCodec, preview_codec
@@ -17,23 +16,17 @@ from depthcli.io.video.formats import (
     video_format_of,
 )
 from depthcli.io.video.frame_source import is_sequence
-from depthcli.io.video.number_pattern import is_pattern, number_name, without_number
+from depthcli.io.video.number_pattern import is_pattern, without_number
 from depthcli.jobs.naming import is_folder, output_bases
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from contextlib import AbstractContextManager
-    from fractions import Fraction
-
-    from depthcli.io.video.output import VideoOutput
-    from depthcli.io.video.sequence import ImageSequence
-    from depthcli.io.video.source import VideoSource
-    from depthcli.io.writers.options import WriterOptions
+    from collections.abc import Mapping, Sequence
 
 DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
 
 
-class VideoJob(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class VideoPlan:
     """One video and its outputs.
 
     Attributes:
@@ -48,56 +41,16 @@ class VideoJob(NamedTuple):
     name: str
     source: Path
     folder: Path
-    names: dict[VideoFormat, str]
-    codecs: dict[VideoFormat, Codec] = {}  # noqa: RUF012 - never changed
+    names: Mapping[VideoFormat, str]
+    codecs: Mapping[VideoFormat, Codec] = field(default_factory=dict)
     has_sound: bool = True
 
     def path(self, which: VideoFormat) -> Path:
         """Where a format goes."""
         return self.folder / self.names[which]
 
-    def open(
-        self,
-        which: VideoFormat,
-        looks: WriterOptions,
-        source: VideoSource | ImageSequence,
-        rate: Fraction,
-    ) -> AbstractContextManager[VideoOutput]:
-        """The output of one format, with nothing written yet.
 
-        Args:
-            which: the format.
-            looks: options of the formats.
-            source: what is read.
-            rate: frames a second of the output.
-        """
-        from depthcli.io.video.depth_output import depth_video
-        from depthcli.io.video.frame_source import files_of
-        from depthcli.io.video.preview_output import preview_video
-        from depthcli.io.video.rates import Timing
-        from depthcli.io.video.sequence_output import SequenceOutput
-        from depthcli.io.video.sound import Sound
-        from depthcli.io.writers.preview import PreviewWriter
-
-        inputs, timing = files_of(source), Timing(rate, source.tick_s)
-        if which is VideoFormat.MKV:
-            return depth_video(self.path(which), timing, looks.png_scale, inputs)
-        picture = VIDEO_FORMATS[which].picture
-        if picture is None:
-            raise ValueError(which)
-        writer = looks.writer(picture)
-        if isinstance(writer, PreviewWriter):
-            path = self.path(which)
-            codec = self.codecs.get(which) or preview_codec(path.suffix.lower(), None)
-            sound = None
-            if self.has_sound and source.start_s is not None:
-                sound = Sound(self.source, source.start_s)
-            return preview_video(path, timing, writer, inputs, codec=codec, sound=sound)
-        name = partial(number_name, self.names[which])
-        return nullcontext(SequenceOutput(which.value, self.folder, name, writer, files_of(source)))
-
-
-def choose_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:
+def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:
     """What to write: what was asked for, else what the output's suffix says, else the default.
 
     Raises:
@@ -129,7 +82,7 @@ def plan_video(
     sidecar: bool = False,
     codec: PreviewCodec | None = None,
     has_sound: bool = True,
-) -> VideoJob:
+) -> VideoPlan:
     """Name every output before anything is read.
 
     Args:
@@ -157,11 +110,11 @@ def plan_video(
     else:
         folder = Path(output).parent
         names = _file_names(Path(output), formats, wanted)
-    job = VideoJob(name, source, folder, names, _codecs(names, codec), has_sound)
+    plan = VideoPlan(name, source, folder, names, _codecs(names, codec), has_sound)
     for which in names:
-        if _same(job.path(which), source):
-            raise UsageError(f"{job.path(which)} is the input; choose another --out")
-    return job
+        if _same(plan.path(which), source):
+            raise UsageError(f"{plan.path(which)} is the input; choose another --out")
+    return plan
 
 
 def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat:

@@ -1,13 +1,13 @@
-"""What became of a video, as text, as JSON and as a sidecar."""
+"""What became of a video."""
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from depthcli.core.text import one_line
 from depthcli.io.video.rates import rate_text
-from depthcli.io.writers.facts import SOFTWARE, Facts, camera_words
+from depthcli.io.writers.facts import SOFTWARE, Facts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
 
 
-class VideoDone(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class VideoDone:
     """A video whose outputs are all written.
 
     Attributes:
@@ -64,40 +65,8 @@ class VideoDone(NamedTuple):
         """How many were written."""
         return len(self.numbers)
 
-    def as_json(self) -> dict[str, object]:
-        """The object of ``--json``."""
-        return {
-            "input": self.name,
-            "status": "incomplete" if self.problem else "ok",
-            "outputs": list(self.outputs),
-            **self._facts(),
-            "provider": self.provider,
-            "seconds": round(self.seconds, 6),
-            "frames_per_second": round(self.frames / self.seconds, 3),
-            "warnings": list(self.warnings),
-            "error": self.problem,
-        }
-
-    def sidecar(self) -> str:
-        """The sidecar's text: what the outputs mean, the same for every run."""
-        facts = {"software": SOFTWARE, **self._facts()}
-        return json.dumps(facts, indent=2, allow_nan=False) + "\n"
-
-    def as_text(self) -> str:
-        """One line: where the outputs are, how many frames, how steady, the camera."""
-        names = ", ".join(one_line(name) for name in self.outputs)
-        flicker = "" if self.flicker is None else f", flicker {self.flicker:.2%} a frame"
-        before = self.flicker_unsmoothed
-        smoothed = "" if before is None else f" ({before:.2%} before smoothing)"
-        camera = camera_words(self.depth)
-        seen_by = f"  camera: {camera}" if camera else ""
-        frames = "1 frame" if self.frames == 1 else f"{self.frames} frames"
-        return (
-            f"{one_line(self.name)} -> {names}  {frames} at "
-            f"{rate_text(self.rate)} fps in {self.seconds:.1f} s{flicker}{smoothed}{seen_by}"
-        )
-
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
+        """What the outputs mean, the same for every run: the fields of JSON and sidecar."""
         depth, known = self.depth, Facts.of(self.depth)
         return {
             "frames": self.frames,
@@ -119,3 +88,8 @@ class VideoDone(NamedTuple):
             "lock_s": self.lock_s,
             **known.origin(),
         }
+
+    def sidecar(self) -> str:
+        """The sidecar's text: what the outputs mean, the same for every run."""
+        facts = {"software": SOFTWARE, **self.facts()}
+        return json.dumps(facts, indent=2, allow_nan=False) + "\n"

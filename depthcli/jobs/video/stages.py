@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from array import array
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.temporal import changes as temporal
 from depthcli.core.temporal.range_lock import RangeLock
 from depthcli.core.temporal.smoothing import (
@@ -20,58 +20,25 @@ from depthcli.core.temporal.smoothing import (
     to_steps,
 )
 from depthcli.core.types import DepthMap
-from depthcli.io.pictures.decode import MAX_PIXELS
 from depthcli.io.video.output import VideoFrame
-from depthcli.io.video.spans import WHOLE, Span
 from depthcli.io.writers.preview import percentiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from fractions import Fraction
 
     import numpy.typing as npt
 
     from depthcli.core.types import Frame
     from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.writers.options import WriterOptions
-
-LOCK_S = 1.0
-_LIMIT = PictureLimit(MAX_PIXELS)
+    from depthcli.jobs.video.settings import VideoSettings
 
 
-class VideoSettings(NamedTuple):
-    """Options of a run, the same for every video.
-
-    Attributes:
-        looks: options of the formats.
-        workers: threads beside the one that decodes and writes.
-        span: which frames.
-        smooth_s: time constant of the depth's smoothing in seconds; 0 for none.
-        lock_s: time constant of the preview's range; 0 for each frame's own.
-        focal_px: focal length in pixels of a frame.
-        hfov_deg: horizontal field of view in degrees.
-        limit: videos with larger frames are refused.
-        fps: frames a second of an image sequence; None for what it states.
-        start_number: of the first frame in names of files; None for its number in the input.
-    """
-
-    looks: WriterOptions
-    workers: int
-    span: Span = WHOLE
-    smooth_s: float = 0.0
-    lock_s: float = LOCK_S
-    focal_px: float | None = None
-    hfov_deg: float | None = None
-    limit: PictureLimit = _LIMIT
-    fps: Fraction | None = None
-    start_number: int | None = None
-
-
-class Seen(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class PredictedFrame:
     """A frame after the network, before anything that needs the frames around it.
 
     Attributes:
-        frame: the picture.
+        picture: what is seen.
         depth: its depth.
         guide: its brightness at a small size, (h, w) float32.
         steps: depth for smoothing, (H, W) float32 of ``to_steps``; None without smoothing.
@@ -80,7 +47,7 @@ class Seen(NamedTuple):
         is_kept: whether an earlier run wrote it.
     """
 
-    frame: Frame
+    picture: Frame
     depth: DepthMap
     guide: npt.NDArray[np.float32]
     steps: npt.NDArray[np.float32] | None
@@ -89,8 +56,8 @@ class Seen(NamedTuple):
     is_kept: bool = False
 
 
-class Reel:
-    """The state of a run between frames."""
+class FrameStages:
+    """What happens to each frame, and the state between frames."""
 
     def __init__(
         self,
@@ -118,50 +85,50 @@ class Reel:
         self.times_s = array("d")
         self.numbers = array("q")
 
-    def see(self, frame: Frame) -> Seen:
+    def predict(self, picture: Frame) -> PredictedFrame:
         """The network and all that looks at one frame alone; for any thread."""
-        settings = self._settings
+        camera = self._settings.camera
         # The first frame is always predicted, for what the report says of the model.
-        kept = self._kept(frame.index) if self.first else None
+        kept = self._kept(picture.index) if self.first else None
         depth = kept or self._pipeline.predict(
-            frame, focal_px=settings.focal_px, hfov_deg=settings.hfov_deg
+            picture, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
         )
-        guide = temporal.guide(frame.pixels)
+        guide = temporal.guide(picture.pixels)
         small = DepthMap(sample(depth.values, guide.shape), depth.kind)
-        steps = to_steps(depth) if settings.smooth_s else None
+        steps = to_steps(depth) if self._settings.smooth_s else None
         spread, is_kept = percentiles(small), kept is not None
-        return Seen(frame, depth, guide, steps, to_steps(small), spread, is_kept)
+        return PredictedFrame(picture, depth, guide, steps, to_steps(small), spread, is_kept)
 
-    def steady(self, frames: Iterable[Seen]) -> Iterator[VideoFrame]:
+    def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[VideoFrame]:
         """The part that needs the frames in order; cheap, for one thread."""
-        for seen in frames:
-            now_s = seen.frame.timestamp_s or 0.0
+        for frame in frames:
+            now_s = frame.picture.timestamp_s or 0.0
             interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
             self.times_s.append(now_s)
-            self.numbers.append(seen.frame.index or 0)
+            self.numbers.append(frame.picture.index or 0)
             if self.first is None:
-                alone = dataclasses.replace(seen.frame, pixels=np.zeros((1, 1), np.uint8))
-                self.first = (alone, seen.depth)
-            yield self._steadied(seen, interval_s)
+                alone = dataclasses.replace(frame.picture, pixels=np.zeros((1, 1), np.uint8))
+                self.first = (alone, frame.depth)
+            yield self._smoothed(frame, interval_s)
 
-    def _steadied(self, seen: Seen, interval_s: float) -> VideoFrame:
-        change = self._changes.step(seen.guide)
+    def _smoothed(self, frame: PredictedFrame, interval_s: float) -> VideoFrame:
+        change = self._changes.step(frame.guide)
         self.scenes += change.is_cut
         kept = kept_share(interval_s, self._settings.lock_s)
-        spread = self._lock.step(*seen.spread, kept, is_cut=change.is_cut)
-        self.raw.step(seen.sampled, change)
-        depth = seen.depth
-        if seen.steps is not None:
+        spread = self._lock.step(*frame.spread, kept, is_cut=change.is_cut)
+        self.raw.step(frame.sampled, change)
+        depth = frame.depth
+        if frame.steps is not None:
             kept = kept_share(interval_s, self._settings.smooth_s)
-            steps = self._smoother.step(seen.steps, change, kept)
-            self.smoothed.step(sample(steps, seen.guide.shape), change)
+            steps = self._smoother.step(frame.steps, change, kept)
+            self.smoothed.step(sample(steps, frame.guide.shape), change)
             depth = dataclasses.replace(depth, values=steps)
-        return VideoFrame(seen.frame, depth, spread, seen.is_kept)
+        return VideoFrame(frame.picture, depth, spread, frame.is_kept)
 
-    def depth_of(self, shot: VideoFrame) -> VideoFrame:
+    def restore(self, frame: VideoFrame) -> VideoFrame:
         """Depth from what the smoother left; for any thread."""
         if not self._settings.smooth_s:
-            return shot
-        depth = shot.depth
+            return frame
+        depth = frame.depth
         values = from_steps(depth.values, depth.kind)
-        return dataclasses.replace(shot, depth=dataclasses.replace(depth, values=values))
+        return dataclasses.replace(frame, depth=dataclasses.replace(depth, values=values))

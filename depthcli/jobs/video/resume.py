@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli._version import __version__
+from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.video.formats import SEQUENCES, VideoFormat
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.video.sequence import ImageSequence
     from depthcli.io.video.source import VideoSource
-    from depthcli.jobs.video.plan import VideoJob
-    from depthcli.jobs.video.stages import VideoSettings
+    from depthcli.jobs.video.plan import VideoPlan
+    from depthcli.jobs.video.settings import VideoSettings
 
 _BEST_FIRST = (VideoFormat.EXR, VideoFormat.NPY, VideoFormat.PNG16)
 
 
-class Progress:
+class EarlierFrames:
     """Frames that an earlier run wrote, and those of this one.
 
     With a video file among the outputs, or smoothing over time, a frame follows from all before it,
     so that nothing of an earlier run is taken over.
     """
 
-    def __init__(self, job: VideoJob, journal: FrameJournal | None) -> None:
-        self._job = job
+    def __init__(self, plan: VideoPlan, journal: FrameJournal | None) -> None:
+        self._plan = plan
         self._journal = journal
-        self._formats = [which for which in _BEST_FIRST if which in job.names]
+        self._formats = [which for which in _BEST_FIRST if which in plan.names]
 
     def kept(self, number: int) -> DepthMap | None:
         """Depth of a frame whose files are all there; None if it is to be done."""
@@ -56,53 +56,52 @@ class Progress:
             self._journal.add(number)
 
     def _path(self, which: VideoFormat, number: int) -> Path:
-        return self._job.folder / number_name(self._job.names[which], number)
+        return self._plan.folder / number_name(self._plan.names[which], number)
 
 
 @contextmanager
-def progress_of(
-    job: VideoJob,
+def earlier_frames(
+    plan: VideoPlan,
     source: VideoSource | ImageSequence,
     pipeline: Pipeline,
     settings: VideoSettings,
-) -> Iterator[Progress]:
-    """What is done of a job already, and a place to note more.
+) -> Iterator[EarlierFrames]:
+    """What is done of a video already, and a place to note more.
 
     Raises:
         OutputError: the folder cannot be written to.
     """
-    if set(job.names) - {*SEQUENCES, VideoFormat.JSON} or settings.smooth_s:
-        yield Progress(job, None)
+    if set(plan.names) - {*SEQUENCES, VideoFormat.JSON} or settings.smooth_s:
+        yield EarlierFrames(plan, None)
         return
-    name = without_number(next(job.names[which] for which in SEQUENCES if which in job.names))
+    name = without_number(next(plan.names[which] for which in SEQUENCES if which in plan.names))
     try:
-        journal = FrameJournal(job.folder, name, _fingerprint(job, source, pipeline, settings))
+        journal = FrameJournal(plan.folder, name, _origin(plan, source, pipeline, settings))
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(
-            f"cannot write into {job.folder}: {reason}; choose another --out"
+            f"cannot write into {plan.folder}: {reason}; choose another --out"
         ) from error
     with journal:
-        yield Progress(job, journal)
+        yield EarlierFrames(plan, journal)
 
 
-def _fingerprint(
-    job: VideoJob,
+def _origin(
+    plan: VideoPlan,
     source: VideoSource | ImageSequence,
     pipeline: Pipeline,
     settings: VideoSettings,
 ) -> str:
     """Checksum of all that frames follow from."""
-    states = [(str(path), path.stat()) for path in files_of(source)]
+    states = [(path, path.stat()) for path in files_of(source)]
     card = pipeline.card
-    decisive = (
+    return fingerprint(
         __version__,
-        [(name, state.st_size, state.st_mtime_ns) for name, state in states],
-        sorted(job.names.items()),
+        [(path, state.st_size, state.st_mtime_ns) for path, state in states],
+        plan.names,
         pipeline.session.model.sha256,
         pipeline.session.provider,
         (card.input, card.output, card.camera),
         pipeline.detail,
-        settings._replace(workers=0),
+        (settings.writing, settings.camera, settings.span, settings.fps, settings.start_number),
     )
-    return hashlib.sha256(repr(decisive).encode("utf-8", "surrogateescape")).hexdigest()

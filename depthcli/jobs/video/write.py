@@ -1,0 +1,185 @@
+"""The frames of a planned video through the model, over time, and into their files."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from contextlib import ExitStack, closing
+from typing import TYPE_CHECKING, Any
+
+from depthcli.core.parallel.opencv_threads import one_thread_each
+from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.progress import NO_PROGRESS
+from depthcli.errors import InputError, OutputError
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.video.formats import VideoFormat
+from depthcli.io.video.frame_source import open_frames
+from depthcli.jobs.video.outputs import open_output
+from depthcli.jobs.video.result import VideoDone
+from depthcli.jobs.video.resume import earlier_frames
+from depthcli.jobs.video.stages import FrameStages
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterator, Sequence
+    from fractions import Fraction
+    from pathlib import Path
+
+    from depthcli.core.progress import Progress
+    from depthcli.core.types import DepthMap, Frame
+    from depthcli.inference.pipeline import Pipeline
+    from depthcli.io.video.output import VideoFrame, VideoOutput
+    from depthcli.io.video.sequence import ImageSequence
+    from depthcli.io.video.source import VideoSource
+    from depthcli.jobs.video.plan import VideoPlan
+    from depthcli.jobs.video.settings import VideoSettings
+
+_ON_GRID = 1e-6
+
+
+def write_video(
+    plan: VideoPlan,
+    pipeline: Pipeline,
+    settings: VideoSettings,
+    progress: Progress = NO_PROGRESS,
+) -> VideoDone:
+    """As :func:`depthcli.jobs.video.run.video`, with outputs that are named and a model in hand.
+
+    Raises:
+        InputError: the video cannot be read, or has no frame in the span.
+        OutputError: an output cannot be written.
+        ModelError: the network failed.
+        UsageError: the options do not fit the model.
+    """
+    start_s = time.perf_counter()
+    _refuse_folders(plan)
+    limit = PictureLimit(settings.max_pixels, settings.detail)
+    with (
+        open_frames(plan.source, rate=settings.fps, max_pixels=limit) as source,
+        ExitStack() as stack,
+    ):
+        rate = settings.span.rate(source.rate)
+        earlier = stack.enter_context(earlier_frames(plan, source, pipeline, settings))
+        outputs = [
+            stack.enter_context(open_output(which, plan, settings.writing, source, rate))
+            for which in plan.names
+            if which is not VideoFormat.JSON
+        ]
+        sidecar = _sidecar(plan, stack)
+        stages = FrameStages(pipeline, settings, earlier.kept)
+        advance = progress.begin(plan.name, source.count(settings.span), "frames")
+        # Closed before the outputs are: no thread may write into what is being removed.
+        with closing(_written(source, stages, outputs, settings)) as numbers:
+            for number in numbers:
+                earlier.add(number)
+                advance(1)
+        if stages.first is None:
+            raise InputError(_nothing(plan, source))
+        done = _done(plan, pipeline, settings, source, stages, stages.first)
+        warnings = [warning for output in outputs for warning in output.finish()]
+        if sidecar is not None:
+            sidecar.write_text(done.sidecar(), "utf-8")
+    seconds = time.perf_counter() - start_s
+    return dataclasses.replace(done, seconds=seconds, warnings=(*done.warnings, *warnings))
+
+
+def _refuse_folders(plan: VideoPlan) -> None:
+    for which in plan.names:
+        if plan.path(which).is_dir():
+            raise OutputError(
+                f"{plan.path(which)} is a folder; move it away or choose another --out"
+            )
+
+
+def _sidecar(plan: VideoPlan, stack: ExitStack) -> Path | None:
+    """Where the JSON is written before it appears; None if there is none."""
+    if VideoFormat.JSON not in plan.names:
+        return None
+    return stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), inputs=(plan.source,)))
+
+
+def _written(
+    source: VideoSource | ImageSequence,
+    stages: FrameStages,
+    outputs: Sequence[VideoOutput],
+    settings: VideoSettings,
+) -> Generator[int, None, None]:
+    """Take every frame through all stages, each stage a few frames ahead of the next.
+
+    Yields:
+        The number of each frame that is written.
+    """
+
+    def encoded(frame: VideoFrame) -> list[Any]:
+        whole = stages.restore(frame)
+        return [output.encode(whole) for output in outputs]
+
+    workers, frames = settings.workers, _numbered(source, settings)
+    with (
+        one_thread_each(workers),
+        closing(ordered_map(stages.predict, frames, workers=workers)) as predicted,
+        closing(ordered_map(encoded, stages.smooth(predicted), workers=workers)) as parts,
+    ):
+        for index, part in enumerate(parts):
+            for output, one in zip(outputs, part, strict=True):
+                output.append(one)
+            yield stages.numbers[index]
+
+
+def _numbered(source: VideoSource | ImageSequence, settings: VideoSettings) -> Iterator[Frame]:
+    """Frames with the rate and the numbers that their files will have."""
+    shift: int | None = None
+    rate = settings.span.rate(source.rate)
+    for frame in source.frames(settings.span):
+        if shift is None:
+            wanted = settings.start_number
+            shift = 0 if wanted is None else wanted - frame.index
+        yield dataclasses.replace(frame, index=frame.index + shift, rate=rate)
+
+
+def _done(
+    plan: VideoPlan,
+    pipeline: Pipeline,
+    settings: VideoSettings,
+    source: VideoSource | ImageSequence,
+    stages: FrameStages,
+    first: tuple[Frame, DepthMap],
+) -> VideoDone:
+    """What there is to say, but for the time and what the outputs warn of when they end."""
+    rate, smooths = settings.span.rate(source.rate), settings.smooth_s > 0
+    is_stretched = settings.writing.png_normalize and VideoFormat.PNG16 in plan.names
+    return VideoDone(
+        name=plan.name,
+        outputs=tuple(str(plan.path(which)) for which in plan.names),
+        numbers=stages.numbers,
+        rate=rate,
+        source_rate=source.rate,
+        is_regular=_is_regular(stages.times_s, rate),
+        first=first[0],
+        depth=first[1],
+        flicker=(stages.smoothed if smooths else stages.raw).value,
+        flicker_unsmoothed=stages.raw.value if smooths else None,
+        scenes=stages.scenes,
+        smooth_s=settings.smooth_s,
+        lock_s=settings.lock_s,
+        scale=None if is_stretched else settings.writing.png_scale,
+        provider=pipeline.session.provider,
+        seconds=0.0,
+        warnings=(*source.warnings, *pipeline.session.warnings),
+        problem=source.problem,
+    )
+
+
+def _is_regular(times_s: Sequence[float], rate: Fraction) -> bool:
+    """Whether all frames stand on the rate's grid."""
+    return all(abs((t - times_s[0]) * rate - i) < _ON_GRID for i, t in enumerate(times_s))
+
+
+def _nothing(plan: VideoPlan, source: VideoSource | ImageSequence) -> str:
+    if source.problem:
+        return f"{plan.name} has no frame that can be read: {source.problem}"
+    stated = source.frames_stated
+    length = (
+        "" if stated is None else f"; it has {stated} frames, {float(stated / source.rate):.3f} s"
+    )
+    return f"{plan.name} has no frame between --start and --end{length}"
