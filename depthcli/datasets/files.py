@@ -10,6 +10,9 @@ import cv2
 import numpy as np
 
 from depthcli.errors import DatasetError
+from depthcli.io.pictures.decode import MAX_FILE_BYTES, decoded
+from depthcli.io.pictures.ending import flaw
+from depthcli.io.storage.regular import read_regular
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -40,8 +43,7 @@ def read_depth_header(path: Path) -> DepthHeader:
         DatasetError: it is missing, not a PNG, has 8 bits, or has colour.
     """
     try:
-        with path.open("rb") as file:
-            head = file.read(26)
+        head = read_regular(path, MAX_FILE_BYTES, first=26)
     except OSError as error:
         raise DatasetError(f"cannot read {path}: {error.strerror}") from error
     if len(head) < 26 or not head.startswith(_PNG_SIGNATURE):  # noqa: PLR2004
@@ -80,11 +82,11 @@ def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
 
 def _decode(path: Path, flags: int) -> npt.NDArray[np.integer]:
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        data = read_regular(path, MAX_FILE_BYTES)
     except OSError as error:
         raise DatasetError(f"cannot read {path}: {error.strerror}") from error
     try:
-        pixels = cv2.imdecode(data, flags) if data.size else None
+        pixels = decoded(data, flags) if data and flaw(data) is None else None
     except cv2.error:
         pixels = None
     if pixels is None:

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 from depthcli.core.types import CameraSource, Provenance
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.png.text import read_text
+from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.facts import ORIGIN_FACTS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+_MAX_SIDECAR_BYTES = 2**20
 _PREFIX = "depthcli:"
 _FRAME_NUMBER = re.compile(r"\.\d{6,}$")
 _ORIENTATIONS = frozenset("12345678")
@@ -84,7 +86,7 @@ def sidecar_facts(path: Path) -> dict[str, object]:
 def _facts_in(path: Path) -> dict[str, object]:
     """Our own sidecar; empty if there is none."""
     try:
-        facts = json.loads(path.read_text("utf-8"))
+        facts = json.loads(read_regular(path, _MAX_SIDECAR_BYTES))
     except (OSError, ValueError, RecursionError):
         return {}
     if not (isinstance(facts, dict) and str(facts.get("software")).startswith("depthcli ")):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import cv2
@@ -11,8 +12,10 @@ from depthcli.core import choices
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.opencv_log import silent_opencv
+from depthcli.io.pictures.complaints import complaints
 from depthcli.io.pictures.ending import flaw
 from depthcli.io.pictures.size import picture_size
+from depthcli.io.storage.regular import read_regular
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,7 +23,15 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 MAX_PIXELS = choices.MAX_PIXELS
+MAX_FILE_BYTES = 2**32
+"""More than so many pixels take as float colours."""
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+# Where libjpeg says so, it made up pixels. Bytes too many before the end (0xd9) harm nothing.
+_LOST = re.compile(
+    rb"premature end|bad Huffman code|bad arithmetic code|instead of RST"
+    rb"|extraneous bytes before marker 0x(?:c4|da|d[0-7])",
+    re.IGNORECASE,
+)
 _GRAY_ALPHA, _RGB, _RGBA = 2, 3, 4
 
 
@@ -28,10 +39,11 @@ def read_bytes(path: Path) -> bytes:
     """Content of an input file.
 
     Raises:
-        InputError: it is missing, a folder, unreadable, or a link that leads nowhere.
+        InputError: it is missing, a folder, a pipe, a device, unreadable, too large, or a link that
+            leads nowhere.
     """
     try:
-        return path.read_bytes()
+        return read_regular(path, MAX_FILE_BYTES)
     except FileNotFoundError:
         what = "is a broken link" if path.is_symlink() else "is missing: no such file"
         raise InputError(f"{path} {what}") from None
@@ -62,17 +74,35 @@ def decode(
     """
     check(data, name, max_pixels)
     try:
-        with silent_opencv():
-            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS)
+        pixels = decoded(data, _FLAGS)
     except cv2.error as error:
         if is_out_of_memory(error):
             raise InputError(f"{name} does not fit into memory; make it smaller") from error
         pixels = None
-    if pixels is None or pixels.size == 0:
+    if pixels is None:
         raise InputError(
             f"{name} is damaged, or of a variant that cannot be decoded; save it again"
         )
     return _without_alpha(pixels)
+
+
+def decoded(data: bytes, flags: int) -> npt.NDArray[np.generic] | None:
+    """Pixels as OpenCV decodes them, without a word on standard error.
+
+    Args:
+        data: the whole file.
+        flags: of ``cv2.imdecode``.
+
+    Returns:
+        (H, W) or (H, W, C) in OpenCV's order; None if the file is no picture, or if pixels of it
+        are missing that the decoder filled in.
+
+    Raises:
+        cv2.error: the decoder gave up.
+    """
+    with silent_opencv(), complaints() as said:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    return None if pixels is None or pixels.size == 0 or _LOST.search(said) else pixels
 
 
 def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:
@@ -92,7 +122,7 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
     check_size(name, width, height, max_pixels)
     found = flaw(data)
     if found is not None:
-        raise InputError(f"{name} {found}; copy it again")
+        raise InputError(f"{name} {found}")
 
 
 def check_size(name: str, width: int, height: int, max_pixels: int | PictureLimit) -> None:

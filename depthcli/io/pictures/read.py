@@ -11,13 +11,13 @@ from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import MAX_PIXELS, decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
+from depthcli.io.pictures.tiff import TIFF_STARTS
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from depthcli.core.picture_limit import PictureLimit
 
-_TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _MIRRORED = {2, 4, 5, 7}
 _QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 
@@ -55,7 +55,7 @@ def read_image(
         data = read_bytes(path)
     pixels = _framed(decode(data, name, max_pixels=max_pixels), name)
     exif = read_exif(data)
-    if not data.startswith(_TIFF_STARTS):  # TIFF comes upright from the decoder
+    if not data.startswith(TIFF_STARTS):  # TIFF comes upright from the decoder
         pixels = upright(pixels, exif.orientation)
     return Frame(
         np.ascontiguousarray(pixels),

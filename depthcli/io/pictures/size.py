@@ -4,31 +4,14 @@ from __future__ import annotations
 
 import re
 import struct
-from typing import NamedTuple
+
+from depthcli.io.pictures.tiff import HEIGHT, TIFF_STARTS, WIDTH, tiff_tags
 
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _STANDALONE = frozenset(range(0xD0, 0xD8)) | {0x01}
+_JPEG_FILL = re.compile(rb"\xff+")
 _AVIF_SIZE = re.compile(rb"ispe")
 _NETPBM = re.compile(rb"P[1-6]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
-
-
-class _TiffLayout(NamedTuple):
-    """Where TIFF and its 64-bit form keep things: forms of `struct`, offsets in bytes."""
-
-    order: str
-    start: int
-    number: str
-    total: str
-    entry: int
-    value: int
-
-
-_TIFF_LAYOUTS = {
-    b"II*\0": _TiffLayout("<", 4, "I", "H", 12, 8),
-    b"MM\0*": _TiffLayout(">", 4, "I", "H", 12, 8),
-    b"II+\0": _TiffLayout("<", 8, "Q", "Q", 20, 12),
-    b"MM\0+": _TiffLayout(">", 8, "Q", "Q", 20, 12),
-}
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
@@ -54,8 +37,9 @@ def _size(data: bytes) -> tuple[int, int] | None:
         return width, abs(height)
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
         return _webp(data)
-    if data[:4] in _TIFF_LAYOUTS:
-        return _tiff(data, _TIFF_LAYOUTS[data[:4]])
+    if data.startswith(TIFF_STARTS):
+        tags = tiff_tags(data, (WIDTH, HEIGHT))
+        return (tags[WIDTH], tags[HEIGHT]) if len(tags) == 2 else None
     if data[4:8] == b"ftyp":
         return _avif(data)
     if data[:6] in (b"GIF87a", b"GIF89a"):
@@ -73,11 +57,12 @@ def _jpeg(data: bytes) -> tuple[int, int] | None:
         if marker in _JPEG_SIZES:
             height, width = struct.unpack_from(">HH", data, at + 5)
             return width, height
-        fill = marker == 0xFF
-        skipped = 1 if fill else 2
-        if not fill and marker not in _STANDALONE:
-            skipped += struct.unpack_from(">H", data, at + 2)[0]
-        at += skipped
+        if marker == 0xFF:  # fill, however long; its last byte begins a marker
+            at = _JPEG_FILL.match(data, at).end() - 1  # type: ignore[union-attr]
+            continue
+        at += 2
+        if marker not in _STANDALONE:
+            at += struct.unpack_from(">H", data, at)[0]
     return None
 
 
@@ -101,17 +86,3 @@ def _avif(data: bytes) -> tuple[int, int] | None:
     starts = [found.end() + 4 for found in _AVIF_SIZE.finditer(meta)]
     sizes = [struct.unpack_from(">II", meta, start) for start in starts]
     return max(sizes, key=lambda size: size[0] * size[1]) if sizes else None
-
-
-def _tiff(data: bytes, layout: _TiffLayout) -> tuple[int, int] | None:
-    order, number = layout.order, layout.order + layout.number
-    (at,) = struct.unpack_from(number, data, layout.start)
-    (count,) = struct.unpack_from(layout.order + layout.total, data, at)
-    first = at + struct.calcsize(layout.total)
-    found = {}
-    for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
-        tag, kind = struct.unpack_from(order + "HH", data, entry)
-        if tag in (256, 257):
-            form = order + {3: "H", 16: "Q"}.get(kind, "I")
-            (found[tag],) = struct.unpack_from(form, data, entry + layout.value)
-    return (found[256], found[257]) if len(found) == 2 else None

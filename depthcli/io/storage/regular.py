@@ -1,0 +1,35 @@
+"""Reading files whole: only such as have an end, and not more than their reader can use."""
+
+from __future__ import annotations
+
+import errno
+import stat
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
+    """Content of a regular file, or its first so many bytes.
+
+    Pipes and devices may never end, and so may what the system only calls a file, such as
+    ``/proc/kmsg``; those state no size.
+
+    Raises:
+        OSError: it cannot be read, is no regular file, or is larger than ``max_bytes``.
+    """
+    status = path.stat()
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "it is a folder", path)
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "it is a pipe or a device; copy it to a file", path)
+    if status.st_size > max_bytes:
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
+    if not status.st_size:
+        return b""
+    with path.open("rb") as file:
+        content = file.read(max_bytes + 1 if first < 0 else first)
+    if len(content) > max_bytes:
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
+    return content

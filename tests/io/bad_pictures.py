@@ -1,0 +1,79 @@
+"""A table of pictures that no camera made: what each is refused with."""
+
+from __future__ import annotations
+
+import struct
+
+import cv2
+import made
+import numpy as np
+
+WIDTH, HEIGHT = 96, 64
+_NOISE = np.random.default_rng(11).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+PIXELS = cv2.GaussianBlur(_NOISE, (5, 5), 0)
+END = b"\xff\xd9"
+
+
+def encoded(suffix: str, *options: int) -> bytes:
+    ok, data = cv2.imencode(suffix, PIXELS, options)
+    assert ok
+    return data.tobytes()
+
+
+JPEGS = {
+    "baseline": encoded(".jpg"),
+    "progressive": encoded(".jpg", cv2.IMWRITE_JPEG_PROGRESSIVE, 1),
+    "restarts": encoded(".jpg", cv2.IMWRITE_JPEG_RST_INTERVAL, 4),
+}
+
+
+def _taller(jpeg: bytes) -> bytes:
+    data = bytearray(jpeg)
+    at = next(data.find(mark) for mark in (b"\xff\xc0\0", b"\xff\xc2\0") if mark in data)
+    struct.pack_into(">H", data, at + 5, 2 * HEIGHT)
+    return bytes(data)
+
+
+def _bits(jpeg: bytes, bits: int) -> bytes:
+    data = bytearray(jpeg)
+    data[data.index(b"\xff\xc0\0") + 4] = bits
+    return bytes(data)
+
+
+def _tiff(compression: int) -> bytes:
+    data = bytearray(made.tiff(PIXELS))
+    struct.pack_into("<H", data, data.index(struct.pack("<HHI", 259, 3, 1)) + 8, compression)
+    return bytes(data)
+
+
+def _bigtiff(directory: int, entries: int) -> bytes:
+    return b"II+\0" + struct.pack("<HHQQ", 8, 0, directory, entries) + bytes(200)
+
+
+_LOST = "is damaged, or of a variant that cannot be decoded; save it again"
+_NO_PICTURE = "is not a picture"
+
+BAD: dict[str, tuple[bytes, str]] = {
+    "empty": (b"", "is empty"),
+    "text": (b"no picture at all", _NO_PICTURE),
+    "zeros": (bytes(1000), _NO_PICTURE),
+    **{f"{kind} cut": (data[: len(data) // 2], "truncated") for kind, data in JPEGS.items()},
+    **{
+        f"{kind} cut at {share} %, closed": (data[: len(data) * share // 100] + END, _LOST)
+        for kind, data in JPEGS.items()
+        for share in (50, 75, 90)
+    },
+    **{
+        f"{kind} without its middle": (data[: len(data) // 2] + data[len(data) * 3 // 5 :], _LOST)
+        for kind, data in JPEGS.items()
+    },
+    **{f"{kind} of more rows": (_taller(data), _LOST) for kind, data in JPEGS.items()},
+    "JPEG of 12 bits": (_bits(JPEGS["baseline"], 12), _LOST),
+    "only fill bytes": (b"\xff\xd8" + b"\xff" * 5_000_000, _NO_PICTURE),
+    "escapes for ever": (JPEGS["baseline"][:-2] + b"\xff" * 400_000 + b"\0", "truncated"),
+    **{f"TIFF of coding {n}": (_tiff(n), f"TIFF compression {n};") for n in (0, 9, 12345, 34712)},
+    "BigTIFF of no 64 bits": (_bigtiff(2**64 - 1, 1), _NO_PICTURE),
+    "BigTIFF beyond the end": (_bigtiff(2**63, 1), _NO_PICTURE),
+    "BigTIFF of all tags": (_bigtiff(16, 2**64 - 1), _NO_PICTURE),
+}
+"""Name -> (the file, a part of the message)."""

@@ -1,0 +1,131 @@
+"""Every bad picture is refused with one line; what is only unusual is read."""
+
+from __future__ import annotations
+
+import io
+import os
+import platform
+import threading
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH
+from PIL import Image
+
+from depthcli.datasets.files import read_depth_header, read_image_rgb
+from depthcli.errors import DatasetError, InputError
+from depthcli.io.depth.read import read_depth
+from depthcli.io.pictures.decode import decoded
+from depthcli.io.pictures.read import read_image
+from depthcli.io.storage.regular import read_regular
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+if platform.libc_ver()[0] != "glibc":
+    pytest.skip("only glibc lets libjpeg's warnings be heard", allow_module_level=True)
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_picture_is_one_line(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    data, message = BAD[name]
+    with pytest.raises(InputError) as caught:
+        read_image(None, data)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
+
+
+def _saved(kind: str, mode: str = "RGB", **options: object) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(PIXELS).convert(mode).save(file, kind, **options)
+    return file.getvalue()
+
+
+UNUSUAL = {
+    "Pillow": _saved("JPEG"),
+    "worst": _saved("JPEG", quality=1),
+    "best": _saved("JPEG", quality=100, subsampling=0),
+    "progressive": _saved("JPEG", progressive=True),
+    "restarts": _saved("JPEG", restart_marker_blocks=1),
+    "progressive restarts": _saved("JPEG", restart_marker_rows=1, progressive=True),
+    "gray": _saved("JPEG", "L", progressive=True),
+    "CMYK": _saved("JPEG", "CMYK"),
+    "several in one": _saved("MPO", save_all=True, append_images=[Image.new("RGB", (8, 8))]),
+    "padded before the end": JPEGS["baseline"][:-2] + b"padding" + b"\xff\xd9",
+    "fill before the end": JPEGS["baseline"][:-2] + b"\xff" * 100_000 + b"\xff\xd9",
+    "fill before a marker": b"\xff\xd8" + b"\xff" * 100_000 + JPEGS["baseline"][2:],
+    "TIFF of LZW": _saved("TIFF", compression="tiff_lzw"),
+    "TIFF of Deflate": _saved("TIFF", compression="tiff_adobe_deflate"),
+    "TIFF of old Deflate": _saved("TIFF", compression="tiff_deflate"),
+    "TIFF of PackBits": _saved("TIFF", compression="packbits"),
+    "TIFF of JPEG": _saved("TIFF", compression="jpeg"),
+    "fax": _saved("TIFF", "1", compression="group4"),
+    "BigTIFF": _saved("TIFF", big_tiff=True),
+    "unknown colour profile": _saved("PNG", icc_profile=b"nothing that is known"),
+}
+
+
+@pytest.mark.parametrize("name", UNUSUAL)
+def test_what_is_only_unusual_is_read(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert read_image(None, UNUSUAL[name]).pixels.shape[:2] == (HEIGHT, WIDTH)
+    assert capfd.readouterr().err == ""
+
+
+def test_each_thread_hears_of_its_own_picture() -> None:
+    damaged, _ = BAD["baseline cut at 50 %, closed"]
+    wrong: list[bool] = []
+
+    def decode_often(data: bytes, *, whole: bool) -> None:
+        seen = [decoded(data, cv2.IMREAD_COLOR) is not None for _ in range(100)]
+        wrong.extend(one for one in seen if one is not whole)
+
+    threads = [
+        threading.Thread(target=decode_often, args=(data,), kwargs={"whole": whole})
+        for data, whole in [(damaged, False), (JPEGS["baseline"], True)] * 3
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_a_training_picture_with_lost_pixels_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    path.write_bytes(BAD["baseline without its middle"][0])
+    with pytest.raises(DatasetError, match=r"a\.jpg cannot be decoded"):
+        read_image_rgb(path)
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "/dev/null", "/proc/kmsg", "/proc/self/status"])
+def test_what_has_no_end_is_not_read(name: str) -> None:
+    with pytest.raises(InputError, match=r"pipe or a device|is empty"):
+        read_image(name)
+
+
+def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "a.png"
+    os.mkfifo(pipe)
+    for read in (read_image, read_depth):
+        with pytest.raises(InputError, match=r"a\.png cannot be read: it is a pipe"):
+            read(pipe)
+    for read_pair in (read_image_rgb, read_depth_header):
+        with pytest.raises(DatasetError, match=r"cannot read .*a\.png: it is a pipe"):
+            read_pair(pipe)
+
+
+def test_a_pipe_is_no_sidecar(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.ones((4, 4), np.float32))
+    os.mkfifo(tmp_path / "a.json")
+    assert read_depth(tmp_path / "a.npy").values.shape == (4, 4)
+
+
+def test_files_are_read_up_to_a_bound(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"12345")
+    assert read_regular(path, 5) == b"12345"
+    with pytest.raises(OSError, match="more than 4 bytes"):
+        read_regular(path, 4)
