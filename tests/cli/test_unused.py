@@ -10,7 +10,7 @@ import pytest
 from tiny import write_picture
 
 from depthcli.cli.arguments.formats import Colormap, Near
-from depthcli.cli.arguments.writing import check_writing, writer_options
+from depthcli.cli.arguments.writing import writer_options
 from depthcli.cli.shell import load_command
 from depthcli.errors import UsageError
 
@@ -73,7 +73,7 @@ def test_a_profile_may_hold_more_than_a_run_uses(cli: Cli) -> None:
 
 
 def looks(colormap: Colormap | None, near: Near | None) -> tuple[str, str]:
-    chosen = writer_options(colormap=colormap, near=near)
+    chosen = writer_options({"colormap": colormap, "near": near})
     return chosen.colormap, chosen.near
 
 
@@ -91,7 +91,7 @@ def test_white_and_black_mean_gray() -> None:
 
 def test_limits_the_wrong_way_round_are_refused() -> None:
     with pytest.raises(UsageError, match="--vmin 5 is above --vmax 2; swap them"):
-        check_writing(None, 5, 2, None, None, png_normalize=False)
+        writer_options({"vmin": 5, "vmax": 2})
 
 
 def test_near_white_is_a_gray_picture(cli: Cli) -> None:

@@ -2,72 +2,53 @@
 
 from __future__ import annotations
 
-from depthcli.cli.arguments.formats import Colormap, ExrChannel, Near
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+from depthcli.cli.arguments.formats import Colormap, Near
 from depthcli.errors import UsageError
-from depthcli.io.writers.formats import MILLIMETRES
 from depthcli.io.writers.options import WriterOptions
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
-def check_writing(
-    png_scale: float | None,
-    vmin: float | None,
-    vmax: float | None,
-    colormap: str | None,
-    near: str | None,
-    *,
-    png_normalize: bool,
-) -> None:
-    """Refuse options that contradict each other.
+
+def writer_options(parameters: Mapping[str, Any]) -> WriterOptions:
+    """The writers' options among a command's parameters, which have the same names.
+
+    Args:
+        parameters: values by their names, as typer's context has them; the options that are missing
+            or None have their defaults.
 
     Raises:
-        UsageError: they do.
+        UsageError: they contradict each other.
     """
-    if png_normalize and png_scale is not None:
+    given = {
+        field.name: parameters[field.name]
+        for field in fields(WriterOptions)
+        if parameters.get(field.name) is not None
+    }
+    _check(given)
+    if given.get("near", Near.WARM) != Near.WARM:
+        given["colormap"] = Colormap.GRAY.value
+    return WriterOptions(**given)
+
+
+def _check(given: Mapping[str, Any]) -> None:
+    """Refuse options that contradict each other."""
+    if given.get("png_normalize") and "png_scale" in given:
         raise UsageError("give --png-scale or --png-normalize, not both")
-    if vmin is not None and vmax is not None:
-        if vmin == vmax:
+    if "vmin" in given and "vmax" in given:
+        if given["vmin"] == given["vmax"]:
             raise UsageError("--vmin and --vmax are equal; give different values")
-        if vmin > vmax:
-            raise UsageError(f"--vmin {vmin:g} is above --vmax {vmax:g}; swap them")
+        if given["vmin"] > given["vmax"]:
+            raise UsageError(
+                f"--vmin {given['vmin']:g} is above --vmax {given['vmax']:g}; swap them"
+            )
+    near, colormap = given.get("near"), given.get("colormap")
     if near == Near.WARM and colormap == Colormap.GRAY:
         raise UsageError("gray has no warm end; give --near white or --near black")
     if near in {Near.WHITE, Near.BLACK} and colormap not in {None, Colormap.GRAY}:
         raise UsageError(
             f"--near {near} is for --colormap gray; with {colormap}, near is the warm end"
         )
-
-
-def writer_options(
-    *,
-    png_scale: float | None = None,
-    png_normalize: bool = False,
-    exr_channel: ExrChannel = ExrChannel.Y,
-    half: bool = False,
-    colormap: Colormap | None = None,
-    near: Near | None = None,
-    vmin: float | None = None,
-    vmax: float | None = None,
-    legend: bool = False,
-    side_by_side: bool = False,
-) -> WriterOptions:
-    """The writers' options that the words describe.
-
-    Raises:
-        UsageError: they contradict each other.
-    """
-    check_writing(png_scale, vmin, vmax, colormap, near, png_normalize=png_normalize)
-    near = near or Near.WARM
-    if colormap is None:
-        colormap = Colormap.INFERNO if near is Near.WARM else Colormap.GRAY
-    return WriterOptions(
-        png_scale=MILLIMETRES if png_scale is None else png_scale,
-        png_normalize=png_normalize,
-        exr_channel=exr_channel.value,
-        half=half,
-        colormap=colormap.value,
-        near=near.value,
-        vmin=vmin,
-        vmax=vmax,
-        legend=legend,
-        side_by_side=side_by_side,
-    )

@@ -119,18 +119,7 @@ def batch(
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.core.parallel.cores import share_cores
 
-    writing = writer_options(
-        png_scale=png_scale,
-        png_normalize=png_normalize,
-        exr_channel=exr_channel,
-        half=half,
-        colormap=colormap,
-        near=near,
-        vmin=vmin,
-        vmax=vmax,
-        legend=legend,
-        side_by_side=side_by_side,
-    )
+    writing = writer_options(context.params)
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
     refuse_unused(context, chosen, PICTURE_OPTIONS)

@@ -86,12 +86,7 @@ def convert(
             frame=frame,
             camera=choose_camera(cloud_focal_px, cloud_hfov, None),
             picture=picture,
-            writing=writer_options(
-                png_scale=png_scale,
-                png_normalize=png_normalize,
-                exr_channel=exr_channel,
-                half=half,
-            ),
+            writing=writer_options(context.params),
         )
     )
     if as_json:

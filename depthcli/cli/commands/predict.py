@@ -79,18 +79,7 @@ def predict(
     to_stdout = output == STANDARD
     if as_json and to_stdout:
         raise UsageError("-o - and --json both want stdout; name a file with -o")
-    writing = writer_options(
-        png_scale=png_scale,
-        png_normalize=png_normalize,
-        exr_channel=exr_channel,
-        half=half,
-        colormap=colormap,
-        near=near,
-        vmin=vmin,
-        vmax=vmax,
-        legend=legend,
-        side_by_side=side_by_side,
-    )
+    writing = writer_options(context.params)
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen

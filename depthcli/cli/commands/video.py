@@ -160,18 +160,7 @@ def video(
     from depthcli.jobs.video.plan import video_formats
     from depthcli.jobs.video.settings import VideoSettings
 
-    writing = writer_options(
-        png_scale=png_scale,
-        png_normalize=png_normalize,
-        exr_channel=exr_channel,
-        half=half,
-        colormap=colormap,
-        near=near,
-        vmin=vmin,
-        vmax=vmax,
-        legend=legend,
-        side_by_side=side_by_side,
-    )
+    writing = writer_options(context.params)
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")

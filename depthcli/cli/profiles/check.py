@@ -8,7 +8,7 @@ from depthcli.cli.arguments.camera import choose_camera
 from depthcli.cli.arguments.detail import choose_detail
 from depthcli.cli.arguments.provider import provider_options
 from depthcli.cli.arguments.span import parse_span
-from depthcli.cli.arguments.writing import check_writing
+from depthcli.cli.arguments.writing import writer_options
 from depthcli.core.choices import Upsampling
 
 if TYPE_CHECKING:
@@ -42,14 +42,7 @@ def check_together(values: Mapping[str, Value]) -> None:
     choose_detail(Upsampling.BILINEAR, word("tile"), word("max-memory"))
     parse_span(word("start"), word("end"), word("every"))
     provider_options(words("provider-option"))
-    check_writing(
-        number("png-scale"),
-        number("vmin"),
-        number("vmax"),
-        word("colormap"),
-        word("near"),
-        png_normalize=bool(values.get("png-normalize")),
-    )
+    writer_options({key.replace("-", "_"): value for key, value in values.items()})
     if "provider" in values:
         from depthcli.inference.providers import check_name
 
