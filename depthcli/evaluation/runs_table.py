@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from depthcli.core.choices import Weights
 from depthcli.core.progress import NO_PROGRESS
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.differences import Difference, differences_from
+from depthcli.evaluation.differences import differences_from
 from depthcli.evaluation.nyu import score_nyu, trivial_notes
 from depthcli.evaluation.protocol import HEADLINE
 from depthcli.evaluation.published import PUBLISHED, PUBLISHED_COUNT
 from depthcli.evaluation.report import ReportRow
+from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
 from depthcli.evaluation.trained import TrainedModel, grouped, mean_and_spread
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.choices import Alignment
@@ -22,87 +23,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from depthcli.core.progress import Progress
+    from depthcli.evaluation.differences import Difference
     from depthcli.evaluation.nyu import EvalTask
-    from depthcli.evaluation.protocol import EvalProtocol
 
 _RAW = "weights of the last step, not their moving average"
 _TABLE_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]
-
-
-@dataclass(frozen=True, slots=True)
-class Training:
-    """How a row came to be; a tuple has an entry per seed.
-
-    Attributes:
-        seeds: of the runs.
-        paired: whether pictures and depth maps of one scene point were shown together.
-        parameters: weights of the generator.
-        latency_ms: mean over the seeds of the median time of the network alone for one picture.
-        epochs: done.
-        epochs_planned: of the whole schedule.
-        steps: optimisation steps done.
-        minutes: of training.
-    """
-
-    seeds: tuple[int, ...]
-    paired: bool
-    parameters: int
-    latency_ms: float
-    epochs: tuple[int, ...]
-    epochs_planned: int
-    steps: tuple[int, ...]
-    minutes: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class RunsRow:
-    """One line of the table.
-
-    Attributes:
-        row: name, source, alignment, number of images and mean scores.
-        spread: sample standard deviation over the seeds; None for fewer than two.
-        training: how it came to be; None if nothing was trained here.
-        runs: the rows of the seeds.
-    """
-
-    row: ReportRow
-    spread: Scores | None = None
-    training: Training | None = None
-    runs: tuple[ReportRow, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class RunsReport:
-    """Table I of trained runs.
-
-    Attributes:
-        split: which division of NYU Depth v2; ``val`` is what the runs themselves held out.
-        image_count: test images that were compared.
-        split_count: test images that the split has.
-        train_count: training pairs behind the trivial rows.
-        protocol: how prediction and truth were compared.
-        rows: the lines.
-        notes: what a reader has to know besides.
-        differences: of one row from every other, if they were asked for.
-    """
-
-    split: SplitName
-    image_count: int
-    split_count: int
-    train_count: int
-    protocol: EvalProtocol
-    rows: tuple[RunsRow, ...]
-    notes: tuple[str, ...] = ()
-    differences: tuple[Difference, ...] = ()
-
-    @property
-    def title(self) -> str:
-        """Data set, split, number of images and protocol in one line."""
-        which = "scenes that the runs held out" if self.split is SplitName.VAL else self.split
-        count = f"{self.image_count} images"
-        if self.image_count != self.split_count:
-            count = f"{self.image_count} of {self.split_count} images"
-        return f"NYU Depth v2 · {which}, {count} · {self.protocol.name} protocol"
 
 
 def evaluate_runs(

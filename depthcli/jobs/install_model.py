@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
-import shutil
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,14 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from depthcli.errors import ModelError, OutputError, UsageError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
+from depthcli.io.storage.atomic_folder import folder_in_place, moved_away
 from depthcli.models import catalog, onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.graph_fit import fit_to_graph
 from depthcli.models.ready_cards import ready_fields
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from depthcli.models.catalog import Model, Place
 
 _FILE_NAME = "model.onnx"
@@ -67,7 +63,7 @@ def add_model(
     draft = _draft(path, data, card)
     complete = _complete(draft, path, data, name)
     target = _target(complete.name, force=force)
-    with _folder_in_place(target) as temporary:
+    with folder_in_place(target) as temporary:
         (temporary / _FILE_NAME).write_bytes(data)
         (temporary / catalog.CARD_NAME).write_text(complete.to_json(), "utf-8")
         model = catalog.find_model(temporary)
@@ -102,7 +98,7 @@ def remove_model(name: str) -> Path:
         if folder.is_symlink():
             folder.unlink()
         elif folder.is_dir():
-            with _moved_away(folder):
+            with moved_away(folder):
                 pass
         else:
             for file in (place.onnx, place.card):
@@ -176,37 +172,3 @@ def _target(name: str, *, force: bool) -> Path:
             f"a model named {name!r} already exists ({taken.path}); give another --name, or --force"
         )
     return target
-
-
-@contextmanager
-def _folder_in_place(target: Path) -> Iterator[Path]:
-    """A temporary folder that takes the target's place when the block succeeds."""
-    temporary = target.with_name(f".depthcli-{os.urandom(8).hex()}")
-    try:
-        temporary.mkdir(parents=True)
-        yield temporary
-        if target.is_symlink():
-            target.unlink()
-        with _moved_away(target):
-            temporary.rename(target)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"cannot write {target}: {reason}") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-@contextmanager
-def _moved_away(folder: Path) -> Iterator[None]:
-    """Rename a folder, delete it if the block succeeds, else put it back."""
-    if not folder.is_dir():
-        yield
-        return
-    aside = folder.with_name(f".depthcli-{os.urandom(8).hex()}")
-    folder.rename(aside)
-    try:
-        yield
-    except BaseException:
-        aside.rename(folder)
-        raise
-    shutil.rmtree(aside, ignore_errors=True)

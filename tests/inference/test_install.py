@@ -13,7 +13,7 @@ from onnx import external_data_helper
 from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
-from depthcli.jobs import install_model as install
+from depthcli.io.storage.atomic_folder import moved_away
 from depthcli.jobs.install_model import add_model, remove_model
 from depthcli.models import catalog
 from depthcli.models.catalog import find_model, list_places, roots, user_root
@@ -200,7 +200,7 @@ def test_an_old_model_stays_if_the_new_one_cannot_take_its_place(
 ) -> None:
     card = write_card(tmp_path / "c.json")
     before = add_model(file, card).sha256
-    with pytest.raises(OutputError), install._moved_away(own / "tiny"):  # noqa: PT012
+    with pytest.raises(OutputError), moved_away(own / "tiny"):  # noqa: PT012
         assert not (own / "tiny").exists()
         raise OutputError("full")
     assert find_model("tiny").sha256 == before

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from depthcli.evaluation.differences import Interval
-    from depthcli.evaluation.runs_table import RunsReport, RunsRow, Training
+    from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
     from depthcli.metrics.accumulate import Scores
 
 _METRICS = ("abs_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3")

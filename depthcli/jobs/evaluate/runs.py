@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from depthcli.core.progress import Progress
     from depthcli.evaluation.reports.figures import Figure
-    from depthcli.evaluation.runs_table import RunsReport
+    from depthcli.evaluation.runs_report import RunsReport
     from depthcli.export.trained import TrainedRun
 
 

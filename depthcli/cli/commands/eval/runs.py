@@ -70,7 +70,6 @@ def runs(
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.screen.progress import drawn
     from depthcli.core.parallel.cores import usable_cores
-    from depthcli.evaluation.reports.runs_report import to_csv, to_json
     from depthcli.evaluation.reports.runs_text import runs_page
     from depthcli.jobs.evaluate.files import EvaluationFiles
 
@@ -96,9 +95,9 @@ def runs(
     with drawn(silent=quiet or as_json, announces=True) as progress:
         done = compare_runs(request, progress, console.warn)
     page = runs_page(done.report)
-    console.out(to_json(done.report) if as_json else page.to_text())
+    console.out(done.report.to_json() if as_json else page.to_text())
     files = EvaluationFiles(csv, figures, html)
-    for path in files.write(page, to_csv(done.report), done.figures):
+    for path in files.write(page, done.report.to_csv(), done.figures):
         if not (quiet or as_json):
             console.note(str(path))
     if done.failed:
