@@ -117,32 +117,14 @@ def test_after_ctrl_c_everything_that_was_done_is_told(cli: Cli) -> None:
     assert f"{len(done)} of {COUNT} inputs done".encode() in err
 
 
-def test_what_is_right_is_left_alone(cli: Cli) -> None:
-    tree(cli, "a.png", "hall/b.png")
-    cli("batch", "in", "--out", "out")
-    first = {path: path.stat().st_mtime_ns for path in (cli.folder / "out").rglob("*.png")}
-    done = cli("batch", "in", "--out", "out", "--workers", "1", "--batch-size", "3", "--quiet")
-    assert done.returncode == 0
-    assert first == {path: path.stat().st_mtime_ns for path in (cli.folder / "out").rglob("*.png")}
-
-
 @pytest.mark.parametrize(
     "options",
     [
         ("--format", "npy"),
-        ("--sidecar",),
-        ("--png-scale", "256"),
-        ("--png-normalize",),
-        ("--upsample", "bilinear"),
-        ("--tile", "auto"),
-        ("--max-memory", "1G"),
-        ("--focal-px", "300"),
-        ("--hfov", "80"),
         ("--anchor", "3,4,2.5"),
         ("--model", "other"),
         ("--provider", "cpu"),
         ("--profile", "p.toml"),
-        ("--format", "preview", "--legend"),
     ],
 )
 def test_a_changed_option_is_done_again(cli: Cli, options: tuple[str, ...]) -> None:
@@ -170,16 +152,6 @@ def test_a_switch_of_a_profile_is_an_option_as_any(cli: Cli) -> None:
     assert kept(cli, "--out", "out", "--profile", "p.toml") == {"a.png": False}
 
 
-def test_a_changed_input_is_done_again(cli: Cli) -> None:
-    tree(cli, "a.png", "b.png")
-    cli("batch", "in", "--out", "out")
-    old = maps(cli, "out")
-    (cli.folder / "in" / "b.png").replace(cli.folder / "in" / "a.png")
-    tree(cli, "c.png")
-    assert kept(cli, "--out", "out") == {"a.png": False, "c.png": False}
-    assert maps(cli, "out")["a.depth.png"] == old["b.depth.png"] != old["a.depth.png"]
-
-
 def test_a_changed_model_is_done_again(cli: Cli) -> None:
     tree(cli, "a.png")
     cli("batch", "in", "--out", "out")
@@ -188,52 +160,6 @@ def test_a_changed_model_is_done_again(cli: Cli) -> None:
     assert rows(cli, "out").keys() == {"a.png"}
     from_other = write_model(cli.models / "other", output__shift=6.0)
     assert kept(cli, "--out", "out", "--model", str(from_other)) == {"a.png": False}
-
-
-@pytest.mark.parametrize("damage", ["missing", "changed", "cut"])
-def test_a_damaged_output_is_made_again(cli: Cli, damage: str) -> None:
-    tree(cli, "a.png", "b.png")
-    cli("batch", "in", "--out", "out")
-    good = maps(cli, "out")
-    path = cli.folder / "out" / "a.depth.png"
-    data = path.read_bytes()
-    path.unlink()
-    if damage != "missing":
-        path.write_bytes(data[:-1] + (b"" if damage == "cut" else b"x"))
-    assert kept(cli, "--out", "out") == {"a.png": False, "b.png": True}
-    assert maps(cli, "out") == good
-
-
-def test_failed_inputs_are_tried_again(cli: Cli) -> None:
-    tree(cli, "a.png", "b.png")
-    good = (cli.folder / "in" / "b.png").read_bytes()
-    (cli.folder / "in" / "b.png").write_bytes(good[:50])
-    assert cli("batch", "in", "--out", "out").returncode == 1
-    assert cli("batch", "in", "--out", "out").returncode == 1
-    (cli.folder / "in" / "b.png").write_bytes(good)
-    assert kept(cli, "--out", "out") == {"a.png": True, "b.png": False}
-    assert rows(cli, "out")["b.png"]["error"] is None
-
-
-def test_a_batch_of_some_files_forgets_no_other(cli: Cli) -> None:
-    tree(cli, "a.png", "b.jpg", "c.png")
-    (cli.folder / "in" / "d.jpg").touch()
-    assert cli("batch", "in", "--out", "out").returncode == 1
-    assert cli("batch", "in", "--out", "out", "--files", "-", stdin=b"c.png").returncode == 0
-    # What failed and was not asked for again has nothing in the folder.
-    assert list(rows(cli, "out")) == ["c.png", "a.png", "b.jpg"]
-    found = {"a.png": True, "b.jpg": True, "c.png": True, "d.jpg": False}
-    assert kept(cli, "--out", "out") == found
-    assert list(rows(cli, "out")) == sorted(found)
-
-
-def test_rows_that_are_not_ours_are_passed_over(cli: Cli) -> None:
-    tree(cli, "a.png")
-    (cli.folder / "out").mkdir()
-    strange = b'{"input": 3}\n[]\nno json\n\xff\xfe\n'
-    (cli.folder / "out" / "manifest.jsonl").write_bytes(strange)
-    assert kept(cli, "--out", "out") == {"a.png": False}
-    assert rows(cli, "out").keys() == {"a.png"}
 
 
 def test_two_batches_do_not_write_to_one_folder(cli: Cli) -> None:

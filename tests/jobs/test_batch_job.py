@@ -10,20 +10,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from tiny import synthetic_picture, write_model, write_picture
+from batches import NAMES, outputs, pictures, request
+from tiny import write_picture
 from videos import write_mp4
 
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.errors import ModelError, UsageError
-from depthcli.inference.loading import SessionLoader
+from depthcli.io.listing.globs import NameFilter
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.engines.threads import ThreadEngine
 from depthcli.jobs.batch.forecast import forecast
 from depthcli.jobs.batch.journal import known_rows
 from depthcli.jobs.batch.manifest import FAILED, OK, Origin, Row, written
-from depthcli.jobs.batch.options import BatchOptions, BatchRequest
+from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
     from depthcli.jobs.batch.pictures import PictureTask
 
-NAMES = ("a.png", "z.png", "hall/b.png")
 OPTIONS = BatchOptions(
     (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON),
     WriterOptions(png_scale=256.0, colormap="turbo", legend=True),
@@ -46,26 +46,6 @@ OPTIONS = BatchOptions(
     Detail(Upsampling.BILINEAR),
     10_000,
 )
-
-
-def request(folder: Path, out: str = "out", options: BatchOptions | None = None) -> BatchRequest:
-    """A batch of the pictures in the folder ``in``, by two workers."""
-    plan = plan_folder(str(folder / "in"), str(folder / out))
-    loader = SessionLoader(write_model(folder / "model", camera={"hfov_deg": 60.0}), "cpu")
-    return BatchRequest(plan, options or BatchOptions(), loader, workers=2)
-
-
-def pictures(folder: Path) -> None:
-    """Three pictures, no two alike."""
-    for number, name in enumerate(NAMES):
-        write_picture(folder / "in" / name, synthetic_picture(24, 32 + number))
-
-
-def outputs(folder: Path) -> dict[str, bytes]:
-    """All but the manifest, whose seconds differ."""
-    paths = (path for path in folder.rglob("*") if path.is_file())
-    found = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
-    return {name: data for name, data in found.items() if name != "manifest.jsonl"}
 
 
 def build_and_work(spec: WorkerSpec, tasks: list[PictureTask]) -> list[Result]:
@@ -194,6 +174,28 @@ def test_a_forecast_writes_nothing(tmp_path: Path) -> None:
     list(Batch(found, session))
     (tmp_path / "in" / "z.png").write_bytes(b"")
     assert [one.would for one in forecast(found, session)] == ["keep", "fail", "keep"]
+
+
+@pytest.mark.parametrize(
+    ("include", "exclude", "taken"),
+    [
+        (("*.png",), (), {"a.png", "hall/b.png", "z.png"}),
+        (("hall/*",), (), {"hall/b.png", "hall/c.jpg"}),
+        (("hall/**",), (), {"hall/b.png", "hall/c.jpg", "hall/thumbs/d.jpg"}),
+        ((), ("thumbs",), {"a.png", "hall/b.png", "hall/c.jpg", "z.png"}),
+        ((), ("hall/",), {"a.png", "z.png"}),
+        (("*.png",), ("[bz].png",), {"a.png"}),
+    ],
+)
+def test_patterns(
+    tmp_path: Path, include: tuple[str, ...], exclude: tuple[str, ...], taken: set[str]
+) -> None:
+    pictures(tmp_path)
+    for name in ("hall/c.jpg", "hall/thumbs/d.jpg"):
+        write_picture(tmp_path / "in" / name)
+    wanted = NameFilter.of(include, exclude)
+    plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), wanted)
+    assert {file.name for file in plan.inputs} == taken
 
 
 def test_a_list_is_given_as_bytes(tmp_path: Path) -> None:

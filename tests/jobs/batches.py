@@ -1,0 +1,43 @@
+"""Folders of pictures for a batch that is called as a library."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tiny import synthetic_picture, write_model, write_picture
+
+from depthcli.inference.loading import SessionLoader
+from depthcli.jobs.batch.options import BatchOptions, BatchRequest
+from depthcli.jobs.batch.plan import plan_folder
+from depthcli.jobs.batch.run import Batch
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+NAMES = ("a.png", "z.png", "hall/b.png")
+
+
+def request(folder: Path, out: str = "out", options: BatchOptions | None = None) -> BatchRequest:
+    """A batch of the pictures in the folder ``in``, by two workers."""
+    plan = plan_folder(str(folder / "in"), str(folder / out))
+    loader = SessionLoader(write_model(folder / "model", camera={"hfov_deg": 60.0}), "cpu")
+    return BatchRequest(plan, options or BatchOptions(), loader, workers=2)
+
+
+def pictures(folder: Path) -> None:
+    """Three pictures, no two alike."""
+    for number, name in enumerate(NAMES):
+        write_picture(folder / "in" / name, synthetic_picture(24, 32 + number))
+
+
+def outputs(folder: Path) -> dict[str, bytes]:
+    """All but the manifest, whose seconds differ."""
+    paths = (path for path in folder.rglob("*") if path.is_file())
+    found = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+    return {name: data for name, data in found.items() if name != "manifest.jsonl"}
+
+
+def kept(folder: Path, out: str = "out", options: BatchOptions | None = None) -> dict[str, bool]:
+    """Which inputs a batch finds done already."""
+    results = list(Batch(request(folder, out, options)))
+    return {result.row.input: result.is_kept for result in results}

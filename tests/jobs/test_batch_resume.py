@@ -1,0 +1,129 @@
+"""A batch that is run again does what is not right already, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+from batches import NAMES, kept, outputs, pictures, request
+from tiny import synthetic_picture, write_picture
+
+from depthcli.core.camera import Anchor, Camera
+from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.writers.formats import Format
+from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.batch.journal import known_rows
+from depthcli.jobs.batch.manifest import FAILED, OK
+from depthcli.jobs.batch.options import BatchOptions
+from depthcli.jobs.batch.plan import plan_files
+from depthcli.jobs.batch.run import Batch
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+ALL = dict.fromkeys(NAMES, True)
+
+
+def test_what_is_right_is_left_alone(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    assert kept(tmp_path) == dict.fromkeys(NAMES, False)
+    written = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*.png")}
+    one_by_three = replace(request(tmp_path), workers=1, batch_size=3)
+    assert all(result.is_kept for result in Batch(one_by_three))
+    assert written == {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*.png")}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        BatchOptions((Format.NPY,)),
+        BatchOptions((Format.PNG16, Format.JSON)),
+        BatchOptions(writing=WriterOptions(png_scale=256.0)),
+        BatchOptions(writing=WriterOptions(png_normalize=True)),
+        BatchOptions(detail=Detail(Upsampling.BILINEAR)),
+        BatchOptions(detail=Detail(tile_px=AUTO_TILE)),
+        BatchOptions(detail=Detail(max_memory_bytes=1_000_000_000)),
+        BatchOptions(camera=Camera(focal_px=300.0)),
+        BatchOptions(camera=Camera(hfov_deg=80.0)),
+        BatchOptions(camera=Camera(anchors=(Anchor(3, 4, 2.5),))),
+        BatchOptions((Format.PREVIEW,), WriterOptions(legend=True)),
+    ],
+)
+def test_a_changed_option_is_done_again(tmp_path: Path, options: BatchOptions) -> None:
+    write_picture(tmp_path / "in" / "a.png")
+    assert kept(tmp_path) == {"a.png": False}
+    assert kept(tmp_path, options=options) == {"a.png": False}
+    assert kept(tmp_path, options=options) == {"a.png": True}
+    assert kept(tmp_path, "once", options) == {"a.png": False}
+    once = outputs(tmp_path / "once")
+    assert {name: d for name, d in outputs(tmp_path / "out").items() if name in once} == once
+
+
+def test_what_changes_no_byte_is_no_reason(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    kept(tmp_path)
+    options = BatchOptions(max_pixels=5000, detail=Detail(use_bytes=30))
+    assert kept(tmp_path, options=options) == ALL
+    found = request(tmp_path)
+    auto = replace(found, model=SessionLoader(found.model.model, threads=2))
+    assert all(result.is_kept for result in Batch(auto))
+
+
+def test_a_changed_input_is_done_again(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    kept(tmp_path)
+    old = outputs(tmp_path / "out")
+    (tmp_path / "in" / "z.png").replace(tmp_path / "in" / "a.png")
+    assert kept(tmp_path) == {"a.png": False, "hall/b.png": True}
+    assert outputs(tmp_path / "out")["a.depth.png"] == old["z.depth.png"] != old["a.depth.png"]
+
+
+@pytest.mark.parametrize("damage", ["missing", "changed", "cut"])
+def test_a_damaged_output_is_made_again(tmp_path: Path, damage: str) -> None:
+    pictures(tmp_path)
+    kept(tmp_path)
+    good = outputs(tmp_path / "out")
+    path = tmp_path / "out" / "a.depth.png"
+    data = path.read_bytes()
+    path.unlink()
+    if damage != "missing":
+        path.write_bytes(data[:-1] + (b"" if damage == "cut" else b"x"))
+    assert kept(tmp_path) == {**ALL, "a.png": False}
+    assert outputs(tmp_path / "out") == good
+
+
+def test_failed_inputs_are_tried_again(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    path = tmp_path / "in" / "z.png"
+    good = path.read_bytes()
+    path.write_bytes(good[:50])
+    for _ in range(2):
+        statuses = {result.row.input: result.row.status for result in Batch(request(tmp_path))}
+        assert statuses == {**dict.fromkeys(NAMES, OK), "z.png": FAILED}
+    path.write_bytes(good)
+    assert kept(tmp_path) == {**ALL, "z.png": False}
+    row = known_rows(tmp_path / "out").row("z.png")
+    assert row is not None
+    assert row.error is None
+
+
+def test_a_batch_of_some_files_forgets_no_other(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    (tmp_path / "in" / "d.jpg").touch()
+    kept(tmp_path)
+    some = plan_files(b"z.png", "mine", str(tmp_path / "in"), str(tmp_path / "out"))
+    assert [result.is_kept for result in Batch(replace(request(tmp_path), plan=some))] == [True]
+    # What failed and was not asked for again has nothing in the folder.
+    assert known_rows(tmp_path / "out").row("d.jpg") is None
+    assert kept(tmp_path) == {**ALL, "d.jpg": False}
+
+
+def test_rows_that_are_not_ours_are_passed_over(tmp_path: Path) -> None:
+    write_picture(tmp_path / "in" / "a.png", synthetic_picture(24, 32))
+    (tmp_path / "out").mkdir()
+    strange = b'{"input": 3}\n[]\nno json\n\xff\xfe\n'
+    (tmp_path / "out" / "manifest.jsonl").write_bytes(strange)
+    assert kept(tmp_path) == {"a.png": False}
+    assert kept(tmp_path) == {"a.png": True}
