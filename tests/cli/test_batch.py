@@ -41,6 +41,20 @@ def test_the_tree_is_kept_and_outputs_are_those_of_predict(cli: Cli) -> None:
     assert contents(cli, "out")["hall/b.depth.png"] == alone
 
 
+def test_the_manifest_names_the_camera_of_each_picture(cli: Cli) -> None:
+    write_model(cli.models / "default", camera={"hfov_deg": 60.0}, input__fit="keep-aspect")
+    tree(cli, "a.png")
+    write_picture(cli.folder / "in" / "upright.png", synthetic_picture(64, 48))
+    for words, cameras in (
+        ((), ["60.0° across (assumed, from the model's card)", "46.8° across (assumed, from"]),
+        (("--hfov", "70"), ["70.0° across (given)", "70.0° across (given)"]),
+    ):
+        assert cli("batch", "in", "--out", "out", *words).returncode == 0
+        rows = (cli.folder / "out" / "manifest.jsonl").read_text().splitlines()
+        found = [json.loads(row)["camera"] for row in rows]
+        assert all(text.startswith(camera) for text, camera in zip(found, cameras, strict=True))
+
+
 def test_formats_and_sidecar(cli: Cli) -> None:
     tree(cli, "a.png")
     formats = ("png16", "preview", "exr", "npy", "ply")

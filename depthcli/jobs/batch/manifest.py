@@ -63,6 +63,7 @@ class Row:
         input_sha256: checksum of the input; None if it could not be read.
         error: why it failed; None if it did not.
         warnings: one-line texts.
+        camera: that its metres belong to, and how it is known; None without metres.
     """
 
     input: str
@@ -73,6 +74,7 @@ class Row:
     input_sha256: str | None = None
     error: str | None = None
     warnings: tuple[str, ...] = ()
+    camera: str | None = None
 
     def as_json(self) -> dict[str, object]:
         """The fields of one line."""
@@ -88,6 +90,7 @@ class Row:
             "input_sha256": self.input_sha256,
             "error": self.error,
             "warnings": self.warnings,
+            "camera": self.camera,
             **{name: getattr(self.origin, name) for name in Origin.__slots__},
         }
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from depthcli.errors import InputError, UsageError
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
+from depthcli.io.writers.facts import camera_words
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.manifest import OK, Row, written
 from depthcli.jobs.batch.task import Result, Task, check_network
@@ -118,6 +119,7 @@ class PictureWorker:
             seconds=time.perf_counter() - start_s,
             input_sha256=opened.sha256,
             warnings=warnings,
+            camera=camera_words(depth),
         )
         return Result(row)
 

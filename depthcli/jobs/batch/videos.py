@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from depthcli.errors import InputError
 from depthcli.io.video.formats import SEQUENCES, VideoFormat
+from depthcli.io.writers.facts import camera_words
 from depthcli.jobs.batch.manifest import FAILED, OK, Row, written
 from depthcli.jobs.batch.task import Result, Task, check_network
 from depthcli.jobs.video.plan import VideoPlan
@@ -78,6 +79,7 @@ class VideoWorker:
             input_sha256=sha256,
             error=done.problem,
             warnings=done.warnings,
+            camera=camera_words(done.depth),
         )
 
 
