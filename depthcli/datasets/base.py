@@ -59,3 +59,13 @@ class HasRawDepth(Protocol):
             DatasetError: it is not there or cannot be read.
         """
         ...
+
+
+@runtime_checkable
+class HasCamera(Protocol):
+    """A data set whose pictures one known camera took."""
+
+    @property
+    def hfov_deg(self) -> float:
+        """Horizontal field of view over the full picture width, degrees."""
+        ...

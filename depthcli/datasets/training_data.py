@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
+from depthcli.datasets.base import HasCamera
 from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
     read_depth_header,
     read_image_rgb,
 )
-from depthcli.datasets.nyu import INDEX_NAME, MAT_NAME, open_nyu
+from depthcli.datasets.layouts import opener_of
+from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.paired_folder import MILLIMETRES, list_files, open_paired_folder
 from depthcli.datasets.splits import LABELLED_COUNT, PAPER_TRAIN_COUNT
 from depthcli.datasets.subset import Subset
@@ -72,8 +74,9 @@ def open_training_data(
 
     Args:
         path: NYU Depth v2, as :func:`~depthcli.datasets.nyu.open_nyu` takes it, of which only the
-            training part is used; or a folder of ``rgb/`` and ``depth/`` with other names than
-            NYU's numbers, whose subfolders are the scenes if it has no index.
+            training part is used; another folder of
+            :data:`~depthcli.datasets.layouts.LAYOUTS`; or a folder of ``rgb/`` and ``depth/`` with
+            other names than NYU's numbers, whose subfolders are the scenes if it has no index.
         paired: each picture needs its depth. If not, and names or sizes in the two folders differ,
             they are two lists that have nothing to do with each other.
         split: whose training part of NYU Depth v2.
@@ -82,14 +85,15 @@ def open_training_data(
     Raises:
         DatasetError: the data is missing, incomplete, damaged, or in another unit.
     """
-    has_index = not path.is_dir() or any((path / name).is_file() for name in (MAT_NAME, INDEX_NAME))
-    if has_index:
+    opener = opener_of(path) if path.is_dir() else open_nyu
+    if opener is not None:
         if units_per_metre != MILLIMETRES:
-            raise DatasetError(f"{path} has an index, and is in millimetres: remove the unit")
-        whole = open_nyu(path)
-        if all(_is_label(name) for name in whole.ids):
+            raise DatasetError(f"{path} is in a unit that is known: remove data.units_per_metre")
+        whole = opener(path)
+        if opener is open_nyu and all(_is_label(name) for name in whole.ids):
             return _training_part(whole, split)
-        return TrainingData(whole, f"own pairs ({path.resolve().name})", None)
+        hfov_deg = whole.hfov_deg if isinstance(whole, HasCamera) else None
+        return TrainingData(whole, f"own pairs ({path.resolve().name})", hfov_deg)
     title = path.resolve().name
     if not paired and not _all_alike(path):
         lists = open_unpaired_folder(path, units_per_metre=units_per_metre)

@@ -1,0 +1,28 @@
+"""The data sets that are known by a file in their folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import TypeAlias
+
+from depthcli.datasets.base import DepthDataset
+
+Opener: TypeAlias = Callable[[Path], DepthDataset]
+
+LAYOUTS = {
+    "nyu_depth_v2_labeled.mat": "nyu:open_nyu",
+    "index.csv": "nyu:open_nyu",
+}
+"""Name of a file -> ``module:function`` that opens the folder with it, the first that is there."""
+
+
+def opener_of(folder: Path) -> Opener | None:
+    """What opens a folder; None if no file tells."""
+    for name, place in LAYOUTS.items():
+        if (folder / name).is_file():
+            module, _, function = place.partition(":")
+            found: Opener = getattr(import_module(f"depthcli.datasets.{module}"), function)
+            return found
+    return None

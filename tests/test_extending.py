@@ -1,0 +1,145 @@
+"""The examples of docs/extending.md, put where they say in a copy of the package, and used."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent / "training"))
+from rooms import Rooms, rooms, write_rooms
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLE = re.compile(
+    r"^```python\n# (\S+\.py)(, at the end)?\n(.*?)^```$", re.MULTILINE | re.DOTALL
+)
+TINY = """
+[generator]
+name = "efficient"
+encoder = [4, 4, 8, 8, 8]
+decoder = [8, 8, 4, 4]
+depths = [1, 1, 1, 1]
+[data]
+width = 64
+height = 48
+holdout_every = 0
+[optim]
+batch_size = 2
+epochs_constant = 1
+epochs_decay = 0
+"""
+
+
+def place(example: re.Match[str], folder: Path) -> None:
+    """A new file as it is; lines for a file that there is below the one that they begin with."""
+    path, code = folder / example[1], example[3]
+    if not path.exists():
+        path.write_text(code, "utf-8")
+        return
+    old = path.read_text("utf-8")
+    if example[2]:
+        path.write_text(f"{old}\n\n{code}", "utf-8")
+        return
+    first, new = code.split("\n", maxsplit=1)
+    assert old.count(f"{first}\n") == 1, f"{example[1]} has no line {first!r}"
+    path.write_text(old.replace(f"{first}\n", f"{first}\n{new}"), "utf-8")
+
+
+class Extended(NamedTuple):
+    """A copy of the package with every example of the page in it."""
+
+    folder: Path
+
+    def run(self, *words: str) -> str:
+        """What Python prints, in the folder of the copy."""
+        done = subprocess.run(
+            [sys.executable, *words],
+            cwd=self.folder,
+            env={**os.environ, "PYTHONPATH": str(self.folder), "CUDA_VISIBLE_DEVICES": ""},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def train(self, method: str, data: str, *more: str) -> list[dict[str, float]]:
+        """The losses of each epoch."""
+        (self.folder / "tiny.toml").write_text(TINY)
+        words = ("train", method, "--data", data, "--config", "tiny.toml", "--out", f"{data}-run")
+        told = self.run("-m", "depthcli", *words, "--threads", "1", "--json", *more)
+        return [json.loads(line)["losses"] for line in told.splitlines()]
+
+
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory: pytest.TempPathFactory) -> Extended:
+    folder = tmp_path_factory.mktemp("extended")
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "depthcli", folder / "depthcli", ignore=ignored)
+    (folder / "depthcli" / "_bundled").symlink_to(ROOT / "models")
+    shutil.copy(ROOT / "docs" / "room.jpg", folder)
+    for example in EXAMPLE.finditer((ROOT / "docs" / "extending.md").read_text("utf-8")):
+        place(example, folder)
+    return Extended(folder)
+
+
+def test_an_output_format(extended: Extended) -> None:
+    words = ("predict", "room.jpg", "-o", "out/", "--format", "pfm", "--format", "npy")
+    extended.run("-m", "depthcli", *words)
+    written = cv2.imread(str(extended.folder / "out" / "room.depth.pfm"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(written, np.load(extended.folder / "out" / "room.depth.npy"))
+    extended.run("-m", "depthcli", "predict", "room.jpg", "-o", "room.pfm")
+    assert (extended.folder / "room.pfm").read_bytes().startswith(b"Pf\n640 480\n")
+
+
+def test_a_metric(extended: Extended) -> None:
+    small = rooms()
+    depths_m = np.stack([cv2.resize(depth_m, (640, 480)) for depth_m in small.depths_m])
+    images = np.stack([cv2.resize(image, (640, 480)) for image in small.images])
+    write_rooms(extended.folder / "nyu", Rooms(images, depths_m))
+    words = ("eval", "nyu", "--data", "nyu", "--split", "val", "--no-model", "--csv", "table.csv")
+    assert " irmse" in extended.run("-m", "depthcli", *words)
+    header, *rows = (extended.folder / "table.csv").read_text().splitlines()
+    assert header.split(",")[-1] == "irmse"
+    assert all(float(row.split(",")[-1]) > 0 for row in rows)
+
+
+def test_a_loss(extended: Extended) -> None:
+    write_rooms(extended.folder / "berhu")
+    weights = ("--set", "loss.l1=0", "--set", "loss.berhu=10", "--preset", "default")
+    (losses,) = extended.train("proposed", "berhu", *weights)
+    assert set(losses) == {"berhu", "gradient"}
+    assert losses["berhu"] > 0
+
+
+def test_a_training_method(extended: Extended) -> None:
+    write_rooms(extended.folder / "rooms")
+    (losses,) = extended.train("direct", "rooms")
+    assert set(losses) == {"l1"}
+    assert " direct" in extended.run("-m", "depthcli", "train", "--help")
+
+
+def test_a_data_set(extended: Extended) -> None:
+    made, folder = rooms(), extended.folder / "desk"
+    folder.mkdir()
+    lines = ["# a comment"]
+    for i in range(len(made)):
+        cv2.imwrite(str(folder / f"{i}.png"), made.image(i)[..., ::-1])
+        cv2.imwrite(str(folder / f"{i}d.png"), (made.depth_m(i) * 5000).astype(np.uint16))
+        lines.append(f"{i}.5 {i}.png {i}.6 {i}d.png")
+    (folder / "associations.txt").write_text("\n".join(lines))
+    assert extended.train("proposed", "desk", "--preset", "default")
+    code = "from depthcli.training.checkpoint import Checkpoint; from pathlib import Path; "
+    code += "print(Checkpoint.load(Path('desk-run/last.ckpt')).progress.hfov_deg)"
+    assert float(extended.run("-c", code)) == 62.7
+    assert "abs_rel" in extended.run("compare.py")
