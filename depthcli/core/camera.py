@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
-
-from depthcli.errors import InputError, UsageError
-
-if TYPE_CHECKING:
-    from depthcli.core.types import DepthMap
+from typing import NamedTuple
 
 
 class Anchor(NamedTuple):
@@ -38,18 +33,3 @@ class Camera:
     focal_px: float | None = None
     hfov_deg: float | None = None
     anchors: tuple[Anchor, ...] = ()
-
-    def fitted(self, depth: DepthMap) -> DepthMap:
-        """The depth map through the anchors, if there are any.
-
-        Raises:
-            InputError: an anchor does not fit this picture.
-        """
-        if not self.anchors:
-            return depth
-        from depthcli.core.scaling import fit_anchors  # noqa: PLC0415 - it loads numpy
-
-        try:
-            return fit_anchors(depth, self.anchors)
-        except UsageError as error:  # an anchor that does not fit this picture may fit the next
-            raise InputError(str(error)) from error

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap, Provenance
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,6 +105,18 @@ def fit_anchors(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
     fitted = np.where(fitted > 0, fitted, np.float32(np.nan)).astype(np.float32)
     source = replace(depth.provenance or Provenance(), anchors=tuple(points))
     return DepthMap(fitted, DepthKind.METRIC, source)
+
+
+def fitted(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
+    """One of several pictures through known points; as it is where there are none.
+
+    Raises:
+        InputError: a point does not fit this picture, but may fit the next one.
+    """
+    try:
+        return fit_anchors(depth, points) if points else depth
+    except UsageError as error:
+        raise InputError(str(error)) from error
 
 
 def _value(depth: DepthMap, point: Anchor) -> float:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from depthcli.core.choices import MAX_PIXELS
 from depthcli.errors import InputError
-from depthcli.io.pictures.decode import MAX_PIXELS, check_size
+from depthcli.io.pictures.decode import check_size
 
 if TYPE_CHECKING:
     from pathlib import Path

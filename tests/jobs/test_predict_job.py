@@ -20,7 +20,8 @@ from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.failed import Failed
 from depthcli.jobs.predict.pictures import Done
-from depthcli.jobs.predict.run import PredictRequest, predict
+from depthcli.jobs.predict.request import PredictRequest
+from depthcli.jobs.predict.run import predict
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -80,7 +81,9 @@ def test_without_streams_there_is_nothing_to_read_or_write(
 
 
 def test_a_request_is_made_before_anything_heavy_is_loaded() -> None:
-    code = "import sys, depthcli.jobs.predict.run; print(*sys.modules)"
+    code = (
+        "import sys, depthcli.jobs.predict.run, depthcli.jobs.predict.request; print(*sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     modules = set(done.stdout.decode().split())
     assert not modules & {"numpy", "cv2", "onnxruntime", "typer", "rich"}

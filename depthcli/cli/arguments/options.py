@@ -9,11 +9,8 @@ import typer
 from depthcli.cli.arguments import completion
 from depthcli.cli.arguments.formats import Colormap, ExrChannel, Near
 from depthcli.cli.arguments.numbers import field_of_view, finite, positive
-from depthcli.core import choices
 from depthcli.core.choices import Upsampling
 from depthcli.io.writers.formats import Format
-
-MAX_PIXELS = choices.MAX_PIXELS
 
 ModelOption = Annotated[
     str | None,

@@ -10,7 +10,7 @@ import typer
 
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.formats import ExrChannel
-from depthcli.core.choices import Upsampling
+from depthcli.core.choices import MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.writers.formats import Format
 
@@ -102,7 +102,7 @@ def batch(
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
     max_memory: options.MaxMemoryOption = None,
-    max_pixels: options.MaxPixelsOption = options.MAX_PIXELS,
+    max_pixels: options.MaxPixelsOption = MAX_PIXELS,
     as_json: options.JsonOption = False,
     quiet: options.QuietOption = False,
 ) -> int:

@@ -10,7 +10,7 @@ import typer
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.screen import console
-from depthcli.core.choices import Upsampling
+from depthcli.core.choices import MAX_PIXELS, Upsampling
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.writers.formats import Format
@@ -58,7 +58,7 @@ def predict(
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
     max_memory: options.MaxMemoryOption = None,
-    max_pixels: options.MaxPixelsOption = options.MAX_PIXELS,
+    max_pixels: options.MaxPixelsOption = MAX_PIXELS,
     as_json: options.JsonOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
@@ -75,6 +75,7 @@ def predict(
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.jobs.predict import run as job
     from depthcli.jobs.predict.plan import STANDARD, picture_formats, pictures_among
+    from depthcli.jobs.predict.request import PredictRequest
 
     to_stdout = output == STANDARD
     if as_json and to_stdout:
@@ -87,7 +88,7 @@ def predict(
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     pictures, own = pictures_among(images)
     results = job.predict(
-        job.PredictRequest(
+        PredictRequest(
             pictures=tuple(pictures),
             output=output,
             formats=chosen,

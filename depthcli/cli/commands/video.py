@@ -9,7 +9,7 @@ import typer
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.arguments.numbers import not_negative
-from depthcli.core.choices import Upsampling
+from depthcli.core.choices import MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.io.video.codecs import PreviewCodec
 from depthcli.io.video.formats import VideoFormat
@@ -135,7 +135,7 @@ def video(
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
     max_memory: options.MaxMemoryOption = None,
-    max_pixels: options.MaxPixelsOption = options.MAX_PIXELS,
+    max_pixels: options.MaxPixelsOption = MAX_PIXELS,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object to stdout at the end.")
     ] = False,

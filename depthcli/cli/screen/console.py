@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, cast
 
-from depthcli.core import text as core_text
+from depthcli.core.text import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -29,7 +29,6 @@ class State:
         self.debug = False
 
 
-one_line = core_text.one_line
 _GAP = 2  # between columns
 _bars: list[Progress] = []
 """The progress bar on the terminal, if there is one."""

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import OpenEXR
 
+from depthcli.core.choices import MAX_PIXELS
 from depthcli.errors import InputError
-from depthcli.io.pictures.decode import MAX_PIXELS, read_bytes
+from depthcli.io.pictures.decode import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
-from depthcli.io.pictures.decode import MAX_PIXELS, decode, read_bytes
+from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
 from depthcli.io.pictures.tiff import TIFF_STARTS
 

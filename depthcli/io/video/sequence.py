@@ -5,10 +5,10 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING, Self
 
+from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
-from depthcli.io.pictures.decode import MAX_PIXELS
 from depthcli.io.pictures.read import read_image
 from depthcli.io.video.rates import rate_text
 from depthcli.io.video.sequence_files import EXR, find_pictures

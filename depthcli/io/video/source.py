@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Self
 import av
 from av.video.reformatter import VideoReformatter
 
+from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
-from depthcli.io.pictures.decode import MAX_PIXELS, check_size
+from depthcli.io.pictures.decode import check_size
 from depthcli.io.pictures.read import upright
 from depthcli.io.video.container import open_video
 from depthcli.io.video.decoder import FrameDecoder

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from depthcli.core.scaling import fitted
 from depthcli.errors import InputError, UsageError
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
@@ -108,7 +109,8 @@ class PictureWorker:
         if isinstance(depth, Exception):
             return self._failed(task, depth, start_s, opened.sha256)
         try:
-            files, warnings = self._write(task, self.options.camera.fitted(depth), opened.frame)
+            depth = fitted(depth, self.options.camera.anchors)
+            files, warnings = self._write(task, depth, opened.frame)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, opened.sha256)
         row = Row(

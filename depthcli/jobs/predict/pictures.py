@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.scaling import fitted
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.pictures.read import read_image
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from depthcli.inference.session import Session
     from depthcli.io.writers.formats import Format
     from depthcli.jobs.predict.plan import PicturePlan
-    from depthcli.jobs.predict.run import PredictRequest
+    from depthcli.jobs.predict.request import PredictRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +73,10 @@ def _done(request: PredictRequest, plan: PicturePlan, loading: Background[Sessio
     frame = _read(request, plan)
     session = loading.result()
     camera = request.camera
-    depth = camera.fitted(
-        Pipeline(session, request.detail).predict(
-            frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
-        )
+    depth = Pipeline(session, request.detail).predict(
+        frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
     )
+    depth = fitted(depth, camera.anchors)
     warnings = list(session.warnings)
     for name, path in plan.outputs.items():
         warnings += _write(request, name, depth, frame, path)
