@@ -63,7 +63,7 @@ def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
     """CPU seconds of all stages of a frame, each in its turn, the mean over a few frames."""
     cv2.setNumThreads(1)
     pipeline = load(threads=1, detail=Detail())
-    settings = VideoSettings(workers=0)
+    settings = VideoSettings()
     work, stages = FrameStages(pipeline, settings), Stages()
     plan = plan_video(str(video), f"{folder}/", FORMATS)
     with VideoSource(video) as source, ExitStack() as stack:

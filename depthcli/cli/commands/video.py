@@ -154,7 +154,6 @@ def video(
     from depthcli.cli.arguments.unused import VIDEO_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.cli.screen.progress import drawn
-    from depthcli.core.parallel.cores import share_cores
     from depthcli.jobs.failed import Failed
     from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import video_formats
@@ -165,7 +164,6 @@ def video(
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
     refuse_unused(context, chosen, VIDEO_OPTIONS)
-    at_once, share = share_cores(workers, threads)
     request = job.VideoRequest(
         video=file,
         output=output,
@@ -173,10 +171,9 @@ def video(
         sidecar=sidecar,
         codec=codec,
         has_sound=audio,
-        model=session_loader(model, provider, share, provider_option),
+        model=session_loader(model, provider, threads, provider_option),
         settings=VideoSettings(
             writing=writing,
-            workers=at_once,
             span=parse_span(start, end, every),
             smooth_s=smooth,
             lock_s=lock,
@@ -186,6 +183,7 @@ def video(
             fps=parse_fps(fps, file),
             start_number=start_number,
         ),
+        workers=workers,
     )
     result: VideoDone | Failed
     try:

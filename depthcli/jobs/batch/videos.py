@@ -64,12 +64,11 @@ class VideoWorker:
         plan = VideoPlan(name, Path(task.input.path), (out / name).parent, names)
         settings = VideoSettings(
             writing=options.writing,
-            workers=self.workers,
             camera=options.camera,
             detail=options.detail,
             max_pixels=options.max_pixels,
         )
-        done = write_video(plan, self.pictures.pipeline, settings)
+        done = write_video(plan, self.pictures.pipeline, settings, self.workers)
         return Row(
             input=name,
             status=FAILED if done.problem else OK,

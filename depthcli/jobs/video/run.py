@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from depthcli.core.parallel.cores import share_cores
 from depthcli.core.progress import NO_PROGRESS
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.video.plan import plan_video, video_formats
@@ -29,8 +30,10 @@ class VideoRequest:
         sidecar: write the JSON as well.
         codec: of the preview; None for the usual one of its container.
         has_sound: take the video's sound into the preview.
-        model: which model runs, and how; with one thread where there are several workers.
+        model: which model runs, and how; without a number of threads, with each worker's share of
+            the cores.
         settings: how frames become depth, and which do.
+        workers: threads beside the one that decodes and writes; None for one a core.
     """
 
     video: str
@@ -41,6 +44,7 @@ class VideoRequest:
     has_sound: bool = True
     model: SessionLoader = field(default_factory=SessionLoader)
     settings: VideoSettings = field(default_factory=VideoSettings)
+    workers: int | None = None
 
 
 def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoDone:
@@ -71,10 +75,11 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoDone:
         codec=request.codec,
         has_sound=request.has_sound,
     )
-    loading = request.model.start()
+    workers, threads = share_cores(request.workers, request.model.threads)
+    loading = replace(request.model, threads=threads).start()
     # What reads and writes videos is imported while the model loads.
     from depthcli.inference.pipeline import Pipeline
     from depthcli.jobs.video.write import write_video
 
     pipeline = Pipeline(loading.result(), request.settings.detail)
-    return write_video(plan, pipeline, request.settings, progress)
+    return write_video(plan, pipeline, request.settings, workers, progress)

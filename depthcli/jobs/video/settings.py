@@ -18,11 +18,10 @@ LOCK_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class VideoSettings:
-    """Options of a run, the same for every video.
+    """Options that outputs follow from, the same for every video.
 
     Attributes:
         writing: options of the formats.
-        workers: threads beside the one that decodes and writes.
         span: which frames.
         smooth_s: time constant of the depth's smoothing in seconds; 0 for none.
         lock_s: time constant of the preview's range; 0 for each frame's own.
@@ -34,7 +33,6 @@ class VideoSettings:
     """
 
     writing: WriterOptions = field(default_factory=WriterOptions)
-    workers: int = 1
     span: Span = WHOLE
     smooth_s: float = 0.0
     lock_s: float = LOCK_S

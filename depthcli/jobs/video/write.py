@@ -41,9 +41,17 @@ def write_video(
     plan: VideoPlan,
     pipeline: Pipeline,
     settings: VideoSettings,
+    workers: int,
     progress: Progress = NO_PROGRESS,
 ) -> VideoDone:
     """As :func:`depthcli.jobs.video.run.video`, with outputs that are named and a model in hand.
+
+    Args:
+        plan: the video and its outputs.
+        pipeline: the model.
+        settings: options.
+        workers: threads beside the one that decodes and writes.
+        progress: told of each frame.
 
     Raises:
         InputError: the video cannot be read, or has no frame in the span.
@@ -68,8 +76,9 @@ def write_video(
         sidecar = _sidecar(plan, stack)
         stages = FrameStages(pipeline, settings, earlier.kept)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
+        frames = _numbered(source, settings)
         # Closed before the outputs are: no thread may write into what is being removed.
-        with closing(_written(source, stages, outputs, settings)) as numbers:
+        with closing(_written(frames, stages, outputs, workers)) as numbers:
             for number in numbers:
                 earlier.add(number)
                 advance(1)
@@ -99,10 +108,7 @@ def _sidecar(plan: VideoPlan, stack: ExitStack) -> Path | None:
 
 
 def _written(
-    source: VideoSource | ImageSequence,
-    stages: FrameStages,
-    outputs: Sequence[VideoOutput],
-    settings: VideoSettings,
+    frames: Iterator[Frame], stages: FrameStages, outputs: Sequence[VideoOutput], workers: int
 ) -> Generator[int, None, None]:
     """Take every frame through all stages, each stage a few frames ahead of the next.
 
@@ -114,7 +120,6 @@ def _written(
         whole = stages.restore(frame)
         return [output.encode(whole) for output in outputs]
 
-    workers, frames = settings.workers, _numbered(source, settings)
     with (
         one_thread_each(workers),
         closing(ordered_map(stages.predict, frames, workers=workers)) as predicted,

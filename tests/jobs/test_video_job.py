@@ -1,0 +1,364 @@
+"""Videos worked off by the job itself, as a program calls it."""
+
+from __future__ import annotations
+
+import dataclasses
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+from tiny import write_model
+from videos import NTSC, write_mp4, write_video
+
+from depthcli.core.choices import Detail
+from depthcli.errors import InputError, ModelError, OutputError, UsageError
+from depthcli.inference.loading import SessionLoader
+from depthcli.inference.pipeline import load
+from depthcli.io.depth.read import read_depth
+from depthcli.io.video.codecs import PreviewCodec
+from depthcli.io.video.depth import DepthVideo
+from depthcli.io.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat
+from depthcli.io.video.source import VideoSource
+from depthcli.io.video.spans import Point, Span
+from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.video.plan import plan_video, video_formats
+from depthcli.jobs.video.run import VideoRequest, video
+from depthcli.jobs.video.settings import VideoSettings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from depthcli.jobs.video.result import VideoDone
+
+
+@pytest.fixture
+def loader(tmp_path: Path) -> SessionLoader:
+    return SessionLoader(write_model(tmp_path / "model"), "cpu")
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    """A clip at 30000/1001 whose frames get brighter, hence farther for the tiny model."""
+    columns = [np.linspace(i, 64 + 7 * i, 64).astype(np.uint8) for i in range(24)]
+    pictures = [np.tile(column[None, :, None], (48, 1, 3)) for column in columns]
+    return write_mp4(tmp_path / "clip.mp4", pictures)
+
+
+def run(path: Path, output: Path | str, loader: SessionLoader, **settings: Any) -> VideoDone:
+    return video(
+        VideoRequest(str(path), str(output), model=loader, settings=VideoSettings(**settings))
+    )
+
+
+def frame_number(number: int) -> Point:
+    return Point(Fraction(number), in_frames=True)
+
+
+def files(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+class Watch:
+    """A Progress that remembers, and may end the run after some frames."""
+
+    def __init__(self, last: int | None = None) -> None:
+        self.begun: list[tuple[str, int | None, str]] = []
+        self.done = 0
+        self._last = last
+
+    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
+        self.begun.append((what, total, unit))
+        return self._advance
+
+    def _advance(self, count: int) -> None:
+        self.done += count
+        if self.done == self._last:
+            raise KeyboardInterrupt
+
+
+def test_a_video_has_one_result_and_its_frames_are_told(
+    clip: Path, tmp_path: Path, loader: SessionLoader, capfd: pytest.CaptureFixture[str]
+) -> None:
+    watch = Watch()
+    every = VideoSettings(span=Span(every=frame_number(2)))
+    request = VideoRequest(str(clip), str(tmp_path / "d.mkv"), model=loader, settings=every)
+    done = video(request, watch)
+    assert (watch.begun, watch.done) == ([(str(clip), 12, "frames")], 12)
+    assert (done.name, done.outputs) == (str(clip), (str(tmp_path / "d.mkv"),))
+    assert (done.frames, done.rate, done.source_rate) == (12, NTSC / 2, NTSC)
+    assert (done.provider, done.problem, done.is_regular) == ("cpu", None, True)
+    assert done.seconds > 0
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"video": "none.mp4"}, InputError),
+        ({"output": "a.gif"}, UsageError),
+        ({"model": SessionLoader("none.onnx")}, ModelError),
+        ({"settings": VideoSettings(span=Span(Point(Fraction(60))))}, InputError),
+    ],
+)
+def test_what_is_wrong_is_raised(
+    clip: Path, loader: SessionLoader, changes: dict[str, Any], error: type[Exception]
+) -> None:
+    before = files(clip.parent)
+    with pytest.raises(error):
+        video(dataclasses.replace(VideoRequest(str(clip), model=loader), **changes))
+    assert files(clip.parent) == before
+
+
+@pytest.mark.parametrize(
+    ("output", "formats", "reason"),
+    [
+        ("clip.mp4", (), "is the input"),
+        ("link.mp4", (), "is the input"),
+        ("a.gif", (), ".mkv"),
+        ("-", (), "standard output"),
+        ("a.mkv", (VideoFormat.PNG16,), "folder"),
+        ("a.mkv", (VideoFormat.MP4,), ".mp4"),
+        (None, (VideoFormat.JSON,), "another --format"),
+        ("a.%d.png", (VideoFormat.EXR,), "pattern for numbered files"),
+    ],
+)
+def test_outputs_that_do_not_fit(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    output: str | None,
+    formats: tuple[VideoFormat, ...],
+    reason: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "clip.mp4").write_bytes(b"never read")
+    (tmp_path / "link.mp4").symlink_to("clip.mp4")
+    with pytest.raises(UsageError, match=reason):
+        video(VideoRequest("clip.mp4", output, formats))
+    assert files(tmp_path) == {"clip.mp4", "link.mp4"}
+
+
+def test_a_codec_is_for_its_containers() -> None:
+    with pytest.raises(UsageError, match="vp9 or av1"):
+        video(VideoRequest("a.mp4", None, (VideoFormat.WEBM,), codec=PreviewCodec.H264))
+
+
+@pytest.mark.parametrize("name", ["clip.depth.mkv", "clip.preview.mp4"])
+def test_a_folder_in_the_place_of_an_output_is_an_error(
+    clip: Path, loader: SessionLoader, name: str
+) -> None:
+    (clip.parent / name).mkdir()
+    with pytest.raises(OutputError, match="is a folder"):
+        video(VideoRequest(str(clip), model=loader))
+
+
+def test_numbered_files_of_a_run_that_was_stopped_are_kept(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    request = VideoRequest(
+        str(clip), f"{tmp_path}/out/", (VideoFormat.PNG16,), sidecar=True, model=loader
+    )
+    with pytest.raises(KeyboardInterrupt):
+        video(request, Watch(last=9))
+    out = tmp_path / "out"
+    assert not (out / "clip.depth.json").exists()
+    written_ns = {path.name: path.stat().st_mtime_ns for path in sorted(out.glob("*.png"))[6:9]}
+    watch = Watch()
+    assert (video(request, watch).frames, watch.done) == (24, 24)
+    for name, at_ns in written_ns.items():
+        assert (out / name).stat().st_mtime_ns == at_ns
+    other = dataclasses.replace(request, output=f"{tmp_path}/whole/")
+    video(other)
+    assert files(out) == files(tmp_path / "whole")
+    for path in (tmp_path / "whole").glob("*.png"):
+        assert (out / path.name).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        VideoSettings(writing=WriterOptions(png_scale=256)),
+        VideoSettings(span=Span(frame_number(1)), start_number=0),
+    ],
+)
+def test_frames_of_another_request_are_done_again(
+    clip: Path, tmp_path: Path, loader: SessionLoader, settings: VideoSettings
+) -> None:
+    request = VideoRequest(str(clip), f"{tmp_path}/out/", (VideoFormat.PNG16,), model=loader)
+    with pytest.raises(KeyboardInterrupt):
+        video(request, Watch(last=9))
+    for folder in ("out", "whole"):
+        output = f"{tmp_path}/{folder}/"
+        video(dataclasses.replace(request, output=output, settings=settings))
+    for path in (tmp_path / "whole").iterdir():
+        assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_names_of_outputs(tmp_path: Path) -> None:
+    formats = (VideoFormat.MKV, VideoFormat.PNG16)
+    assert plan_video("in/a.mov", None, formats).path(VideoFormat.MKV).as_posix() == (
+        "in/a.depth.mkv"
+    )
+    assert plan_video("a.mov", "x/b.mkv", formats).names == {
+        VideoFormat.MKV: "b.depth.mkv",
+        VideoFormat.PNG16: "b.depth.%06d.png",
+    }
+    assert plan_video("a.mov", str(tmp_path), formats).folder == tmp_path
+    assert video_formats("frames", ()) == (VideoFormat.MKV, VideoFormat.MP4)
+    assert set(VIDEO_FORMATS) == set(VideoFormat)
+
+
+def test_every_output_holds_the_same_millimetres(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    out = tmp_path / "out"
+    done = video(VideoRequest(str(clip), str(out), tuple(VideoFormat), model=loader))
+    names = [f"clip{VIDEO_FORMATS[name].suffix}" for name in VideoFormat]
+    assert done.outputs == tuple(str(out / name) for name in names)
+    pipeline = load(tmp_path / "model", detail=Detail())
+    with VideoSource(clip) as source:
+        expected = [np.rint(pipeline.predict(f).values * 1000) for f in source.frames()]
+    steps = list(DepthVideo(out / "clip.depth.mkv").steps())
+    np.testing.assert_array_equal(steps, expected)
+    for index, one in enumerate(steps):
+        png = cv2.imread(str(out / f"clip.depth.{index:06d}.png"), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(one, png)
+        for suffix in ("exr", "npy"):
+            metres = read_depth(out / f"clip.depth.{index:06d}.{suffix}").values
+            np.testing.assert_array_equal(one, np.rint(metres * 1000))
+    assert len(files(out)) == len(set(VideoFormat) - set(SEQUENCES)) + 24 * len(SEQUENCES)
+
+
+def test_one_worker_and_several_write_the_same(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    for workers in (1, 4):
+        settings = VideoSettings(smooth_s=0.1)
+        request = VideoRequest(
+            str(clip), f"{tmp_path}/w{workers}/", model=loader, settings=settings, workers=workers
+        )
+        video(request)
+    for name in ("clip.depth.mkv", "clip.preview.mp4"):
+        one, four = ((tmp_path / f"w{n}" / name).read_bytes() for n in (1, 4))
+        assert one == four
+
+
+def times_ms(path: Path) -> list[float]:
+    """When a video's frames are shown, as another program sees it."""
+    capture, times = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG), []
+    while capture.grab():
+        times.append(capture.get(cv2.CAP_PROP_POS_MSEC))
+    return times
+
+
+def test_a_part_of_a_video(clip: Path, tmp_path: Path, loader: SessionLoader) -> None:
+    run(clip, tmp_path / "whole.mkv", loader)
+    span = Span(Point(Fraction("0.2")), frame_number(20), frame_number(3))
+    formats = (VideoFormat.PNG16, VideoFormat.MKV)
+    settings = VideoSettings(span=span)
+    done = video(
+        VideoRequest(str(clip), f"{tmp_path}/p/", formats, model=loader, settings=settings)
+    )
+    indices = [6, 9, 12, 15, 18]
+    assert (done.frames, done.first.index, done.rate) == (5, 6, NTSC / 3)
+    assert done.first.timestamp_s == pytest.approx(6 * 1001 / 30000)
+    names = {f"clip.depth.{i:06d}.png" for i in indices}
+    assert files(tmp_path / "p") == {"clip.depth.mkv"} | names
+    steps = list(DepthVideo(tmp_path / "whole.mkv").steps())
+    part = list(DepthVideo(tmp_path / "p" / "clip.depth.mkv").steps())
+    np.testing.assert_array_equal(part, [steps[i] for i in indices])
+    assert times_ms(tmp_path / "p" / "clip.depth.mkv") == pytest.approx(
+        [round(i * 3 * 1001 / 30) for i in range(5)]  # the part begins at 0
+    )
+
+
+@pytest.mark.parametrize(
+    ("every", "rate"),
+    [(frame_number(25000), Fraction(6, 5005)), (Point(Fraction(25000)), Fraction(1, 25000))],
+)
+def test_frames_can_be_hours_apart(
+    clip: Path, tmp_path: Path, loader: SessionLoader, every: Point, rate: Fraction
+) -> None:
+    done = run(clip, f"{tmp_path}/a/", loader, span=Span(every=every))
+    assert (done.frames, done.rate) == (1, rate)
+    assert DepthVideo(tmp_path / "a" / "clip.depth.mkv").rate == rate
+
+
+def noisy(path: Path, scenes: int = 2, length: int = 25) -> Path:
+    """Still scenes under noise, each of its own brightness."""
+    rng = np.random.default_rng(0)
+    columns = np.linspace(0, 60, 64)
+    frames = [
+        np.clip(columns[:, None] + 50 + 90 * scene + rng.normal(0, 9, (48, 64, 1)), 0, 255)
+        .astype(np.uint8)
+        .repeat(3, 2)
+        for scene in range(scenes)
+        for _ in range(length)
+    ]
+    return write_video(path, frames)
+
+
+def test_smoothing_lowers_the_flicker_and_stops_at_a_cut(
+    tmp_path: Path, loader: SessionLoader
+) -> None:
+    path = noisy(tmp_path / "noise.avi")
+    before = run(path, tmp_path / "raw.mkv", loader)
+    after = run(path, tmp_path / "smooth.mkv", loader, smooth_s=0.3)
+    assert before.scenes == after.scenes == 2
+    assert before.flicker is not None
+    assert after.flicker is not None
+    assert after.flicker_unsmoothed == pytest.approx(before.flicker)
+    assert after.flicker < before.flicker / 2
+    first, second = (
+        [depth.values for depth in DepthVideo(tmp_path / name)]
+        for name in ("raw.mkv", "smooth.mkv")
+    )
+    # The first frame of the second scene, but for the rounding of a logarithm and back.
+    np.testing.assert_allclose(first[25], second[25], atol=0.0011)
+    assert np.median(second[24]) < np.median(first[25]) - 1
+    noise = [
+        np.std([values[20:28] for values in maps[10:25]], axis=0).mean() for maps in (first, second)
+    ]
+    assert noise[1] < noise[0] / 2
+
+
+def colours(path: Path) -> list[np.ndarray[Any, Any]]:
+    capture = cv2.VideoCapture(str(path))
+    found = []
+    while True:
+        ok, pixels = capture.read()
+        if not ok:
+            return found
+        found.append(pixels.astype(int))
+
+
+def test_the_lock_holds_colours_and_lets_go_at_a_cut(tmp_path: Path, loader: SessionLoader) -> None:
+    background = np.repeat(np.linspace(90, 160, 64).astype(np.uint8)[None, :], 48, 0)
+    frames = []
+    for i in range(30):
+        picture = background.copy()
+        picture[:6] = picture[:6] if i < 15 else 250  # something far comes into the picture
+        frames.append(picture)
+    frames += [np.full_like(background, 20)] * 3
+    path = write_video(tmp_path / "a.avi", [np.repeat(f[..., None], 3, 2) for f in frames])
+    gray = WriterOptions(colormap="gray", near="white")
+    for lock_s in (0, 5):
+        run(path, tmp_path / f"{lock_s}.mp4", loader, lock_s=lock_s, writing=gray)
+    free, held = (colours(tmp_path / f"{lock_s}.mp4") for lock_s in (0, 5))
+    jump = [abs(f[16][40, 32] - f[13][40, 32]).max() for f in (free, held)]
+    assert jump[0] > 40  # without it the change of one part repaints the rest
+    assert jump[1] < 15
+    assert abs(free[-1] - held[-1]).max() < 20
+
+
+def test_a_preview_with_legend_and_picture(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    writing = WriterOptions(legend=True, side_by_side=True, vmin=1, vmax=9)
+    run(clip, tmp_path / "a.mp4", loader, writing=writing)
+    frame = colours(tmp_path / "a.mp4")[0]
+    assert frame.shape[0] == 48
+    assert frame.shape[1] > 2 * 64 + 30
+    assert abs(frame[20:30, 2:62, 0] - frame[20:30, 2:62, 2]).mean() < 10  # the gray picture
