@@ -234,19 +234,6 @@ def test_a_stopped_sequence_keeps_its_frames_and_goes_on(cli: Cli) -> None:
     assert contents(cli.folder / "out") == contents(cli.folder / "whole")
 
 
-def test_frames_of_other_options_are_done_again(cli: Cli) -> None:
-    write_video(cli.folder / "long.avi", flat_frames([i % 250 for i in range(800)], 16, 16))
-    words = ("video", "long.avi", "--format", "png16", "--out")
-    stopped(cli, *words, "out/", files=30)
-    options = ("--png-scale", "256", "--end", "25f")
-    assert cli(*words, "out/", *options).returncode == 0
-    assert cli(*words, "whole/", *options).returncode == 0
-    found = contents(cli.folder / "out")
-    for name, data in contents(cli.folder / "whole").items():
-        assert found[name] == data
-    assert not any(name.startswith(".") for name in found)
-
-
 def test_a_link_in_the_place_of_the_journal_leads_nowhere(cli: Cli) -> None:
     write_video(cli.folder / "clip.avi", flat_frames(range(3)))
     (cli.folder / "precious").write_text("precious")
