@@ -160,7 +160,7 @@ def remove_leftovers(folders: Iterable[Path]) -> None:
 def _lock_file(file: BinaryIO, folder: Path) -> None:
     """Keep a second batch out; the lock ends with the process, however it ends."""
     try:
-        import fcntl
+        import fcntl  # noqa: PLC0415 - not on Windows
     except ImportError:
         return
     try:

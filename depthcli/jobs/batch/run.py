@@ -114,7 +114,7 @@ class Batch(Iterator[Result]):
         files = list(self._plan.videos)
         if not files:
             return
-        from depthcli.jobs.batch.videos import VideoWorker  # it loads PyAV
+        from depthcli.jobs.batch.videos import VideoWorker  # noqa: PLC0415 - it loads PyAV
 
         worker = VideoWorker(self._worker, self._workers)
         for file in files:
