@@ -27,4 +27,11 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     for code in EXAMPLE.findall((DOCS / "python.md").read_text("utf-8")):
         exec(compile(code, "docs/python.md", "exec"), names)  # noqa: S102 - our own page
     written = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
-    assert written >= {"room.exr", "room.ply", "kitti.png", "room.preview.png", "out/a.png"}
+    assert written >= {
+        "room.exr",
+        "room.ply",
+        "kitti.png",
+        "room.preview.png",
+        "out/a.png",
+        "depth/manifest.jsonl",
+    }
