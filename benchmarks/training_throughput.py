@@ -28,7 +28,7 @@ from depthcli.datasets.training_data import TrainingData
 from depthcli.training.board import Board
 from depthcli.training.config.changes import resolve
 from depthcli.training.config.presets import preset_file
-from depthcli.training.data.batches import Batch, Batches
+from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.loop import Limits, train
 from depthcli.training.methods.registry import default_config
@@ -79,7 +79,7 @@ class Stopwatch(Silent):
         self.ends.append(time.perf_counter())
 
 
-def bare(run: Run, batches: list[Batch], steps: int) -> list[float]:
+def bare(run: Run, batches: list[TrainingBatch], steps: int) -> list[float]:
     """Seconds of each step of the networks and optimisers alone."""
     seconds = []
     for step in range(steps):

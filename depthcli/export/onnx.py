@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
-import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from depthcli.core.choices import Weights
-from depthcli.core.types import DepthKind
-from depthcli.datasets import id_ranges
+from depthcli.export.card import card_of, card_path
 from depthcli.export.graph import (
-    IR_VERSION,
-    OPSET,
     MirrorAverage,
     build_graph,
     folded,
@@ -22,12 +16,10 @@ from depthcli.export.graph import (
     set_metadata,
 )
 from depthcli.export.int8 import calibration_batches, quantize
-from depthcli.export.parity import HALF_TOLERANCE, INT8_TOLERANCE, TOLERANCE, Parity, check_parity
+from depthcli.export.parity import Parity, check_parity
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.models.card import METADATA_KEY, ModelCard
-from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
-from depthcli.models.catalog import CARD_NAME
-from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
+from depthcli.training.checkpoint import load_generator
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,50 +27,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-MODEL_NAME = "model.onnx"
-NO_LICENSE = "NOASSERTION"
-"""What SPDX writes where nobody has said under which licence something is."""
-_CARD_SUFFIX = f".{CARD_NAME}"
-_FULL_STRIDE = 4
-
-
-@dataclass(frozen=True, slots=True)
-class ExportOptions:
-    """What is exported.
-
-    Attributes:
-        name: of the model.
-        version: of the model.
-        half: store weights as float16; sums stay float32.
-        mirror: average with the mirrored picture, at twice the cost.
-        opset: ONNX operator set.
-        tolerance: largest difference between torch and onnxruntime; None for the usual one.
-        int8_pictures: folder of pictures to calibrate int8 on; None keeps floats.
-        license: of the weights, an SPDX name.
-        hfov_deg: horizontal field of view of the camera that took the training pictures, degrees;
-            None for what the checkpoint knows of it.
-        weights: the average, where the run keeps one, or those of the last step.
-    """
-
-    name: str = "custom"
-    version: str = "1.0.0"
-    half: bool = False
-    mirror: bool = False
-    opset: int = OPSET
-    tolerance: float | None = None
-    int8_pictures: Path | None = None
-    license: str = NO_LICENSE
-    hfov_deg: float | None = None
-    weights: Weights = Weights.AVERAGED
-
-    @property
-    def allowed(self) -> float:
-        """Largest difference that parity lets pass."""
-        if self.tolerance is not None:
-            return self.tolerance
-        if self.int8_pictures is not None:
-            return INT8_TOLERANCE
-        return HALF_TOLERANCE if self.half else TOLERANCE
+    from depthcli.export.options import ExportOptions
+    from depthcli.models.card_specs import InputSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +51,8 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
 
     Args:
         checkpoint: written by training.
-        out: the ONNX file; its card is written beside it, see :func:`card_path`.
+        out: the ONNX file; its card is written beside it, see
+            :func:`depthcli.export.card.card_path`.
         options: what to export.
 
     Raises:
@@ -134,77 +85,6 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     with atomic_path(card_path(out), inputs=[checkpoint]) as path:
         path.write_text(card.to_json(), "utf-8")
     return Exported(out, card, parity)
-
-
-def card_path(model: Path) -> Path:
-    """Where a model's card belongs.
-
-    ``model.onnx`` has a folder to itself and ``card.json`` in it; any other ``name.onnx`` shares
-    its folder with other models and has ``name.card.json``.
-    """
-    return model.with_name(CARD_NAME if model.name == MODEL_NAME else model.stem + _CARD_SUFFIX)
-
-
-def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
-    """The card of a checkpoint's generator, without what depends on the file."""
-    config = saved.config
-    codec = config.output.codec
-    hfov_deg = options.hfov_deg or saved.progress.hfov_deg
-    return ModelCard(
-        name=options.name,
-        version=options.version,
-        summary=f"{config.method}, {config.generator.name} generator, {saved.progress.data}",
-        license=options.license,
-        input=InputSpec(
-            colour=Colour(config.data.colour),
-            width=config.data.width,
-            height=config.data.height,
-            dynamic=True,
-            multiple_of=_FULL_STRIDE,
-            fit=Fit.KEEP_ASPECT,
-            mean=(0.5,),
-            std=(0.5,),
-            pixel_aspect=round(saved.progress.aspect * config.data.height / config.data.width, 9),
-        ),
-        output=OutputSpec(
-            kind=DepthKind.METRIC,
-            transform=codec.transform,
-            scale=codec.scale,
-            shift=codec.shift,
-            min_m=config.output.min_m,
-            max_m=config.output.max_m,
-        ),
-        camera=None if hfov_deg is None else CameraSpec(hfov_deg),
-        onnx=OnnxSpec(options.opset, IR_VERSION),
-        training=_training(saved),
-    )
-
-
-def _training(saved: Checkpoint) -> dict[str, Any]:
-    progress = saved.progress
-    return {
-        "data": progress.data,
-        **({"extra": progress.extra} if progress.extra else {}),
-        **({"start": progress.start} if progress.start else {}),
-        "method": saved.config.method,
-        "seed": saved.config.seed,
-        "pairs": len(progress.train_ids),
-        "held_out_pairs": len(progress.held_out_ids),
-        **_nyu_pairs(progress),
-        "steps": progress.step,
-        "minutes": round(progress.seconds / 60, 1),
-        "validation": {
-            name: round(value, 4) for name, value in progress.scores.items() if math.isfinite(value)
-        },
-        "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
-    }
-
-
-def _nyu_pairs(progress: Progress) -> dict[str, str]:
-    """Ids of NYU Depth v2 that were trained on, for whoever evaluates the model."""
-    if not progress.data.startswith("NYU Depth v2"):
-        return {}
-    return {"nyu_train_ids": id_ranges.written(i for i in progress.train_ids if i.isdecimal())}
 
 
 def _cases(spec: InputSpec) -> tuple[tuple[int, int, int], ...]:

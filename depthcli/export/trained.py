@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from depthcli.core.choices import Weights
 from depthcli.errors import CheckpointError, ModelError, OutputError
-from depthcli.export.onnx import ExportOptions, export_checkpoint
+from depthcli.export.onnx import export_checkpoint
+from depthcli.export.options import ExportOptions
 from depthcli.models.catalog import Place, read_model
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.folder import CHECKPOINT

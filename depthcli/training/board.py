@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from torch.utils.tensorboard import SummaryWriter
 
-    from depthcli.training.checkpoint import Progress
+    from depthcli.training.checkpoint import RunProgress
     from depthcli.training.config.schema import TrainConfig
 
 FOLDER = "tensorboard"
@@ -48,7 +48,7 @@ class Board:
         self._folder, self._config = folder, config
         self._writer: SummaryWriter | None = None
 
-    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+    def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """Losses and learning rate of a step."""
         optim = self._config.optim
         share = factor(optim, progress.step - 1, steps // optim.epochs)
@@ -61,7 +61,7 @@ class Board:
             for name, value in values.items():
                 self._writer.add_scalar(name, value, progress.step)
 
-    def epoch(self, progress: Progress) -> None:
+    def epoch(self, progress: RunProgress) -> None:
         """Scores and sample pictures of an epoch that was validated."""
         path = sample_path(self._folder, progress.epoch)
         if self._writer is None or not path.is_file():

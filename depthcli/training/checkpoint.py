@@ -25,7 +25,7 @@ _VERSION = 1
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Progress:
+class RunProgress:
     """How far a run has come.
 
     Attributes:
@@ -75,7 +75,7 @@ class Checkpoint:
     """
 
     config: TrainConfig
-    progress: Progress
+    progress: RunProgress
     method: dict[str, Any]
     average: dict[str, Any] | None
     optimizers: dict[str, Any]
@@ -129,7 +129,7 @@ class Checkpoint:
             progress = content.pop("progress")
             for name in ("train_ids", "held_out_ids"):
                 progress[name] = tuple(progress[name])
-            return cls(config=config, progress=Progress(**progress), **content)
+            return cls(config=config, progress=RunProgress(**progress), **content)
         except UsageError as error:
             raise CheckpointError(
                 f"{path} has a configuration of another version: {error}"

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from depthcli.training.checkpoint import Progress
+    from depthcli.training.checkpoint import RunProgress
     from depthcli.training.config.schema import TrainConfig
 
 
@@ -43,7 +43,7 @@ def _flat(config: TrainConfig) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def data_differences(saved: Progress, given: Progress) -> tuple[str, ...]:
+def data_differences(saved: RunProgress, given: RunProgress) -> tuple[str, ...]:
     """What a run learned from, and what was asked for, where they differ.
 
     Args:

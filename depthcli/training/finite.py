@@ -19,7 +19,7 @@ _CURE = (
 )
 
 
-def finite(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
+def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
     """The terms as numbers, averaged over the processes, in one transfer from the device.
 
     Raises:

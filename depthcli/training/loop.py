@@ -12,7 +12,7 @@ from depthcli.training.devices import any_process, first_process_first
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, writing
 from depthcli.training.interrupt import Interrupt
 from depthcli.training.samples import write_samples
-from depthcli.training.setup import prepare
+from depthcli.training.setup import set_up
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lightning_fabric import Fabric
 
     from depthcli.datasets.training_data import TrainingData
-    from depthcli.training.checkpoint import Progress
+    from depthcli.training.checkpoint import RunProgress
     from depthcli.training.config.schema import TrainConfig
     from depthcli.training.setup import Prepared
     from depthcli.training.watchers import Watcher
@@ -52,7 +52,7 @@ def train(
     limits: Limits | None = None,
     interrupt: Interrupt | None = None,
     start: Path | None = None,
-) -> Progress:
+) -> RunProgress:
     """Train until the schedule, a limit or a signal ends it; continue a folder's checkpoint.
 
     Args:
@@ -76,7 +76,7 @@ def train(
     """
     limits, interrupt = limits or Limits(), interrupt or Interrupt()
     with first_process_first(fabric):
-        prepared = prepare(config, data, folder, fabric, start)
+        prepared = set_up(config, data, folder, fabric, start)
     run, batches = prepared.run, prepared.batches
     started, before = time.monotonic(), run.progress
     with interrupt:

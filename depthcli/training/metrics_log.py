@@ -11,10 +11,10 @@ from depthcli.io.storage.atomic import atomic_path
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.checkpoint import Progress
+    from depthcli.training.checkpoint import RunProgress
 
 
-def append(path: Path, progress: Progress, losses: dict[str, float]) -> None:
+def append(path: Path, progress: RunProgress, losses: dict[str, float]) -> None:
     """Add the line of an epoch."""
     line = {
         "epoch": progress.epoch,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from depthcli.training.checkpoint import Checkpoint, Progress
+from depthcli.training.checkpoint import Checkpoint, RunProgress
 from depthcli.training.config_differences import another_run, differences
 from depthcli.training.folder import CHECKPOINT
 
@@ -33,7 +33,7 @@ class PlannedRun:
         """Name of its folder."""
         return self.folder.name
 
-    def progress(self) -> Progress:
+    def progress(self) -> RunProgress:
         """How far it has come; fresh without a checkpoint.
 
         Raises:
@@ -41,13 +41,13 @@ class PlannedRun:
         """
         path = self.folder / CHECKPOINT
         if not path.exists():
-            return Progress()
+            return RunProgress()
         saved = Checkpoint.load(path)
         if saved.config != self.config:
             raise another_run(path, differences(saved.config, self.config))
         return saved.progress
 
-    def is_finished(self, progress: Progress) -> bool:
+    def is_finished(self, progress: RunProgress) -> bool:
         """Whether all epochs of the schedule are done."""
         return progress.epoch >= self.config.optim.epochs
 

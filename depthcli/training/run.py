@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import nn
 
 from depthcli.errors import CheckpointError
 from depthcli.training.average import WeightAverage
-from depthcli.training.checkpoint import Checkpoint, Progress
+from depthcli.training.checkpoint import Checkpoint, RunProgress
 from depthcli.training.config_differences import another_run, data_differences, differences
 from depthcli.training.devices import average_gradients, of_others
-from depthcli.training.finite import check_weights, finite
+from depthcli.training.finite import check_weights, finite_losses
 from depthcli.training.initial import start_from
 from depthcli.training.methods.registry import build_method
 from depthcli.training.optimizers import build_optimizer
+from depthcli.training.process_state import own_state, take_up
 from depthcli.training.schedule import factor
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import Batch
+    from depthcli.training.data.batches import TrainingBatch
     from depthcli.training.methods.base import Phase
 
 _RANK_STRIDE = 1_000_003  # seeds of further processes, far from those that people choose
@@ -48,7 +49,7 @@ class Run:
         fabric.seed_everything(config.seed, verbose=False)
         self.config, self.fabric, self.steps_per_epoch = config, fabric, steps_per_epoch
         self.steps = config.optim.epochs * steps_per_epoch
-        self.progress = Progress()
+        self.progress = RunProgress()
         self.method = build_method(config)
         if not _instance_norm(self.method):
             self.method.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -81,7 +82,7 @@ class Run:
             self.average = WeightAverage(self.method.generator, self.config.optim.ema)
         return started
 
-    def step(self, batch: Batch) -> dict[str, float]:
+    def step(self, batch: TrainingBatch) -> dict[str, float]:
         """One optimisation step of every phase; the loss terms by name.
 
         Raises:
@@ -104,7 +105,7 @@ class Run:
             optimizer.step()
         if self.average:
             self.average.update(self.method.generator, self.progress.step + 1)
-        return finite(losses, self.fabric)
+        return finite_losses(losses, self.fabric)
 
     def save(self, path: Path) -> None:
         """Write a checkpoint; every process takes part, the first one writes.
@@ -114,7 +115,7 @@ class Run:
             TrainingError: a weight is not finite; the one before is kept.
         """
         check_weights(self.method, self.progress.step)
-        own = self._own_state()
+        own = own_state(self.method, self.fabric.device)
         others = of_others(self.fabric, own)
         if not self.fabric.is_global_zero:
             return
@@ -165,37 +166,8 @@ class Run:
         if saved.precision:
             self.fabric.strategy.precision.load_state_dict(saved.precision)
         first = {"rng": saved.rng, "device_rng": saved.device_rng, "extra": saved.extra}
-        self._take_up_own([first, *saved.others][self.fabric.global_rank])
-
-    def _own_state(self) -> dict[str, Any]:
-        """What differs between the processes of a run."""
-        return {
-            "rng": torch.get_rng_state(),
-            "device_rng": torch.cuda.get_rng_state(self._device) if self._on_cuda else None,
-            "extra": {
-                name: [image.cpu() for image in images]
-                for name, images in self.method.extra_state().items()
-            },
-        }
-
-    def _take_up_own(self, state: dict[str, Any]) -> None:
-        self.method.load_extra_state(
-            {
-                name: [image.to(self._device) for image in images]
-                for name, images in state["extra"].items()
-            }
-        )
-        torch.set_rng_state(state["rng"])
-        if self._on_cuda and state["device_rng"] is not None:
-            torch.cuda.set_rng_state(state["device_rng"], self._device)
-
-    @property
-    def _device(self) -> torch.device:
-        return self.fabric.device
-
-    @property
-    def _on_cuda(self) -> bool:
-        return self._device.type == "cuda"
+        own = [first, *saved.others][self.fabric.global_rank]
+        take_up(self.method, self.fabric.device, own)
 
 
 def _instance_norm(method: nn.Module) -> bool:

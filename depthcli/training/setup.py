@@ -10,7 +10,7 @@ import torch
 from depthcli.datasets.splits import held_out_scenes
 from depthcli.errors import UsageError
 from depthcli.training import metrics_log
-from depthcli.training.checkpoint import Progress
+from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.ranges import check_batch
 from depthcli.training.data.batches import Batches
 from depthcli.training.data.pair_store import PairStore
@@ -43,7 +43,7 @@ class Prepared:
     validation: Validation | None
 
 
-def prepare(
+def set_up(
     config: TrainConfig, data: TrainingData, folder: Path, fabric: Fabric, start: Path | None
 ) -> Prepared:
     """Read the pairs, build the networks, and take up the folder's checkpoint if there is one.
@@ -67,7 +67,7 @@ def prepare(
     check_batch(config, batches.own_size)
     validation = Validation(dataset, held_out, config) if held_out and first else None
     run = Run(config, fabric, batches.steps_per_epoch)
-    run.progress = Progress(
+    run.progress = RunProgress(
         train_ids=tuple(dataset.ids[i] for i in train_rows),
         held_out_ids=tuple(dataset.ids[i] for i in held_out),
         data=data.title,

@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
 
+from depthcli.core.parallel.cores import usable_cores
 from depthcli.training.networks.build import build_generator
+from depthcli.training.resolve import saved_run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from pathlib import Path
 
     from lightning_fabric import Fabric
     from torch import nn
@@ -25,6 +29,32 @@ if TYPE_CHECKING:
 _ROUNDS = 3
 _ENOUGH_S = 5.0
 _WORTH_IT = 0.95  # more threads have to be that much faster, or they only cost the others
+
+
+@dataclass(frozen=True, slots=True)
+class Threads:
+    """The CPU threads of a process.
+
+    Attributes:
+        count: how many it uses.
+        cores: how many it could use.
+        timed: whether a short trial chose the number.
+    """
+
+    count: int
+    cores: int
+    timed: bool
+
+
+def set_threads(asked: int | None, config: TrainConfig, folder: Path, fabric: Fabric) -> Threads:
+    """Use so many CPU threads; without a number those of the folder's run, or the fastest."""
+    cores = usable_cores()
+    saved = saved_run(folder) if asked is None else None
+    if saved is not None:  # another number would change its last digits
+        asked = min(cores, saved.progress.threads or torch.get_num_threads())
+    count = default_threads(config, fabric, cores) if asked is None else asked
+    torch.set_num_threads(count)
+    return Threads(count, cores, asked is None)
 
 
 def default_threads(config: TrainConfig, fabric: Fabric, cores: int) -> int:

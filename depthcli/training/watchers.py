@@ -11,27 +11,27 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from depthcli.training.checkpoint import Progress
+    from depthcli.training.checkpoint import RunProgress
     from depthcli.training.config.schema import TrainConfig
 
 
 class Watcher(Protocol):
     """Who is told how a run goes; with several processes, the first one's."""
 
-    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+    def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """A step of ``steps`` in all is done."""
 
-    def epoch(self, progress: Progress) -> None:
+    def epoch(self, progress: RunProgress) -> None:
         """An epoch is done, validated and saved."""
 
 
 class Silent:
     """Shows nothing."""
 
-    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+    def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """Nothing."""
 
-    def epoch(self, progress: Progress) -> None:
+    def epoch(self, progress: RunProgress) -> None:
         """Nothing."""
 
 
@@ -41,12 +41,12 @@ class Both:
     def __init__(self, first: Watcher, second: Watcher) -> None:
         self._watchers = first, second
 
-    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+    def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """Tell both."""
         for watcher in self._watchers:
             watcher.step(progress, steps, losses)
 
-    def epoch(self, progress: Progress) -> None:
+    def epoch(self, progress: RunProgress) -> None:
         """Tell both."""
         for watcher in self._watchers:
             watcher.epoch(progress)

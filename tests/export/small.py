@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import nn
 
-from depthcli.training.checkpoint import Checkpoint, Progress
+from depthcli.training.checkpoint import Checkpoint, RunProgress
 from depthcli.training.config.schema import (
     DataConfig,
     GeneratorConfig,
@@ -66,7 +66,9 @@ def write_checkpoint(
     )
     checkpoint = Checkpoint(
         config=config,
-        progress=Progress(**{"step": 12, "epoch": 3, "seconds": 90.0, "scores": scores} | progress),
+        progress=RunProgress(
+            **{"step": 12, "epoch": 3, "seconds": 90.0, "scores": scores} | progress
+        ),
         method={f"generator.{name}": value for name, value in network.state_dict().items()},
         average=average.state_dict() if average else None,
         optimizers={},

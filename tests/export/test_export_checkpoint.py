@@ -14,7 +14,9 @@ import torch
 from small import EFFICIENT, RESNET, small_network, write_checkpoint
 
 from depthcli.errors import CheckpointError, OutputError, ParityError
-from depthcli.export.onnx import ExportOptions, card_path, export_checkpoint
+from depthcli.export.card import card_path
+from depthcli.export.onnx import export_checkpoint
+from depthcli.export.options import ExportOptions
 from depthcli.inference.preprocess import layout
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model

@@ -10,7 +10,7 @@ import torch
 from rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 
 from depthcli.errors import DatasetError, UsageError
-from depthcli.training.data.batches import Batch, Batches
+from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore, whole_pictures
 from depthcli.training.setup import divide
 
@@ -113,13 +113,13 @@ def _ramps(count: int) -> Rooms:
     return Rooms(images, 2 + 2 * share, tuple(f"den_{i}" for i in range(count)))
 
 
-def _seen(paired: bool, steps: int = 4, size: int = 60, **changes: float) -> Batch:
+def _seen(paired: bool, steps: int = 4, size: int = 60, **changes: float) -> TrainingBatch:
     """Some batches of ramps in one."""
     plain = {"zoom": 1.0, "gamma": 0.0, "brightness": 0.0, "noise": 0.0, "rotate_deg": 0.0}
     data = replace(DATA, paired=paired, **(plain | changes))  # type: ignore[arg-type]
     batches = Batches(PairStore(_ramps(size), range(size), data), data, size, 0, CPU)
     seen = [batches[step] for step in range(steps)]
-    return Batch(*(torch.cat(maps) for maps in zip(*(b[:2] for b in seen), strict=True)))
+    return TrainingBatch(*(torch.cat(maps) for maps in zip(*(b[:2] for b in seen), strict=True)))
 
 
 @pytest.mark.parametrize("paired", [True, False])

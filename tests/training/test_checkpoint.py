@@ -13,7 +13,7 @@ import torch
 from rooms import EFFICIENT, PAPER
 
 from depthcli.errors import CheckpointError
-from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
+from depthcli.training.checkpoint import Checkpoint, RunProgress, load_generator
 from depthcli.training.networks.build import build_generator
 
 
@@ -24,7 +24,7 @@ def _checkpoint(config: Any = EFFICIENT, *, average: bool = False) -> Checkpoint
     smooth = {name: value * 0 + 7 for name, value in weights.items()}
     return Checkpoint(
         config=config,
-        progress=Progress(3, 1, 2.5, {"abs_rel": 0.5}, ("a", "b"), ("c",)),
+        progress=RunProgress(3, 1, 2.5, {"abs_rel": 0.5}, ("a", "b"), ("c",)),
         method=named,
         average=smooth if average else None,
         optimizers={},

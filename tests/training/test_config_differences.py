@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from depthcli.training.checkpoint import Progress
+from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.config_differences import data_differences, differences
 
 CONFIG = TrainConfig()
-PROGRESS = Progress(train_ids=("a", "b"), extra="9 photos", start="default 1.1.0")
+PROGRESS = RunProgress(train_ids=("a", "b"), extra="9 photos", start="default 1.1.0")
 
 
 def test_each_setting_is_named_with_both_values() -> None:

@@ -12,10 +12,11 @@ from rooms import EFFICIENT, PAPER, TRAIN, room_data, rooms, write_rooms
 
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.errors import CheckpointError, UsageError
-from depthcli.export.onnx import ExportOptions, export_checkpoint
+from depthcli.export.onnx import export_checkpoint
+from depthcli.export.options import ExportOptions
 from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.config.schema import LossConfig
-from depthcli.training.data.batches import Batch, Batches
+from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.initial import start_from
@@ -84,8 +85,8 @@ def test_the_scale_of_an_extra_pair_counts_in_part(scale: float) -> None:
     depth_m = torch.nn.functional.interpolate(torch.from_numpy(depth_m), (32, 32))
     farther = depth_m * 1.5
     for extra in (torch.tensor([True, True]), torch.tensor([False, False])):
-        same = method(Batch(gray, depth_m, None, extra), "generator")["l1"]
-        apart = method(Batch(gray, farther, None, extra), "generator")["l1"]
+        same = method(TrainingBatch(gray, depth_m, None, extra), "generator")["l1"]
+        apart = method(TrainingBatch(gray, farther, None, extra), "generator")["l1"]
         wanted = torch.log(torch.tensor(1.5)) / method.codec.scale
         wanted = wanted * scale if extra[0] else wanted
         assert float(same.detach()) == pytest.approx(0, abs=1e-6)
@@ -100,8 +101,8 @@ def test_what_is_not_known_of_an_extra_pair_does_not_move_its_scale() -> None:
     known[..., :16] = False
     wild = torch.where(known, depth_m, torch.tensor(9.0))
     extra = torch.tensor([True, True])
-    one = method(Batch(gray, depth_m, known, extra), "generator")["l1"]
-    other = method(Batch(gray, wild, known, extra), "generator")["l1"]
+    one = method(TrainingBatch(gray, depth_m, known, extra), "generator")["l1"]
+    other = method(TrainingBatch(gray, wild, known, extra), "generator")["l1"]
     torch.testing.assert_close(one, other)
 
 

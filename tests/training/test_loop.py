@@ -16,10 +16,10 @@ from rooms import EFFICIENT, PAPER, room_data, rooms
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError
 from depthcli.metrics.depth import METRICS
-from depthcli.training.checkpoint import Checkpoint, Progress, load_generator
+from depthcli.training.checkpoint import Checkpoint, RunProgress, load_generator
 from depthcli.training.config.schema import OutputConfig
-from depthcli.training.data.batches import Batch
-from depthcli.training.finite import finite
+from depthcli.training.data.batches import TrainingBatch
+from depthcli.training.finite import finite_losses
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG
 from depthcli.training.loop import Limits, train
 from depthcli.training.run import Run
@@ -41,17 +41,17 @@ class Notes:
     def __init__(self, fail_at: int | None = None) -> None:
         self.steps: list[int] = []
         self.losses: list[dict[str, float]] = []
-        self.epochs: list[Progress] = []
+        self.epochs: list[RunProgress] = []
         self.fail_at = fail_at
 
-    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+    def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         assert steps >= progress.step
         self.steps.append(progress.step)
         self.losses.append(losses)
         if progress.step == self.fail_at:
             raise KeyboardInterrupt
 
-    def epoch(self, progress: Progress) -> None:
+    def epoch(self, progress: RunProgress) -> None:
         self.epochs.append(progress)
 
 
@@ -61,7 +61,7 @@ def _fabric() -> Fabric:
 
 def _train(
     config: TrainConfig, folder: Path, notes: Notes | None = None, **limits: float
-) -> Progress:
+) -> RunProgress:
     fabric = Fabric(accelerator="cpu", devices=1, precision=config.precision)
     return train(config, room_data(), folder, fabric, notes or Notes(), Limits(**limits))
 
@@ -147,7 +147,7 @@ def test_validation_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
 
 def test_checkpoint_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
     class SavedSteps(Notes):
-        def epoch(self, progress: Progress) -> None:
+        def epoch(self, progress: RunProgress) -> None:
             super().epoch(progress)
             saved.append(Checkpoint.load(path).progress.epoch if path.exists() else None)
 
@@ -207,7 +207,7 @@ def test_rate_follows_the_schedule() -> None:
     run = Run(PAPER, _fabric(), steps_per_epoch=5)
     batch = _batch()
     for step in (0, 5, 9):
-        run.progress = Progress(step=step)
+        run.progress = RunProgress(step=step)
         run.step(batch)
         wanted = 2e-4 * factor(PAPER.optim, step, 5)
         rates = {g["lr"] for o in run.optimizers.values() for g in o.param_groups}
@@ -224,7 +224,7 @@ def test_only_matrices_and_kernels_decay() -> None:
 
 
 def _batch() -> Any:
-    return Batch(torch.rand(1, 1, 32, 32) * 2 - 1, torch.rand(1, 1, 32, 32) * 5 + 1)
+    return TrainingBatch(torch.rand(1, 1, 32, 32) * 2 - 1, torch.rand(1, 1, 32, 32) * 5 + 1)
 
 
 def test_discriminators_are_not_clipped_and_generators_are() -> None:
@@ -270,8 +270,8 @@ def test_weights_that_are_not_finite_do_not_replace_a_checkpoint(tmp_path: Path)
 def test_the_term_that_is_not_finite_is_named() -> None:
     terms = {"cycle": torch.tensor(1.0), "identity": torch.tensor(float("inf"))}
     with pytest.raises(TrainingError, match="'identity' became inf"):
-        finite(terms, _fabric())
-    assert finite({"cycle": torch.tensor(1.5)}, _fabric()) == {"cycle": 1.5}
+        finite_losses(terms, _fabric())
+    assert finite_losses({"cycle": torch.tensor(1.5)}, _fabric()) == {"cycle": 1.5}
 
 
 def test_folder_of_another_run_is_refused(tmp_path: Path) -> None:

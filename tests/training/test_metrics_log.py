@@ -12,7 +12,7 @@ from lightning_fabric import Fabric
 from rooms import EFFICIENT, room_data
 
 from depthcli.training import metrics_log
-from depthcli.training.checkpoint import Progress
+from depthcli.training.checkpoint import RunProgress
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG
 from depthcli.training.loop import Limits, train
 from depthcli.training.run import Run
@@ -31,7 +31,7 @@ def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
     metrics_log.cut(path, 0)
     assert not path.exists()
     for step in (2, 4, 6):
-        metrics_log.append(path, Progress(step=step), {"l1": 0.5})
+        metrics_log.append(path, RunProgress(step=step), {"l1": 0.5})
     for step, kept in ((9, [2, 4, 6]), (6, [2, 4, 6]), (5, [2, 4]), (0, [])):
         metrics_log.cut(path, step)
         assert _steps(path) == kept
@@ -44,11 +44,11 @@ def test_torn_line_is_dropped_and_the_next_is_whole(
     tmp_path_factory: pytest.TempPathFactory, share: float
 ) -> None:
     path = tmp_path_factory.mktemp("log") / METRICS_LOG
-    metrics_log.append(path, Progress(step=2), {"l1": 0.5})
+    metrics_log.append(path, RunProgress(step=2), {"l1": 0.5})
     whole = path.read_bytes()
     path.write_bytes(whole + whole[: int(share * (len(whole) - 1))])
     metrics_log.cut(path, 2)
-    metrics_log.append(path, Progress(step=4), {"l1": 0.5})
+    metrics_log.append(path, RunProgress(step=4), {"l1": 0.5})
     assert _steps(path)[0] == 2
     assert _steps(path)[-1] == 4
 

@@ -13,7 +13,7 @@ from rooms import EFFICIENT, PAPER, room_data
 
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.config.changes import updated
-from depthcli.training.data.batches import Batch
+from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.loop import Limits, train
 from depthcli.training.run import Run
@@ -28,7 +28,7 @@ PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 
 """Nothing is drawn by chance."""
 
 
-def _gradients(config: TrainConfig, batch: Batch) -> dict[str, torch.Tensor]:
+def _gradients(config: TrainConfig, batch: TrainingBatch) -> dict[str, torch.Tensor]:
     """Of every phase's losses, as a run computes them."""
     run, gradients = Run(config, Fabric(accelerator="cpu", devices=1), 5), {}
     for phase, optimizer in run.optimizers.items():
@@ -48,8 +48,10 @@ def test_gradients_of_one_picture_are_those_of_the_same_picture_twice(antialias:
     random = torch.Generator().manual_seed(0)
     gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
     depth_m = torch.rand(1, 1, 32, 32, generator=random) * 5 + 1
-    once = _gradients(config, Batch(gray, depth_m))
-    twice = _gradients(config, Batch(gray.expand(2, -1, -1, -1), depth_m.expand(2, -1, -1, -1)))
+    once = _gradients(config, TrainingBatch(gray, depth_m))
+    twice = _gradients(
+        config, TrainingBatch(gray.expand(2, -1, -1, -1), depth_m.expand(2, -1, -1, -1))
+    )
     assert once.keys() == twice.keys()
     kernels = [name for name in once if once[name].ndim > 1]
     assert {name.partition(".")[0] for name in kernels} == {

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from depthcli.cli.arguments.numbers import field_of_view, not_negative
-from depthcli.cli.screen import console
 from depthcli.core.choices import Weights
 from depthcli.errors import ExitCode, UsageError
 
@@ -77,7 +76,9 @@ def export_onnx(
 
     Nothing is written if torch and onnxruntime disagree by more than the tolerance.
     """
-    from depthcli.export.onnx import ExportOptions, export_checkpoint
+    from depthcli.cli.screen.export import tell, tell_json
+    from depthcli.export.onnx import export_checkpoint
+    from depthcli.export.options import ExportOptions
 
     if fp16 and int8 is not None:
         raise UsageError("--fp16 and --int8 exclude each other; give one")
@@ -85,25 +86,7 @@ def export_onnx(
         name, model_version, fp16, mirror, opset, tolerance, int8, license_name, hfov, weights
     )
     done = export_checkpoint(checkpoint, _target(checkpoint, output), options)
-    parity = done.parity
-    if as_json:
-        console.out_json(
-            {
-                "path": str(done.path),
-                "sha256": done.card.sha256,
-                "bytes": done.card.size_bytes,
-                "max_abs": parity.max_abs,
-                "mean_abs": parity.mean_abs,
-                "tolerance": parity.tolerance,
-                "cases": [list(case) for case in parity.cases],
-            }
-        )
-    else:
-        console.out(
-            f"{done.path}  {(done.card.size_bytes or 0) / 1e6:.1f} MB  sha256 {done.card.sha256}\n"
-            f"parity over {len(parity.cases)} sizes: max {parity.max_abs:.2g}, "
-            f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"
-        )
+    (tell_json if as_json else tell)(done)
     return ExitCode.OK
 
 

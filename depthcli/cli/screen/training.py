@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from depthcli.cli.screen.progress import Drawing, Stage
     from depthcli.jobs.train.run import RunWatcher, TrainResult, TrainStart
-    from depthcli.training.checkpoint import Progress
+    from depthcli.training.checkpoint import RunProgress
     from depthcli.training.config.schema import TrainConfig
 
 _SHOWN = ("abs_rel", "rmse", "d1")
@@ -72,12 +72,12 @@ class JsonLines(Silent):
         if start.lacks_scenes:
             console.warn("too few scenes to hold one out, so nothing is validated")
 
-    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+    def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """Keep the losses until the epoch ends."""
         del progress, steps
         self._losses = losses
 
-    def epoch(self, progress: Progress) -> None:
+    def epoch(self, progress: RunProgress) -> None:
         """Step, seconds, scores, and the losses of the last step."""
         values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
         del values["train_ids"], values["held_out_ids"]
@@ -103,17 +103,18 @@ class Lines(JsonLines):
 
     def begin(self, start: TrainStart) -> None:
         """Say on how many threads, and show the bar."""
-        if start.timed and start.threads < start.cores:
+        threads = start.threads
+        if threads.timed and threads.count < threads.cores:
             console.note(
-                f"training on {start.threads} of {start.cores} CPU cores, as fast as more of them "
-                "in a short trial; --threads sets the number"
+                f"training on {threads.count} of {threads.cores} CPU cores, as fast as more of "
+                "them in a short trial; --threads sets the number"
             )
         super().begin(start)
         if sys.stderr.isatty():
             self._drawing = self._stack.enter_context(drawn(silent=False))
         self._started_s = time.monotonic()
 
-    def step(self, progress: Progress, steps: int, losses: dict[str, float]) -> None:
+    def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """Move the bar."""
         if self._first_step is None:
             self._first_step = progress.step - 1
@@ -124,7 +125,7 @@ class Lines(JsonLines):
         if self._stage:
             self._stage(1)
 
-    def epoch(self, progress: Progress) -> None:
+    def epoch(self, progress: RunProgress) -> None:
         """Losses, scores, rate and time to go."""
         elapsed_s = time.monotonic() - self._started_s
         rate = (progress.step - (self._first_step or 0)) / elapsed_s

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
-from depthcli.jobs.train.queue import Epoch, Turn
+from depthcli.jobs.train.sitting import Epoch, Turn
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

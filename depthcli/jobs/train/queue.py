@@ -13,12 +13,12 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.jobs.train.signal_relay import SignalRelay
-from depthcli.jobs.train.sitting import Sitting, failed, looked_up
+from depthcli.jobs.train.sitting import Epoch, Sitting, Turn, failed, looked_up
 from depthcli.training.methods.table import METHODS
 from depthcli.training.planned_runs import PlannedRun, next_share_s, plan_runs
 from depthcli.training.resolve import resolve_config
@@ -60,32 +60,6 @@ class QueueRequest:
     options: tuple[str, ...] = ()
     tells_epochs: bool = False
     signals: tuple[signal.Signals, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Turn:
-    """A run begins.
-
-    Attributes:
-        run: which.
-        share_s: how long it may train, seconds; may be infinite.
-    """
-
-    run: PlannedRun
-    share_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Epoch:
-    """An epoch of a run is done.
-
-    Attributes:
-        run: which.
-        line: what ``depthcli train --json`` says of it.
-    """
-
-    run: PlannedRun
-    line: dict[str, Any]
 
 
 class Queue:

@@ -7,27 +7,22 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-import torch
-
-from depthcli.core.parallel.cores import usable_cores
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.training_data import TrainingData, open_training_data
 from depthcli.training import loop
 from depthcli.training.interrupt import Interrupt
 from depthcli.training.launch import launched, open_fabric
-from depthcli.training.resolve import saved_run
 from depthcli.training.setup import divide
-from depthcli.training.threads import default_threads
+from depthcli.training.threads import set_threads
 from depthcli.training.watchers import Watcher, with_board
 
 if TYPE_CHECKING:
     import signal
     from pathlib import Path
 
-    from lightning_fabric import Fabric
-
-    from depthcli.training.checkpoint import Progress
+    from depthcli.training.checkpoint import RunProgress
     from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.threads import Threads
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +62,10 @@ class TrainStart:
 
     Attributes:
         threads: CPU threads that it uses.
-        cores: CPU cores that it could use.
-        timed: whether a short trial chose the threads.
         lacks_scenes: whether pairs were to be held out and there are too few scenes for that.
     """
 
-    threads: int
-    cores: int
-    timed: bool
+    threads: Threads
     lacks_scenes: bool
 
 
@@ -88,7 +79,7 @@ class TrainResult:
         is_first: whether this process speaks for the run; of several, only the first does.
     """
 
-    progress: Progress
+    progress: RunProgress
     signal_number: int | None
     is_first: bool
 
@@ -116,9 +107,9 @@ def train(request: TrainRequest, watcher: RunWatcher) -> TrainResult:
     data = _data(request)
     with launched(fabric):
         first = fabric.is_global_zero
-        start = _set_up(request, data, fabric)
+        threads = set_threads(request.threads, config, out, fabric)
         if first:
-            watcher.begin(start)
+            watcher.begin(TrainStart(threads, _lacks_scenes(config, data)))
         board = with_board(watcher, out, config) if request.tensorboard and first else None
         interrupt = Interrupt(*request.signals)
         with board or nullcontext(watcher) as told:
@@ -138,15 +129,5 @@ def _data(request: TrainRequest) -> TrainingData:
     return data._replace(extra=None if request.extra is None else open_paired_folder(request.extra))
 
 
-def _set_up(request: TrainRequest, data: TrainingData, fabric: Fabric) -> TrainStart:
-    """Set the number of CPU threads of this process."""
-    cores, threads, timed = usable_cores(), request.threads, False
-    saved = saved_run(request.out) if threads is None else None
-    if saved is not None:  # another number would change its last digits
-        threads = min(cores, saved.progress.threads or torch.get_num_threads())
-    if threads is None:
-        threads, timed = default_threads(request.config, fabric, cores), True
-    torch.set_num_threads(threads)
-    wanted = request.config.data
-    lacks_scenes = bool(wanted.holdout_every) and not divide(data.dataset, wanted)[1]
-    return TrainStart(threads, cores, timed, lacks_scenes)
+def _lacks_scenes(config: TrainConfig, data: TrainingData) -> bool:
+    return bool(config.data.holdout_every) and not divide(data.dataset, config.data)[1]

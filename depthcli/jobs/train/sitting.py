@@ -1,12 +1,12 @@
-"""What becomes of each run of a queue."""
+"""What happens in a queue of runs, and what becomes of each."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from depthcli.errors import CheckpointError
-from depthcli.training.checkpoint import Progress
+from depthcli.training.checkpoint import RunProgress
 
 if TYPE_CHECKING:
     from depthcli.training.planned_runs import PlannedRun
@@ -27,8 +27,34 @@ class Sitting:
 
     run: PlannedRun
     state: State
-    progress: Progress
+    progress: RunProgress
     reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """A run begins.
+
+    Attributes:
+        run: which.
+        share_s: how long it may train, seconds; may be infinite.
+    """
+
+    run: PlannedRun
+    share_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """An epoch of a run is done.
+
+    Attributes:
+        run: which.
+        line: what ``depthcli train --json`` says of it.
+    """
+
+    run: PlannedRun
+    line: dict[str, Any]
 
 
 def looked_up(run: PlannedRun, unfinished: State = "waiting") -> Sitting:
@@ -45,5 +71,5 @@ def failed(run: PlannedRun, reason: str) -> Sitting:
     try:
         progress = run.progress()
     except CheckpointError:
-        progress = Progress()
+        progress = RunProgress()
     return Sitting(run, "failed", progress, reason)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from depthcli.training.data.pair_store import PairStore
 
 
-class Batch(NamedTuple):
+class TrainingBatch(NamedTuple):
     """What one training step is shown.
 
     Attributes:
@@ -89,7 +89,7 @@ class Batches:
         self.own_size = (self.batch_size + self._extra_size) // processes
         self._own = slice(process * self.own_size, (process + 1) * self.own_size)
 
-    def __getitem__(self, step: int) -> Batch:
+    def __getitem__(self, step: int) -> TrainingBatch:
         """Batch of a step, counted from 0 over the whole run."""
         epoch, index = divmod(step, self.steps_per_epoch)
         random = torch.Generator().manual_seed(_mixed(self.seed, step, 1))
@@ -99,14 +99,14 @@ class Batches:
             others = self._augmented(self.store, self._rows(epoch, index, stream=3), size, random)
             views = Views(views.gray, others.depth_m, others.known)
         if self.extra is None:
-            return self._part(Batch(*views))
+            return self._part(TrainingBatch(*views))
         more = self._augmented(self.extra, self._extra_rows(self.extra, step), size, random)
         return _joined(views, more)
 
-    def _part(self, whole: Batch) -> Batch:
+    def _part(self, whole: TrainingBatch) -> TrainingBatch:
         """What this process sees of the batch that a single one would see."""
         known = None if whole.known is None else whole.known[self._own]
-        return Batch(whole.gray[self._own], whole.depth_m[self._own], known)
+        return TrainingBatch(whole.gray[self._own], whole.depth_m[self._own], known)
 
     def _rows(self, epoch: int, index: int, stream: int) -> Tensor:
         random = torch.Generator().manual_seed(_mixed(self.seed, epoch, stream))
@@ -128,13 +128,13 @@ class Batches:
         return augment(rgb, depth_m, self.data, random, known, size)
 
 
-def _joined(views: Views, more: Views) -> Batch:
+def _joined(views: Views, more: Views) -> TrainingBatch:
     """One batch of the pairs and the extra ones."""
     known = None
     if views.known is not None or more.known is not None:
         known = torch.cat([_known(views), _known(more)])
     extra = torch.arange(len(views.gray) + len(more.gray)) >= len(views.gray)
-    return Batch(
+    return TrainingBatch(
         torch.cat([views.gray, more.gray]),
         torch.cat([views.depth_m, more.depth_m]),
         known,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import Batch
+    from depthcli.training.data.batches import TrainingBatch
     from depthcli.training.networks.build import Generator
 
 Phase = Literal["generator", "discriminator"]
@@ -61,7 +61,7 @@ class Method(nn.Module):
         return []
 
     @abstractmethod
-    def forward(self, batch: Batch, phase: Phase) -> dict[str, Tensor]:
+    def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """Weighted loss terms by name, each a scalar."""
 
     def extra_state(self) -> dict[str, list[Tensor]]:

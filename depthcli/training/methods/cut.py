@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import Batch
+    from depthcli.training.data.batches import TrainingBatch
 
 
 class Cut(Method):
@@ -43,7 +43,7 @@ class Cut(Method):
             return built(self.generator, self.sampler)
         return built(self.judge)
 
-    def forward(self, batch: Batch, phase: Phase) -> dict[str, Tensor]:
+    def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The discriminator's term, or the generator's."""
         x, y = batch.gray, self.encode(batch.depth_m)
         if phase == "discriminator":

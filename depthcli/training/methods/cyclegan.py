@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import Batch
+    from depthcli.training.data.batches import TrainingBatch
 
 
 class Made(NamedTuple):
@@ -67,7 +67,7 @@ class CycleGan(Method):
             return built(self.generator, self.backward_generator)
         return built(self.judge_depth, self.judge_gray)
 
-    def forward(self, batch: Batch, phase: Phase) -> dict[str, Tensor]:
+    def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The generators' terms, or the discriminators'."""
         x, y = batch.gray, self.encode(batch.depth_m)
         if phase == "discriminator":
@@ -88,7 +88,7 @@ class CycleGan(Method):
             same_y=translated(forward, y) if keeps_y else None,
         )
 
-    def _terms(self, batch: Batch, y: Tensor, made: Made) -> dict[str, Tensor]:
+    def _terms(self, batch: TrainingBatch, y: Tensor, made: Made) -> dict[str, Tensor]:
         """Weighted terms; y is the batch's depth, coded."""
         x, weights, terms = batch.gray, self.weights, {}
         if weights.cycle:

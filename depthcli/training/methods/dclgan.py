@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import Batch
+    from depthcli.training.data.batches import TrainingBatch
 
 
 class Fakes(NamedTuple):
@@ -80,7 +80,7 @@ class DclGan(Method):
         """The patch heads of both domains."""
         return built(self.sampler_gray, self.sampler_depth)
 
-    def forward(self, batch: Batch, phase: Phase) -> dict[str, Tensor]:
+    def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The discriminators' terms, or the generators'."""
         x, y = batch.gray, self.encode(batch.depth_m)
         if phase == "discriminator":

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import Batch
+    from depthcli.training.data.batches import TrainingBatch
 
 
 class Proposed(CycleGan):
@@ -54,7 +54,7 @@ class Proposed(CycleGan):
         heads = built(self.sampler) if phase == "generator" else []
         return super().networks(phase) + heads
 
-    def _terms(self, batch: Batch, y: Tensor, made: Made) -> dict[str, Tensor]:
+    def _terms(self, batch: TrainingBatch, y: Tensor, made: Made) -> dict[str, Tensor]:
         """Weighted terms of eq. 7."""
         x, known, penalty = batch.gray, batch.known, self.weights.weight_penalty
         raw_y = self._scaled(made.raw_y, y, batch)
@@ -65,7 +65,7 @@ class Proposed(CycleGan):
             terms["l1_backward"] = self.weights.l1 * l1
         return terms | self._contrasted(x, y, made)
 
-    def _scaled(self, raw_y: Tensor, y: Tensor, batch: Batch) -> Tensor:
+    def _scaled(self, raw_y: Tensor, y: Tensor, batch: TrainingBatch) -> Tensor:
         """The output, where an extra pair's metres count in part, moved towards its mean truth.
 
         With log depth the mean difference is the error in scale.

@@ -8,7 +8,7 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
 from depthcli.training.config.changes import updated
-from depthcli.training.data.batches import Batch
+from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.methods.registry import build_method, default_config
 from depthcli.training.methods.table import METHODS
 
@@ -29,7 +29,7 @@ def test_a_step_makes_the_passes_of_its_formula_and_no_other(name: str) -> None:
     config = updated(default_config(name), {"loss": {"flip_contrast": False}})  # costs nothing
     with FakeTensorMode():
         method = build_method(config)
-        batch = Batch(torch.zeros(1, 1, 256, 256), torch.ones(1, 1, 256, 256))
+        batch = TrainingBatch(torch.zeros(1, 1, 256, 256), torch.ones(1, 1, 256, 256))
         with FlopCounterMode(display=False) as counter:
             for phase in method.phases:
                 torch.stack(list(method(batch, phase).values())).sum().backward()

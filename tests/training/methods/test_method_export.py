@@ -13,7 +13,8 @@ from tiny_methods import tiny
 
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame
-from depthcli.export.onnx import ExportOptions, export_checkpoint
+from depthcli.export.onnx import export_checkpoint
+from depthcli.export.options import ExportOptions
 from depthcli.inference.pipeline import load
 from depthcli.inference.preprocess import prepare
 from depthcli.training.checkpoint import load_generator

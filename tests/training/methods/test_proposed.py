@@ -12,7 +12,7 @@ from rooms import EFFICIENT, PAPER
 from torch import Tensor
 
 from depthcli.training.config.schema import LossConfig
-from depthcli.training.data.batches import Batch
+from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
 from depthcli.training.losses.regularised_l1 import conv_weights
 from depthcli.training.methods.base import translated
@@ -30,10 +30,10 @@ ALONE = {
 }
 
 
-def _batch(seed: int = 0) -> Batch:
+def _batch(seed: int = 0) -> TrainingBatch:
     random = torch.Generator().manual_seed(seed)
     gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
-    return Batch(gray, torch.rand(1, 1, 32, 32, generator=random) * 8 + 1)
+    return TrainingBatch(gray, torch.rand(1, 1, 32, 32, generator=random) * 8 + 1)
 
 
 def _method(**loss: Any) -> Proposed:
@@ -41,7 +41,7 @@ def _method(**loss: Any) -> Proposed:
     return Proposed(replace(PAPER, loss=replace(NOTHING, **loss)))
 
 
-def _terms(method: Proposed, batch: Batch) -> dict[str, Tensor]:
+def _terms(method: Proposed, batch: TrainingBatch) -> dict[str, Tensor]:
     return method(batch, "generator") | method(batch, "discriminator")
 
 
@@ -233,6 +233,6 @@ def test_efficient_generator_takes_every_loss() -> None:
     config = replace(EFFICIENT, loss=LossConfig(gradient=1.0))
     random = torch.Generator().manual_seed(2)
     gray = torch.rand(2, 1, 64, 64, generator=random)
-    terms = _terms(Proposed(config), Batch(gray, gray * 5 + 1))
+    terms = _terms(Proposed(config), TrainingBatch(gray, gray * 5 + 1))
     assert set(terms) == {term for names in ALONE.values() for term in names}
     assert all(bool(torch.isfinite(value)) for value in terms.values())

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 from depthcli.training.config.changes import updated
-from depthcli.training.data.batches import Batch
+from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.methods.registry import build_method, default_config
 
 if TYPE_CHECKING:
@@ -32,11 +32,11 @@ def tiny_method(name: str, **loss: Any) -> Any:
     return build_method(tiny(name, **loss))
 
 
-def batch(seed: int = 0) -> Batch:
+def batch(seed: int = 0) -> TrainingBatch:
     """One picture and one depth map of 32 x 32 pixels."""
     random = torch.Generator().manual_seed(seed)
     gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
-    return Batch(gray, torch.rand(1, 1, 32, 32, generator=random) * 8 + 1)
+    return TrainingBatch(gray, torch.rand(1, 1, 32, 32, generator=random) * 8 + 1)
 
 
 def coded(depth_m: torch.Tensor) -> torch.Tensor:

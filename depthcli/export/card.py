@@ -1,0 +1,96 @@
+"""The card of an exported model: what a checkpoint knows of itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+from depthcli.core.types import DepthKind
+from depthcli.datasets import id_ranges
+from depthcli.export.graph import IR_VERSION
+from depthcli.models.card import ModelCard
+from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
+from depthcli.models.catalog import CARD_NAME
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.export.options import ExportOptions
+    from depthcli.training.checkpoint import Checkpoint, RunProgress
+
+MODEL_NAME = "model.onnx"
+_CARD_SUFFIX = f".{CARD_NAME}"
+_FULL_STRIDE = 4
+
+
+def card_path(model: Path) -> Path:
+    """Where a model's card belongs.
+
+    ``model.onnx`` has a folder to itself and ``card.json`` in it; any other ``name.onnx`` shares
+    its folder with other models and has ``name.card.json``.
+    """
+    return model.with_name(CARD_NAME if model.name == MODEL_NAME else model.stem + _CARD_SUFFIX)
+
+
+def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
+    """The card of a checkpoint's generator, without what depends on the file."""
+    config = saved.config
+    codec = config.output.codec
+    hfov_deg = options.hfov_deg or saved.progress.hfov_deg
+    return ModelCard(
+        name=options.name,
+        version=options.version,
+        summary=f"{config.method}, {config.generator.name} generator, {saved.progress.data}",
+        license=options.license,
+        input=InputSpec(
+            colour=Colour(config.data.colour),
+            width=config.data.width,
+            height=config.data.height,
+            dynamic=True,
+            multiple_of=_FULL_STRIDE,
+            fit=Fit.KEEP_ASPECT,
+            mean=(0.5,),
+            std=(0.5,),
+            pixel_aspect=round(saved.progress.aspect * config.data.height / config.data.width, 9),
+        ),
+        output=OutputSpec(
+            kind=DepthKind.METRIC,
+            transform=codec.transform,
+            scale=codec.scale,
+            shift=codec.shift,
+            min_m=config.output.min_m,
+            max_m=config.output.max_m,
+        ),
+        camera=None if hfov_deg is None else CameraSpec(hfov_deg),
+        onnx=OnnxSpec(options.opset, IR_VERSION),
+        training=_training(saved),
+    )
+
+
+def _training(saved: Checkpoint) -> dict[str, Any]:
+    progress = saved.progress
+    return {
+        "data": progress.data,
+        **({"extra": progress.extra} if progress.extra else {}),
+        **({"start": progress.start} if progress.start else {}),
+        "method": saved.config.method,
+        "seed": saved.config.seed,
+        "pairs": len(progress.train_ids),
+        "held_out_pairs": len(progress.held_out_ids),
+        **_nyu_pairs(progress),
+        "steps": progress.step,
+        "minutes": round(progress.seconds / 60, 1),
+        "validation": {
+            name: round(value, 4) for name, value in progress.scores.items() if math.isfinite(value)
+        },
+        "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
+    }
+
+
+def _nyu_pairs(progress: RunProgress) -> dict[str, str]:
+    """Ids of NYU Depth v2 that were trained on, for whoever evaluates the model."""
+    if not progress.data.startswith("NYU Depth v2"):
+        return {}
+    return {"nyu_train_ids": id_ranges.written(i for i in progress.train_ids if i.isdecimal())}

@@ -1,0 +1,31 @@
+"""What differs between the processes of a run: chance, and what the method keeps of its own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+if TYPE_CHECKING:
+    from depthcli.training.methods.base import Method
+
+
+def own_state(method: Method, device: torch.device) -> dict[str, Any]:
+    """The state of this process, on the CPU; the names are those of a checkpoint's parts."""
+    return {
+        "rng": torch.get_rng_state(),
+        "device_rng": torch.cuda.get_rng_state(device) if device.type == "cuda" else None,
+        "extra": {
+            name: [image.cpu() for image in images] for name, images in method.extra_state().items()
+        },
+    }
+
+
+def take_up(method: Method, device: torch.device, state: dict[str, Any]) -> None:
+    """Go on from a state that :func:`own_state` gave."""
+    method.load_extra_state(
+        {name: [image.to(device) for image in images] for name, images in state["extra"].items()}
+    )
+    torch.set_rng_state(state["rng"])
+    if device.type == "cuda" and state["device_rng"] is not None:
+        torch.cuda.set_rng_state(state["device_rng"], device)
