@@ -13,10 +13,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
+from runs import ENVIRONMENT
 
+from depthcli.cli.app import main
 from depthcli.training.checkpoint import Checkpoint
 
-ROOT = Path(__file__).parents[2]
 TINY = """
 [generator]
 name = "efficient"
@@ -40,7 +41,7 @@ def _run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "depthcli", "train", *arguments],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": ""},
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         check=False,
@@ -130,12 +131,21 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
         (("proposed", "--data", "data", "--max-minutes", "-1"), "--max-minutes"),
     ],
 )
-def test_wrong_use_is_one_line(folder: Path, arguments: tuple[str, ...], reason: str) -> None:
-    done = _run(folder, *arguments)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("depthcli: error: ")
-    assert reason in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_wrong_use_is_one_line(
+    folder: Path,
+    arguments: tuple[str, ...],
+    reason: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    assert main(["train", *arguments]) == 2
+    out, errors = capsys.readouterr()
+    assert out == ""
+    assert errors.startswith("depthcli: error: ")
+    assert reason in errors
+    assert errors.count("\n") == 1
     assert not (folder / "runs").exists()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -14,10 +13,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
+from runs import ENVIRONMENT
 
+from depthcli.cli.app import main
 from depthcli.training.checkpoint import Checkpoint
 
-ROOT = Path(__file__).parents[2]
 TINY = """
 [generator]
 width = 4
@@ -42,15 +42,11 @@ def _command(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "depthcli", "train", *common, *arguments]
 
 
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": ""}
-
-
 def _train(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         _command(*arguments),
         cwd=folder,
-        env=_environment(),
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         check=False,
@@ -133,7 +129,7 @@ def test_a_signal_ends_the_run_at_hand_cleanly_and_all_others(folder: Path, numb
     with subprocess.Popen(
         _command(*arguments),
         cwd=folder,
-        env=_environment(),
+        env=ENVIRONMENT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -166,26 +162,37 @@ def test_a_signal_ends_the_run_at_hand_cleanly_and_all_others(folder: Path, numb
     ],
 )
 def test_wrong_use_is_one_line_before_anything_is_trained(
-    folder: Path, arguments: tuple[str, ...], reason: str
+    folder: Path,
+    arguments: tuple[str, ...],
+    reason: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    done = _train(folder, *arguments)
-    assert done.returncode == 2
-    assert reason in done.stderr
-    assert done.stderr.count("\n") == 1
+    monkeypatch.chdir(folder)
+    assert main(_command(*arguments)[3:]) == 2
+    errors = capsys.readouterr().err
+    assert reason in errors
+    assert errors.count("\n") == 1
     assert not (folder / "runs").exists()
 
 
-def test_all_is_every_method_and_a_spent_budget_trains_none(folder: Path) -> None:
-    done = _train(folder, "--all", "--max-minutes", "0")
-    assert (done.returncode, done.stdout) == (0, "")
-    *left, last = done.stderr.splitlines()
-    assert len(left) == 7
+def test_all_is_every_method_and_a_spent_budget_trains_none(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(_command("--all", "--max-minutes", "0")[3:]) == 0
+    out, errors = capsys.readouterr()
+    *left, last = errors.splitlines()
+    assert (out, len(left)) == ("", 7)
     assert all("waiting (no time of --max-minutes was left for it" in line for line in left)
     assert last == "0 of 7 runs finished, 7 to continue: run the same command again"
 
 
-def test_missing_data_are_said_once(folder: Path) -> None:
-    done = _train(folder, "--all", "--data", "nowhere")
-    assert done.returncode == 3
-    assert done.stderr.count("\n") == 1
-    assert "nowhere" in done.stderr
+def test_missing_data_are_said_once(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(_command("--all", "--data", "nowhere")[3:]) == 3
+    errors = capsys.readouterr().err
+    assert errors.count("\n") == 1
+    assert "nowhere" in errors

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
-import torch
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
+from runs import ENVIRONMENT, same, saved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-ROOT = Path(__file__).parents[2]
 SMALL = """
 validate_every = 9
 
@@ -71,7 +69,7 @@ def _start(
     return subprocess.Popen(
         command,
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": ""},
+        env=ENVIRONMENT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -86,21 +84,6 @@ def _end(process: subprocess.Popen[str]) -> tuple[int, str]:
 def _losses(folder: Path) -> list[dict[str, float]]:
     lines = (folder / "metrics.jsonl").read_text().splitlines()
     return [json.loads(line)["losses"] for line in lines]
-
-
-def _saved(folder: Path) -> dict[str, Any]:
-    content: dict[str, Any] = torch.load(folder / "last.ckpt", weights_only=True)
-    return content
-
-
-def _same(a: Any, b: Any) -> bool:
-    if isinstance(a, torch.Tensor):
-        return torch.equal(a, b)
-    if isinstance(a, dict):
-        return a.keys() == b.keys() and all(_same(a[k], b[k]) for k in a)
-    if isinstance(a, (list, tuple)):
-        return len(a) == len(b) and all(_same(x, y) for x, y in zip(a, b, strict=True))
-    return bool(a == b)
 
 
 def test_two_processes_learn_what_one_does(folder: Path) -> None:
@@ -129,23 +112,23 @@ def test_torchrun_starts_the_same_run(folder: Path) -> None:
     assert _end(own) == (0, "")
     code, text = _end(process)
     assert code == 0, text
-    a, b = _saved(folder / "own"), _saved(folder / "other")
+    a, b = saved(folder / "own"), saved(folder / "other")
     for name in ("method", "optimizers", "extra", "rng", "others"):
-        assert _same(a[name], b[name]), name
+        assert same(a[name], b[name]), name
 
 
 def test_stopped_run_on_two_processes_is_continued_exactly(folder: Path) -> None:
     whole = _start(folder, "whole", 2)
     assert _end(_start(folder, "parts", 2, more=("--max-minutes", "0"))) == (0, "")
-    assert _saved(folder / "parts")["progress"]["step"] == 1
+    assert saved(folder / "parts")["progress"]["step"] == 1
     assert _end(_start(folder, "parts", 2)) == (0, "")
     assert _end(whole) == (0, "")
-    a, b = _saved(folder / "whole"), _saved(folder / "parts")
+    a, b = saved(folder / "whole"), saved(folder / "parts")
     for name in ("method", "optimizers", "extra", "rng", "others"):
-        assert _same(a[name], b[name]), name
+        assert same(a[name], b[name]), name
     assert len(a["others"]) == 1
-    assert not _same(a["others"][0]["rng"], a["rng"])  # each process has a chance of its own
-    assert not _same(a["others"][0]["extra"], a["extra"])  # and pictures of its own
+    assert not same(a["others"][0]["rng"], a["rng"])  # each process has a chance of its own
+    assert not same(a["others"][0]["extra"], a["extra"])  # and pictures of its own
     assert _losses(folder / "whole") == _losses(folder / "parts")
     code, text = _end(_start(folder, "whole", 1))
     assert code == 3

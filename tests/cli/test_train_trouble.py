@@ -19,8 +19,8 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
+from runs import ENVIRONMENT, same, saved
 
-ROOT = Path(__file__).parents[2]
 SMALL = """
 validate_every = 999
 
@@ -56,7 +56,7 @@ def _run(folder: Path, *settings: str, **options: Any) -> subprocess.CompletedPr
     return subprocess.run(
         _command(*settings, **options),
         cwd=folder,
-        env=_environment(),
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         check=False,
@@ -65,31 +65,12 @@ def _run(folder: Path, *settings: str, **options: Any) -> subprocess.CompletedPr
     )
 
 
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": ""}
-
-
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A data set and a file of settings."""
     write_rooms(tmp_path / "data")
     (tmp_path / "small.toml").write_text(SMALL)
     return tmp_path
-
-
-def _saved(folder: Path) -> dict[str, Any]:
-    content: dict[str, Any] = torch.load(folder / "last.ckpt", weights_only=True)
-    return content
-
-
-def _same(a: Any, b: Any) -> bool:
-    if isinstance(a, torch.Tensor):
-        return torch.equal(a, b)
-    if isinstance(a, dict):
-        return a.keys() == b.keys() and all(_same(a[k], b[k]) for k in a)
-    if isinstance(a, (list, tuple)):
-        return len(a) == len(b) and all(_same(x, y) for x, y in zip(a, b, strict=True))
-    return bool(a == b)
 
 
 LONGER = ("optim.epochs_constant=6", "optim.epochs_decay=6")
@@ -102,7 +83,7 @@ def unbroken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     write_rooms(folder / "data")
     (folder / "small.toml").write_text(SMALL)
     assert _run(folder, *LONGER).returncode == 0
-    return _saved(folder / "run")
+    return saved(folder / "run")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -111,7 +92,7 @@ def test_signal_saves_the_step_and_the_run_goes_on_exactly(
 ) -> None:
     log = folder / "run" / "metrics.jsonl"
     process = subprocess.Popen(
-        _command(*LONGER), cwd=folder, env=_environment(), stderr=subprocess.PIPE, text=True
+        _command(*LONGER), cwd=folder, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True
     )
     deadline = time.monotonic() + 60
     while not log.exists() and time.monotonic() < deadline:
@@ -120,12 +101,12 @@ def test_signal_saves_the_step_and_the_run_goes_on_exactly(
     _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (128 + number, "")
     assert sorted(p.name for p in (folder / "run").iterdir()) == ["last.ckpt", "metrics.jsonl"]
-    stopped = _saved(folder / "run")["progress"]["step"]
+    stopped = saved(folder / "run")["progress"]["step"]
     assert 5 <= stopped < 60
     assert _run(folder, *LONGER).returncode == 0
-    whole = _saved(folder / "run")
+    whole = saved(folder / "run")
     for name in ("method", "optimizers", "extra", "rng"):
-        assert _same(whole[name], unbroken[name]), name
+        assert same(whole[name], unbroken[name]), name
 
 
 def _limit_files() -> None:
@@ -135,7 +116,7 @@ def _limit_files() -> None:
 
 def test_full_disk_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
     stopped = subprocess.run(
-        [*_command(), "--max-minutes", "0"], cwd=folder, env=_environment(), check=True
+        [*_command(), "--max-minutes", "0"], cwd=folder, env=ENVIRONMENT, check=True
     )
     assert stopped.returncode == 0
     before = _snapshot(folder / "run")
@@ -149,7 +130,7 @@ def test_full_disk_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
     assert _run(folder).returncode == 0
     log = (folder / "run" / "metrics.jsonl").read_text().splitlines()
     assert len(log) == 4  # each epoch once
-    assert _saved(folder / "run")["progress"]["step"] == 20
+    assert saved(folder / "run")["progress"]["step"] == 20
 
 
 @pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("mount"), reason="mounts a small disk")
@@ -165,7 +146,7 @@ def test_full_file_system_is_one_line_and_the_checkpoint_stays(folder: Path) -> 
         done = _run(folder, out="disk/run")
         assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
         assert "free some space" in done.stderr
-        assert _saved(folder / "disk" / "run")["progress"]["step"] == 5
+        assert saved(folder / "disk" / "run")["progress"]["step"] == 5
         assert not [p for p in (folder / "disk" / "run").iterdir() if p.name.startswith(".")]
     finally:
         subprocess.run(["umount", str(folder / "disk")], check=True)
@@ -178,7 +159,7 @@ def _snapshot(folder: Path) -> dict[str, bytes]:
 def test_diverging_run_stops_at_the_last_good_checkpoint(folder: Path) -> None:
     wild = "optim.learning_rate=1e30"
     first = subprocess.run(
-        [*_command(wild), "--max-minutes", "0"], cwd=folder, env=_environment(), check=True
+        [*_command(wild), "--max-minutes", "0"], cwd=folder, env=ENVIRONMENT, check=True
     )
     assert first.returncode == 0
     before = _snapshot(folder / "run")

@@ -12,6 +12,7 @@ import pytest
 import torch
 from lightning_fabric import Fabric
 from rooms import EFFICIENT, PAPER, room_data, rooms
+from runs import same
 
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError
@@ -66,16 +67,6 @@ def _train(
     return train(config, room_data(), folder, fabric, notes or Notes(), Limits(**limits))
 
 
-def _same(a: Any, b: Any) -> bool:
-    if isinstance(a, torch.Tensor):
-        return torch.equal(a, b)
-    if isinstance(a, dict):
-        return a.keys() == b.keys() and all(_same(a[k], b[k]) for k in a)
-    if isinstance(a, (list, tuple)):
-        return len(a) == len(b) and all(_same(x, y) for x, y in zip(a, b, strict=True))
-    return bool(a == b)
-
-
 @pytest.mark.parametrize("name", RECIPES)
 def test_resumed_run_is_bit_exact(tmp_path: Path, name: str) -> None:
     config, whole, parts = RECIPES[name], tmp_path / "whole", tmp_path / "parts"
@@ -89,7 +80,7 @@ def test_resumed_run_is_bit_exact(tmp_path: Path, name: str) -> None:
     assert last.scores == done.scores
     a, b = (Checkpoint.load(folder / CHECKPOINT) for folder in (whole, parts))
     for field in ("method", "average", "optimizers", "extra", "rng"):
-        assert _same(getattr(a, field), getattr(b, field)), field
+        assert same(getattr(a, field), getattr(b, field)), field
     assert (a.average is None) is not bool(config.optim.ema)
     if config.optim.pool_size:
         assert [len(images) for images in a.extra.values()] == [2, 2]
@@ -105,7 +96,7 @@ def test_run_killed_between_checkpoints_repeats_from_the_last(tmp_path: Path) ->
     _train(EFFICIENT, parts, again)
     assert again.steps == [3, 4, 5, 6]
     a, b = (Checkpoint.load(folder / CHECKPOINT) for folder in (whole, parts))
-    assert _same(a.method, b.method)
+    assert same(a.method, b.method)
 
 
 def test_complete_run_is_left_as_it_is(tmp_path: Path) -> None:

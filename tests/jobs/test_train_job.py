@@ -1,0 +1,71 @@
+"""A run as a program starts it, without a terminal."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
+from rooms import EFFICIENT, write_rooms
+
+from depthcli.errors import DatasetError
+from depthcli.jobs.train.run import TrainRequest, train
+from depthcli.training.checkpoint import Checkpoint
+from depthcli.training.watchers import Silent
+
+if TYPE_CHECKING:
+    from depthcli.jobs.train.run import TrainStart
+    from depthcli.training.checkpoint import RunProgress
+
+
+class Notes(Silent):
+    """Remembers what it is told."""
+
+    def __init__(self) -> None:
+        self.starts: list[TrainStart] = []
+        self.epochs: list[int] = []
+
+    def begin(self, start: TrainStart) -> None:
+        self.starts.append(start)
+
+    def epoch(self, progress: RunProgress) -> None:
+        self.epochs.append(progress.epoch)
+
+
+def _request(folder: Path, **others: float) -> TrainRequest:
+    return TrainRequest(
+        EFFICIENT, folder / "data", folder / "run", accelerator="cpu", threads=1, **others
+    )
+
+
+def test_a_run_stops_goes_on_and_tells_of_it(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_rooms(tmp_path / "data")
+    notes = Notes()
+    stopped = train(_request(tmp_path, minutes=0), notes)
+    assert (stopped.progress.step, stopped.signal_number, stopped.is_first) == (1, None, True)
+    done = train(_request(tmp_path), notes)
+    assert done.progress == Checkpoint.load(tmp_path / "run" / "last.ckpt").progress
+    assert (done.progress.step, notes.epochs) == (6, [1, 2, 3])
+    assert [start.lacks_scenes for start in notes.starts] == [False, False]
+    assert [start.threads.count for start in notes.starts] == [1, 1]
+    assert not notes.starts[0].threads.timed
+    assert capfd.readouterr() == ("", "")
+
+
+def test_pairs_without_scenes_are_said_to_lack_them(tmp_path: Path) -> None:
+    write_rooms(tmp_path / "data")
+    (tmp_path / "data" / "index.csv").unlink()
+    notes = Notes()
+    train(_request(tmp_path, minutes=0), notes)
+    assert [start.lacks_scenes for start in notes.starts] == [True]
+
+
+def test_errors_are_raised_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="data does not exist"):
+        train(_request(tmp_path), Notes())
+    assert not (tmp_path / "run").exists()
