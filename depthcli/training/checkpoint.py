@@ -11,7 +11,9 @@ import torch
 from depthcli.core.choices import Weights
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
+from depthcli.training.checkpoint_check import check_progress, check_state
 from depthcli.training.config.changes import updated
+from depthcli.training.config.ranges import check_range
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.networks.build import build_generator
 
@@ -127,6 +129,7 @@ class Checkpoint:
         try:
             config = updated(TrainConfig(), content.pop("config"))
             progress = content.pop("progress")
+            _check(path, config, progress, content)
             for name in ("train_ids", "held_out_ids"):
                 progress[name] = tuple(progress[name])
             return cls(config=config, progress=RunProgress(**progress), **content)
@@ -134,10 +137,28 @@ class Checkpoint:
             raise CheckpointError(
                 f"{path} has a configuration of another version: {error}"
             ) from error
-        except (AttributeError, KeyError, TypeError) as error:
+        except (AttributeError, KeyError, OverflowError, RecursionError, TypeError) as error:
             raise CheckpointError(
                 f"{path} lacks parts of a checkpoint; use an earlier one"
             ) from error
+
+
+def _check(
+    path: Path, config: TrainConfig, progress: dict[str, Any], content: dict[str, Any]
+) -> None:
+    """Accept what a run can have written; networks are not yet built.
+
+    Raises:
+        CheckpointError: a value is of another type, out of range or not finite.
+    """
+    try:
+        check_range(config)
+        check_progress(progress)
+        check_state("the networks", content["method"])
+        if content["average"] is not None:
+            check_state("the average", content["average"])
+    except (UsageError, ValueError) as error:
+        raise CheckpointError(f"{path} cannot be used: {error}; use an earlier one") from error
 
 
 def _reach_disk(path: Path) -> None:

@@ -133,6 +133,53 @@ def test_other_versions_are_refused(
     assert "\n" not in str(caught.value)
 
 
+def _nested(depth: int) -> list[Any]:
+    nested: list[Any] = []
+    for _ in range(depth):
+        nested = [nested]
+    return nested
+
+
+_DEEP = {"name": "efficient", "depths": (10**9, 1, 1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("part", "changes", "reason"),
+    [
+        ("method", {"generator.stem.0.weight": torch.tensor([torch.nan])}, "stem.*not finite"),
+        ("method", {"generator.stem.0.weight": 3}, "has to be tensors by name"),
+        ("method", {4: torch.ones(1)}, "has to be tensors by name"),
+        ("average", {"stem.0.weight": torch.tensor([torch.inf])}, "the average: stem.*not finite"),
+        ("progress", {"hfov_deg": -63.3}, "hfov_deg has to be a number between 0 and 180"),
+        ("progress", {"hfov_deg": torch.nan}, "hfov_deg has to be a number between 0 and 180"),
+        ("progress", {"hfov_deg": "wide"}, "hfov_deg has to be .*, not 'wide'"),
+        ("progress", {"hfov_deg": 10**40}, "hfov_deg has to be .*more than 64 bits"),
+        ("progress", {"aspect": 0.0}, "aspect has to be a number above 0"),
+        ("progress", {"step": -1}, "step has to be a whole number from 0 up, not -1"),
+        ("progress", {"step": 1.5}, "step has to be a whole number"),
+        ("progress", {"seconds": None}, "seconds has to be a number"),
+        ("progress", {"scores": [1]}, "scores has to be numbers by name"),
+        ("progress", {"train_ids": [1, 2]}, "train_ids has to be a list of texts"),
+        ("progress", {"data": _nested(50)}, r"data has to be text, not \[\[.*\.\.\."),
+        ("config", {"output": {"min_m": -2.0, "max_m": -1.0}}, "output.min_m is above 0"),
+        ("config", {"output": {"max_m": torch.nan}}, "output.min_m is above 0 and below"),
+        ("config", {"generator": {"name": "resnet", "blocks": 10**9}}, "blocks is at most 128"),
+        ("config", {"generator": _DEEP}, "depths is at most 64"),
+        ("config", {"generator": {"width": 10**9}}, "width is at most 1024"),
+        ("config", {"optim": {"learning_rate": 10**400}}, "lacks parts"),
+    ],
+)
+def test_values_that_no_run_writes_are_refused(
+    tmp_path: Path, part: str, changes: dict[Any, object], reason: str
+) -> None:
+    _checkpoint(average=True).save(tmp_path / "a.ckpt")
+    content = torch.load(tmp_path / "a.ckpt", weights_only=True)
+    path = _changed(tmp_path / "a.ckpt", **{part: content[part] | changes})
+    with pytest.raises(CheckpointError, match=reason) as caught:
+        Checkpoint.load(path)
+    assert "\n" not in str(caught.value)
+
+
 def test_checkpoint_without_a_device_state_loads(tmp_path: Path) -> None:
     path = _saved(tmp_path)
     content = torch.load(path, weights_only=True)

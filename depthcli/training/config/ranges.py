@@ -46,6 +46,9 @@ _AT_LEAST: dict[str, dict[str, float]] = {
         "width_discriminator": 1,
     },
 }
+# Beyond, building the networks alone would fill the memory or take for ever.
+_AT_MOST = {"generator": {"width": 1024, "blocks": 128}, "optim": {"width_discriminator": 1024}}
+_MOST_LEVELS = {"encoder": 4096, "decoder": 4096, "depths": 64}
 _SHARES = (
     ("generator", "dropout"),
     ("data", "cutmix"),
@@ -88,9 +91,19 @@ def check_range(config: TrainConfig) -> None:
         )
     if config.optim.epochs < 1:
         raise UsageError("a run has at least one epoch: raise optim.epochs_decay")
+    _check_size(config)
     _check_views(config)
     _check_pairing(config)
     _check_generator(config)
+
+
+def _check_size(config: TrainConfig) -> None:
+    """Refuse networks that no machine holds."""
+    for group, most in _AT_MOST.items():
+        for name, high in most.items():
+            value = getattr(getattr(config, group), name)
+            if value > high:
+                raise UsageError(f"{_path(group, name)} is at most {high}, not {value}")
 
 
 def _check_views(config: TrainConfig) -> None:
@@ -160,6 +173,8 @@ def _check_levels(generator: GeneratorConfig) -> None:
         values = getattr(generator, name)
         if len(values) != count or min(values) < 1:
             raise UsageError(f"generator.{name} is {count} numbers of at least 1, not {values}")
+        if max(values) > _MOST_LEVELS[name]:
+            raise UsageError(f"generator.{name} is at most {_MOST_LEVELS[name]}, not {values}")
 
 
 def _path(group: str, name: str) -> str:
