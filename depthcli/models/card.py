@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,11 @@ SCHEMA = 1
 METADATA_KEY = "depthcli.card"
 """Key of the ONNX metadata under which a model carries its own card."""
 _MAX_HFOV_DEG = 180.0
+_MAX_SIDE = 2**15
+_MAX_INPUT_PIXELS = 2**24
+"""Beyond, the first layers of a network take more memory than machines have."""
 _OPTIONAL_INPUT = {"resize": Resize.AREA, "layout": TensorLayout.NCHW, "pixel_aspect": 1.0}
+_UNPRINTABLE = re.compile("[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 _BOUNDS = frozenset({Fit.LOWER_BOUND, Fit.UPPER_BOUND})
 
 
@@ -81,7 +86,7 @@ class ModelCard:
         """
         try:
             parsed = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ModelError(f"{where} is not valid JSON ({error}); restore the model") from error
         fields = Fields(parsed, where)
         schema = fields.integer("schema", minimum=1)
@@ -103,10 +108,11 @@ class ModelCard:
         for name, default in _OPTIONAL_INPUT.items():
             if values["input"][name] == default:  # cards without it stay readable everywhere
                 del values["input"][name]
-        return (
-            json.dumps({"schema": SCHEMA, **values}, indent=2, ensure_ascii=False, allow_nan=False)
-            + "\n"
+        text = json.dumps(
+            {"schema": SCHEMA, **values}, indent=2, ensure_ascii=False, allow_nan=False
         )
+        # JSON itself escapes only the first 32; a terminal obeys others, too.
+        return _UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
 
 
 def _card(fields: Fields) -> ModelCard:
@@ -135,10 +141,10 @@ def _input(fields: Fields) -> InputSpec:
     lengths = {1, colour.channels}
     spec = InputSpec(
         colour=colour,
-        width=fields.integer("width", minimum=1),
-        height=fields.integer("height", minimum=1),
+        width=fields.integer("width", minimum=1, maximum=_MAX_SIDE),
+        height=fields.integer("height", minimum=1, maximum=_MAX_SIDE),
         dynamic=fields.flag("dynamic"),
-        multiple_of=fields.integer("multiple_of", minimum=1),
+        multiple_of=fields.integer("multiple_of", minimum=1, maximum=_MAX_SIDE),
         fit=fields.choice("fit", Fit),
         mean=fields.numbers("mean", lengths),
         std=fields.numbers("std", lengths),
@@ -146,6 +152,8 @@ def _input(fields: Fields) -> InputSpec:
         layout=fields.optional_choice("layout", TensorLayout.NCHW),
         pixel_aspect=fields.number("pixel_aspect") if fields.has("pixel_aspect") else 1.0,
     )
+    if spec.width * spec.height > _MAX_INPUT_PIXELS:
+        fields.fail("width", f"times height has to be at most {_MAX_INPUT_PIXELS:,} pixels")
     if min(spec.std) <= 0:
         fields.fail("std", "must be greater than 0")
     if spec.fit in _BOUNDS and not spec.dynamic:

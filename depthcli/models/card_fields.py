@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import re
+import sys
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
+from depthcli.core.text import shown
 from depthcli.errors import ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
+
+_MAX_TEXT = 1000
+_MAX_NUMBER = sys.float_info.max  # not-a-number is not within it, either
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
 
@@ -53,14 +57,18 @@ class Fields:
         """A string with something in it."""
         value = self._take(name)
         if not isinstance(value, str) or not value.strip():
-            self.fail(name, f"has to be text, not {value!r}")
+            self.fail(name, f"has to be text, not {shown(value)}")
+        if not value.isprintable() or len(value) > _MAX_TEXT:
+            self.fail(
+                name, f"has to be at most {_MAX_TEXT} printable characters, not {shown(value)}"
+            )
         return value
 
     def file_name(self, name: str) -> str:
         """A plain file name: a card never points outside its own folder."""
         value = self.text(name)
         if value in {".", ".."} or re.search(r"[/\\:\0]", value):
-            self.fail(name, f"has to be a file name without a folder, not {value!r}")
+            self.fail(name, f"has to be a file name without a folder, not {shown(value)}")
         return value
 
     def sha256(self, name: str) -> str:
@@ -70,11 +78,13 @@ class Fields:
             self.fail(name, "has to be 64 hex digits")
         return value
 
-    def integer(self, name: str, *, minimum: int) -> int:
-        """A whole number, at least ``minimum``."""
+    def integer(self, name: str, *, minimum: int, maximum: int = 2**63 - 1) -> int:
+        """A whole number, at least ``minimum`` and at most ``maximum``."""
         value = self._take(name)
         if isinstance(value, bool) or not isinstance(value, int) or value < minimum:
-            self.fail(name, f"has to be a whole number from {minimum} up, not {value!r}")
+            self.fail(name, f"has to be a whole number from {minimum} up, not {shown(value)}")
+        if value > maximum:
+            self.fail(name, f"has to be at most {maximum}, not {shown(value)}")
         return value
 
     def number(self, name: str) -> float:
@@ -91,14 +101,14 @@ class Fields:
         value = self._take(name)
         if not isinstance(value, list) or len(value) not in lengths:
             sizes = " or ".join(str(length) for length in sorted(lengths))
-            self.fail(name, f"has to be a list of {sizes} numbers, not {value!r}")
+            self.fail(name, f"has to be a list of {sizes} numbers, not {shown(value)}")
         return tuple(self._number(name, number) for number in value)
 
     def flag(self, name: str) -> bool:
         """True or false."""
         value = self._take(name)
         if not isinstance(value, bool):
-            self.fail(name, f"has to be true or false, not {value!r}")
+            self.fail(name, f"has to be true or false, not {shown(value)}")
         return value
 
     def choice(self, name: str, choices: type[_Choice]) -> _Choice:
@@ -106,7 +116,7 @@ class Fields:
         value = self._take(name)
         words = [choice.value for choice in choices]
         if value not in words:
-            self.fail(name, f"has to be one of {', '.join(words)}, not {value!r}")
+            self.fail(name, f"has to be one of {', '.join(words)}, not {shown(value)}")
         return choices(value)
 
     def optional_choice(self, name: str, default: _Choice) -> _Choice:
@@ -139,7 +149,7 @@ class Fields:
         if (
             isinstance(value, bool)
             or not isinstance(value, int | float)
-            or not math.isfinite(value)
+            or not -_MAX_NUMBER <= value <= _MAX_NUMBER
         ):
-            self.fail(name, f"must be a number, not {value!r}")
+            self.fail(name, f"must be a number, not {shown(value)}")
         return float(value)

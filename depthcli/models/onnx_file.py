@@ -20,9 +20,18 @@ _ONNX_DOMAINS = {b"", b"ai.onnx"}
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _FIXED_SIZES = {_FIXED64: 8, _FIXED32: 4}
 _MAX_VARINT_BITS = 64
-# TensorProto.external_data is a list of key/value messages, one of which must have the key
-# "location": field 1, length 8.
-_EXTERNAL_MARK = b"\x0a\x08location"
+_TENSOR = "tensor"
+_EXTERNAL_DATA, _DATA_LOCATION = 13, 14  # of a tensor
+# Where tensors can be: message -> field -> message.
+_HOLDS = {
+    "model": {_GRAPH: "graph", 20: "training", 25: "function"},
+    "training": {1: "graph", 2: "graph"},
+    "graph": {1: "node", 5: _TENSOR, 15: "sparse"},
+    "function": {7: "node", 11: "attribute"},
+    "node": {5: "attribute"},
+    "attribute": {5: _TENSOR, 6: "graph", 10: _TENSOR, 11: "graph", 22: "sparse", 23: "sparse"},
+    "sparse": {1: _TENSOR, 2: _TENSOR},
+}
 
 
 def metadata(data: bytes, where: str) -> dict[str, str]:
@@ -83,13 +92,35 @@ def refuse_external_data(data: bytes, where: str) -> None:
     """Refuse a model whose weights lie in other files, which no checksum covers.
 
     Raises:
-        ModelError: some tensor is stored elsewhere.
+        ModelError: some tensor is stored elsewhere, or the bytes are damaged.
     """
-    if _EXTERNAL_MARK in data:
+    try:
+        elsewhere = _has_external_tensor(data)
+    except (IndexError, ValueError) as error:
+        raise ModelError(
+            f"{where} is damaged or not an ONNX file; download or export it again"
+        ) from error
+    if elsewhere:
         raise ModelError(
             f"{where} keeps weights in a second file, which no checksum covers; save it as one, "
             "with onnx.save(onnx.load('IN.onnx'), 'OUT.onnx') in Python, for example"
         )
+
+
+def _has_external_tensor(data: bytes) -> bool:
+    """Whether a tensor anywhere in a model says that its values are in another file."""
+    messages = [("model", 0, len(data))]
+    while messages:
+        kind, at, stop = messages.pop()
+        holds = _HOLDS.get(kind, {})
+        for number, start, end in _fields(data, at, stop):
+            if number in holds:
+                messages.append((holds[number], start, end))
+            elif kind == _TENSOR and (
+                number == _EXTERNAL_DATA or (number == _DATA_LOCATION and _varint(data, start)[0])
+            ):
+                return True
+    return False
 
 
 def _fields(data: bytes, position: int, end: int) -> Iterator[tuple[int, int, int]]:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
 
+from depthcli.core.text import shown
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
@@ -73,7 +75,7 @@ def check_progress(progress: Mapping[str, object]) -> None:
     for name, value in progress.items():
         rule = _PROGRESS.get(name)
         if rule is not None and not rule.holds(value):
-            raise ValueError(f"progress.{name} has to be {rule.what}, not {_shown(value)}")
+            raise ValueError(f"progress.{name} has to be {rule.what}, not {shown(value)}")
 
 
 def check_state(name: str, state: object) -> None:
@@ -88,20 +90,12 @@ def check_state(name: str, state: object) -> None:
     """
     if not isinstance(state, dict):
         raise ValueError(  # noqa: TRY004 - one kind of error for all of a file
-            f"{name} has to be tensors by name, not {_shown(state)}"
+            f"{name} has to be tensors by name, not {shown(state)}"
         )
     for key, tensor in state.items():
         if not (isinstance(key, str) and isinstance(tensor, torch.Tensor)):
             raise ValueError(  # noqa: TRY004 - as above
-                f"{name} has to be tensors by name, not {_shown({key: tensor})}"
+                f"{name} has to be tensors by name, not {shown({key: tensor})}"
             )
         if not bool(tensor.isfinite().all()):
             raise ValueError(f"{name}: {key} holds numbers that are not finite")
-
-
-def _shown(value: object) -> str:
-    """At most a line of it, without asking for the text of a number that takes for ever."""
-    if type(value) is int and abs(value) >= 2**63:
-        return "a number of more than 64 bits"
-    text = ascii(value)
-    return text if len(text) <= 60 else f"{text[:60]}..."  # noqa: PLR2004

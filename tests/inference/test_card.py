@@ -100,13 +100,23 @@ def test_a_card_holds_the_codec() -> None:
         ({"file": ".."}, "file"),
         ({"bytes": 0}, "bytes"),
         ({"scores": [1]}, "scores"),
+        ({"input.width": 30_000, "input.height": 30_000}, "at most 16,777,216 pixels"),
+        ({"input.width": 10**30}, "input.width has to be at most 32768, not a number of more than"),
+        ({"input.multiple_of": 2**40}, "input.multiple_of has to be at most 32768"),
+        ({"output.scale": 10**400}, "output.scale must be a number, not a number of more than"),
+        ({"onnx.opset": 2**64}, "onnx.opset has to be at most"),
+        ({"summary": "\x1b]0;title\x07 depth"}, r"summary has to be at most 1000 printable"),
+        ({"name": "a\x9b31m"}, r"name has to be at most 1000 printable characters, not 'a\x9b31m'"),
+        ({"license": "a" * 5000}, "license has to be at most 1000"),
+        ({"version": ["a" * 5000]}, "version has to be text, not ['aaa"),
     ],
 )
 def test_what_is_wrong_is_named(changes: dict[str, Any], named: str) -> None:
     with pytest.raises(ModelError, match=r"a\.json.*") as caught:
         read(changes)
     assert named in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 300
 
 
 @pytest.mark.parametrize("name", [n for n in CARD if n != "schema"])
@@ -116,7 +126,17 @@ def test_what_is_missing_is_named(name: str) -> None:
         ModelCard.from_json(json.dumps(card))
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"schema": NaN}', b"\xff\xfe\xfa"])
+def test_no_character_of_a_card_moves_a_terminal() -> None:
+    card = read({"training": {"by": "\x1b[2J \x9b2J \x7f \u202e \ud800 é 深"}})
+    text = card.to_json()
+    assert text.replace("\n", "").isprintable()
+    assert "é 深" in text
+    assert ModelCard.from_json(text) == card
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "null", "[" * 200_000, "9" * 5000, '{"schema": NaN}', b"\xff\xfe\xfa"]
+)
 def test_what_is_no_card_is_refused(text: str | bytes) -> None:
     with pytest.raises(ModelError):
         ModelCard.from_json(text)

@@ -121,6 +121,43 @@ def test_external_data_is_refused(tmp_path: Path) -> None:
         catalog.find_model(path)
 
 
+def _message(number: int, body: bytes) -> bytes:
+    """A field of a protobuf message, its key and length in more bytes than they need."""
+    key, length = number << 3 | 2, len(body)
+    assert length < 2**14
+    return bytes([key & 0x7F | 0x80, key >> 7, length & 0x7F | 0x80, length >> 7 | 0x80, 0]) + body
+
+
+_ELSEWHERE = {
+    "by its location alone": b"\x70\x01",
+    "by its location, in three bytes": b"\x70\x81\x80\x00",
+    "by a key in more bytes": _message(13, b"\x0a\x88\x00location\x12\x01x"),
+    "by a tag in more bytes": _message(13, b"\x8a\x00\x08location\x12\x01x"),
+}
+_PLACES = {
+    "an initializer": lambda tensor: _message(7, _message(5, tensor)),
+    "a constant": lambda tensor: _message(7, _message(1, _message(5, _message(5, tensor)))),
+    "a list of tensors": lambda tensor: _message(7, _message(1, _message(5, _message(10, tensor)))),
+    "a sparse tensor": lambda tensor: _message(7, _message(15, _message(1, tensor))),
+    "a branch": lambda tensor: _message(
+        7, _message(1, _message(5, _message(6, _message(5, tensor))))
+    ),
+    "a function": lambda tensor: _message(25, _message(7, _message(5, _message(5, tensor)))),
+}
+
+
+@pytest.mark.parametrize("place", _PLACES)
+@pytest.mark.parametrize("how", _ELSEWHERE)
+def test_hidden_external_data_is_refused(tmp_path: Path, place: str, how: str) -> None:
+    path = tmp_path / "m.onnx"
+    whole = tiny_onnx(card=json.dumps(card_with({})))
+    path.write_bytes(whole + _PLACES[place](b"\x42\x01w"))  # a name does no harm
+    assert catalog.find_model(path).card.name == "tiny"
+    path.write_bytes(whole + _PLACES[place](_ELSEWHERE[how]))
+    with pytest.raises(ModelError, match="second file"):
+        catalog.find_model(path)
+
+
 @pytest.mark.parametrize("data", [b"", b"hello, world", b"\x89PNG\r\n", b"\x00" * 64, b"\x08\x08"])
 def test_what_is_no_onnx_file_is_refused(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "m.onnx"

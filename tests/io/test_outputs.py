@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import os
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -137,3 +139,15 @@ def test_own_pictures_are_known_by_their_content(tmp_path: Path) -> None:
 def test_shared_outputs_and_inputs_are_refused(sources: list[Path], out: str | None) -> None:
     with pytest.raises(UsageError):
         plan_outputs(sources, out, PNG)
+
+
+def test_devices_and_pipes_are_not_replaced(tmp_path: Path) -> None:
+    pipe, link = tmp_path / "pipe.png", tmp_path / "link.png"
+    os.mkfifo(pipe)
+    link.symlink_to(os.devnull)
+    for path in (pipe, link, Path(os.devnull)):
+        with pytest.raises(OutputError, match="device or a pipe"), atomic_path(path):
+            pytest.fail("nothing is written")
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert link.is_symlink()
+    assert sorted(tmp_path.iterdir()) == [link, pipe]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -25,11 +26,13 @@ def atomic_path(path: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         Where to write; it has ``path``'s suffix.
 
     Raises:
-        OutputError: the folder cannot be made, the file cannot be written, or an input is in its
-            place. Nothing is left behind.
+        OutputError: the folder cannot be made, the file cannot be written, or an input, a device or
+            a pipe is in its place. Nothing is left behind.
     """
     if any(_same_file(path, source) for source in inputs):
         raise OutputError(f"{path} is an input and is not overwritten; choose another -o")
+    if _is_special(path):
+        raise OutputError(f"{path} is a device or a pipe and is not replaced; choose another -o")
     temporary = path.with_name(f".depthcli-{os.urandom(8).hex()}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -57,6 +60,15 @@ def _same_file(path: Path, source: Path) -> bool:
         return path.samefile(source)
     except OSError:
         return False
+
+
+def _is_special(path: Path) -> bool:
+    """Whether something is there, or at the end of a link, that is neither a file nor a folder."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False  # writing says what is wrong
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
 def _remove(path: Path) -> None:
