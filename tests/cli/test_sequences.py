@@ -152,6 +152,15 @@ def test_a_span_counts_in_the_sequences_own_numbers(tmp_path: Path) -> None:
         assert source.count(span) == 5
 
 
+def test_steps_count_numbers_where_some_are_missing(tmp_path: Path) -> None:
+    plates(tmp_path, range(1001, 1006))
+    (tmp_path / "plate.1003.exr").unlink()
+    span = Span(every=Point(Fraction(2), in_frames=True))
+    with open_frames(tmp_path / "plate.%04d.exr") as source:
+        assert [frame.index for frame in source.frames(span)] == [1001, 1004, 1005]
+        assert source.count(span) == 3
+
+
 def test_plates_become_a_depth_video_and_depth_plates(cli: Cli) -> None:
     pattern = plates(cli.folder / "shot", range(1001, 1007))
     done = cli("video", pattern, "--out", "d.mkv", "--json")

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
-
-if TYPE_CHECKING:
-    from depthcli.io.video.spans import Point, Span
+from depthcli.io.video.frame_source import is_sequence
+from depthcli.io.video.rates import exact_rate
+from depthcli.io.video.spans import Point, Span
 
 _POINT = re.compile(r"(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)", re.ASCII)
 _RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)
@@ -22,8 +21,6 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     Raises:
         UsageError: one is no such place, or the span is empty.
     """
-    from depthcli.io.video.spans import Span
-
     first = parse_point(start or "0", "--start")
     last = None if end is None else parse_point(end, "--end")
     step = parse_point(every or "1", "--every", bare_is_frames=True)
@@ -40,9 +37,6 @@ def parse_fps(word: str | None, file: str) -> Fraction | None:
     Raises:
         UsageError: it is no rate, or the input is a video, which has its own.
     """
-    from depthcli.io.video.frame_source import is_sequence
-    from depthcli.io.video.rates import exact_rate
-
     if word is None:
         return None
     if not is_sequence(file):
@@ -67,8 +61,6 @@ def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Poin
     Raises:
         UsageError: the word is none of these.
     """
-    from depthcli.io.video.spans import Point
-
     match = _POINT.fullmatch(word.strip())
     if match is None:
         raise UsageError(

@@ -78,8 +78,8 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoDone:
     workers, threads = share_cores(request.workers, request.model.threads)
     loading = replace(request.model, threads=threads).start()
     # What reads and writes videos is imported while the model loads.
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.jobs.video.write import write_video
+    from depthcli.inference.pipeline import Pipeline  # noqa: PLC0415
+    from depthcli.jobs.video.write import write_video  # noqa: PLC0415
 
     pipeline = Pipeline(loading.result(), request.settings.detail)
     return write_video(plan, pipeline, request.settings, workers, progress)
