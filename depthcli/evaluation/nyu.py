@@ -11,7 +11,7 @@ from depthcli.core.progress import NO_PROGRESS
 from depthcli.datasets.splits import Split, SplitName, split_nyu
 from depthcli.evaluation.learned import learned_count
 from depthcli.evaluation.predictors.trivial import fit_trivial
-from depthcli.evaluation.protocol import HEADLINE
+from depthcli.evaluation.protocol import HEADLINE, EvalProtocol
 from depthcli.evaluation.published import PUBLISHED
 from depthcli.evaluation.report import Report
 from depthcli.evaluation.run import Entry, entry_for, evaluate
@@ -23,8 +23,30 @@ if TYPE_CHECKING:
     from depthcli.core.progress import Progress
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors.base import Predictor
-    from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.evaluation.report import ReportRow
+
+
+@dataclass(frozen=True, slots=True)
+class EvalOptions:
+    """How a table is made.
+
+    Attributes:
+        protocol: how prediction and truth are compared.
+        alignments: a row for each that suits a predictor. Trivial rows get them too, besides
+            unaligned and median-scaled.
+        trivial: include the rows that never look at the picture.
+        per_image: keep the scores of each image.
+        workers: images at the same time; 0 works in the calling thread.
+    """
+
+    protocol: EvalProtocol = HEADLINE
+    alignments: tuple[Alignment, ...] = (Alignment.NONE,)
+    trivial: bool = True
+    per_image: bool = False
+    workers: int = 0
+
+
+HEADLINE_TABLE = EvalOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,99 +94,63 @@ def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) 
 def evaluate_nyu(
     task: EvalTask,
     predictors: Sequence[Predictor],
-    *,
-    protocol: EvalProtocol = HEADLINE,
-    alignments: Sequence[Alignment] = (Alignment.NONE,),
-    trivial: bool = True,
-    per_image: bool = False,
+    options: EvalOptions = HEADLINE_TABLE,
     progress: Progress = NO_PROGRESS,
-    workers: int = 0,
 ) -> Report:
     """Make the table.
 
     Args:
         task: the images.
         predictors: what to score on them.
-        protocol: how to compare.
-        alignments: one row for each that suits a predictor. Trivial rows get them too, besides
-            unaligned and median-scaled.
-        trivial: whether to include the rows that never look at the picture.
-        per_image: keep the scores of each image.
+        options: how.
         progress: told of two stages.
-        workers: images at the same time; 0 works in the calling thread.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.
         UsageError: no alignment suits a predictor.
     """
-    rows = score_nyu(
-        task,
-        predictors,
-        protocol=protocol,
-        alignments=alignments,
-        trivial=trivial,
-        per_image=per_image,
-        progress=progress,
-        workers=workers,
-    )
-    comparable = task.split.name is SplitName.PAPER and protocol.is_headline
+    rows = score_nyu(task, predictors, options, progress)
+    comparable = task.split.name is SplitName.PAPER and options.protocol.is_headline
     return Report(
         dataset="NYU Depth v2",
         split=task.split.name,
         image_count=len(task.test),
         split_count=task.split.test_count,
-        train_count=len(task.split.train) if trivial else 0,
-        protocol=protocol,
+        train_count=len(task.split.train) if options.trivial else 0,
+        protocol=options.protocol,
         rows=(*(PUBLISHED if comparable else ()), *rows),
-        notes=tuple(_notes(task.split, comparable=comparable, trivial=trivial)),
+        notes=tuple(_notes(task.split, comparable=comparable, trivial=options.trivial)),
     )
 
 
 def score_nyu(
-    task: EvalTask,
-    predictors: Sequence[Predictor],
-    *,
-    protocol: EvalProtocol,
-    alignments: Sequence[Alignment] = (Alignment.NONE,),
-    trivial: bool = True,
-    per_image: bool = False,
-    progress: Progress = NO_PROGRESS,
-    workers: int = 0,
+    task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions, progress: Progress
 ) -> tuple[ReportRow, ...]:
     """The rows that are measured here; arguments and errors as in :func:`evaluate_nyu`."""
-    entries = [
-        entry_for(predictor, alignments, learned_count(predictor, task)) for predictor in predictors
-    ]
-    if trivial and task.split.train:
-        entries = [*_trivial_entries(task, protocol, alignments, progress, workers), *entries]
+    entries = [entry_for(p, options.alignments, learned_count(p, task)) for p in predictors]
+    if options.trivial and task.split.train:
+        entries = [*_trivial_entries(task, options, progress), *entries]
     return evaluate(
         task.dataset,
         task.test,
         entries,
-        protocol,
-        per_image=per_image,
+        options.protocol,
+        per_image=options.per_image,
         progress=progress,
-        workers=workers,
+        workers=options.workers,
     )
 
 
-def _trivial_entries(
-    task: EvalTask,
-    protocol: EvalProtocol,
-    alignments: Sequence[Alignment],
-    progress: Progress,
-    workers: int,
-) -> list[Entry]:
-    train = task.split.train
+def _trivial_entries(task: EvalTask, options: EvalOptions, progress: Progress) -> list[Entry]:
     means = fit_trivial(
         task.dataset,
-        train,
-        min_m=protocol.min_m,
-        max_m=protocol.max_m,
+        task.split.train,
+        min_m=options.protocol.min_m,
+        max_m=options.protocol.max_m,
         progress=progress,
-        workers=workers,
+        workers=options.workers,
     )
-    wanted = (Alignment.NONE, Alignment.MEDIAN, *alignments)
+    wanted = (Alignment.NONE, Alignment.MEDIAN, *options.alignments)
     return [entry_for(mean, wanted) for mean in means]
 
 

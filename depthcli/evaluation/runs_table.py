@@ -9,14 +9,12 @@ from depthcli.core.choices import Weights
 from depthcli.core.progress import NO_PROGRESS
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.differences import differences_from
-from depthcli.evaluation.nyu import score_nyu, trivial_notes
-from depthcli.evaluation.protocol import HEADLINE
+from depthcli.evaluation.nyu import HEADLINE_TABLE, score_nyu, trivial_notes
 from depthcli.evaluation.published import PUBLISHED, PUBLISHED_COUNT
 from depthcli.evaluation.report import ReportRow
 from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
 from depthcli.evaluation.trained import TrainedModel, grouped, mean_and_spread
 from depthcli.metrics.accumulate import Scores
-from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
 
 if TYPE_CHECKING:
@@ -24,7 +22,8 @@ if TYPE_CHECKING:
 
     from depthcli.core.progress import Progress
     from depthcli.evaluation.differences import Difference
-    from depthcli.evaluation.nyu import EvalTask
+    from depthcli.evaluation.nyu import EvalOptions, EvalTask
+    from depthcli.metrics.choices import Alignment
 
 _RAW = "weights of the last step, not their moving average"
 _TABLE_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]
@@ -33,12 +32,10 @@ _TABLE_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]
 def evaluate_runs(
     task: EvalTask,
     models: Sequence[TrainedModel],
-    *,
-    alignments: Sequence[Alignment] = (Alignment.NONE,),
-    trivial: bool = True,
-    published: bool = True,
+    options: EvalOptions = HEADLINE_TABLE,
     progress: Progress = NO_PROGRESS,
-    workers: int = 0,
+    *,
+    published: bool = True,
     weights: Weights = Weights.AVERAGED,
     against: str | None = None,
 ) -> RunsReport:
@@ -47,11 +44,9 @@ def evaluate_runs(
     Args:
         task: pictures that no run was trained on, from ``plan_comparison``.
         models: the runs.
-        alignments: one row for each.
-        trivial: include the rows that never look at the picture.
-        published: include the paper's rows.
+        options: how.
         progress: told of two stages.
-        workers: images at the same time; 0 works in the calling thread.
+        published: include the paper's rows.
         weights: which weights of the runs the models have, for the notes.
         against: also compare this trained row with every other, picture by picture.
 
@@ -64,34 +59,26 @@ def evaluate_runs(
         name: [by_name[run.name] for run in members]
         for name, members in grouped([model.run for model in models]).items()
     }
-    scored = score_nyu(
-        task,
-        [model.predictor for model in models],
-        protocol=HEADLINE,
-        alignments=alignments,
-        trivial=trivial,
-        per_image=against is not None,
-        progress=progress,
-        workers=workers,
-    )
+    options = replace(options, per_image=against is not None)
+    scored = score_nyu(task, [model.predictor for model in models], options, progress)
     differences = () if against is None else _differences(against, task, groups, scored)
     scored = tuple(replace(row, images=()) for row in scored)
     rows = [RunsRow(row) for row in scored if row.name not in by_name]
     rows += [
         _folded(name, groups[name], scored, alignment)
         for name in sorted(groups, key=_place)
-        for alignment in dict.fromkeys(alignments)
+        for alignment in dict.fromkeys(options.alignments)
     ]
     rows += [RunsRow(row) for row in PUBLISHED if published]
     return RunsReport(
         split=task.split.name,
         image_count=len(task.test),
         split_count=task.split.test_count,
-        train_count=len(task.split.train) if trivial else 0,
-        protocol=HEADLINE,
+        train_count=len(task.split.train) if options.trivial else 0,
+        protocol=options.protocol,
         rows=tuple(rows),
         notes=(
-            *_notes(task, models, trivial=trivial, published=published),
+            *_notes(task, models, trivial=options.trivial, published=published),
             *([_RAW] if weights is Weights.RAW else []),
         ),
         differences=differences,

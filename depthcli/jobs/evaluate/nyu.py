@@ -11,20 +11,18 @@ from depthcli.core.progress import NO_PROGRESS
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
-from depthcli.evaluation.nyu import evaluate_nyu, plan_nyu
+from depthcli.evaluation.nyu import HEADLINE_TABLE, evaluate_nyu, plan_nyu
 from depthcli.evaluation.predictors.files import open_predictions
 from depthcli.evaluation.predictors.model import open_models
-from depthcli.evaluation.protocol import HEADLINE
 from depthcli.evaluation.reports.figures import choose, draw_figures
-from depthcli.metrics.choices import Alignment
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from depthcli.core.progress import Progress
     from depthcli.core.types import DepthKind
+    from depthcli.evaluation.nyu import EvalOptions
     from depthcli.evaluation.predictors.base import Predictor
-    from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.evaluation.report import Report
     from depthcli.evaluation.reports.figures import Figure
     from depthcli.inference.loading import SessionLoader
@@ -41,12 +39,8 @@ class NyuRequest:
         predictions_kind: what those files mean; None to believe them.
         split: which division of the pairs.
         limit: at most so many pictures, evenly over the split; None for all.
-        protocol: how prediction and truth are compared.
-        alignments: a row for each that suits.
-        trivial: include the rows that never look at a picture.
-        per_image: keep the scores of each picture.
+        options: how the table is made.
         shown_ids: pictures to draw; empty for some of every type of scene, None for no figures.
-        workers: pictures at the same time; 0 works in the calling thread.
     """
 
     data: Path
@@ -55,12 +49,8 @@ class NyuRequest:
     predictions_kind: DepthKind | None = None
     split: SplitName = SplitName.PAPER
     limit: int | None = None
-    protocol: EvalProtocol = HEADLINE
-    alignments: tuple[Alignment, ...] = (Alignment.NONE,)
-    trivial: bool = True
-    per_image: bool = False
+    options: EvalOptions = HEADLINE_TABLE
     shown_ids: tuple[str, ...] | None = None
-    workers: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,26 +81,20 @@ def compare_on_nyu(
     """
     task = plan_nyu(open_nyu(request.data), request.split, request.limit)
     positions = () if request.shown_ids is None else choose(task, request.shown_ids)
-    if not (request.models or request.predictions or (request.trivial and task.split.train)):
+    if not (
+        request.models or request.predictions or (request.options.trivial and task.split.train)
+    ):
         raise UsageError(
             "nothing to compare: give --model or --predictions, or remove --no-model or "
             "--no-trivial (baselines need training pairs of the split)"
         )
-    detail = Detail(request.protocol.upsampling, request.protocol.tile_px)
+    protocol = request.options.protocol
+    detail = Detail(protocol.upsampling, protocol.tile_px)
     predictors: list[Predictor] = [
         *open_models(request.models, detail, warn),
         *(open_predictions(f, task.ids, request.predictions_kind) for f in request.predictions),
     ]
-    report = evaluate_nyu(
-        task,
-        predictors,
-        protocol=request.protocol,
-        alignments=request.alignments,
-        trivial=request.trivial,
-        per_image=request.per_image,
-        progress=progress,
-        workers=request.workers,
-    )
+    report = evaluate_nyu(task, predictors, request.options, progress)
     if not (positions and predictors):
         return NyuResult(report, ())
     titles = [Path(predictor.name).name for predictor in predictors]

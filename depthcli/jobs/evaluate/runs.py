@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from depthcli.core.choices import Detail, Upsampling, Weights
+from depthcli.core.choices import Detail, Weights
 from depthcli.core.progress import NO_PROGRESS
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import DepthcliError, UsageError
+from depthcli.evaluation.nyu import HEADLINE_TABLE
 from depthcli.evaluation.predictors.model import open_models
 from depthcli.evaluation.reports.figures import choose, draw_figures
 from depthcli.evaluation.runs_table import evaluate_runs
@@ -19,12 +20,12 @@ from depthcli.evaluation.trained import TrainedModel, grouped, plan_comparison
 from depthcli.export.trained import export_run, find_runs, open_run
 from depthcli.inference.latency import measure_ms
 from depthcli.inference.loading import SessionLoader
-from depthcli.metrics.choices import Alignment
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from depthcli.core.progress import Progress
+    from depthcli.evaluation.nyu import EvalOptions
     from depthcli.evaluation.reports.figures import Figure
     from depthcli.evaluation.runs_report import RunsReport
     from depthcli.export.trained import TrainedRun
@@ -40,13 +41,11 @@ class RunsRequest:
         split: which division of the pairs; ``val`` is what the runs themselves held out.
         limit: at most so many pictures, evenly over the split; None for all.
         weights: the moving average, where a run keeps one, or those of the last step.
-        alignments: a row for each.
-        trivial: include the rows that never look at a picture.
+        options: how the table is made.
         published: include the paper's rows.
         against: also compare this row with every other.
         runner: what runs the models; its own model is not used.
         shown_ids: pictures to draw; empty for some of every type of scene, None for no figures.
-        workers: pictures at the same time; 0 works in the calling thread.
     """
 
     folder: Path
@@ -54,13 +53,11 @@ class RunsRequest:
     split: SplitName = SplitName.VAL
     limit: int | None = None
     weights: Weights = Weights.AVERAGED
-    alignments: tuple[Alignment, ...] = (Alignment.NONE,)
-    trivial: bool = True
+    options: EvalOptions = HEADLINE_TABLE
     published: bool = True
     against: str | None = None
     runner: SessionLoader = field(default_factory=SessionLoader)
     shown_ids: tuple[str, ...] | None = None
-    workers: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,15 +102,15 @@ def compare_runs(
         raise UsageError(f"--against {request.against} is no row; choose from {', '.join(names)}")
     with tempfile.TemporaryDirectory() as spare:
         exported = _exported(opened, Path(spare), request.weights, progress, failed)
-        models = _loaded(exported, request.runner, warn)
+        protocol = request.options.protocol
+        detail = Detail(protocol.upsampling, protocol.tile_px)
+        models = _loaded(exported, request.runner, detail, warn)
         report = evaluate_runs(
             task,
             models,
-            alignments=request.alignments,
-            trivial=request.trivial,
+            request.options,
+            progress,
             published=request.published,
-            progress=progress,
-            workers=request.workers,
             weights=request.weights,
             against=request.against,
         )
@@ -170,12 +167,12 @@ def _exported(
 def _loaded(
     exported: Sequence[tuple[TrainedRun, Path]],
     runner: SessionLoader,
+    detail: Detail,
     warn: Callable[[str], object],
 ) -> list[TrainedModel]:
     """Every run with its model, ready to predict, and the time that it takes."""
     loaders = [replace(runner, model=path) for _, path in exported]
-    # The headline protocol resizes bilinearly: what is compared is the network alone.
-    opened = open_models(loaders, Detail(Upsampling.BILINEAR), warn)
+    opened = open_models(loaders, detail, warn)
     times_ms = measure_ms([model.pipeline for model in opened])
     rows = zip(exported, opened, times_ms, strict=True)
     return [TrainedModel(run, replace(model, name=run.name), ms) for (run, _), model, ms in rows]

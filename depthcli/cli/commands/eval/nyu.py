@@ -125,6 +125,7 @@ def nyu(
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.screen.progress import drawn
     from depthcli.core.parallel.cores import usable_cores
+    from depthcli.evaluation.nyu import EvalOptions
     from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.evaluation.reports.text import report_page
     from depthcli.jobs.evaluate.files import EvaluationFiles
@@ -134,6 +135,15 @@ def nyu(
     names: Sequence[str | None] = model or ([] if no_model or predictions else [None])
     at_once = workers or usable_cores()
     share = threads or max(1, usable_cores() // at_once)
+    protocol = EvalProtocol(
+        averaging=average,
+        crop=crop,
+        mask=mask,
+        compare_px=None if compare_at is None else (compare_at, compare_at),
+        upsampling=upsample,
+        tile_px=choose_detail(upsample, tile, None).tile_px,
+        boundary=boundary,
+    )
     request = NyuRequest(
         data,
         models=tuple(session_loader(name, provider, share, provider_option) for name in names),
@@ -141,20 +151,14 @@ def nyu(
         predictions_kind=_kind(predictions_kind),
         split=split,
         limit=limit,
-        protocol=EvalProtocol(
-            averaging=average,
-            crop=crop,
-            mask=mask,
-            compare_px=None if compare_at is None else (compare_at, compare_at),
-            upsampling=upsample,
-            tile_px=choose_detail(upsample, tile, None).tile_px,
-            boundary=boundary,
+        options=EvalOptions(
+            protocol,
+            alignments=tuple(align or (Alignment.NONE,)),
+            trivial=trivial,
+            per_image=per_image,
+            workers=at_once,
         ),
-        alignments=tuple(align or (Alignment.NONE,)),
-        trivial=trivial,
-        per_image=per_image,
         shown_ids=evaluation.shown_ids(ids, figures, html),
-        workers=at_once,
     )
     with drawn(silent=quiet or as_json, announces=True) as progress:
         done = compare_on_nyu(request, progress, console.warn)

@@ -70,6 +70,7 @@ def runs(
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.screen.progress import drawn
     from depthcli.core.parallel.cores import usable_cores
+    from depthcli.evaluation.nyu import EvalOptions
     from depthcli.evaluation.reports.runs_text import runs_page
     from depthcli.jobs.evaluate.files import EvaluationFiles
 
@@ -84,13 +85,13 @@ def runs(
         split=split,
         limit=limit,
         weights=weights,
-        alignments=tuple(align or (Alignment.NONE,)),
-        trivial=trivial,
+        options=EvalOptions(
+            alignments=tuple(align or (Alignment.NONE,)), trivial=trivial, workers=usable_cores()
+        ),
         published=published,
         against=against,
         runner=session_loader(None, provider, threads, provider_option),
         shown_ids=shown_ids,
-        workers=usable_cores(),
     )
     with drawn(silent=quiet or as_json, announces=True) as progress:
         done = compare_runs(request, progress, console.warn)
