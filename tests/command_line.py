@@ -11,7 +11,12 @@ import subprocess
 import sys
 import termios
 from dataclasses import dataclass
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
+
+import pytest
+
+from depthcli.cli.app import main
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -73,3 +78,22 @@ class Cli:
     def command(self, *arguments: str | os.PathLike[str]) -> list[str]:
         """The words of a command, for tests that start the process themselves."""
         return [sys.executable, "-m", "depthcli", *(os.fspath(word) for word in arguments)]
+
+
+class InProcess(Cli):
+    """The source's command line within the tests' process, where shell and start do not matter."""
+
+    def __call__(
+        self, *arguments: str | os.PathLike[str], stdin: bytes = b"", **environment: str
+    ) -> subprocess.CompletedProcess[bytes]:
+        """Run a command to its end."""
+        given, out, err = BytesIO(stdin), BytesIO(), BytesIO()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(self.folder)
+            for name, value in {**self.environment, **environment}.items():
+                patch.setenv(name, value)
+            for name, stream in (("stdin", given), ("stdout", out), ("stderr", err)):
+                patch.setattr(sys, name, TextIOWrapper(stream, "utf-8", write_through=True))
+            code = main([os.fspath(word) for word in arguments])
+            said = out.getvalue(), err.getvalue()
+        return subprocess.CompletedProcess(arguments, code, *said)

@@ -8,7 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
-from command_line import ROOT, Cli
+from command_line import ROOT, Cli, InProcess
 from hypothesis import HealthCheck, settings
 from tiny import write_model, write_picture
 
@@ -57,7 +57,17 @@ def _checked(command: list[str]) -> None:
 @pytest.fixture
 def cli(installed: Path, tmp_path: Path) -> Cli:
     """The installed command line in an empty folder."""
+    return _in_a_folder(Cli, installed, tmp_path)
+
+
+@pytest.fixture
+def inside(tmp_path: Path) -> Cli:
+    """The source's command line in an empty folder, without a process of its own."""
+    return _in_a_folder(InProcess, ROOT, tmp_path)
+
+
+def _in_a_folder(kind: type[Cli], site: Path, tmp_path: Path) -> Cli:
     folder, models = tmp_path / "work", tmp_path / "models"
     folder.mkdir()
     write_model(models / "default")
-    return Cli(installed, folder, models)
+    return kind(site, folder, models)

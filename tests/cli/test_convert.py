@@ -35,19 +35,19 @@ def width_m(path: Path) -> float:
 
 
 @pytest.fixture
-def files(cli: Cli) -> Path:
+def files(inside: Cli) -> Path:
     """One map, which states a focal length of 16 pixels, in every format that is read."""
-    Png16Writer().write(DEPTH, cli.folder / "d.png")
-    ExrWriter().write(DEPTH, cli.folder / "e.exr")
-    NpyWriter().write(DEPTH, cli.folder / "n.npy")
-    SidecarWriter().write(DEPTH, cli.folder / "n.json")
-    NpyWriter().write(DEPTH, cli.folder / "bare.npy")
-    return cli.folder
+    Png16Writer().write(DEPTH, inside.folder / "d.png")
+    ExrWriter().write(DEPTH, inside.folder / "e.exr")
+    NpyWriter().write(DEPTH, inside.folder / "n.npy")
+    SidecarWriter().write(DEPTH, inside.folder / "n.json")
+    NpyWriter().write(DEPTH, inside.folder / "bare.npy")
+    return inside.folder
 
 
 @pytest.mark.parametrize("name", ["d.png", "e.exr", "n.npy"])
-def test_a_cloud_has_the_camera_that_its_input_states(cli: Cli, files: Path, name: str) -> None:
-    done = cli("convert", name, "a.ply")
+def test_a_cloud_has_the_camera_that_its_input_states(inside: Cli, files: Path, name: str) -> None:
+    done = inside("convert", name, "a.ply")
     assert (done.returncode, done.stderr) == (0, b"")
     assert width_m(files / "a.ply") == pytest.approx(7 / 16 * 2, rel=1e-5)
 
@@ -57,26 +57,26 @@ def test_a_cloud_has_the_camera_that_its_input_states(cli: Cli, files: Path, nam
 )
 @pytest.mark.parametrize("name", ["d.png", "bare.npy"])
 def test_options_precede_what_is_stated(
-    cli: Cli, files: Path, name: str, options: tuple[str, str], focal_px: float
+    inside: Cli, files: Path, name: str, options: tuple[str, str], focal_px: float
 ) -> None:
-    done = cli("convert", name, "a.ply", *options)
+    done = inside("convert", name, "a.ply", *options)
     assert (done.returncode, done.stderr) == (0, b"")
     assert width_m(files / "a.ply") == pytest.approx(7 / focal_px * 2, rel=1e-5)
 
 
 @pytest.mark.usefixtures("files")
-def test_a_cloud_of_an_unknown_camera_says_what_it_assumes(cli: Cli) -> None:
-    done = cli("convert", "bare.npy", "a.ply")
+def test_a_cloud_of_an_unknown_camera_says_what_it_assumes(inside: Cli) -> None:
+    done = inside("convert", "bare.npy", "a.ply")
     assert done.returncode == 0
     assert b"assumes 63.3" in done.stderr
     assert b"--focal-px" in done.stderr
 
 
-def test_a_cloud_of_an_assumed_camera_says_so(cli: Cli) -> None:
+def test_a_cloud_of_an_assumed_camera_says_so(inside: Cli) -> None:
     source = Provenance(focal_px=4.0, camera_source=CameraSource.CARD)
-    Png16Writer().write(DepthMap(DEPTH.values, provenance=source), cli.folder / "d.png")
-    assert b"assumes 90\xc2\xb0 across" in cli("convert", "d.png", "a.ply").stderr
-    assert cli("convert", "d.png", "b.ply", "--focal-px", "4").stderr == b""
+    Png16Writer().write(DepthMap(DEPTH.values, provenance=source), inside.folder / "d.png")
+    assert b"assumes 90\xc2\xb0 across" in inside("convert", "d.png", "a.ply").stderr
+    assert inside("convert", "d.png", "b.ply", "--focal-px", "4").stderr == b""
 
 
 @pytest.mark.parametrize(
@@ -100,35 +100,35 @@ def test_what_would_be_ignored_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_picture_gives_the_points_their_colours(cli: Cli, files: Path) -> None:
+def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
     write_picture(files / "room.png", pixels)
-    assert cli("convert", "d.png", "a.ply", "--picture", "room.png").returncode == 0
+    assert inside("convert", "d.png", "a.ply", "--picture", "room.png").returncode == 0
     body = (files / "a.ply").read_bytes().partition(b"end_header\n")[2]
     colours = np.frombuffer(body, np.uint8).reshape(-1, 15)[:, 12:]
     read = cv2.imread(str(files / "room.png"))
     assert read is not None
     np.testing.assert_array_equal(colours, read[..., ::-1].reshape(-1, 3))
     write_picture(files / "other.png", pixels[:5])
-    done = cli("convert", "d.png", "b.ply", "--picture", "other.png")
+    done = inside("convert", "d.png", "b.ply", "--picture", "other.png")
     assert done.returncode == 1
     assert "8×5 pixels and the depth 8×6" in done.stderr.decode()
-    assert cli("convert", "d.png", "room.png", "--picture", "room.png").returncode == 2
+    assert inside("convert", "d.png", "room.png", "--picture", "room.png").returncode == 2
 
 
-def test_a_preview_s_name_makes_a_preview(cli: Cli, files: Path) -> None:
-    assert cli("convert", "d.png", "y.preview.png").returncode == 0
+def test_a_preview_s_name_makes_a_preview(inside: Cli, files: Path) -> None:
+    assert inside("convert", "d.png", "y.preview.png").returncode == 0
     pixels = cv2.imread(str(files / "y.preview.png"), cv2.IMREAD_UNCHANGED)
     assert pixels is not None
     assert (pixels.dtype, pixels.shape) == (np.uint8, (6, 8, 3))
 
 
 @pytest.mark.parametrize("target", ["b.png", "b.exr"])
-def test_a_conversion_keeps_model_and_focal_length(cli: Cli, files: Path, target: str) -> None:
-    assert cli("convert", "n.npy", target).returncode == 0
+def test_a_conversion_keeps_model_and_focal_length(inside: Cli, files: Path, target: str) -> None:
+    assert inside("convert", "n.npy", target).returncode == 0
     made_by = read_depth(files / target).provenance
     assert made_by is not None
     assert (made_by.model, made_by.model_sha256, made_by.focal_px) == ("m", "0" * 64, 16.0)
-    assert cli("convert", "d.png", "b.json", "--png-scale", "256").returncode == 0
+    assert inside("convert", "d.png", "b.json", "--png-scale", "256").returncode == 0
     told = json.loads((files / "b.json").read_text())
     assert (told["focal_px"], told["model"], told["png16_scale"]) == (16.0, "m", 256)

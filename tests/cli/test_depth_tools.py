@@ -26,67 +26,67 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture
-def depth_npy(cli: Cli) -> Path:
+def depth_npy(inside: Cli) -> Path:
     """A map of 1 to 9 m with one pixel without depth."""
     values = np.linspace(1, 9, 12 * 16, dtype=np.float32).reshape(12, 16)
     values[0, 0] = np.nan
-    path = cli.folder / "d.npy"
+    path = inside.folder / "d.npy"
     np.save(path, values)
     return path
 
 
-def test_info_says_what_a_pixel_is(cli: Cli) -> None:
-    write_picture(cli.folder / "room.png")
-    cli("predict", "room.png", "-o", "d.png", "--png-scale", "5000")
-    told = json.loads(cli("info", "d.png", "--json").stdout)
-    depth = read_depth(cli.folder / "d.png").values
+def test_info_says_what_a_pixel_is(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    inside("predict", "room.png", "-o", "d.png", "--png-scale", "5000")
+    told = json.loads(inside("info", "d.png", "--json").stdout)
+    depth = read_depth(inside.folder / "d.png").values
     assert (told["kind"], told["unit"]) == ("metric", "m")
     assert (told["width"], told["height"], told["valid"]) == (64, 48, 64 * 48)
     assert told["max"] == pytest.approx(depth.max())
     assert told["metadata"]["scale"] == "5000"
     assert told["metadata"]["model"] == "tiny"
     lines = dict(
-        line.split(maxsplit=1) for line in cli("info", "d.png").stdout.decode().split("\n")[:-1]
+        line.split(maxsplit=1) for line in inside("info", "d.png").stdout.decode().split("\n")[:-1]
     )
     assert lines["unit"] == "m"
 
 
-def test_info_s_values_stand_in_one_column(cli: Cli) -> None:
-    write_picture(cli.folder / "room.png")
-    cli("predict", "room.png", "-o", "d.png")
-    lines = cli("info", "d.png").stdout.decode().splitlines()
+def test_info_s_values_stand_in_one_column(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    inside("predict", "room.png", "-o", "d.png")
+    lines = inside("info", "d.png").stdout.decode().splitlines()
     begins = {len(re.match(r"(metadata )?\S+ +", line)[0]) for line in lines}  # type: ignore[index]
     assert len(begins) == 1
 
 
 @pytest.mark.parametrize("name", ["d.npy", "d.exr", "d.png"])
-def test_info_states_what_the_sidecar_beside_the_file_knows(cli: Cli, name: str) -> None:
-    path = write_picture(cli.folder / "held.jpg")
+def test_info_states_what_the_sidecar_beside_the_file_knows(inside: Cli, name: str) -> None:
+    path = write_picture(inside.folder / "held.jpg")
     orientation_6 = b"II*\0\x08\0\0\0" + struct.pack("<HHHIII", 1, 0x0112, 3, 1, 6, 0)
     segment = b"\xff\xe1" + struct.pack(">H", 8 + len(orientation_6)) + b"Exif\0\0" + orientation_6
     path.write_bytes(b"\xff\xd8" + segment + path.read_bytes()[2:])
-    assert cli("predict", "held.jpg", "-o", name, "--sidecar").returncode == 0
-    stated = json.loads(cli("info", name, "--json").stdout)["metadata"]
+    assert inside("predict", "held.jpg", "-o", name, "--sidecar").returncode == 0
+    stated = json.loads(inside("info", name, "--json").stdout)["metadata"]
     assert (stated["orientation"], stated["model"]) == ("6", "tiny")
     # A sidecar of another model's map says nothing of this one.
-    sidecar = cli.folder / "d.json"
+    sidecar = inside.folder / "d.json"
     sidecar.write_text(sidecar.read_text().replace(stated["model_sha256"], "0" * 64))
-    after = json.loads(cli("info", name, "--json").stdout)["metadata"]
+    after = json.loads(inside("info", name, "--json").stdout)["metadata"]
     assert ("orientation" in after) == (name == "d.npy")
 
 
-def test_info_on_exr_states_the_model(cli: Cli) -> None:
-    write_picture(cli.folder / "room.png")
-    cli("predict", "room.png", "-o", "d.exr")
-    assert json.loads(cli("info", "d.exr", "--json").stdout)["metadata"]["model"] == "tiny"
+def test_info_on_exr_states_the_model(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    inside("predict", "room.png", "-o", "d.exr")
+    assert json.loads(inside("info", "d.exr", "--json").stdout)["metadata"]["model"] == "tiny"
 
 
 @pytest.mark.usefixtures("depth_npy")
-def test_probe_gives_the_depth_of_pixels(cli: Cli) -> None:
-    done = cli("probe", "d.npy", "15,11", "0,0")
+def test_probe_gives_the_depth_of_pixels(inside: Cli) -> None:
+    done = inside("probe", "d.npy", "15,11", "0,0")
     assert (done.returncode, done.stdout) == (0, b"15,11  9 m\n0,0  no depth\n")
     first, second = map(
-        json.loads, cli("probe", "d.npy", "15,11", "0,0", "--json").stdout.splitlines()
+        json.loads, inside("probe", "d.npy", "15,11", "0,0", "--json").stdout.splitlines()
     )
     assert first == {"x": 15, "y": 11, "depth": 9, "unit": "m"}
     assert second["depth"] is None
@@ -94,29 +94,29 @@ def test_probe_gives_the_depth_of_pixels(cli: Cli) -> None:
 
 @pytest.mark.usefixtures("depth_npy")
 @pytest.mark.parametrize("pixel", ["16,0", "0,12", "-1,0", "1", "1,2,3", "a,b"])
-def test_probe_refuses_what_is_no_pixel(cli: Cli, pixel: str) -> None:
-    done = cli("probe", "d.npy", "--", pixel)
+def test_probe_refuses_what_is_no_pixel(inside: Cli, pixel: str) -> None:
+    done = inside("probe", "d.npy", "--", pixel)
     assert (done.returncode, done.stdout) == (2, b"")
 
 
 @pytest.mark.parametrize("command", [("info",), ("probe",), ("convert",)])
 @pytest.mark.parametrize("name", ["missing.npy", "text.npy", "photo.jpg", "gray8.png"])
 def test_what_is_no_depth_file_is_exit_code_1(
-    cli: Cli, command: tuple[str, ...], name: str
+    inside: Cli, command: tuple[str, ...], name: str
 ) -> None:
-    (cli.folder / "text.npy").write_text("no numbers")
-    write_picture(cli.folder / "photo.jpg")
-    write_picture(cli.folder / "gray8.png", np.zeros((4, 4), np.uint8))
+    (inside.folder / "text.npy").write_text("no numbers")
+    write_picture(inside.folder / "photo.jpg")
+    write_picture(inside.folder / "gray8.png", np.zeros((4, 4), np.uint8))
     rest = {"info": (), "probe": ("1,1",), "convert": ("out.exr",)}[command[0]]
-    done = cli(*command, name, *rest)
+    done = inside(*command, name, *rest)
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1
-    assert not (cli.folder / "out.exr").exists()
+    assert not (inside.folder / "out.exr").exists()
 
 
-def test_convert_reports_the_round_trip(cli: Cli, depth_npy: Path) -> None:
-    told = json.loads(cli("convert", "d.npy", "d.png", "--json").stdout)
-    again = read_depth(cli.folder / "d.png").values
+def test_convert_reports_the_round_trip(inside: Cli, depth_npy: Path) -> None:
+    told = json.loads(inside("convert", "d.npy", "d.png", "--json").stdout)
+    again = read_depth(inside.folder / "d.png").values
     gap = np.abs(again - np.load(depth_npy))
     assert told["max_error"] == pytest.approx(np.nanmax(gap), rel=1e-3)
     assert 0 < told["max_error"] < 0.00051
@@ -124,48 +124,48 @@ def test_convert_reports_the_round_trip(cli: Cli, depth_npy: Path) -> None:
 
 
 @pytest.mark.usefixtures("depth_npy")
-def test_convert_to_exr_costs_nothing(cli: Cli) -> None:
-    told = json.loads(cli("convert", "d.npy", "d.exr", "--json").stdout)
+def test_convert_to_exr_costs_nothing(inside: Cli) -> None:
+    told = json.loads(inside("convert", "d.npy", "d.exr", "--json").stdout)
     assert (told["max_error"], told["mean_error"], told["lost"]) == (0, 0, 0)
-    assert np.isnan(read_depth(cli.folder / "d.exr").values[0, 0])
+    assert np.isnan(read_depth(inside.folder / "d.exr").values[0, 0])
 
 
 @pytest.mark.usefixtures("depth_npy")
-def test_convert_between_scales(cli: Cli) -> None:
-    assert cli("convert", "d.npy", "kitti.png", "--png-scale", "256").returncode == 0
-    pixels = cv2.imread(str(cli.folder / "kitti.png"), cv2.IMREAD_UNCHANGED)
+def test_convert_between_scales(inside: Cli) -> None:
+    assert inside("convert", "d.npy", "kitti.png", "--png-scale", "256").returncode == 0
+    pixels = cv2.imread(str(inside.folder / "kitti.png"), cv2.IMREAD_UNCHANGED)
     assert pixels is not None
     assert (pixels[11, 15], pixels[0, 0]) == (9 * 256, 0)
-    done = cli("convert", "kitti.png", "again.npy", "--from-scale", "512")
+    done = inside("convert", "kitti.png", "again.npy", "--from-scale", "512")
     assert done.returncode == 0
-    assert np.load(cli.folder / "again.npy")[11, 15] == pytest.approx(4.5)
+    assert np.load(inside.folder / "again.npy")[11, 15] == pytest.approx(4.5)
 
 
 @pytest.mark.usefixtures("depth_npy")
-def test_convert_says_the_unit_of_its_error(cli: Cli) -> None:
-    line = cli("convert", "d.npy", "d.png").stdout.decode()
+def test_convert_says_the_unit_of_its_error(inside: Cli) -> None:
+    line = inside("convert", "d.npy", "d.png").stdout.decode()
     assert re.search(r"round trip: max error 0\.000\d+ m, mean 0\.000\d+ m, 0 pixels lost$", line)
 
 
-def test_convert_never_replaces_its_input(cli: Cli, depth_npy: Path) -> None:
+def test_convert_never_replaces_its_input(inside: Cli, depth_npy: Path) -> None:
     before = depth_npy.read_bytes()
-    done = cli("convert", "d.npy", "./d.npy")
+    done = inside("convert", "d.npy", "./d.npy")
     assert done.returncode == 1
     assert depth_npy.read_bytes() == before
 
 
 @pytest.mark.usefixtures("depth_npy")
 @pytest.mark.parametrize("target", ["d.gif", "-", "folder/"])
-def test_convert_wants_a_file_with_a_known_suffix(cli: Cli, target: str) -> None:
-    done = cli("convert", "d.npy", target)
+def test_convert_wants_a_file_with_a_known_suffix(inside: Cli, target: str) -> None:
+    done = inside("convert", "d.npy", target)
     assert done.returncode == 2
     assert done.stderr.decode().startswith(f"depthcli: error: {target} ")
 
 
 @pytest.fixture
-def depth_mkv(cli: Cli) -> Path:
+def depth_mkv(inside: Cli) -> Path:
     """Three frames of 1, 2 and 3 m, in centimetres."""
-    path = cli.folder / "d.mkv"
+    path = inside.folder / "d.mkv"
     picture = np.zeros((4, 6), np.uint8)
     with depth_video(path, Timing(Fraction(25)), 100, ()) as output:
         for metres in (1, 2, 3):
@@ -178,10 +178,10 @@ def depth_mkv(cli: Cli) -> Path:
 
 
 @pytest.mark.usefixtures("depth_mkv")
-def test_one_frame_of_a_depth_video_is_a_map(cli: Cli) -> None:
-    assert cli("probe", "d.mkv", "3,3", "--frame", "2").stdout == b"3,3  3 m\n"
-    assert cli("convert", "d.mkv", "d.npy", "--frame", "1").returncode == 0
-    assert (np.load(cli.folder / "d.npy") == 2).all()
+def test_one_frame_of_a_depth_video_is_a_map(inside: Cli) -> None:
+    assert inside("probe", "d.mkv", "3,3", "--frame", "2").stdout == b"3,3  3 m\n"
+    assert inside("convert", "d.mkv", "d.npy", "--frame", "1").returncode == 0
+    assert (np.load(inside.folder / "d.npy") == 2).all()
 
 
 @pytest.mark.usefixtures("depth_mkv", "depth_npy")
@@ -194,9 +194,9 @@ def test_one_frame_of_a_depth_video_is_a_map(cli: Cli) -> None:
     ],
 )
 def test_a_video_wants_one_of_its_frames(
-    cli: Cli, words: tuple[str, ...], code: int, problem: str
+    inside: Cli, words: tuple[str, ...], code: int, problem: str
 ) -> None:
-    done = cli("probe", *words)
+    done = inside("probe", *words)
     (line,) = done.stderr.decode().splitlines()
     assert (done.returncode, done.stdout) == (code, b"")
     assert problem in line

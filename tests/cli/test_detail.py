@@ -79,16 +79,16 @@ def test_a_limit_is_named_as_it_was_given() -> None:
     assert list(map(size_text, sizes)) == ["10", "200K", "1.5G", "800M", "1K"]
 
 
-def test_the_size_that_a_refusal_names_is_enough(cli: Cli) -> None:
+def test_the_size_that_a_refusal_names_is_enough(inside: Cli) -> None:
     """And a little less is not, so that nobody raises it in the dark or further than needed."""
-    picture = write_picture(cli.folder / "room.png", np.zeros((480, 640, 3), np.uint8))
+    picture = write_picture(inside.folder / "room.png", np.zeros((480, 640, 3), np.uint8))
     for limit in ("10", "9M"):
-        done = cli("predict", picture, "-o", "d.png", "--max-memory", limit)
+        done = inside("predict", picture, "-o", "d.png", "--max-memory", limit)
         (line,) = done.stderr.decode().splitlines()
         assert f"more than --max-memory {limit}; raise it to 13M " in line
         assert "--max-pixels" not in line
-    assert cli("predict", picture, "-o", "d.png", "--max-memory", "12M").returncode == 1
-    assert cli("predict", picture, "-o", "d.png", "--max-memory", "13M").returncode == 0
+    assert inside("predict", picture, "-o", "d.png", "--max-memory", "12M").returncode == 1
+    assert inside("predict", picture, "-o", "d.png", "--max-memory", "13M").returncode == 0
 
 
 @pytest.mark.parametrize("name", ["predict", "batch", "video"])
@@ -101,25 +101,25 @@ def test_commands_have_the_options_that_their_page_names(name: str) -> None:
 
 
 @pytest.mark.parametrize("command", ["predict", "batch", "video"])
-def test_every_command_bounds_memory(cli: Cli, command: str) -> None:
-    folder = cli.folder / "in"
+def test_every_command_bounds_memory(inside: Cli, command: str) -> None:
+    folder = inside.folder / "in"
     picture = write_picture(folder / "room.png")
     if command == "video":
-        picture = write_mp4(cli.folder / "clip.mp4", flat_frames([100, 120]))
+        picture = write_mp4(inside.folder / "clip.mp4", flat_frames([100, 120]))
     out = ("--out", "out/") if command != "predict" else ("-o", "out/")
-    done = cli(command, folder if command == "batch" else picture, *out, "--max-memory", "100K")
+    done = inside(command, folder if command == "batch" else picture, *out, "--max-memory", "100K")
     assert done.returncode == 1
     assert b"--max-memory" in done.stderr
-    done = cli(command, folder if command == "batch" else picture, *out, "--max-memory", "10M")
+    done = inside(command, folder if command == "batch" else picture, *out, "--max-memory", "10M")
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("option", [("--tile", "x"), ("--upsample", "cubic"), ("--tile", "0")])
-def test_wrong_words(cli: Cli, option: tuple[str, str]) -> None:
-    write_picture(cli.folder / "room.png")
-    done = cli("predict", "room.png", *option)
+def test_wrong_words(inside: Cli, option: tuple[str, str]) -> None:
+    write_picture(inside.folder / "room.png")
+    done = inside("predict", "room.png", *option)
     assert done.returncode == 2
-    assert not list(cli.folder.glob("*.depth.png"))
+    assert not list(inside.folder.glob("*.depth.png"))
 
 
 def peak_bytes(cli: Cli, *arguments: str) -> int:
@@ -137,24 +137,24 @@ def peak_bytes(cli: Cli, *arguments: str) -> int:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts kilobytes as Linux does")
 @pytest.mark.parametrize("written", ["npy", "png16", "preview"])
-def test_the_process_stays_within_the_limit(cli: Cli, written: str) -> None:
-    write_picture(cli.folder / "small.png")
+def test_the_process_stays_within_the_limit(inside: Cli, written: str) -> None:
+    write_picture(inside.folder / "small.png")
     pixels = np.repeat(np.arange(WIDTH) * 255 // WIDTH, 3).reshape(1, WIDTH, 3).astype(np.uint8)
-    write_picture(cli.folder / "large.png", np.repeat(pixels, HEIGHT, axis=0))
+    write_picture(inside.folder / "large.png", np.repeat(pixels, HEIGHT, axis=0))
     options = "--format", written, "--tile", "auto", "--threads", "1"
     use = choose_detail(Upsampling.GUIDED, None, None, [written]).use_bytes
     limit = HEIGHT * WIDTH * (3 + 4 + use) + 64 * BAND_PIXELS + 1_000_000
-    refused = cli("predict", "large.png", *options, "--max-memory", str(limit - 2_000_000))
+    refused = inside("predict", "large.png", *options, "--max-memory", str(limit - 2_000_000))
     assert refused.returncode == 1
-    before = peak_bytes(cli, "small.png", *options)
-    peak = peak_bytes(cli, "large.png", *options, "--max-memory", str(limit))
+    before = peak_bytes(inside, "small.png", *options)
+    peak = peak_bytes(inside, "large.png", *options, "--max-memory", str(limit))
     assert HEIGHT * WIDTH * 7 < peak - before < limit
 
 
-def test_tiles_change_the_map_but_not_its_size(cli: Cli) -> None:
-    write_picture(cli.folder / "room.png")
+def test_tiles_change_the_map_but_not_its_size(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
     for name, options in (("a", ()), ("b", ("--tile", "auto")), ("c", ("--upsample", "bilinear"))):
-        assert cli("predict", "room.png", "-o", f"{name}.npy", *options).returncode == 0
-    maps = [np.load(cli.folder / f"{name}.npy") for name in "abc"]
+        assert inside("predict", "room.png", "-o", f"{name}.npy", *options).returncode == 0
+    maps = [np.load(inside.folder / f"{name}.npy") for name in "abc"]
     assert {m.shape for m in maps} == {(48, 64)}
     assert all(np.abs(maps[0] - other).max() > 1e-3 for other in maps[1:])

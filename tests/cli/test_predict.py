@@ -68,12 +68,12 @@ def test_without_options_a_png_and_a_preview_beside_the_picture(cli: Cli) -> Non
 
 @pytest.mark.parametrize("folder", [".", "/", ""])
 def test_a_folder_or_nothing_among_the_inputs_costs_the_others_nothing(
-    cli: Cli, folder: str
+    inside: Cli, folder: str
 ) -> None:
-    room(cli)
-    done = cli("predict", folder, "room.png", folder, "--format", "npy")
+    room(inside)
+    done = inside("predict", folder, "room.png", folder, "--format", "npy")
     assert done.returncode == 1
-    assert here(cli) == {"room.png", "room.depth.npy"}
+    assert here(inside) == {"room.png", "room.depth.npy"}
     expected = "name is empty" if folder == "" else f"{folder} is a folder"
     first, second, last = error_lines(done)
     assert expected in first
@@ -81,55 +81,55 @@ def test_a_folder_or_nothing_among_the_inputs_costs_the_others_nothing(
     assert last.startswith("2 of 3 inputs failed: ")
 
 
-def test_its_own_outputs_are_no_inputs(cli: Cli) -> None:
-    room(cli)
-    assert cli("predict", "room.png").returncode == 0
-    before = here(cli)
-    again = cli("predict", *sorted(before))
+def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
+    room(inside)
+    assert inside("predict", "room.png").returncode == 0
+    before = here(inside)
+    again = inside("predict", *sorted(before))
     assert again.returncode == 0
-    assert here(cli) == before
+    assert here(inside) == before
     assert error_lines(again) == [
         f"depthcli: warning: {name} was written by depthcli; skipped"
         for name in ("room.depth.png", "room.preview.png")
     ]
-    alone = cli("predict", "room.depth.png")
+    alone = inside("predict", "room.depth.png")
     assert alone.returncode == 2
     assert b"room.depth.png was written by depthcli; name a picture" in alone.stderr
 
 
-def test_pictures_of_one_stem_keep_apart_over_several_commands(cli: Cli) -> None:
-    room(cli, "room.jpg")
-    room(cli, "room.png")
-    assert cli("predict", "room.jpg").returncode == 0
-    first = here(cli)
+def test_pictures_of_one_stem_keep_apart_over_several_commands(inside: Cli) -> None:
+    room(inside, "room.jpg")
+    room(inside, "room.png")
+    assert inside("predict", "room.jpg").returncode == 0
+    first = here(inside)
     assert "room.jpg.depth.png" in first
-    assert cli("predict", "room.png").returncode == 0
-    assert here(cli) == first | {"room.png.depth.png", "room.png.preview.png"}
+    assert inside("predict", "room.png").returncode == 0
+    assert here(inside) == first | {"room.png.depth.png", "room.png.preview.png"}
 
 
-def test_an_empty_output_is_wrong_usage(cli: Cli) -> None:
-    room(cli)
-    done = cli("predict", "room.png", "-o", "")
+def test_an_empty_output_is_wrong_usage(inside: Cli) -> None:
+    room(inside)
+    done = inside("predict", "room.png", "-o", "")
     assert done.returncode == 2
     assert b"-o is empty" in done.stderr
-    assert here(cli) == {"room.png"}
+    assert here(inside) == {"room.png"}
 
 
 @pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
-def test_the_output_s_suffix_chooses_the_format(cli: Cli, suffix: str) -> None:
-    room(cli)
-    assert cli("predict", "room.png", "-o", f"depth{suffix}").returncode == 0
-    assert here(cli) == {"room.png", f"depth{suffix}"}
-    depth = read_depth(cli.folder / f"depth{suffix}")
+def test_the_output_s_suffix_chooses_the_format(inside: Cli, suffix: str) -> None:
+    room(inside)
+    assert inside("predict", "room.png", "-o", f"depth{suffix}").returncode == 0
+    assert here(inside) == {"room.png", f"depth{suffix}"}
+    depth = read_depth(inside.folder / f"depth{suffix}")
     np.testing.assert_allclose(depth.values[:, 6:-6], EXPECTED_M[:, 6:-6], atol=0.2)
 
 
-def test_formats_are_repeatable_and_a_folder_takes_them(cli: Cli) -> None:
-    room(cli)
+def test_formats_are_repeatable_and_a_folder_takes_them(inside: Cli) -> None:
+    room(inside)
     formats = [word for name in FORMATS for word in ("--format", name)]
-    assert cli("predict", "room.png", "-o", "new/deep/", *formats).returncode == 0
+    assert inside("predict", "room.png", "-o", "new/deep/", *formats).returncode == 0
     names = {f"new/deep/room{facts.suffix}" for facts in FORMATS.values()}
-    assert here(cli) == {"room.png", *names}
+    assert here(inside) == {"room.png", *names}
 
 
 def test_every_format_of_the_registry_can_be_asked_for() -> None:
@@ -137,65 +137,65 @@ def test_every_format_of_the_registry_can_be_asked_for() -> None:
     assert set(Colormap) == set(NAMES)
 
 
-def test_a_suffix_that_says_nothing_is_wrong_usage(cli: Cli) -> None:
-    room(cli)
-    done = cli("predict", "room.png", "-o", "depth.gif")
+def test_a_suffix_that_says_nothing_is_wrong_usage(inside: Cli) -> None:
+    room(inside)
+    done = inside("predict", "room.png", "-o", "depth.gif")
     assert done.returncode == 2
     assert ".exr" in error_lines(done)[0]
-    assert here(cli) == {"room.png"}
+    assert here(inside) == {"room.png"}
 
 
-def test_a_sidecar_leaves_the_output_s_name_alone(cli: Cli) -> None:
-    room(cli)
-    assert cli("predict", "room.png", "-o", "depth.exr", "--sidecar").returncode == 0
-    assert here(cli) == {"room.png", "depth.exr", "depth.json"}
-    sidecar = json.loads((cli.folder / "depth.json").read_text())
+def test_a_sidecar_leaves_the_output_s_name_alone(inside: Cli) -> None:
+    room(inside)
+    assert inside("predict", "room.png", "-o", "depth.exr", "--sidecar").returncode == 0
+    assert here(inside) == {"room.png", "depth.exr", "depth.json"}
+    sidecar = json.loads((inside.folder / "depth.json").read_text())
     assert (sidecar["kind"], sidecar["unit"], sidecar["model"]) == ("metric", "m", "tiny")
 
 
-def test_a_sidecar_and_the_report_say_the_focal_length(cli: Cli) -> None:
-    room(cli)
-    write_model(cli.models / "default", camera={"hfov_deg": 90.0})
+def test_a_sidecar_and_the_report_say_the_focal_length(inside: Cli) -> None:
+    room(inside)
+    write_model(inside.models / "default", camera={"hfov_deg": 90.0})
     words = ("predict", "room.png", "-o", "d.png", "--sidecar", "--focal-px", "70.5", "--json")
-    (told,) = map(json.loads, cli(*words).stdout.splitlines())
-    sidecar = json.loads((cli.folder / "d.json").read_text())
+    (told,) = map(json.loads, inside(*words).stdout.splitlines())
+    sidecar = json.loads((inside.folder / "d.json").read_text())
     assert (told["focal_px"], sidecar["focal_px"]) == (70.5, 70.5)
     assert told["model_sha256"] == sidecar["model_sha256"]
 
 
-def test_a_preview_s_name_makes_a_preview(cli: Cli) -> None:
-    room(cli)
-    assert cli("predict", "room.png", "-o", "x.preview.png").returncode == 0
-    assert here(cli) == {"room.png", "x.preview.png"}
-    pixels = cv2.imread(str(cli.folder / "x.preview.png"), cv2.IMREAD_UNCHANGED)
+def test_a_preview_s_name_makes_a_preview(inside: Cli) -> None:
+    room(inside)
+    assert inside("predict", "room.png", "-o", "x.preview.png").returncode == 0
+    assert here(inside) == {"room.png", "x.preview.png"}
+    pixels = cv2.imread(str(inside.folder / "x.preview.png"), cv2.IMREAD_UNCHANGED)
     assert pixels is not None
     assert (pixels.dtype, pixels.shape) == (np.uint8, (48, 64, 3))
     both = ("--format", "png16", "--format", "preview")
-    assert cli("predict", "room.png", "-o", "y.preview.png", *both).returncode == 0
-    assert here(cli) == {"room.png", "x.preview.png", "y.depth.png", "y.preview.png"}
+    assert inside("predict", "room.png", "-o", "y.preview.png", *both).returncode == 0
+    assert here(inside) == {"room.png", "x.preview.png", "y.depth.png", "y.preview.png"}
 
 
-def test_a_sidecar_says_the_png_s_scale(cli: Cli) -> None:
-    room(cli)
-    cli("predict", "room.png", "--sidecar", "--png-scale", "256")
-    assert json.loads((cli.folder / "room.depth.json").read_text())["png16_scale"] == 256
-    assert decode(cli.folder / "room.depth.png").max() == pytest.approx(256 * 9, abs=256)
+def test_a_sidecar_says_the_png_s_scale(inside: Cli) -> None:
+    room(inside)
+    inside("predict", "room.png", "--sidecar", "--png-scale", "256")
+    assert json.loads((inside.folder / "room.depth.json").read_text())["png16_scale"] == 256
+    assert decode(inside.folder / "room.depth.png").max() == pytest.approx(256 * 9, abs=256)
 
 
-def test_options_of_formats_arrive(cli: Cli) -> None:
-    room(cli)
-    plain = cli("predict", "room.png", "-o", "plain/", "--format", "preview")
+def test_options_of_formats_arrive(inside: Cli) -> None:
+    room(inside)
+    plain = inside("predict", "room.png", "-o", "plain/", "--format", "preview")
     options = ("--colormap", "turbo", "--vmin", "2", "--vmax", "4", "--legend", "--side-by-side")
-    drawn = cli("predict", "room.png", "-o", "drawn/", "--format", "preview", *options)
+    drawn = inside("predict", "room.png", "-o", "drawn/", "--format", "preview", *options)
     assert plain.returncode == drawn.returncode == 0
-    assert decode(cli.folder / "drawn/room.preview.png").shape[1] > 2 * 64
-    assert cli("predict", "room.png", "-o", "n.png", "--png-normalize").returncode == 0
-    assert decode(cli.folder / "n.png").max() == 65535
-    half = cli("predict", "room.png", "-o", "y.exr", "--exr-channel", "Y", "--half")
+    assert decode(inside.folder / "drawn/room.preview.png").shape[1] > 2 * 64
+    assert inside("predict", "room.png", "-o", "n.png", "--png-normalize").returncode == 0
+    assert decode(inside.folder / "n.png").max() == 65535
+    half = inside("predict", "room.png", "-o", "y.exr", "--exr-channel", "Y", "--half")
     assert half.returncode == 0
     import OpenEXR  # noqa: PLC0415
 
-    channels = OpenEXR.File(str(cli.folder / "y.exr")).channels()
+    channels = OpenEXR.File(str(inside.folder / "y.exr")).channels()
     assert {name: c.pixels.dtype for name, c in channels.items()} == {"Y": np.float16}
 
 
@@ -209,16 +209,16 @@ def test_from_stdin_to_stdout(cli: Cli) -> None:
     assert here(cli) == {"room.png"}
 
 
-def test_from_stdin_to_a_file(cli: Cli) -> None:
-    data = room(cli).read_bytes()
-    assert cli("predict", "-", "-o", "out.npy", stdin=data).returncode == 0
-    assert here(cli) == {"room.png", "out.npy"}
+def test_from_stdin_to_a_file(inside: Cli) -> None:
+    data = room(inside).read_bytes()
+    assert inside("predict", "-", "-o", "out.npy", stdin=data).returncode == 0
+    assert here(inside) == {"room.png", "out.npy"}
 
 
-def test_stdout_takes_one_input_and_one_format(cli: Cli) -> None:
-    room(cli), room(cli, "b.png")
+def test_stdout_takes_one_input_and_one_format(inside: Cli) -> None:
+    room(inside), room(inside, "b.png")
     for words in (("b.png",), ("--format", "npy", "--format", "exr"), ("--sidecar",), ("--json",)):
-        done = cli("predict", "room.png", "-o", "-", *words)
+        done = inside("predict", "room.png", "-o", "-", *words)
         assert (done.returncode, done.stdout) == (2, b"")
 
 
@@ -244,33 +244,33 @@ def test_json_is_one_object_a_line(cli: Cli) -> None:
     assert "bad.jpg" in failed["error"]
 
 
-def test_warnings_are_told(cli: Cli) -> None:
-    room(cli)
-    plain = cli("predict", "room.png", "-o", "a.png", "--png-scale", "20000")
-    told = cli("predict", "room.png", "-o", "a.png", "--png-scale", "20000", "--json")
+def test_warnings_are_told(inside: Cli) -> None:
+    room(inside)
+    plain = inside("predict", "room.png", "-o", "a.png", "--png-scale", "20000")
+    told = inside("predict", "room.png", "-o", "a.png", "--png-scale", "20000", "--json")
     assert plain.returncode == told.returncode == 0
     assert "saturated" in error_lines(plain)[0]
     assert "saturated" in json.loads(told.stdout)["warnings"][0]
-    assert decode(cli.folder / "a.png").max() == 65535
+    assert decode(inside.folder / "a.png").max() == 65535
 
 
-def test_quiet_says_nothing_but_errors(cli: Cli) -> None:
-    room(cli)
-    done = cli("predict", "room.png", "missing.png", "--quiet")
+def test_quiet_says_nothing_but_errors(inside: Cli) -> None:
+    room(inside)
+    done = inside("predict", "room.png", "missing.png", "--quiet")
     assert done.stdout == b""
     assert "missing.png" in error_lines(done)[0]
 
 
-def test_a_bad_input_never_stops_the_others(cli: Cli) -> None:
-    room(cli, "a.png"), room(cli, "z.png")
-    picture = (cli.folder / "a.png").read_bytes()
-    (cli.folder / "empty.png").touch()
-    (cli.folder / "cut.png").write_bytes(picture[: len(picture) // 2])
-    (cli.folder / "text.jpg").write_text("no picture")
-    (cli.folder / "folder.png").mkdir()
-    (cli.folder / "link.png").symlink_to("nowhere")
+def test_a_bad_input_never_stops_the_others(inside: Cli) -> None:
+    room(inside, "a.png"), room(inside, "z.png")
+    picture = (inside.folder / "a.png").read_bytes()
+    (inside.folder / "empty.png").touch()
+    (inside.folder / "cut.png").write_bytes(picture[: len(picture) // 2])
+    (inside.folder / "text.jpg").write_text("no picture")
+    (inside.folder / "folder.png").mkdir()
+    (inside.folder / "link.png").symlink_to("nowhere")
     bad = ["empty.png", "cut.png", "text.jpg", "folder.png", "link.png", "missing.png"]
-    done = cli("predict", "a.png", *bad, "z.png", "-o", "out/", "--format", "npy")
+    done = inside("predict", "a.png", *bad, "z.png", "-o", "out/", "--format", "npy")
     assert done.returncode == 1
     *lines, summary = error_lines(done)
     assert len(lines) == len(bad)
@@ -278,36 +278,36 @@ def test_a_bad_input_never_stops_the_others(cli: Cli) -> None:
         assert line.startswith(f"depthcli: error: {name}")
     assert "'depthcli batch'" in lines[bad.index("folder.png")]
     assert summary == f"6 of 8 inputs failed: {', '.join(bad)}"
-    outputs = {name for name in here(cli) if name.startswith("out/")}
+    outputs = {name for name in here(inside) if name.startswith("out/")}
     assert outputs == {"out/a.depth.npy", "out/z.depth.npy"}
 
 
-def test_two_inputs_never_share_an_output(cli: Cli) -> None:
-    room(cli, "a.png")
-    write_picture(cli.folder / "a.jpg", np.zeros((48, 64, 3), np.uint8))
-    assert cli("predict", "a.png", "a.jpg", "--format", "npy").returncode == 0
-    outputs = here(cli) - {"a.png", "a.jpg"}
+def test_two_inputs_never_share_an_output(inside: Cli) -> None:
+    room(inside, "a.png")
+    write_picture(inside.folder / "a.jpg", np.zeros((48, 64, 3), np.uint8))
+    assert inside("predict", "a.png", "a.jpg", "--format", "npy").returncode == 0
+    outputs = here(inside) - {"a.png", "a.jpg"}
     assert len(outputs) == 2
-    means = {float(np.load(cli.folder / name).mean()) for name in outputs}
+    means = {float(np.load(inside.folder / name).mean()) for name in outputs}
     assert len(means) == 2
 
 
-def test_an_output_is_never_an_input(cli: Cli) -> None:
-    path = room(cli)
+def test_an_output_is_never_an_input(inside: Cli) -> None:
+    path = room(inside)
     before = path.read_bytes()
-    (cli.folder / "link.png").symlink_to("room.png")
-    assert cli("predict", "room.png", "-o", "room.png").returncode == 2
-    assert cli("predict", "room.png", "-o", "link.png").returncode == 1
+    (inside.folder / "link.png").symlink_to("room.png")
+    assert inside("predict", "room.png", "-o", "room.png").returncode == 2
+    assert inside("predict", "room.png", "-o", "link.png").returncode == 1
     assert path.read_bytes() == before
 
 
-def test_a_second_run_replaces_its_outputs(cli: Cli) -> None:
-    room(cli)
-    cli("predict", "room.png")
-    first = (cli.folder / "room.depth.png").read_bytes()
-    (cli.folder / "room.depth.png").write_bytes(b"old")
-    assert cli("predict", "room.png").returncode == 0
-    assert (cli.folder / "room.depth.png").read_bytes() == first
+def test_a_second_run_replaces_its_outputs(inside: Cli) -> None:
+    room(inside)
+    inside("predict", "room.png")
+    first = (inside.folder / "room.depth.png").read_bytes()
+    (inside.folder / "room.depth.png").write_bytes(b"old")
+    assert inside("predict", "room.png").returncode == 0
+    assert (inside.folder / "room.depth.png").read_bytes() == first
 
 
 def test_an_output_that_cannot_be_written_is_one_line(cli: Cli) -> None:
@@ -355,61 +355,61 @@ def test_a_full_disk_leaves_nothing(cli: Cli) -> None:
         ("--hfov", "60"),  # the tiny model knows no camera
     ],
 )
-def test_options_that_do_not_fit_write_nothing(cli: Cli, words: tuple[str, ...]) -> None:
-    room(cli), room(cli, "b.png")
-    done = cli("predict", "room.png", *words)
+def test_options_that_do_not_fit_write_nothing(inside: Cli, words: tuple[str, ...]) -> None:
+    room(inside), room(inside, "b.png")
+    done = inside("predict", "room.png", *words)
     assert done.returncode == 2
     assert len(error_lines(done)) == 1
-    assert here(cli) == {"room.png", "b.png"}
+    assert here(inside) == {"room.png", "b.png"}
 
 
-def test_a_focal_length_rescales_metres(cli: Cli) -> None:
-    room(cli)
-    write_model(cli.models / "camera", camera={"hfov_deg": 90.0})
+def test_a_focal_length_rescales_metres(inside: Cli) -> None:
+    room(inside)
+    write_model(inside.models / "camera", camera={"hfov_deg": 90.0})
     for name, words in {"a": (), "b": ("--focal-px", "64"), "c": ("--hfov", "90")}.items():
-        done = cli("predict", "room.png", "--model", "camera", "-o", f"{name}.npy", *words)
+        done = inside("predict", "room.png", "--model", "camera", "-o", f"{name}.npy", *words)
         assert done.returncode == 0
-    a, b, c = (np.load(cli.folder / f"{name}.npy") for name in "abc")
+    a, b, c = (np.load(inside.folder / f"{name}.npy") for name in "abc")
     np.testing.assert_allclose(b, 2 * a, rtol=1e-5)  # 90 degrees at 64 px wide are 32 px
     np.testing.assert_allclose(c, a, rtol=1e-5)
 
 
-def test_anchors_set_the_scale(cli: Cli) -> None:
-    room(cli)
+def test_anchors_set_the_scale(inside: Cli) -> None:
+    room(inside)
     words = ("--anchor", "5,40,2", "--anchor", "60,40,12")
-    assert cli("predict", "room.png", "-o", "d.npy", *words).returncode == 0
-    depth = np.load(cli.folder / "d.npy")
+    assert inside("predict", "room.png", "-o", "d.npy", *words).returncode == 0
+    depth = np.load(inside.folder / "d.npy")
     assert (depth[40, 5], depth[40, 60]) == pytest.approx((2, 12), rel=1e-4)
 
 
-def test_anchors_give_a_relative_model_metres(cli: Cli) -> None:
-    room(cli)
-    write_model(cli.models / "rel", output__kind="relative")
+def test_anchors_give_a_relative_model_metres(inside: Cli) -> None:
+    room(inside)
+    write_model(inside.models / "rel", output__kind="relative")
     words = ("--anchor", "5,40,2", "--anchor", "60,40,12", "--json")
-    done = cli("predict", "room.png", "--model", "rel", "-o", "d.npy", *words)
+    done = inside("predict", "room.png", "--model", "rel", "-o", "d.npy", *words)
     assert json.loads(done.stdout)["unit"] == "m"
 
 
-def test_an_anchor_outside_fails_that_picture(cli: Cli) -> None:
-    room(cli, "small.png")
-    write_picture(cli.folder / "large.png", synthetic_picture(96, 128))
-    done = cli("predict", "small.png", "large.png", "--anchor", "100,50,2", "--format", "npy")
+def test_an_anchor_outside_fails_that_picture(inside: Cli) -> None:
+    room(inside, "small.png")
+    write_picture(inside.folder / "large.png", synthetic_picture(96, 128))
+    done = inside("predict", "small.png", "large.png", "--anchor", "100,50,2", "--format", "npy")
     assert done.returncode == 1
     assert "small.png" in error_lines(done)[0]
-    assert "large.depth.npy" in here(cli)
+    assert "large.depth.npy" in here(inside)
 
 
-def test_too_many_pixels_are_refused(cli: Cli) -> None:
-    room(cli)
-    done = cli("predict", "room.png", "--max-pixels", "3000")
+def test_too_many_pixels_are_refused(inside: Cli) -> None:
+    room(inside)
+    done = inside("predict", "room.png", "--max-pixels", "3000")
     assert done.returncode == 1
     assert "--max-pixels" in error_lines(done)[0]
 
 
 @pytest.mark.parametrize("fault", ["missing", "checksum", "no card"])
-def test_a_model_that_cannot_be_used_is_exit_code_3(cli: Cli, fault: str) -> None:
-    room(cli)
-    folder = cli.models / "default"
+def test_a_model_that_cannot_be_used_is_exit_code_3(inside: Cli, fault: str) -> None:
+    room(inside)
+    folder = inside.models / "default"
     if fault == "missing":
         words = ("--model", "nothing")
     else:
@@ -418,36 +418,36 @@ def test_a_model_that_cannot_be_used_is_exit_code_3(cli: Cli, fault: str) -> Non
         (folder / "model.onnx").write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
     if fault == "no card":
         words = ("--model", str(folder / "model.onnx"))
-    done = cli("predict", "room.png", *words)
+    done = inside("predict", "room.png", *words)
     assert (done.returncode, done.stdout) == (3, b"")
     assert len(error_lines(done)) == 1
-    assert here(cli) == {"room.png"}
+    assert here(inside) == {"room.png"}
 
 
-def test_a_named_provider_that_is_not_there_is_exit_code_3(cli: Cli) -> None:
-    room(cli)
-    done = cli(
+def test_a_named_provider_that_is_not_there_is_exit_code_3(inside: Cli) -> None:
+    room(inside)
+    done = inside(
         "predict", "room.png", "--provider", "coreml" if sys.platform != "darwin" else "rocm"
     )
     assert done.returncode == 3
     assert "provider" in error_lines(done)[0]
-    assert here(cli) == {"room.png"}
+    assert here(inside) == {"room.png"}
 
 
-def test_names_may_hold_any_byte(cli: Cli) -> None:
-    picture = room(cli).read_bytes()
+def test_names_may_hold_any_byte(inside: Cli) -> None:
+    picture = room(inside).read_bytes()
     names = [b"line\nbreak.png", b"caf\xe9.png", "\u0434\u043e\u043c \U0001f3e0.png".encode()]
     for name in names:
-        (cli.folder / os.fsdecode(name)).write_bytes(picture)
+        (inside.folder / os.fsdecode(name)).write_bytes(picture)
     words = [os.fsdecode(name) for name in names]
-    done = cli("predict", *words, "--format", "npy")
+    done = inside("predict", *words, "--format", "npy")
     assert (done.returncode, done.stderr) == (0, b"")
     assert len(done.stdout.splitlines()) == 3
-    told = cli("predict", *words, "--format", "npy", "--json")
+    told = inside("predict", *words, "--format", "npy", "--json")
     assert [os.fsencode(json.loads(line)["input"]) for line in told.stdout.splitlines()] == names
-    plain = cli("predict", *words, "--format", "npy", PYTHONIOENCODING="ascii")
+    plain = inside("predict", *words, "--format", "npy", PYTHONIOENCODING="ascii")
     assert plain.returncode == 0
-    outputs = {os.fsencode(name) for name in here(cli) if name.endswith(".npy")}
+    outputs = {os.fsencode(name) for name in here(inside) if name.endswith(".npy")}
     assert outputs == {name.replace(b".png", b".depth.npy") for name in names}
 
 
@@ -531,17 +531,17 @@ def test_a_stdout_that_takes_nothing(
 
 
 @pytest.mark.parametrize("count", [1, 200])
-def test_every_line_is_out_when_the_process_ends(cli: Cli, count: int) -> None:
-    room(cli)
-    done = cli("predict", *(f"absent-{i}.png" for i in range(count)), "room.png", "--json")
+def test_every_line_is_out_when_the_process_ends(inside: Cli, count: int) -> None:
+    room(inside)
+    done = inside("predict", *(f"absent-{i}.png" for i in range(count)), "room.png", "--json")
     assert done.returncode == 1
     assert len(done.stdout.splitlines()) == count + 1
     assert len(done.stderr.splitlines()) == count + 1
 
 
-def test_a_sidecar_does_not_take_the_place_of_the_depth(cli: Cli) -> None:
-    done = cli("predict", "room.png", "-o", "e.json", "--format", "exr", "--sidecar")
+def test_a_sidecar_does_not_take_the_place_of_the_depth(inside: Cli) -> None:
+    done = inside("predict", "room.png", "-o", "e.json", "--format", "exr", "--sidecar")
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2
     assert b"take the place of -o e.json" in line
-    assert not (cli.folder / "e.json").exists()
+    assert not (inside.folder / "e.json").exists()

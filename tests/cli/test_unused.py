@@ -47,12 +47,12 @@ def test_predict_refuses_what_no_format_uses(
     assert [path.name for path in tmp_path.iterdir()] == ["room.png"]
 
 
-def test_options_that_a_format_uses_are_taken(cli: Cli) -> None:
-    write_picture(cli.folder / "room.png")
-    done = cli("predict", "room.png", "-o", "x.json", "--png-scale", "256")
+def test_options_that_a_format_uses_are_taken(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    done = inside("predict", "room.png", "-o", "x.json", "--png-scale", "256")
     assert done.returncode == 0, done.stderr
     options = "--colormap", "turbo", "--png-scale", "256"
-    assert cli("predict", "room.png", *options).returncode == 0
+    assert inside("predict", "room.png", *options).returncode == 0
 
 
 def test_batch_and_video_refuse_them_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,10 +65,10 @@ def test_batch_and_video_refuse_them_too(tmp_path: Path, monkeypatch: pytest.Mon
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
-def test_a_profile_may_hold_more_than_a_run_uses(cli: Cli) -> None:
-    write_picture(cli.folder / "room.png")
-    assert cli("profile", "save", "own", "--colormap", "turbo", "--half").returncode == 0
-    done = cli("predict", "room.png", "-o", "x.png", "--profile", "own")
+def test_a_profile_may_hold_more_than_a_run_uses(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    assert inside("profile", "save", "own", "--colormap", "turbo", "--half").returncode == 0
+    done = inside("predict", "room.png", "-o", "x.png", "--profile", "own")
     assert done.returncode == 0, done.stderr
 
 
@@ -94,10 +94,10 @@ def test_limits_the_wrong_way_round_are_refused() -> None:
         writer_options({"vmin": 5, "vmax": 2})
 
 
-def test_near_white_is_a_gray_picture(cli: Cli) -> None:
-    write_picture(cli.folder / "room.png")
-    assert cli("predict", "room.png", "-o", "x.preview.png", "--near", "white").returncode == 0
-    pixels = cv2.imread(str(cli.folder / "x.preview.png"))
+def test_near_white_is_a_gray_picture(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    assert inside("predict", "room.png", "-o", "x.preview.png", "--near", "white").returncode == 0
+    pixels = cv2.imread(str(inside.folder / "x.preview.png"))
     assert pixels is not None
     assert (np.ptp(pixels, axis=2) == 0).all()
     assert np.ptp(pixels) > 200
