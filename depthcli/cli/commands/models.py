@@ -14,6 +14,7 @@ from depthcli.core.text import one_line
 from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:
+    from depthcli.jobs.verify_models import ModelCheck
     from depthcli.models.card import ModelCard
     from depthcli.models.catalog import Model, Place
 
@@ -91,34 +92,26 @@ def verify(
     as_json: _Json = False,
 ) -> int:
     """Verify size, checksum and card, and run each model once."""
-    from depthcli.models.catalog import list_places
+    from depthcli.jobs.verify_models import verify_models
 
     failed = False
-    for name in models or [name for name, _ in list_places()]:
-        error = _verify(name, as_json)
-        failed = failed or error
+    for check in verify_models(models or ()):
+        failed = failed or isinstance(check.found, DepthcliError)
+        _tell(check, as_json=as_json)
     return ExitCode.FAILURE if failed else ExitCode.OK
 
 
-def _verify(name: str, as_json: bool) -> bool:
-    """Verify one model and print how it went; whether it failed."""
-    from depthcli.inference.trial import try_model
-    from depthcli.models.catalog import find_model
-
-    try:
-        model = find_model(name)
-        try_model(model)
-    except DepthcliError as problem:
+def _tell(check: ModelCheck, *, as_json: bool) -> None:
+    name, found = check.name, check.found
+    if isinstance(found, DepthcliError):
         if as_json:
-            console.out_json({"model": name, "status": "failed", "error": str(problem)})
+            console.out_json({"model": name, "status": "failed", "error": str(found)})
         else:
-            console.error(str(problem))
-        return True
-    if as_json:
-        console.out_json({"model": name, "status": "ok", **_facts(model)})
+            console.error(str(found))
+    elif as_json:
+        console.out_json({"model": name, "status": "ok", **_facts(found)})
     else:
-        console.out(f"{one_line(name)}: ok, sha256 {model.sha256}")
-    return False
+        console.out(f"{one_line(name)}: ok, sha256 {found.sha256}")
 
 
 def _facts(model: Model) -> dict[str, object]:
