@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from depthcli.errors import DatasetError
-from depthcli.io.pictures.decode import MAX_FILE_BYTES, decoded
-from depthcli.io.pictures.ending import flaw
+from depthcli.errors import DatasetError, InputError
+from depthcli.io.pictures.decode import MAX_FILE_BYTES, check, decoded
 from depthcli.io.storage.regular import read_regular
 
 if TYPE_CHECKING:
@@ -86,11 +85,14 @@ def _decode(path: Path, flags: int) -> npt.NDArray[np.integer]:
     except OSError as error:
         raise DatasetError(f"cannot read {path}: {error.strerror}") from error
     try:
-        pixels = decoded(data, flags) if data and flaw(data) is None else None
+        check(data, str(path))
+        pixels = decoded(data, flags)
+    except InputError as error:
+        raise DatasetError(f"{path} cannot be decoded: {error}") from error
     except cv2.error:
         pixels = None
     if pixels is None:
-        raise DatasetError(f"{path} cannot be decoded: it is empty, truncated or not a picture")
+        raise DatasetError(f"{path} cannot be decoded: it is damaged; copy it again")
     return np.asarray(pixels)
 
 

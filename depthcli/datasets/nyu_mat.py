@@ -6,6 +6,7 @@ Layout: ``images`` (N, 3, W, H) uint8, ``depths`` and ``rawDepths`` (N, W, H) fl
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,12 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 _OFFICIAL = "nyu_depth_v2_labeled.mat"
+_PARTS = {"images": "u", "depths": "f", "scenes": "O"}
+"""What the file has to hold, and the kinds of NumPy types that it is stored as."""
+_MAX_PAIRS = 100_000
+_MAX_PAIR_PIXELS = 2**24
+_MAX_CHUNK_BYTES = 2**28
+_MAX_SCENE = 1000
 _IMAGE_AXES = 4
 _DEPTH_AXES = 3
 
@@ -75,7 +82,7 @@ class NyuMat:
     def _read(self, name: str, i: int) -> npt.NDArray[Any]:
         try:
             return np.asarray(self.file[name][i])
-        except (OSError, RuntimeError) as error:
+        except (OSError, RuntimeError, TypeError, ValueError) as error:
             raise DatasetError(f"{self.path} is damaged at pair {i}: fetch it again") from error
 
 
@@ -113,9 +120,12 @@ def open_mat(path: Path, plausible_m: tuple[float, float]) -> NyuMat:
 
 def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no types
     """Number of pairs, after checking that pictures and depth agree."""
-    for name in ("images", "depths", "scenes"):
+    for name in _PARTS:
         if name not in file:
             raise DatasetError(f"{path} has no {name}: this is not {_OFFICIAL}")
+    for name, kinds in (*_PARTS.items(), ("rawDepths", "f")):
+        if name in file:
+            _check_array(path, file, name, kinds)
     images, depths = file["images"].shape, file["depths"].shape
     agree = len(images) == _IMAGE_AXES and len(depths) == _DEPTH_AXES
     if not agree or images != (depths[0], 3, *depths[1:]) or not depths[0]:
@@ -123,14 +133,37 @@ def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no t
             f"{path} holds images {images} and depths {depths}: "
             f"expected (N, 3, W, H) and (N, W, H) as in {_OFFICIAL}"
         )
+    if depths[0] > _MAX_PAIRS or depths[1] * depths[2] > _MAX_PAIR_PIXELS:
+        raise DatasetError(f"{path} claims {depths[0]} pairs of {depths[1]}×{depths[2]} pixels")
+    if "rawDepths" in file and file["rawDepths"].shape != depths:
+        raise DatasetError(f"{path} has rawDepths of another shape than depths: fetch it again")
     return int(depths[0])
 
 
+def _check_array(path: Path, file: Any, name: str, kinds: str) -> None:  # noqa: ANN401
+    """Refuse what is no array of its kind inside the file: HDF5 can point to any other file."""
+    import h5py  # noqa: PLC0415 - optional
+
+    array, link = file[name], file.get(name, getlink=True)
+    if not isinstance(array, h5py.Dataset) or array.dtype.kind not in kinds:
+        raise DatasetError(f"{path} has another kind of {name}: this is not {_OFFICIAL}")
+    if isinstance(link, h5py.ExternalLink) or array.external or array.is_virtual:
+        raise DatasetError(f"{path} keeps {name} in another file: use the complete official file")
+    chunk_bytes = math.prod(array.chunks or (0,)) * array.dtype.itemsize
+    if chunk_bytes > _MAX_CHUNK_BYTES:
+        raise DatasetError(f"{path} stores {name} in pieces of {chunk_bytes:,} bytes")
+
+
 def _scenes(path: Path, file: Any, count: int) -> tuple[str, ...]:  # noqa: ANN401
-    references = np.asarray(file["scenes"]).ravel()
-    if len(references) != count:
-        raise DatasetError(f"{path} names {len(references)} scenes for {count} pairs")
+    if file["scenes"].size != count:
+        raise DatasetError(f"{path} names {file['scenes'].size} scenes for {count} pairs")
     try:
-        return tuple("".join(map(chr, np.ravel(file[r][()]))) for r in references)
-    except (KeyError, TypeError, ValueError, OSError) as error:
+        return tuple(_scene(file[reference]) for reference in np.ravel(file["scenes"][()]))
+    except (AttributeError, KeyError, OSError, OverflowError, TypeError, ValueError) as error:
         raise DatasetError(f"{path} has unreadable scene names: fetch it again") from error
+
+
+def _scene(codes: Any) -> str:  # noqa: ANN401
+    if codes.size > _MAX_SCENE or codes.external:
+        raise ValueError(codes.size)
+    return "".join(map(chr, np.ravel(codes[()])))
