@@ -68,6 +68,6 @@ def inside(tmp_path: Path) -> Cli:
 
 def _in_a_folder(kind: type[Cli], site: Path, tmp_path: Path) -> Cli:
     folder, models = tmp_path / "work", tmp_path / "models"
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)  # a test may have both
     write_model(models / "default")
     return kind(site, folder, models)

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 QUICK = ("--seconds", "0.05", "--provider", "cpu")
 
 
-def test_measures_add_up(cli: Cli) -> None:
-    done = cli("bench", *QUICK, "--size", "1200x900", "--workers", "2", "--json")
+def test_measures_add_up(inside: Cli) -> None:
+    done = inside("bench", *QUICK, "--size", "1200x900", "--workers", "2", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     network, whole = found["network"], found["whole"]
@@ -30,8 +30,8 @@ def test_measures_add_up(cli: Cli) -> None:
     assert len(found["model_sha256"]) == 64
 
 
-def test_a_picture_of_ones_own(cli: Cli, picture: Path) -> None:
-    done = cli("bench", *QUICK, picture)
+def test_a_picture_of_ones_own(inside: Cli, picture: Path) -> None:
+    done = inside("bench", *QUICK, picture)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.decode().splitlines()
     assert [line.split("  ")[0] for line in lines[1:]] == [
@@ -55,8 +55,10 @@ def test_a_terminal_is_told_how_long_it_takes(cli: Cli) -> None:
         (("--provider", "tensorrt"), 3, "tensorrt"),
     ],
 )
-def test_failures_are_one_line(cli: Cli, arguments: tuple[str, ...], code: int, words: str) -> None:
-    done = cli("bench", *arguments)
+def test_failures_are_one_line(
+    inside: Cli, arguments: tuple[str, ...], code: int, words: str
+) -> None:
+    done = inside("bench", *arguments)
     assert done.returncode == code
     (line,) = done.stderr.decode().splitlines()
     assert words in line

@@ -19,9 +19,9 @@ def spoil(cli: Cli, name: str) -> None:
     path.write_bytes(path.read_bytes()[:-1] + b"\0\0")
 
 
-def test_the_list_shows_what_is_there(cli: Cli) -> None:
-    write_model(cli.models / "other", version="7.7")
-    plain, told = cli("models"), cli("models", "list")
+def test_the_list_shows_what_is_there(inside: Cli) -> None:
+    write_model(inside.models / "other", version="7.7")
+    plain, told = inside("models"), inside("models", "list")
     assert plain.returncode == told.returncode == 0
     assert plain.stdout == told.stdout
     header, *rows = (line.split("\t") for line in told.stdout.decode().splitlines())
@@ -44,22 +44,22 @@ def test_no_terminal_is_too_narrow_for_names_and_paths(cli: Cli, columns: int) -
             assert cell in shown
 
 
-def test_both_bundled_models_are_in_the_wheel_and_run(cli: Cli) -> None:
+def test_both_bundled_models_are_in_the_wheel_and_run(inside: Cli) -> None:
     nothing_else = {"DEPTHCLI_MODELS": ""}
-    listed = cli("models", "list", "--json", **nothing_else).stdout.splitlines()
+    listed = inside("models", "list", "--json", **nothing_else).stdout.splitlines()
     models = {row["name"]: row for row in map(json.loads, listed)}
     assert models.keys() == {"default", "fast"}
-    write_picture(cli.folder / "a.png")
+    write_picture(inside.folder / "a.png")
     words = ("predict", "a.png", "-o", "a.npy", "--json", "--model", "fast")
-    told = json.loads(cli(*words, **nothing_else).stdout)
+    told = json.loads(inside(*words, **nothing_else).stdout)
     assert (told["status"], told["model"]) == ("ok", "fast")
     data = (ROOT / "models" / "fast" / "model.onnx").read_bytes()
     assert told["model_sha256"] == models["fast"]["sha256"] == hashlib.sha256(data).hexdigest()
 
 
-def test_the_list_for_machines(cli: Cli) -> None:
-    spoil(cli, "broken")
-    done = cli("models", "list", "--json")
+def test_the_list_for_machines(inside: Cli) -> None:
+    spoil(inside, "broken")
+    done = inside("models", "list", "--json")
     models = {m["name"]: m for m in map(json.loads, done.stdout.splitlines())}
     assert done.returncode == 3
     assert models["default"]["status"] == "ok"
@@ -67,35 +67,35 @@ def test_the_list_for_machines(cli: Cli) -> None:
     assert "bytes" in models["broken"]["error"]
 
 
-def test_show_prints_the_card(cli: Cli) -> None:
-    done = cli("models", "show")
+def test_show_prints_the_card(inside: Cli) -> None:
+    done = inside("models", "show")
     card = json.loads(done.stdout)
     assert done.returncode == 0
-    assert card == json.loads((cli.models / "default" / "card.json").read_text()) | {
+    assert card == json.loads((inside.models / "default" / "card.json").read_text()) | {
         "training": {},
         "scores": {},
         "latency": {},
     }
 
 
-def test_verify_runs_each_model(cli: Cli) -> None:
-    done = cli("models", "verify", "default")
+def test_verify_runs_each_model(inside: Cli) -> None:
+    done = inside("models", "verify", "default")
     assert done.returncode == 0
     assert done.stdout.startswith(b"default: ok, sha256 ")
 
 
-def test_verify_goes_on_after_a_broken_one(cli: Cli) -> None:
-    spoil(cli, "broken")
-    done = cli("models", "verify", "broken", "default")
+def test_verify_goes_on_after_a_broken_one(inside: Cli) -> None:
+    spoil(inside, "broken")
+    done = inside("models", "verify", "broken", "default")
     assert done.returncode == 3
     assert done.stdout.startswith(b"default: ok")
     (line,) = done.stderr.decode().splitlines()
     assert "bytes" in line
 
 
-def test_verify_for_machines(cli: Cli) -> None:
-    spoil(cli, "broken")
-    done = cli("models", "verify", "--json", "broken", "default")
+def test_verify_for_machines(inside: Cli) -> None:
+    spoil(inside, "broken")
+    done = inside("models", "verify", "--json", "broken", "default")
     failed, fine = map(json.loads, done.stdout.splitlines())
     assert (failed["model"], failed["status"]) == ("broken", "failed")
     assert (fine["model"], fine["status"]) == ("default", "ok")

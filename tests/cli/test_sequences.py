@@ -128,19 +128,19 @@ def test_sixteen_bit_pictures_keep_their_bits(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame.pixels, pixels[..., ::-1])
 
 
-def test_a_folder_goes_by_names_and_leaves_our_own_files(cli: Cli) -> None:
+def test_a_folder_goes_by_names_and_leaves_our_own_files(inside: Cli) -> None:
     for name in ("b", "a", "c"):
-        cv2.imwrite(str(cli.folder / f"{name}.png"), np.full((4, 4, 3), 99, np.uint8))
-    cli("predict", "a.png")
-    (cli.folder / "note.txt").touch()
-    found = find_pictures(cli.folder)
+        cv2.imwrite(str(inside.folder / f"{name}.png"), np.full((4, 4, 3), 99, np.uint8))
+    inside("predict", "a.png")
+    (inside.folder / "note.txt").touch()
+    found = find_pictures(inside.folder)
     assert [(file.number, file.path.name) for file in found] == [
         (0, "a.png"),
         (1, "b.png"),
         (2, "c.png"),
     ]
     with pytest.raises(InputError, match="no such picture"):
-        find_pictures(cli.folder / "x.%04d.png")
+        find_pictures(inside.folder / "x.%04d.png")
 
 
 def test_a_span_counts_in_the_sequences_own_numbers(tmp_path: Path) -> None:
@@ -161,54 +161,54 @@ def test_steps_count_numbers_where_some_are_missing(tmp_path: Path) -> None:
         assert source.count(span) == 3
 
 
-def test_plates_become_a_depth_video_and_depth_plates(cli: Cli) -> None:
-    pattern = plates(cli.folder / "shot", range(1001, 1007))
-    done = cli("video", pattern, "--out", "d.mkv", "--json")
+def test_plates_become_a_depth_video_and_depth_plates(inside: Cli) -> None:
+    pattern = plates(inside.folder / "shot", range(1001, 1007))
+    done = inside("video", pattern, "--out", "d.mkv", "--json")
     assert (done.returncode, done.stderr) == (0, b"")
     assert (report(done)["frames"], report(done)["fps"]) == (6, "24000/1001")
-    video = DepthVideo(cli.folder / "d.mkv")
+    video = DepthVideo(inside.folder / "d.mkv")
     assert video.rate == FILM
     steps = list(video.steps())
-    done = cli("video", pattern, "--out", "out/depth.%04d.exr", "--json")
+    done = inside("video", pattern, "--out", "out/depth.%04d.exr", "--json")
     assert (done.returncode, done.stderr) == (0, b"")
-    names = sorted(path.name for path in (cli.folder / "out").iterdir())
+    names = sorted(path.name for path in (inside.folder / "out").iterdir())
     assert names == [f"depth.{number}.exr" for number in range(1001, 1007)]
     for name, expected in zip(names, steps, strict=True):
-        metres = read_depth(cli.folder / "out" / name).values
+        metres = read_depth(inside.folder / "out" / name).values
         np.testing.assert_array_equal(np.rint(metres * 1000), expected)
-        assert read_exr_rate(cli.folder / "out" / name) == FILM
+        assert read_exr_rate(inside.folder / "out" / name) == FILM
 
 
-def test_the_first_number_can_be_chosen(cli: Cli) -> None:
-    write_video(cli.folder / "clip.avi", flat_frames(range(6)))
+def test_the_first_number_can_be_chosen(inside: Cli) -> None:
+    write_video(inside.folder / "clip.avi", flat_frames(range(6)))
     options = ("--out", "d.%03d.png", "--start-number", "1001", "--every", "2")
-    assert cli("video", "clip.avi", *options).returncode == 0
-    names = {path.name for path in cli.folder.iterdir()}
+    assert inside("video", "clip.avi", *options).returncode == 0
+    names = {path.name for path in inside.folder.iterdir()}
     assert names == {"clip.avi", "d.1001.png", "d.1003.png", "d.1005.png"}
 
 
-def test_a_hole_and_a_damaged_plate(cli: Cli) -> None:
-    pattern = plates(cli.folder / "shot", range(1001, 1007))
-    (cli.folder / "shot" / "plate.1003.exr").unlink()
-    (cli.folder / "shot" / "plate.1005.exr").write_bytes(b"v/1\x01 no more")
-    done = cli("video", pattern, "--out", "d.%d.png", "--json")
+def test_a_hole_and_a_damaged_plate(inside: Cli) -> None:
+    pattern = plates(inside.folder / "shot", range(1001, 1007))
+    (inside.folder / "shot" / "plate.1003.exr").unlink()
+    (inside.folder / "shot" / "plate.1005.exr").write_bytes(b"v/1\x01 no more")
+    done = inside("video", pattern, "--out", "d.%d.png", "--json")
     assert done.returncode == 1
     facts = report(done)
     assert "plate.1005.exr" in facts["error"]
     assert "1 numbers of the sequence are missing" in facts["warnings"][0]
-    names = {path.name for path in cli.folder.glob("d.*")}
+    names = {path.name for path in inside.folder.glob("d.*")}
     assert names == {f"d.{number}.png" for number in (1001, 1002, 1004, 1006)}
 
 
-def test_plates_are_never_overwritten(cli: Cli) -> None:
-    pattern = plates(cli.folder / "shot", range(1, 4))
-    before = (cli.folder / "shot" / "plate.0001.exr").read_bytes()
-    assert cli("video", pattern, "--out", pattern).returncode == 2
-    (cli.folder / "link").symlink_to("shot")
-    done = cli("video", pattern, "--out", "link/plate.%04d.exr")
+def test_plates_are_never_overwritten(inside: Cli) -> None:
+    pattern = plates(inside.folder / "shot", range(1, 4))
+    before = (inside.folder / "shot" / "plate.0001.exr").read_bytes()
+    assert inside("video", pattern, "--out", pattern).returncode == 2
+    (inside.folder / "link").symlink_to("shot")
+    done = inside("video", pattern, "--out", "link/plate.%04d.exr")
     assert done.returncode == 1
     assert b"is an input" in done.stderr
-    assert (cli.folder / "shot" / "plate.0001.exr").read_bytes() == before
+    assert (inside.folder / "shot" / "plate.0001.exr").read_bytes() == before
 
 
 def stopped(cli: Cli, *words: str, files: int) -> None:
@@ -227,25 +227,25 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_a_stopped_sequence_keeps_its_frames_and_goes_on(cli: Cli) -> None:
-    write_video(cli.folder / "long.avi", flat_frames([i % 250 for i in range(800)], 16, 16))
+def test_a_stopped_sequence_keeps_its_frames_and_goes_on(inside: Cli) -> None:
+    write_video(inside.folder / "long.avi", flat_frames([i % 250 for i in range(800)], 16, 16))
     words = ("video", "long.avi", "--format", "png16", "--format", "npy", "--out")
-    stopped(cli, *words, "out/", files=40)
-    (journal,) = (cli.folder / "out").glob(".*")
+    stopped(inside, *words, "out/", files=40)
+    (journal,) = (inside.folder / "out").glob(".*")
     numbers = [int(line) for line in journal.read_text().splitlines()[1:]]
     assert numbers == list(range(len(numbers)))
     assert 20 < len(numbers) < 800
-    kept = cli.folder / "out" / "long.depth.000010.png"
+    kept = inside.folder / "out" / "long.depth.000010.png"
     written_ns = kept.stat().st_mtime_ns
-    assert cli(*words, "out/").returncode == 0
+    assert inside(*words, "out/").returncode == 0
     assert kept.stat().st_mtime_ns == written_ns
-    assert cli(*words, "whole/").returncode == 0
-    assert contents(cli.folder / "out") == contents(cli.folder / "whole")
+    assert inside(*words, "whole/").returncode == 0
+    assert contents(inside.folder / "out") == contents(inside.folder / "whole")
 
 
-def test_a_link_in_the_place_of_the_journal_leads_nowhere(cli: Cli) -> None:
-    write_video(cli.folder / "clip.avi", flat_frames(range(3)))
-    (cli.folder / "precious").write_text("precious")
-    (cli.folder / ".clip.depth.depthcli-frames").symlink_to("precious")
-    assert cli("video", "clip.avi", "--format", "png16").returncode == 0
-    assert (cli.folder / "precious").read_text() == "precious"
+def test_a_link_in_the_place_of_the_journal_leads_nowhere(inside: Cli) -> None:
+    write_video(inside.folder / "clip.avi", flat_frames(range(3)))
+    (inside.folder / "precious").write_text("precious")
+    (inside.folder / ".clip.depth.depthcli-frames").symlink_to("precious")
+    assert inside("video", "clip.avi", "--format", "png16").returncode == 0
+    assert (inside.folder / "precious").read_text() == "precious"
