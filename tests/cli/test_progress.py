@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import sys
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +14,9 @@ from tiny import write_model
 from videos import write_mp4
 
 from depthcli.cli.screen import console, progress
+from depthcli.cli.screen.training import Lines
+from depthcli.jobs.train.run import TrainStart
+from depthcli.training.checkpoint import Progress
 
 if TYPE_CHECKING:
     from command_line import Cli
@@ -89,3 +94,19 @@ def test_a_stage_of_unknown_length_is_announced_where_that_is_wanted(
     with progress.drawn(silent=False, announces=True) as drawing:
         drawing.begin("predicting", None)(1)
     assert capsys.readouterr().err == "predicting\n"
+
+
+def test_a_training_run_that_goes_on_has_a_bar_from_where_it_was(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # Rich takes standard error for a terminal
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setattr(progress, "_BAR_EVERY_S", 0)
+    with ExitStack() as stack:
+        lines = Lines(stack)
+        lines.begin(TrainStart(threads=1, cores=1, timed=False, lacks_scenes=False))
+        lines.step(Progress(step=400), 1000, {})
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capfd.readouterr().err)
+    assert "training" in shown
+    assert " 400/1000 " in shown
+    assert re.search(r"\d steps/s +\d+:\d\d to go", shown)
