@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import av
-from av.video.reformatter import ColorRange
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.video.codecs import (
-    DEPTH_PIXELS,
-    ENCODINGS,
-    Codec,
-    check_encoder,
-    container_format,
-)
+from depthcli.io.video.codecs import check_encoder
+from depthcli.io.video.encoder import add_video, new_container
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -27,12 +20,10 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
+    from depthcli.io.video.codecs import Codec
     from depthcli.io.video.rates import Timing
     from depthcli.io.video.sound import Sound
 
-_BT709 = 1
-_KEY_EVERY_S = 2
-_MOST_BETWEEN_KEYS = 250
 _LONGEST_STEP = 1 << 30
 
 
@@ -117,37 +108,9 @@ class VideoFile:
             self._container = None
 
     def _open(self, frame: VideoFrame, labels: Mapping[str, str]) -> None:
-        suffix = self._path.suffix.lower()
-        header = {"fflags": "+bitexact"}
-        if suffix in {".mp4", ".mov"}:
-            header |= {
-                "movflags": "+faststart",
-                "video_track_timescale": str(self._timing.clock.denominator),
-            }
-        self._path.touch()  # what is wrong with the folder is said before the work begins
-        container = av.open(
-            str(self._path), "w", format=container_format(suffix), container_options=header
-        )
-        self._container = container
-        container.metadata.update(labels)
-        if self._codec is Codec.AV1:
-            os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
-        encoding = ENCODINGS[self._codec]
-        options = encoding.options_for(frame.width, frame.height)
-        stream = cast(
-            "VideoStream",
-            container.add_stream(encoding.encoder, rate=self._timing.rate, options=options),
-        )
-        stream.width, stream.height = frame.width, frame.height
-        stream.pix_fmt = encoding.pixel_format
-        stream.time_base = self._timing.clock
-        context = stream.codec_context
-        context.time_base = self._timing.clock
-        context.gop_size = 1 if encoding.is_all_key else self._frames_between_keys()
-        if encoding.pixel_format != DEPTH_PIXELS:
-            context.colorspace = context.color_primaries = context.color_trc = _BT709
-            context.color_range = ColorRange.MPEG
-        self._stream = stream
+        container = self._container = new_container(self._path, self._timing, labels)
+        size = frame.width, frame.height
+        self._stream = add_video(container, self._codec, self._timing, *size)
         if self._sound is not None:
             self._sound.open(container, self._first_s)
         try:
@@ -157,10 +120,6 @@ class VideoFile:
                 f"{self._codec} video of {frame.width}×{frame.height} pixels cannot be written "
                 "here; choose an image sequence with --format png16 or --format exr"
             ) from error
-
-    def _frames_between_keys(self) -> int:
-        wanted = round(_KEY_EVERY_S * self._timing.rate)
-        return max(1, min(wanted, _MOST_BETWEEN_KEYS))
 
     def _encode(self, frame: VideoFrame, at: int) -> None:
         if self._stream is None or self._container is None:

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 
+FALLBACK_RATE = Fraction(25)
+"""Frames a second where nothing is stated."""
 _NTSC = tuple(Fraction(n * 1000, 1001) for n in (12, 15, 24, 30, 48, 60, 120, 240))
 _DECIMALS = (2, 3)
 _SAME = 2e-5

@@ -10,7 +10,7 @@ from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.read import read_image
-from depthcli.io.video.rates import rate_text
+from depthcli.io.video.rates import FALLBACK_RATE, rate_text
 from depthcli.io.video.sequence_files import EXR, find_pictures
 from depthcli.io.video.spans import WHOLE
 
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from depthcli.core.picture_limit import PictureLimit
     from depthcli.io.video.sequence_files import NumberedPicture
     from depthcli.io.video.spans import Span
-
-FALLBACK_RATE = Fraction(25)
 
 
 class ImageSequence:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -18,12 +17,14 @@ from depthcli.io.video.container import open_video
 from depthcli.io.video.decoder import FrameDecoder
 from depthcli.io.video.integrity import counts_frames, is_cut
 from depthcli.io.video.pixels import orientation_of, rgb_pixels, transfer_warning
-from depthcli.io.video.rates import exact_rate
+from depthcli.io.video.rates import FALLBACK_RATE
 from depthcli.io.video.spans import WHOLE
+from depthcli.io.video.stream_facts import stream_facts
 from depthcli.io.video.timeline import Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from fractions import Fraction
     from types import TracebackType
 
     from av.video.frame import VideoFrame
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from depthcli.core.picture_limit import PictureLimit
     from depthcli.io.video.spans import Span
 
-FALLBACK_RATE = Fraction(25)
 _MISSING_SHARE = 200
 _TURNED = 5
 """The first EXIF orientation whose columns are rows."""
@@ -65,15 +65,10 @@ class VideoSource:
         self.path = Path(path)
         self._container, stream = open_video(self.path)
         self._check_size(stream.width, stream.height, max_pixels)
-        rate = exact_rate(stream.average_rate or stream.guessed_rate or 0)
-        self.rate = rate or FALLBACK_RATE
-        self.warnings: tuple[str, ...] = (
-            () if rate else (f"the file states no frame rate; {FALLBACK_RATE} a second is taken",)
-        )
-        self._time_base = stream.time_base or 1 / self.rate
-        is_even = stream.average_rate == stream.base_rate
-        self.tick_s = Fraction(1, self.rate.numerator) if is_even else self._time_base
-        self.frames_stated = stream.frames or self._frames_of_length(stream.duration)
+        stated = stream_facts(self._container, stream)
+        self.rate, self.tick_s, self.frames_stated = stated.rate, stated.tick_s, stated.frames
+        no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is taken"
+        self.warnings: tuple[str, ...] = () if stated.is_rate_stated else (no_rate,)
         self.problem: str | None = None
         self._decoder = FrameDecoder(self._container, stream)
         self._reformatter = VideoReformatter()
@@ -85,7 +80,7 @@ class VideoSource:
         self._describe(first, max_pixels)
         self._timeline = Timeline(
             self.rate,
-            self._time_base,
+            stated.time_base,
             first.pts,
             failed=self._decoder.take_failed(first.pts),
             stated_ticks=stream.start_time,
@@ -160,15 +155,6 @@ class VideoSource:
         warning = transfer_warning(first)
         if warning:
             self.warnings += (warning,)
-
-    def _frames_of_length(self, stream_ticks: int | None) -> int | None:
-        """About how many frames there are, by how long it lasts."""
-        length_s: Fraction | None = None
-        if stream_ticks:
-            length_s = stream_ticks * self._time_base
-        elif self._container.duration:
-            length_s = Fraction(self._container.duration, av.time_base)
-        return round(length_s * self.rate) or None if length_s else None
 
     def _places(self) -> Iterator[tuple[int, Fraction]]:
         """Number and time of each frame, while it is the one at hand."""

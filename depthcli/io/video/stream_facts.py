@@ -1,0 +1,54 @@
+"""What a video file states of its frames' times, before any is decoded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import av
+
+from depthcli.io.video.rates import FALLBACK_RATE, exact_rate
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+    from av.video.stream import VideoStream
+
+
+@dataclass(frozen=True, slots=True)
+class StreamFacts:
+    """Rate, clock and length.
+
+    Attributes:
+        rate: frames a second, exact; the mean where frames are not evenly spaced.
+        is_rate_stated: whether the file states it.
+        time_base: seconds a tick of the stream's times.
+        tick_s: seconds of which every frame's time is a multiple.
+        frames: how many there are; None if nothing is said.
+    """
+
+    rate: Fraction
+    is_rate_stated: bool
+    time_base: Fraction
+    tick_s: Fraction
+    frames: int | None
+
+
+def stream_facts(container: InputContainer, stream: VideoStream) -> StreamFacts:
+    """What a file states of a stream."""
+    stated = exact_rate(stream.average_rate or stream.guessed_rate or 0)
+    rate = stated or FALLBACK_RATE
+    time_base = stream.time_base or 1 / rate
+    is_even = stream.average_rate == stream.base_rate
+    length_s = Fraction(0)
+    if stream.duration:
+        length_s = stream.duration * time_base
+    elif container.duration:
+        length_s = Fraction(container.duration, av.time_base)
+    return StreamFacts(
+        rate=rate,
+        is_rate_stated=stated is not None,
+        time_base=time_base,
+        tick_s=Fraction(1, rate.numerator) if is_even else time_base,
+        frames=stream.frames or round(length_s * rate) or None,
+    )
