@@ -25,73 +25,9 @@ def test_all_is_well(cli: Cli) -> None:
     assert found["numpy"]["detail"]
 
 
-def test_a_broken_model_is_found_and_the_rest_goes_on(cli: Cli) -> None:
-    (cli.models / "default" / "model.onnx").write_bytes(b"broken")
-    done = cli("doctor", "--json")
-    found = checks(done.stdout)
-    assert done.returncode == 3
-    assert found["model"]["status"] == "failed"
-    assert "codec .png" in found
-
-
-def test_two_onnxruntime_packages_are_a_conflict(cli: Cli) -> None:
-    for name in ("onnxruntime", "onnxruntime_gpu"):
-        folder = cli.folder / f"{name}-1.0.dist-info"
-        folder.mkdir()
-        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    done = cli("doctor", "--json", PYTHONPATH=f"{cli.site}:{cli.folder}")
-    conflict = checks(done.stdout)["onnxruntime packages"]
-    assert done.returncode == 3
-    assert conflict["status"] == "failed"
-    assert "onnxruntime, onnxruntime-gpu" in conflict["detail"]
-
-
 def test_text_is_one_line_a_check(cli: Cli) -> None:
     lines = cli("doctor").stdout.decode().splitlines()
     assert all(line.split()[0] in {"ok", "warning", "failed"} for line in lines)
-
-
-def installed_as(cli: Cli, *names: str) -> str:
-    """A folder on the path in which these packages seem to be installed."""
-    for name in names:
-        folder = cli.folder / f"{name}-1.0.dist-info"
-        folder.mkdir()
-        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    return f"{cli.site}:{cli.folder}"
-
-
-def test_two_opencv_packages_are_a_conflict(cli: Cli) -> None:
-    path = installed_as(cli, "opencv_python", "opencv_python_headless")
-    done = cli("doctor", "--json", PYTHONPATH=path)
-    conflict = checks(done.stdout)["OpenCV packages"]
-    assert done.returncode == 3
-    assert conflict["status"] == "failed"
-    assert "opencv-python, opencv-python-headless" in conflict["detail"]
-
-
-def test_add_ons_of_onnxruntime_are_no_conflict(cli: Cli) -> None:
-    path = installed_as(cli, "onnxruntime_extensions", "onnxruntime_genai")
-    found = checks(cli("doctor", "--json", PYTHONPATH=path).stdout)
-    assert found["onnxruntime packages"]["status"] == "ok"
-
-
-def test_each_provider_is_tried(cli: Cli) -> None:
-    found = checks(cli("doctor", "--json").stdout)
-    assert found["provider cpu"] == {
-        "name": "provider cpu",
-        "status": "ok",
-        "detail": "runs the model",
-    }
-
-
-def test_a_provider_that_is_not_there_fails(cli: Cli) -> None:
-    done = cli("doctor", "--json", "--provider", "openvino")
-    model = checks(done.stdout)["model"]
-    if model["status"] == "ok":
-        assert "runs on openvino" in model["detail"]
-    else:
-        assert done.returncode == 3
-        assert "openvino" in model["detail"]
 
 
 BROKEN = {

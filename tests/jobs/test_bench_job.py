@@ -9,9 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.io.pictures.read import read_image
 from depthcli.jobs import bench as speed
+from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -66,3 +68,13 @@ def test_the_made_picture_weighs_what_photographs_do(size: tuple[int, int]) -> N
         assert 50_000 < len(data) < 150_000
         detail = cv2.Laplacian(frame.pixels.astype(np.float32), cv2.CV_32F)
         assert detail.std() > 5
+
+
+def test_the_figures_belong_to_a_model_and_a_provider(model_folder: Path) -> None:
+    loader = SessionLoader(model_folder, "cpu")
+    done = speed.run_bench(speed.BenchRequest(loader, made_px=(64, 48), workers=2, seconds=0))
+    assert (done.model, done.provider, done.workers) == ("tiny", "cpu", 2)
+    assert done.model_sha256 == find_model(model_folder).sha256
+    for latency in (done.speed.network, done.speed.whole):
+        assert 0 < latency.min_ms <= latency.median_ms
+        assert latency.noise >= 0

@@ -1,0 +1,89 @@
+"""What the doctor finds, called as a library."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from tiny import write_model
+
+from depthcli.errors import ModelError
+from depthcli.jobs.doctor import check_installation
+from depthcli.jobs.doctor_packages import Check, families
+from depthcli.jobs.verify_models import verify_models
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+@pytest.fixture
+def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A catalog whose default model is the tiny one."""
+    write_model(tmp_path / "models" / "default")
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path / "models"))
+    return tmp_path / "models"
+
+
+def by_name(checks: Iterator[Check]) -> dict[str, Check]:
+    return {check.name: check for check in checks}
+
+
+def test_a_broken_model_is_found_and_the_rest_goes_on(models: Path) -> None:
+    (models / "default" / "model.onnx").write_bytes(b"broken")
+    found = by_name(check_installation())
+    assert found["model"].status == "failed"
+    assert found["codec .png"].status == "ok"
+
+
+@pytest.mark.usefixtures("models")
+def test_each_provider_is_tried() -> None:
+    found = by_name(check_installation())
+    assert found["provider cpu"] == Check("provider cpu", "ok", "runs the model")
+
+
+@pytest.mark.usefixtures("models")
+def test_a_provider_that_is_not_there_fails() -> None:
+    model = by_name(check_installation(provider="openvino"))["model"]
+    assert model.status == "failed" or "runs on openvino" in model.detail
+    assert "openvino" in model.detail
+
+
+@pytest.mark.parametrize(
+    ("names", "title"),
+    [
+        (("onnxruntime", "onnxruntime_gpu"), "onnxruntime packages"),
+        (("opencv_python", "opencv_python_headless"), "OpenCV packages"),
+    ],
+)
+def test_two_packages_of_one_module_are_a_conflict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...], title: str
+) -> None:
+    seem_installed(tmp_path, monkeypatch, *names)
+    conflict = by_name(families())[title]
+    assert conflict.status == "failed"
+    assert ", ".join(name.replace("_", "-") for name in names) in conflict.detail
+
+
+def test_add_ons_of_onnxruntime_are_no_conflict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seem_installed(tmp_path, monkeypatch, "onnxruntime_extensions", "onnxruntime_genai")
+    assert by_name(families())["onnxruntime packages"].status == "ok"
+
+
+def seem_installed(folder: Path, monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    for name in names:
+        about = folder / f"{name}-1.0.dist-info"
+        about.mkdir()
+        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    monkeypatch.syspath_prepend(folder)
+
+
+def test_a_damaged_model_does_not_keep_the_others_from_being_verified(models: Path) -> None:
+    path = write_model(models / "broken") / "model.onnx"
+    path.write_bytes(path.read_bytes()[:-1] + b"\0\0")
+    broken, default = verify_models(("broken", "default"))
+    assert isinstance(broken.found, ModelError)
+    assert not isinstance(default.found, ModelError)
+    assert {check.name for check in verify_models()} >= {"broken", "default", "fast"}

@@ -1,0 +1,81 @@
+"""A comparison on NYU Depth v2 by a program: no terminal, no words, one value in and one out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from tiny import write_model
+
+from depthcli.datasets.splits import SplitName
+from depthcli.errors import UsageError
+from depthcli.evaluation.nyu import EvalOptions
+from depthcli.evaluation.reports.text import report_page
+from depthcli.inference.loading import SessionLoader
+from depthcli.inference.session import Session
+from depthcli.jobs.evaluate.files import EvaluationFiles
+from depthcli.jobs.evaluate.nyu import NyuRequest, compare_on_nyu
+from depthcli.models.catalog import find_model
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+COUNT = 8
+
+
+@pytest.fixture
+def request_of_val(tmp_path: Path) -> NyuRequest:
+    """Eight scenes of one pair, and the tiny model."""
+    for name in ("rgb", "depth"):
+        (tmp_path / "nyu" / name).mkdir(parents=True)
+    rows = ["id,scene,official_split"]
+    for i in range(COUNT):
+        gray, depth = np.full((480, 640), 20 * i, np.uint8), np.full((480, 640), 2500, np.uint16)
+        cv2.imwrite(str(tmp_path / "nyu" / "rgb" / f"{i:04d}.png"), gray)
+        cv2.imwrite(str(tmp_path / "nyu" / "depth" / f"{i:04d}.png"), depth)
+        rows.append(f"{i:04d},room_{i:04d},train")
+    (tmp_path / "nyu" / "index.csv").write_text("\n".join(rows))
+    loader = SessionLoader(write_model(tmp_path / "tiny"), "cpu", 1)
+    return NyuRequest(
+        tmp_path / "nyu",
+        (loader,),
+        split=SplitName.VAL,
+        options=EvalOptions(trivial=False),
+        shown_ids=(),
+    )
+
+
+def test_a_program_gets_the_table_and_the_figures(
+    request_of_val: NyuRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = compare_on_nyu(request_of_val)
+    (row,) = done.report.rows
+    assert (row.image_count, len(done.figures)) == (1, 2)
+    files = EvaluationFiles(tmp_path / "t.csv", tmp_path / "sheets", tmp_path / "t.html")
+    written = list(files.write(report_page(done.report), done.report.to_csv(), done.figures))
+    assert [path.name for path in written] == ["depth-gray.png", "depth-colour.png"]
+    assert all(path.is_file() for path in (*written, tmp_path / "t.csv", tmp_path / "t.html"))
+    assert capsys.readouterr() == ("", "")
+
+
+def test_what_a_model_settled_for_is_said_once(
+    request_of_val: NyuRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def settled(self: SessionLoader) -> Session:
+        session = Session(find_model(self.model), provider="cpu")
+        session.warnings = ("runs on cpu",)
+        return session
+
+    monkeypatch.setattr(SessionLoader, "load", settled)
+    said: list[str] = []
+    twice = (*request_of_val.models, *request_of_val.models)
+    compare_on_nyu(replace(request_of_val, models=twice, shown_ids=None), warn=said.append)
+    assert said == ["runs on cpu"]
+
+
+def test_nothing_to_compare(request_of_val: NyuRequest) -> None:
+    with pytest.raises(UsageError, match="nothing to compare"):
+        compare_on_nyu(replace(request_of_val, models=()))
