@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import tomllib
 from typing import TYPE_CHECKING, Any
@@ -186,6 +187,35 @@ def test_bad_files_are_refused(tmp_path: Path, content: bytes | None) -> None:
         path.write_bytes(content)
     with pytest.raises(UsageError, match=r"run\.toml"):
         resolve(TrainConfig(), [path], [])
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("a = " + "[" * 100_000, "is not TOML"),
+        ("seed = " + "9" * 5000, "is not TOML"),
+        (f"seed = {10**40}", "seed is of type int, not a number of more than 64 bits"),
+        (f"loss.cycle = {10**400}", "cycle is of type float, not a number of more than 64 bits"),
+        (f"data.aspects = [{10**400}]", "aspects is a list of numbers, not "),
+        (f"{'x' * 5000} = 1", "unknown setting 'xxx"),
+        ("loss = 3", "'loss' is a group"),
+        ("seed = 1979-05-27", "seed is of type int, not datetime.date"),
+    ],
+)
+def test_a_bad_value_names_its_file(tmp_path: Path, content: str, reason: str) -> None:
+    file = tmp_path / "a.toml"
+    file.write_text(content)
+    with pytest.raises(UsageError, match=r"a\.toml.*") as caught:
+        resolve(TrainConfig(), [file], [])
+    assert reason in str(caught.value)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 1000
+
+
+def test_a_pipe_is_no_configuration(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.toml")
+    with pytest.raises(UsageError, match=r"a\.toml: it is a pipe"):
+        resolve(TrainConfig(), [tmp_path / "a.toml"], [])
 
 
 @pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda p: p.stem)
