@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.nyu import EvalTask
     from depthcli.models.card import ModelCard
 
 TRAIN_IDS = "nyu_train_ids"
@@ -32,14 +31,14 @@ class HasCard(Protocol):
         ...
 
 
-def learned_count(predictor: object, task: EvalTask) -> int | None:
-    """How many of a task's images a predictor has learned; None where nothing tells."""
+def learned_count(predictor: object, dataset: DepthDataset, ids: Iterable[str]) -> int | None:
+    """How many of a data set's images a predictor has learned; None where nothing tells."""
     if not isinstance(predictor, HasCard):
         return None
-    numbers = learned_numbers(predictor.card, task.dataset)
+    numbers = learned_numbers(predictor.card, dataset)
     if numbers is None:
         return None
-    return sum(int(name) in numbers for name in task.ids)
+    return sum(int(name) in numbers for name in ids)
 
 
 def learned_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | None:

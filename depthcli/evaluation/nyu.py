@@ -127,7 +127,10 @@ def score_nyu(
     task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions, progress: Progress
 ) -> tuple[ReportRow, ...]:
     """The rows that are measured here; arguments and errors as in :func:`evaluate_nyu`."""
-    entries = [entry_for(p, options.alignments, learned_count(p, task)) for p in predictors]
+    entries = [
+        entry_for(p, options.alignments, learned_count(p, task.dataset, task.ids))
+        for p in predictors
+    ]
     if options.trivial and task.split.train:
         entries = [*_trivial_entries(task, options, progress), *entries]
     return evaluate(

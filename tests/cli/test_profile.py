@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tiny import write_model
 
 from depthcli.cli import shell
-from depthcli.cli.profiles.files import _toml
+from depthcli.cli.profile_files import _toml
 from depthcli.cli.table import COMMANDS, PROFILED
 
 if TYPE_CHECKING:

@@ -56,10 +56,13 @@ class Known(Playback):
 
 
 def test_only_images_that_are_compared_count() -> None:
+    def known(ids: str) -> Known:
+        return Known({}, card=card({"nyu_train_ids": ids}))
+
     task = plan_nyu(small_set(8), SplitName.OFFICIAL)  # 0, 2, 4, 6
-    assert learned_count(Known({}, card=card({"nyu_train_ids": "0002-0004"})), task) == 2
-    assert learned_count(Known({}, card=card({"nyu_train_ids": "0001"})), task) == 0
-    assert learned_count(Playback({}), task) is None
+    assert learned_count(known("0002-0004"), task.dataset, task.ids) == 2
+    assert learned_count(known("0001"), task.dataset, task.ids) == 0
+    assert learned_count(Playback({}), task.dataset, task.ids) is None
 
 
 @pytest.mark.parametrize("name", ["meter-nyu", "fastdepth"])

@@ -53,7 +53,7 @@ def cards(incomplete: str) -> list[str]:
 
 def profiles(incomplete: str) -> list[str]:
     """Names of saved profiles."""
-    from depthcli.cli.profiles.files import names
+    from depthcli.cli.profile_files import names
 
     return _beginning(names(), incomplete)
 

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from depthcli.cli import profile_files
 from depthcli.cli.arguments import completion
-from depthcli.cli.profiles import files as profile_files
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from depthcli.cli.profiles.files import Scalar, Value
+    from depthcli.cli.profile_files import Scalar, Value
 
 app = typer.Typer(
     rich_markup_mode=None,

@@ -14,7 +14,7 @@ from depthcli.core.choices import Upsampling
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from depthcli.cli.profiles.files import Value
+    from depthcli.cli.profile_files import Value
 
 
 def check_together(values: Mapping[str, Value]) -> None:

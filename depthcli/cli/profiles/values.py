@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from depthcli.cli import profile_files
 from depthcli.cli.arguments.unused import is_given
 from depthcli.cli.loading import plain_command
-from depthcli.cli.profiles import files as profile_files
 from depthcli.cli.table import COMMANDS, PROFILED
 from depthcli.errors import UsageError
 from depthcli.io.video.formats import video_format_of
@@ -16,7 +16,7 @@ from depthcli.jobs.naming import is_folder
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from depthcli.cli.profiles.files import Value
+    from depthcli.cli.profile_files import Value
 
 _NEVER = frozenset({"help", "debug", "profile", "output", "out"})
 """Options that belong to one run, or to the command line itself."""
