@@ -1,0 +1,60 @@
+"""docs/architecture.md names every folder that there is and no other, and functions that exist."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "depthcli"
+PAGE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+ROW = re.compile(r"^\| `(\w+)` \| (.+?) \|", re.MULTILINE)
+FILE = re.compile(r"`([\w/]+\.py)`((?:(?:\s+|,\s+|\s+and\s+)`\w+(?:\.\w+)*`)*)")
+FOLDER = re.compile(r"`([\w/]+/)`")
+
+
+def below(folder: Path) -> set[str]:
+    """Names of the packages and modules in a folder."""
+    files = {path.stem for path in folder.glob("*.py") if not path.stem.startswith("__")}
+    return files | {path.parent.name for path in folder.glob("*/__init__.py")}
+
+
+def defined(path: Path) -> set[str]:
+    """Names of a module, and of what is in its classes, as Holder.name."""
+    names = set()
+    for node in ast.parse(path.read_text("utf-8")).body:
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names |= {target.id for target in targets if isinstance(target, ast.Name)}
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        if isinstance(node, ast.ClassDef):
+            parts = [part for part in node.body if isinstance(part, ast.FunctionDef)]
+            names |= {f"{node.name}.{part.name}" for part in parts}
+    return names
+
+
+def test_every_folder_has_a_row_and_every_row_a_folder() -> None:
+    assert {name for name, _ in ROW.findall(PAGE)} == below(PACKAGE)
+
+
+@pytest.mark.parametrize(("name", "holds"), ROW.findall(PAGE))
+def test_the_folders_in_a_folder_are_there(name: str, holds: str) -> None:
+    for inner in FOLDER.findall(holds):
+        assert (PACKAGE / name / inner).is_dir(), inner
+
+
+@pytest.mark.parametrize(("file", "names"), sorted(set(FILE.findall(PAGE))))
+def test_what_a_walk_names_is_there(file: str, names: str) -> None:
+    known = defined(PACKAGE / file)
+    assert set(re.findall(r"`([\w.]+)`", names)) <= known
+
+
+def test_the_contract_has_a_layer_for_every_row() -> None:
+    text = (ROOT / "pyproject.toml").read_text("utf-8")
+    layers = re.search(r"^layers = \[(.*?)^\]", text, re.MULTILINE | re.DOTALL)
+    assert layers is not None
+    assert set(re.findall(r"\w+", layers[1])) == below(PACKAGE)
