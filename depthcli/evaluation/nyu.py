@@ -13,7 +13,7 @@ from depthcli.evaluation.learned import learned_count
 from depthcli.evaluation.predictors.trivial import fit_trivial
 from depthcli.evaluation.protocol import HEADLINE, EvalProtocol
 from depthcli.evaluation.published import PUBLISHED
-from depthcli.evaluation.report import Report
+from depthcli.evaluation.report import EvalReport
 from depthcli.evaluation.run import Entry, entry_for, evaluate
 from depthcli.metrics.choices import Alignment
 
@@ -96,7 +96,7 @@ def evaluate_nyu(
     predictors: Sequence[Predictor],
     options: EvalOptions = HEADLINE_TABLE,
     progress: Progress = NO_PROGRESS,
-) -> Report:
+) -> EvalReport:
     """Make the table.
 
     Args:
@@ -111,7 +111,7 @@ def evaluate_nyu(
     """
     rows = score_nyu(task, predictors, options, progress)
     comparable = task.split.name is SplitName.PAPER and options.protocol.is_headline
-    return Report(
+    return EvalReport(
         dataset="NYU Depth v2",
         split=task.split.name,
         image_count=len(task.test),

@@ -66,7 +66,7 @@ class ReportRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class EvalReport:
     """A table with the protocol and the split that its numbers belong to.
 
     Attributes:

@@ -8,7 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from depthcli.errors import DepthcliError
-from depthcli.jobs.doctor_packages import Check, families, modules, reason, versions
+from depthcli.jobs.doctor_packages import (
+    Check,
+    check_families,
+    check_modules,
+    check_versions,
+    one_line_reason,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -21,9 +27,9 @@ def check_installation(model: str | None = None, provider: str = "auto") -> Iter
         model: name or path of the model to run; None for the default.
         provider: ``auto``, or the name of one that has to work.
     """
-    yield from versions()
-    yield from modules()
-    yield from families()
+    yield from check_versions()
+    yield from check_modules()
+    yield from check_families()
     yield from _guarded("model", lambda: _model(model, provider))
     yield from _guarded("providers", lambda: _providers(model))
     yield from _guarded("codecs", _codecs)
@@ -88,4 +94,4 @@ def _guarded(name: str, checks: Callable[[], Iterator[Check]]) -> Iterator[Check
     except DepthcliError as error:
         yield Check(name, "failed", str(error))
     except Exception as error:  # noqa: BLE001 - a broken package raises whatever it likes
-        yield Check(name, "failed", reason(error))
+        yield Check(name, "failed", one_line_reason(error))

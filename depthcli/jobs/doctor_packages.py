@@ -47,7 +47,7 @@ class Check:
     detail: str
 
 
-def versions() -> Iterator[Check]:
+def check_versions() -> Iterator[Check]:
     """Of depthcli, Python and the packages, as they were installed."""
     from importlib.metadata import PackageNotFoundError, version
 
@@ -63,7 +63,7 @@ def versions() -> Iterator[Check]:
                 yield Check(package, "warning", "not installed under this name")
 
 
-def modules() -> Iterator[Check]:
+def check_modules() -> Iterator[Check]:
     """Whether each module imports and is whole: an install that broke off leaves empty ones."""
     from importlib import import_module
 
@@ -71,12 +71,14 @@ def modules() -> Iterator[Check]:
         try:
             getattr(import_module(module), needed)
         except Exception as error:  # noqa: BLE001 - a broken package raises whatever it likes
-            yield Check(f"import {module}", "failed", f"{reason(error)}; {_reinstall(package)}")
+            yield Check(
+                f"import {module}", "failed", f"{one_line_reason(error)}; {_reinstall(package)}"
+            )
         else:
             yield Check(f"import {module}", "ok", "imports")
 
 
-def reason(error: Exception) -> str:
+def one_line_reason(error: Exception) -> str:
     """An error in one line."""
     text = " ".join(str(error).split())
     return text if isinstance(error, ImportError) else f"{type(error).__name__}: {text}"
@@ -86,7 +88,7 @@ def _reinstall(package: str) -> str:
     return f"install it again: pip install --force-reinstall {package}"
 
 
-def families() -> Iterator[Check]:
+def check_families() -> Iterator[Check]:
     """Packages that hold the same module overwrite each other's files, whichever comes last.
 
     Of two onnxruntime packages, the GPU is silently lost; of two OpenCV packages, a codec.

@@ -9,7 +9,7 @@ from tiny import write_model
 
 from depthcli.errors import ModelError
 from depthcli.jobs.doctor import check_installation
-from depthcli.jobs.doctor_packages import Check, families
+from depthcli.jobs.doctor_packages import Check, check_families
 from depthcli.jobs.verify_models import verify_models
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def test_two_packages_of_one_module_are_a_conflict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...], title: str
 ) -> None:
     seem_installed(tmp_path, monkeypatch, *names)
-    conflict = by_name(families())[title]
+    conflict = by_name(check_families())[title]
     assert conflict.status == "failed"
     assert ", ".join(name.replace("_", "-") for name in names) in conflict.detail
 
@@ -69,7 +69,7 @@ def test_add_ons_of_onnxruntime_are_no_conflict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seem_installed(tmp_path, monkeypatch, "onnxruntime_extensions", "onnxruntime_genai")
-    assert by_name(families())["onnxruntime packages"].status == "ok"
+    assert by_name(check_families())["onnxruntime packages"].status == "ok"
 
 
 def seem_installed(folder: Path, monkeypatch: pytest.MonkeyPatch, *names: str) -> None:

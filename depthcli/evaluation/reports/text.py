@@ -13,7 +13,7 @@ from depthcli.metrics.depth import METRICS
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from depthcli.evaluation.report import Report, ReportRow
+    from depthcli.evaluation.report import EvalReport, ReportRow
 
 _DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
 _TEXT_COLUMNS = 2
@@ -46,14 +46,14 @@ class Page:
         return "\n".join([*lines, "", *self.notes])
 
 
-def report_page(report: Report) -> Page:
+def report_page(report: EvalReport) -> Page:
     """A report in words."""
     header = ["row", "align", "images", *report.columns]
     table = [header, *(_cells(row, report) for row in report.rows)]
     return Page(report.title, report.protocol.description, table, _notes(report))
 
 
-def _cells(row: ReportRow, report: Report) -> list[str]:
+def _cells(row: ReportRow, report: EvalReport) -> list[str]:
     name = one_line(row.name) + ("*" if row.note else "")
     scores = [
         "-" if math.isnan(value) else f"{value:.{_DECIMALS.get(metric, 4)}f}"
@@ -73,7 +73,7 @@ def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join(padded).rstrip()
 
 
-def _notes(report: Report) -> list[str]:
+def _notes(report: EvalReport) -> list[str]:
     """What stands under the table."""
     marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
     empty = sorted({row.empty_count for row in report.rows} - {0})

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from depthcli.core.types import DepthKind
     from depthcli.evaluation.nyu import EvalOptions
     from depthcli.evaluation.predictors.base import Predictor
-    from depthcli.evaluation.report import Report
+    from depthcli.evaluation.report import EvalReport
     from depthcli.evaluation.reports.figures import Figure
     from depthcli.inference.loading import SessionLoader
 
@@ -57,7 +57,7 @@ class NyuRequest:
 class NyuResult:
     """The table, and sheets of sample pictures if there is a model or file to show."""
 
-    report: Report
+    report: EvalReport
     figures: tuple[Figure, ...]
 
 
