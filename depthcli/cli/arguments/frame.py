@@ -1,4 +1,4 @@
-"""The frame of a depth video that ``probe`` and ``convert`` read."""
+"""The depth file that ``info``, ``probe`` and ``convert`` read."""
 
 from __future__ import annotations
 
@@ -6,6 +6,18 @@ from typing import Annotated
 
 import typer
 
+from depthcli.cli.arguments.numbers import positive
+
+FileArgument = Annotated[
+    str, typer.Argument(help="Depth file: 16-bit PNG, EXR, NPY or depth video (.mkv).")
+]
+ScaleOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=positive,
+        help="Units per metre of a PNG or video. Default: from the file, else 1000.",
+    ),
+]
 FrameOption = Annotated[
     int | None,
     typer.Option(min=0, help="The frame of a depth video (.mkv) to read, from 0."),

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from depthcli.cli.arguments.numbers import positive
+from depthcli.cli.arguments.frame import FileArgument, ScaleOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
@@ -16,16 +16,8 @@ app = typer.Typer(rich_markup_mode=None)
 
 @app.command()
 def info(
-    file: Annotated[
-        str, typer.Argument(help="Depth file: 16-bit PNG, EXR, NPY or depth video (.mkv).")
-    ],
-    png_scale: Annotated[
-        float | None,
-        typer.Option(
-            callback=positive,
-            help="Units per metre of a PNG or video. Default: from the file, else 1000.",
-        ),
-    ] = None,
+    file: FileArgument,
+    png_scale: ScaleOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> int:
     """Show unit, scale, size, range and model of a depth file."""

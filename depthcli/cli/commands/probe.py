@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.arguments.frame import FrameOption
-from depthcli.cli.arguments.numbers import positive
+from depthcli.cli.arguments.frame import FileArgument, FrameOption, ScaleOption
 from depthcli.cli.arguments.points import parse_pixel
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode
@@ -17,20 +16,12 @@ app = typer.Typer(rich_markup_mode=None)
 
 @app.command()
 def probe(
-    file: Annotated[
-        str, typer.Argument(help="Depth file: 16-bit PNG, EXR, NPY or depth video (.mkv).")
-    ],
+    file: FileArgument,
     pixels: Annotated[
         list[str],
         typer.Argument(metavar="X,Y...", help="Pixel column and row, from 0 at the top left."),
     ],
-    png_scale: Annotated[
-        float | None,
-        typer.Option(
-            callback=positive,
-            help="Units per metre of a PNG or video. Default: from the file, else 1000.",
-        ),
-    ] = None,
+    png_scale: ScaleOption = None,
     frame: FrameOption = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per pixel.")

@@ -61,14 +61,14 @@ def provenance_of(facts: Mapping[str, str]) -> Provenance | None:
     found = Provenance(
         model=facts.get("model"),
         model_sha256=facts.get("model_sha256"),
-        focal_px=positive(facts.get("focal_px")),
+        focal_px=positive_number(facts.get("focal_px")),
         orientation=int(orientation) if orientation in _ORIENTATIONS else None,
         camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
     )
     return None if found == Provenance() else found
 
 
-def positive(text: str | None) -> float | None:
+def positive_number(text: str | None) -> float | None:
     """A number above 0 that another program may have written; None for anything else."""
     try:
         value = float(text or "")

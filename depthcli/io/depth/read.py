@@ -11,7 +11,7 @@ import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
-from depthcli.io.depth.facts import completed, positive, provenance_of, sidecar_facts
+from depthcli.io.depth.facts import completed, positive_number, provenance_of, sidecar_facts
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.png.text import read_text
 from depthcli.io.writers.formats import MILLIMETRES
@@ -63,7 +63,7 @@ def _png(path: Path, png_scale: float | None) -> DepthMap:
     facts = completed(path, read_text(data))
     ends = _ends(facts) if png_scale is None else None
     if ends is None:
-        scale = png_scale or positive(facts.get("scale")) or MILLIMETRES
+        scale = png_scale or positive_number(facts.get("scale")) or MILLIMETRES
         values = steps.astype(np.float32) / np.float32(scale)
     else:
         low, high = ends

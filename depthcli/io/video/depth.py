@@ -11,7 +11,7 @@ import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
-from depthcli.io.depth.facts import positive, provenance_of
+from depthcli.io.depth.facts import positive_number, provenance_of
 from depthcli.io.video.codecs import DEPTH_PIXELS
 from depthcli.io.video.rates import exact_rate
 from depthcli.io.writers.formats import MILLIMETRES
@@ -71,7 +71,9 @@ class DepthVideo:
         kind = self.labels.get("kind")
         self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
         said = self.labels.get("scale")
-        self.scale = scale or (None if said == "normalized" else positive(said) or MILLIMETRES)
+        self.scale = scale or (
+            None if said == "normalized" else positive_number(said) or MILLIMETRES
+        )
 
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, (H, W) float32: metres, NaN where there is no depth.
@@ -99,7 +101,7 @@ class DepthVideo:
         container, stream = open_video(self.path)
         # Version 0.1.0 doubled an odd row or column, and stated the true size.
         width, height = (
-            int(positive(self.labels.get(name)) or _TOP + 1) for name in ("width", "height")
+            int(positive_number(self.labels.get(name)) or _TOP + 1) for name in ("width", "height")
         )
         try:
             decoder = FrameDecoder(container, stream)
