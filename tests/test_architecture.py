@@ -1,11 +1,13 @@
-"""docs/architecture.md names every folder that there is and no other, and functions that exist."""
+"""docs/architecture.md names every folder that there is, and functions that exist; no circles."""
 
 from __future__ import annotations
 
 import ast
 import re
+from graphlib import TopologicalSorter
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -58,3 +60,10 @@ def test_the_contract_has_a_layer_for_every_row() -> None:
     layers = re.search(r"^layers = \[(.*?)^\]", text, re.MULTILINE | re.DOTALL)
     assert layers is not None
     assert set(re.findall(r"\w+", layers[1])) == below(PACKAGE)
+
+
+def test_no_module_stands_in_a_circle() -> None:
+    """Imports for types alone and those within functions count as well."""
+    graph = grimp.build_graph("depthcli")
+    needs = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
+    TopologicalSorter(needs).prepare()  # it raises the circle that it finds
