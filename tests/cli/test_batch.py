@@ -41,29 +41,29 @@ def test_the_tree_is_kept_and_outputs_are_those_of_predict(cli: Cli) -> None:
     assert contents(cli, "out")["hall/b.depth.png"] == alone
 
 
-def test_the_manifest_names_the_camera_of_each_picture(cli: Cli) -> None:
-    write_model(cli.models / "default", camera={"hfov_deg": 60.0}, input__fit="keep-aspect")
-    tree(cli, "a.png")
-    write_picture(cli.folder / "in" / "upright.png", synthetic_picture(64, 48))
+def test_the_manifest_names_the_camera_of_each_picture(inside: Cli) -> None:
+    write_model(inside.models / "default", camera={"hfov_deg": 60.0}, input__fit="keep-aspect")
+    tree(inside, "a.png")
+    write_picture(inside.folder / "in" / "upright.png", synthetic_picture(64, 48))
     for words, cameras in (
         ((), ["60.0° across (assumed, from the model's card)", "46.8° across (assumed, from"]),
         (("--hfov", "70"), ["70.0° across (given)", "70.0° across (given)"]),
     ):
-        assert cli("batch", "in", "--out", "out", *words).returncode == 0
-        rows = (cli.folder / "out" / "manifest.jsonl").read_text().splitlines()
+        assert inside("batch", "in", "--out", "out", *words).returncode == 0
+        rows = (inside.folder / "out" / "manifest.jsonl").read_text().splitlines()
         found = [json.loads(row)["camera"] for row in rows]
         assert all(text.startswith(camera) for text, camera in zip(found, cameras, strict=True))
 
 
-def test_formats_and_sidecar(cli: Cli) -> None:
-    tree(cli, "a.png")
+def test_formats_and_sidecar(inside: Cli) -> None:
+    tree(inside, "a.png")
     formats = ("png16", "preview", "exr", "npy", "ply")
     words = [word for name in formats for word in ("--format", name)]
-    done = cli("batch", "in", "--out", "out", *words, "--sidecar", "--colormap", "gray")
+    done = inside("batch", "in", "--out", "out", *words, "--sidecar", "--colormap", "gray")
     assert done.returncode == 0
     names = ("a.depth.png", "a.preview.png", "a.depth.exr", "a.depth.npy", "a.ply", "a.depth.json")
-    assert contents(cli, "out").keys() == {*names, "manifest.jsonl"}
-    sidecar = json.loads((cli.folder / "out" / "a.depth.json").read_text())
+    assert contents(inside, "out").keys() == {*names, "manifest.jsonl"}
+    sidecar = json.loads((inside.folder / "out" / "a.depth.json").read_text())
     assert (sidecar["unit"], sidecar["model"]) == ("m", "tiny")
 
 
@@ -75,22 +75,22 @@ def test_formats_and_sidecar(cli: Cli) -> None:
         (("--include", "*.png", "--exclude", "[cd].png"), {"a.png"}),
     ],
 )
-def test_patterns(cli: Cli, words: tuple[str, ...], taken: set[str]) -> None:
-    tree(cli, "a.png", "hall/b.jpg", "hall/c.png", "hall/thumbs/d.png")
-    done = cli("batch", "in", "--out", "out", "--json", *words)
+def test_patterns(inside: Cli, words: tuple[str, ...], taken: set[str]) -> None:
+    tree(inside, "a.png", "hall/b.jpg", "hall/c.png", "hall/thumbs/d.png")
+    done = inside("batch", "in", "--out", "out", "--json", *words)
     assert done.returncode == 0
     assert {row["input"] for row in printed(done)} == taken
-    assert rows(cli, "out").keys() == taken
+    assert rows(inside, "out").keys() == taken
 
 
-def test_a_list_from_a_file(cli: Cli) -> None:
-    tree(cli, "hall/a.png", "hall/b.png", "c.png")
-    shutil.copy(cli.folder / "in/c.png", cli.folder / "in/picture-without-suffix")
-    (cli.folder / "list.txt").write_text("hall/a.png\npicture-without-suffix\n\nhall/a.png\n")
-    done = cli("batch", "in", "--out", "out", "--files", "list.txt")
+def test_a_list_from_a_file(inside: Cli) -> None:
+    tree(inside, "hall/a.png", "hall/b.png", "c.png")
+    shutil.copy(inside.folder / "in/c.png", inside.folder / "in/picture-without-suffix")
+    (inside.folder / "list.txt").write_text("hall/a.png\npicture-without-suffix\n\nhall/a.png\n")
+    done = inside("batch", "in", "--out", "out", "--files", "list.txt")
     assert done.returncode == 0
     names = {"hall/a.depth.png", "picture-without-suffix.depth.png", "manifest.jsonl"}
-    assert contents(cli, "out").keys() == names
+    assert contents(inside, "out").keys() == names
 
 
 @pytest.mark.parametrize("end", [b"\n", b"\0", b"\r\n"])
@@ -106,14 +106,14 @@ def test_a_list_from_standard_input(cli: Cli, end: bytes) -> None:
     assert contents(cli, "out").keys() == {*pictures, "manifest.jsonl"}
 
 
-def test_a_path_outside_the_folder_keeps_all_its_folders(cli: Cli) -> None:
-    tree(cli, "a.png")
-    outside = write_picture(cli.folder.parent / "far" / "b.png")
+def test_a_path_outside_the_folder_keeps_all_its_folders(inside: Cli) -> None:
+    tree(inside, "a.png")
+    outside = write_picture(inside.folder.parent / "far" / "b.png")
     stdin = b"a.png\n" + os.fsencode(outside)
-    done = cli("batch", "in", "--out", "out", "--files", "-", stdin=stdin)
+    done = inside("batch", "in", "--out", "out", "--files", "-", stdin=stdin)
     assert done.returncode == 0
     name = str(outside.with_suffix(".depth.png")).lstrip("/")
-    assert contents(cli, "out").keys() == {"a.depth.png", name, "manifest.jsonl"}
+    assert contents(inside, "out").keys() == {"a.depth.png", name, "manifest.jsonl"}
 
 
 def test_names_with_any_byte(cli: Cli) -> None:
@@ -129,62 +129,62 @@ def test_names_with_any_byte(cli: Cli) -> None:
     assert b"2 already done" in again.stdout
 
 
-def test_videos_among_the_pictures(cli: Cli) -> None:
-    tree(cli, "a.png")
-    write_video(cli.folder / "in" / "hall" / "clip.avi", flat_frames(range(0, 100, 10)))
+def test_videos_among_the_pictures(inside: Cli) -> None:
+    tree(inside, "a.png")
+    write_video(inside.folder / "in" / "hall" / "clip.avi", flat_frames(range(0, 100, 10)))
     formats = ("--format", "png16", "--format", "preview", "--format", "npy", "--sidecar")
-    done = cli("batch", "in", "--out", "out", "--json", *formats)
+    done = inside("batch", "in", "--out", "out", "--json", *formats)
     assert done.returncode == 0
     frames = {f"hall/clip.depth.{number:06d}.npy" for number in range(10)}
     video = {"hall/clip.depth.mkv", "hall/clip.preview.mp4", "hall/clip.depth.json"}
     pictures = {"a.depth.png", "a.preview.png", "a.depth.npy", "a.depth.json"}
-    assert contents(cli, "out").keys() == frames | video | pictures | {"manifest.jsonl"}
+    assert contents(inside, "out").keys() == frames | video | pictures | {"manifest.jsonl"}
     assert [row["input"] for row in printed(done)] == ["a.png", "hall/clip.avi"]
-    assert len(list(DepthVideo(cli.folder / "out/hall/clip.depth.mkv").steps())) == 10
-    (cli.folder / "out/hall/clip.depth.000004.npy").unlink()
-    again = printed(cli("batch", "in", "--out", "out", "--json", *formats))
+    assert len(list(DepthVideo(inside.folder / "out/hall/clip.depth.mkv").steps())) == 10
+    (inside.folder / "out/hall/clip.depth.000004.npy").unlink()
+    again = printed(inside("batch", "in", "--out", "out", "--json", *formats))
     assert [row["kept"] for row in again] == [True, False]
-    last = printed(cli("batch", "in", "--out", "out", "--json", *formats))
+    last = printed(inside("batch", "in", "--out", "out", "--json", *formats))
     assert [row["kept"] for row in last] == [True, True]
 
 
-def test_videos_fail_as_pictures_do(cli: Cli) -> None:
-    tree(cli, "z.png")
-    cut = write_video(cli.folder / "in" / "cut.avi", flat_frames(range(60)))
+def test_videos_fail_as_pictures_do(inside: Cli) -> None:
+    tree(inside, "z.png")
+    cut = write_video(inside.folder / "in" / "cut.avi", flat_frames(range(60)))
     cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
-    (cli.folder / "in" / "no.mp4").write_bytes(b"no video" * 99)
-    (cli.folder / "in" / "broken.mov").symlink_to("nowhere.mov")
-    done = cli("batch", "in", "--out", "out")
+    (inside.folder / "in" / "no.mp4").write_bytes(b"no video" * 99)
+    (inside.folder / "in" / "broken.mov").symlink_to("nowhere.mov")
+    done = inside("batch", "in", "--out", "out")
     assert done.returncode == 1
-    found = rows(cli, "out")
+    found = rows(inside, "out")
     assert {name: row["status"] for name, row in found.items()} == {
         **dict.fromkeys(("broken.mov", "cut.avi", "no.mp4"), "failed"),
         "z.png": "ok",
     }
     assert "ends after" in found["cut.avi"]["error"]
     assert [file["path"] for file in found["cut.avi"]["outputs"]] == ["cut.depth.mkv"]
-    assert contents(cli, "out").keys() == {"cut.depth.mkv", "z.depth.png", "manifest.jsonl"}
+    assert contents(inside, "out").keys() == {"cut.depth.mkv", "z.depth.png", "manifest.jsonl"}
 
 
 @pytest.mark.parametrize(
     ("options", "reason"), [(("--format", "ply"), "png16"), (("--anchor", "3,4,2"), "--anchor")]
 )
-def test_what_does_not_apply_to_videos(cli: Cli, options: tuple[str, ...], reason: str) -> None:
-    tree(cli, "a.png")
-    write_video(cli.folder / "in" / "clip.avi", flat_frames(range(3)))
-    done = cli("batch", "in", "--out", "out", *options)
+def test_what_does_not_apply_to_videos(inside: Cli, options: tuple[str, ...], reason: str) -> None:
+    tree(inside, "a.png")
+    write_video(inside.folder / "in" / "clip.avi", flat_frames(range(3)))
+    done = inside("batch", "in", "--out", "out", *options)
     assert done.returncode == 1
     (line,) = [x for x in done.stderr.decode().splitlines() if x.startswith("depthcli: error")]
     assert "clip.avi is a video" in line
     assert reason in line
-    assert rows(cli, "out")["a.png"]["status"] == "ok"
+    assert rows(inside, "out")["a.png"]["status"] == "ok"
 
 
-def test_a_dry_run_writes_nothing(cli: Cli) -> None:
-    tree(cli, "a.png", "hall/b.png", "notes.txt")
-    (cli.folder / "in" / "empty.jpg").touch()
+def test_a_dry_run_writes_nothing(inside: Cli) -> None:
+    tree(inside, "a.png", "hall/b.png", "notes.txt")
+    (inside.folder / "in" / "empty.jpg").touch()
     dry = ("batch", "in", "--out", "out", "--dry-run")
-    done = cli(*dry)
+    done = inside(*dry)
     assert done.returncode == 0
     assert done.stdout.decode().splitlines() == [
         "do    a.png -> out/a.depth.png",
@@ -193,29 +193,29 @@ def test_a_dry_run_writes_nothing(cli: Cli) -> None:
         "skip  notes.txt -> .txt",
     ]
     assert b"would process 2, keep 0 already done, fail 1; 1 file skipped" in done.stderr
-    assert not (cli.folder / "out").exists()
-    cli("batch", "in", "--out", "out", "--include", "a.png")
-    before = contents(cli, "out")
-    found = printed(cli(*dry, "--json"))
+    assert not (inside.folder / "out").exists()
+    inside("batch", "in", "--out", "out", "--include", "a.png")
+    before = contents(inside, "out")
+    found = printed(inside(*dry, "--json"))
     assert [row["would"] for row in found] == ["keep", "fail", "do", "skip"]
     assert found[0]["outputs"] == ["out/a.depth.png"]
-    assert contents(cli, "out") == before
+    assert contents(inside, "out") == before
 
 
-def test_every_column_of_the_manifest_is_true(cli: Cli) -> None:
-    tree(cli, "hall/a.png")
-    (cli.folder / "in" / "b.png").write_bytes(b"not a picture")
-    cli("batch", "in", "--out", "out")
-    lines = (cli.folder / "out" / "manifest.jsonl").read_bytes().splitlines()
+def test_every_column_of_the_manifest_is_true(inside: Cli) -> None:
+    tree(inside, "hall/a.png")
+    (inside.folder / "in" / "b.png").write_bytes(b"not a picture")
+    inside("batch", "in", "--out", "out")
+    lines = (inside.folder / "out" / "manifest.jsonl").read_bytes().splitlines()
     failed, row = map(json.loads, lines)
     assert list(row) == list(failed)
-    written = (cli.folder / "out/hall/a.depth.png").read_bytes()
-    model = (cli.models / "default" / "model.onnx").read_bytes()
+    written = (inside.folder / "out/hall/a.depth.png").read_bytes()
+    model = (inside.models / "default" / "model.onnx").read_bytes()
     assert row["outputs"] == [
         {"path": "hall/a.depth.png", "bytes": len(written), "sha256": sha256(written)}
     ]
     assert (row["input"], row["status"], row["error"]) == ("hall/a.png", "ok", None)
-    assert row["input_sha256"] == sha256((cli.folder / "in/hall/a.png").read_bytes())
+    assert row["input_sha256"] == sha256((inside.folder / "in/hall/a.png").read_bytes())
     assert (row["model"], row["model_sha256"]) == ("tiny", sha256(model))
     assert len(row["options_sha256"]) == 64
     assert 0 < row["seconds"] < 60
@@ -229,20 +229,20 @@ def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def test_json_prints_the_rows_of_the_manifest(cli: Cli) -> None:
-    tree(cli, "a.png", "b.png")
-    (cli.folder / "in" / "c.png").touch()
-    done = cli("batch", "in", "--out", "out", "--json")
+def test_json_prints_the_rows_of_the_manifest(inside: Cli) -> None:
+    tree(inside, "a.png", "b.png")
+    (inside.folder / "in" / "c.png").touch()
+    done = inside("batch", "in", "--out", "out", "--json")
     assert done.returncode == 1
     found = printed(done)
     assert [row.pop("kept") for row in found] == [False] * 3
-    assert {row["input"]: row for row in found} == rows(cli, "out")
+    assert {row["input"]: row for row in found} == rows(inside, "out")
     assert b"depthcli: error: in/c.png is empty" in done.stderr
 
 
-def test_no_bad_file_stops_the_others(cli: Cli) -> None:
-    folder = cli.folder / "in"
-    tree(cli, "a.png", "z.png")
+def test_no_bad_file_stops_the_others(inside: Cli) -> None:
+    folder = inside.folder / "in"
+    tree(inside, "a.png", "z.png")
     good = (folder / "a.png").read_bytes()
     for name, data in {
         "bomb.pbm": b"P4 60000 60000\n",
@@ -255,7 +255,7 @@ def test_no_bad_file_stops_the_others(cli: Cli) -> None:
     (folder / "self.png").symlink_to("self.png")
     os.mkfifo(folder / "pipe.png")
     np.save(folder / "floats.npy", np.zeros(3))
-    done = cli("batch", "in", "--out", "out")
+    done = inside("batch", "in", "--out", "out")
     assert done.returncode == 1
     errors = done.stderr.decode().splitlines()
     bad = ("bomb.pbm", "cut.png", "empty.png", "link.png", "pipe.png", "self.png", "text.jpg")
@@ -264,8 +264,8 @@ def test_no_bad_file_stops_the_others(cli: Cli) -> None:
         assert line.startswith("depthcli: error: ")
         assert f"in/{name} " in line
     assert b"2 of 9 inputs done, 7 failed, 1 file skipped (1 .npy)" in done.stdout
-    assert contents(cli, "out").keys() == {"a.depth.png", "z.depth.png", "manifest.jsonl"}
-    assert {name for name, row in rows(cli, "out").items() if row["error"]} == set(bad)
+    assert contents(inside, "out").keys() == {"a.depth.png", "z.depth.png", "manifest.jsonl"}
+    assert {name for name, row in rows(inside, "out").items() if row["error"]} == set(bad)
 
 
 def test_a_file_that_disappears_meanwhile_stops_no_other(cli: Cli) -> None:
@@ -290,43 +290,43 @@ def test_a_file_that_disappears_meanwhile_stops_no_other(cli: Cli) -> None:
 
 
 @pytest.mark.skipif(os.getuid() == 0, reason="root reads every folder")
-def test_a_folder_that_cannot_be_listed_is_a_failure(cli: Cli) -> None:
-    tree(cli, "a.png", "locked/b.png")
-    (cli.folder / "in" / "locked").chmod(0)
-    done = cli("batch", "in", "--out", "out")
-    (cli.folder / "in" / "locked").chmod(0o700)
+def test_a_folder_that_cannot_be_listed_is_a_failure(inside: Cli) -> None:
+    tree(inside, "a.png", "locked/b.png")
+    (inside.folder / "in" / "locked").chmod(0)
+    done = inside("batch", "in", "--out", "out")
+    (inside.folder / "in" / "locked").chmod(0o700)
     assert done.returncode == 1
     assert b"in/locked cannot be listed" in done.stderr
 
 
-def test_an_output_that_cannot_be_written_stops_no_other(cli: Cli) -> None:
-    tree(cli, "a.png", "b.png")
-    (cli.folder / "out" / "a.depth.png" / "in the way").mkdir(parents=True)
-    done = cli("batch", "in", "--out", "out")
+def test_an_output_that_cannot_be_written_stops_no_other(inside: Cli) -> None:
+    tree(inside, "a.png", "b.png")
+    (inside.folder / "out" / "a.depth.png" / "in the way").mkdir(parents=True)
+    done = inside("batch", "in", "--out", "out")
     assert done.returncode == 1
     (line,) = done.stderr.decode().splitlines()
     assert "cannot write out/a.depth.png" in line
-    assert rows(cli, "out")["b.png"]["status"] == "ok"
+    assert rows(inside, "out")["b.png"]["status"] == "ok"
 
 
-def test_a_picture_that_the_network_fails_on_stops_no_other(cli: Cli) -> None:
+def test_a_picture_that_the_network_fails_on_stops_no_other(inside: Cli) -> None:
     # A reshape to a fixed size fails on every picture that comes in another one.
-    write_model(cli.models / "default", fixed_inside(), input__fit="keep-aspect")
-    picture(cli, "wide.png", np.zeros((10, 300), np.uint8))
-    tree(cli, "a.png", "z.png")
-    done = cli("batch", "in", "--out", "out")
+    write_model(inside.models / "default", fixed_inside(), input__fit="keep-aspect")
+    picture(inside, "wide.png", np.zeros((10, 300), np.uint8))
+    tree(inside, "a.png", "z.png")
+    done = inside("batch", "in", "--out", "out")
     assert done.returncode == 1
     assert b"wide.png" in done.stderr
-    assert {n: r["status"] for n, r in rows(cli, "out").items()} == {
+    assert {n: r["status"] for n, r in rows(inside, "out").items()} == {
         **dict.fromkeys(("a.png", "z.png"), "ok"),
         "wide.png": "failed",
     }
 
 
-def test_a_network_that_fails_on_everything_is_no_fault_of_the_inputs(cli: Cli) -> None:
-    write_model(cli.models / "default", fixed_inside(5))
-    tree(cli, "a.png", "b.png")
-    done = cli("batch", "in", "--out", "out")
+def test_a_network_that_fails_on_everything_is_no_fault_of_the_inputs(inside: Cli) -> None:
+    write_model(inside.models / "default", fixed_inside(5))
+    tree(inside, "a.png", "b.png")
+    done = inside("batch", "in", "--out", "out")
     assert done.returncode == 3
     assert b"model.onnx failed" in done.stderr
 
@@ -342,43 +342,43 @@ def fixed_inside(height: int = 12) -> bytes:
     return model.SerializeToString()
 
 
-def test_loops_are_left_out_and_named(cli: Cli) -> None:
-    tree(cli, "hall/a.png", "b.png")
-    (cli.folder / "in" / "hall" / "up").symlink_to("..")
-    (cli.folder / "in" / "twin").symlink_to("hall")
-    done = cli("batch", "in", "--out", "out")
+def test_loops_are_left_out_and_named(inside: Cli) -> None:
+    tree(inside, "hall/a.png", "b.png")
+    (inside.folder / "in" / "hall" / "up").symlink_to("..")
+    (inside.folder / "in" / "twin").symlink_to("hall")
+    done = inside("batch", "in", "--out", "out")
     assert done.returncode == 0
-    assert rows(cli, "out").keys() == {"b.png", "hall/a.png", "twin/a.png"}
+    assert rows(inside, "out").keys() == {"b.png", "hall/a.png", "twin/a.png"}
     assert b"hall/up leads back to a folder that it is in" in done.stderr
 
 
-def test_names_do_not_collide(cli: Cli) -> None:
+def test_names_do_not_collide(inside: Cli) -> None:
     levels = {"a.jpg": 0, "a.png": 50, "a.jpg.png": 100, "b.png": 150, "B.png": 200}
     for name, level in levels.items():
-        picture(cli, name, np.full((20, 20), level, np.uint8))
-    assert cli("batch", "in", "--out", "out").returncode == 0
-    found = rows(cli, "out")
+        picture(inside, name, np.full((20, 20), level, np.uint8))
+    assert inside("batch", "in", "--out", "out").returncode == 0
+    found = rows(inside, "out")
     outputs = {name: found[name]["outputs"][0]["path"] for name in levels}
     assert len({path.casefold() for path in outputs.values()}) == len(levels)
     assert outputs["a.jpg"] == "a.jpg.depth.png"
     for name, level in levels.items():
-        steps = cv2.imread(str(cli.folder / "out" / outputs[name]), cv2.IMREAD_UNCHANGED)
+        steps = cv2.imread(str(inside.folder / "out" / outputs[name]), cv2.IMREAD_UNCHANGED)
         assert steps.mean() == pytest.approx(1000 + 8000 * level / 255, abs=40)
 
 
-def test_names_do_not_depend_on_what_is_wanted(cli: Cli) -> None:
-    tree(cli, "a.jpg", "a.png")
-    cli("batch", "in", "--out", "one", "--include", "*.png")
-    cli("batch", "in", "--out", "all")
+def test_names_do_not_depend_on_what_is_wanted(inside: Cli) -> None:
+    tree(inside, "a.jpg", "a.png")
+    inside("batch", "in", "--out", "one", "--include", "*.png")
+    inside("batch", "in", "--out", "all")
     png = "a.png.depth.png"
-    assert contents(cli, "one")[png] == contents(cli, "all")[png]
+    assert contents(inside, "one")[png] == contents(inside, "all")[png]
 
 
-def test_an_output_folder_among_the_inputs_is_not_read(cli: Cli) -> None:
-    tree(cli, "a.png")
+def test_an_output_folder_among_the_inputs_is_not_read(inside: Cli) -> None:
+    tree(inside, "a.png")
     for _ in range(2):
-        assert cli("batch", "in", "--out", "in/depth").returncode == 0
-    assert rows(cli, "in/depth").keys() == {"a.png"}
+        assert inside("batch", "in", "--out", "in/depth").returncode == 0
+    assert rows(inside, "in/depth").keys() == {"a.png"}
 
 
 @pytest.mark.parametrize(
@@ -400,30 +400,30 @@ def test_an_output_folder_among_the_inputs_is_not_read(cli: Cli) -> None:
         (("in", "--out", "out", "--provider-option", "a=b"), "provider"),
     ],
 )
-def test_wrong_usage(cli: Cli, words: tuple[str, ...], reason: str) -> None:
-    tree(cli, "hall/b.png", "a.png")
-    (cli.folder / "leads-in").mkdir()
-    (cli.folder / "leads-in" / "hall").symlink_to("../in/hall")
-    before = contents(cli, ".")
-    done = cli("batch", *words)
+def test_wrong_usage(inside: Cli, words: tuple[str, ...], reason: str) -> None:
+    tree(inside, "hall/b.png", "a.png")
+    (inside.folder / "leads-in").mkdir()
+    (inside.folder / "leads-in" / "hall").symlink_to("../in/hall")
+    before = contents(inside, ".")
+    done = inside("batch", *words)
     assert done.returncode == 2
     (line,) = done.stderr.decode().splitlines()
     assert reason in line
-    assert contents(cli, ".") == before
+    assert contents(inside, ".") == before
 
 
-def test_a_listed_input_is_never_replaced(cli: Cli) -> None:
-    tree(cli, "a.jpg", "a.depth.png", "b.png")
-    before = contents(cli, "in")
+def test_a_listed_input_is_never_replaced(inside: Cli) -> None:
+    tree(inside, "a.jpg", "a.depth.png", "b.png")
+    before = contents(inside, "in")
     stdin = b"a.jpg\na.depth.png\n"
     for extra in ((), ("--dry-run",)):
-        done = cli("batch", "in", "--out", "in", "--files", "-", *extra, stdin=stdin)
+        done = inside("batch", "in", "--out", "in", "--files", "-", *extra, stdin=stdin)
         assert done.returncode == 2
         assert b"in/a.depth.png, the output for a.jpg, is an input" in done.stderr
-    assert contents(cli, "in") == before
-    beside = cli("batch", "in", "--out", "in", "--files", "-", stdin=b"b.png")
+    assert contents(inside, "in") == before
+    beside = inside("batch", "in", "--out", "in", "--files", "-", stdin=b"b.png")
     assert beside.returncode == 0
-    assert contents(cli, "in").keys() - before.keys() == {"b.depth.png", "manifest.jsonl"}
+    assert contents(inside, "in").keys() - before.keys() == {"b.depth.png", "manifest.jsonl"}
 
 
 def test_a_missing_model_is_a_failure_and_leaves_nothing(cli: Cli) -> None:
@@ -433,12 +433,12 @@ def test_a_missing_model_is_a_failure_and_leaves_nothing(cli: Cli) -> None:
     assert not (cli.folder / "out").exists()
 
 
-def test_quiet_says_errors_only(cli: Cli) -> None:
-    tree(cli, "a.png")
-    done = cli("batch", "in", "--out", "out", "--quiet")
+def test_quiet_says_errors_only(inside: Cli) -> None:
+    tree(inside, "a.png")
+    done = inside("batch", "in", "--out", "out", "--quiet")
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
-    (cli.folder / "in" / "b.png").touch()
-    done = cli("batch", "in", "--out", "out", "-q")
+    (inside.folder / "in" / "b.png").touch()
+    done = inside("batch", "in", "--out", "out", "-q")
     assert (done.returncode, done.stdout) == (1, b"")
     assert done.stderr.decode().splitlines() == [
         "depthcli: error: in/b.png is empty",
@@ -446,121 +446,121 @@ def test_quiet_says_errors_only(cli: Cli) -> None:
     ]
 
 
-def test_warnings_name_their_input(cli: Cli) -> None:
-    write_model(cli.models / "default", output__shift=80.0, output__max_m=200.0)
-    tree(cli, "a.png")
-    done = cli("batch", "in", "--out", "out")
+def test_warnings_name_their_input(inside: Cli) -> None:
+    write_model(inside.models / "default", output__shift=80.0, output__max_m=200.0)
+    tree(inside, "a.png")
+    done = inside("batch", "in", "--out", "out")
     assert done.returncode == 0
     assert b"depthcli: warning: a.png: " in done.stderr
-    assert "were saturated" in rows(cli, "out")["a.png"]["warnings"][0]
+    assert "were saturated" in rows(inside, "out")["a.png"]["warnings"][0]
 
 
-def test_a_folder_without_pictures(cli: Cli) -> None:
-    (cli.folder / "in").mkdir()
-    done = cli("batch", "in", "--out", "out")
+def test_a_folder_without_pictures(inside: Cli) -> None:
+    (inside.folder / "in").mkdir()
+    done = inside("batch", "in", "--out", "out")
     assert done.returncode == 0
     assert b"0 of 0 inputs done" in done.stdout
-    assert contents(cli, "out") == {"manifest.jsonl": b""}
+    assert contents(inside, "out") == {"manifest.jsonl": b""}
 
 
-def test_a_folder_of_which_nothing_can_be_read_is_a_failure(cli: Cli) -> None:
+def test_a_folder_of_which_nothing_can_be_read_is_a_failure(inside: Cli) -> None:
     for name in ("a.HEIC", "b.heic", "notes.txt"):
-        (cli.folder / "in").mkdir(exist_ok=True)
-        (cli.folder / "in" / name).touch()
-    done = cli("batch", "in", "--out", "out")
+        (inside.folder / "in").mkdir(exist_ok=True)
+        (inside.folder / "in" / name).touch()
+    done = inside("batch", "in", "--out", "out")
     assert (done.returncode, done.stdout) == (1, b"")
     (line,) = done.stderr.decode().splitlines()
     assert "no picture or video in in: 3 files skipped (2 .heic, 1 .txt); 2 pictures" in line
     assert line.endswith("convert to JPEG, PNG or TIFF")
-    assert not (cli.folder / "out").exists()
+    assert not (inside.folder / "out").exists()
 
 
-def test_pictures_that_are_not_read_are_named_among_others(cli: Cli) -> None:
-    tree(cli, "a.png")
-    (cli.folder / "in" / "b.heic").touch()
-    done = cli("batch", "in", "--out", "out")
+def test_pictures_that_are_not_read_are_named_among_others(inside: Cli) -> None:
+    tree(inside, "a.png")
+    (inside.folder / "in" / "b.heic").touch()
+    done = inside("batch", "in", "--out", "out")
     assert done.returncode == 0
     (line,) = done.stderr.decode().splitlines()
     assert "warning: 1 picture of a format that is not read (.heic) skipped" in line
     assert b"1 of 1 inputs done, 1 file skipped (1 .heic)" in done.stdout
 
 
-def test_patterns_that_match_nothing_are_told(cli: Cli) -> None:
-    tree(cli, "a.png", "b.jpg")
-    nothing = cli("batch", "in", "--out", "out", "--include", "*.jpgg")
+def test_patterns_that_match_nothing_are_told(inside: Cli) -> None:
+    tree(inside, "a.png", "b.jpg")
+    nothing = inside("batch", "in", "--out", "out", "--include", "*.jpgg")
     assert (nothing.returncode, nothing.stdout) == (2, b"")
     assert b"--include and --exclude leave nothing of in: 2 files skipped (2 not" in nothing.stderr
-    some = cli("batch", "in", "--out", "out", "--include", "*.jpgg", "--include", "*.png")
+    some = inside("batch", "in", "--out", "out", "--include", "*.jpgg", "--include", "*.png")
     assert some.returncode == 0
     assert b"warning: --include '*.jpgg' matches no picture or video" in some.stderr
     assert b"1 of 1 inputs done, 1 file skipped (1 not included)" in some.stdout
 
 
-def test_its_own_outputs_are_no_inputs(cli: Cli) -> None:
-    tree(cli, "a.png")
-    picture(cli, "b.preview.png", synthetic_picture())  # another program's
-    assert cli("predict", "in/a.png").returncode == 0
+def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
+    tree(inside, "a.png")
+    picture(inside, "b.preview.png", synthetic_picture())  # another program's
+    assert inside("predict", "in/a.png").returncode == 0
     for name in ("clip.depth.mkv", "clip.preview.mp4"):
-        (cli.folder / "in" / name).touch()
-    done = cli("batch", "in", "--out", "in/out")
+        (inside.folder / "in" / name).touch()
+    done = inside("batch", "in", "--out", "in/out")
     assert done.returncode == 0
-    assert rows(cli, "in/out").keys() == {"a.png", "b.preview.png"}
+    assert rows(inside, "in/out").keys() == {"a.png", "b.preview.png"}
     assert b"2 of 2 inputs done, 4 files skipped (4 written by depthcli)" in done.stdout
-    names = sorted(contents(cli, "in"))
-    listed = cli(
+    names = sorted(contents(inside, "in"))
+    listed = inside(
         "batch", "in", "--out", "elsewhere", "--files", "-", stdin="\n".join(names).encode()
     )
     assert b"out/a.depth.png" not in listed.stderr
-    assert rows(cli, "elsewhere").keys() == {"a.png", "b.preview.png", "out/manifest.jsonl"}
+    assert rows(inside, "elsewhere").keys() == {"a.png", "b.preview.png", "out/manifest.jsonl"}
 
 
-def test_a_list_of_find_in_the_folder(cli: Cli) -> None:
-    tree(cli, "a.png", "hall/b.png", "in/a.png")
+def test_a_list_of_find_in_the_folder(inside: Cli) -> None:
+    tree(inside, "a.png", "hall/b.png", "in/a.png")
     found = b"in/hall/b.png\nin/a.png\n./in/in/a.png\n"
-    done = cli("batch", "in", "--out", "out", "--files", "-", stdin=found)
+    done = inside("batch", "in", "--out", "out", "--files", "-", stdin=found)
     assert (done.returncode, done.stderr) == (0, b"")
-    assert rows(cli, "out").keys() == {"hall/b.png", "in/a.png", "a.png"}
+    assert rows(inside, "out").keys() == {"hall/b.png", "in/a.png", "a.png"}
 
 
-def test_workers_threads_and_batch_size_change_no_byte(cli: Cli) -> None:
+def test_workers_threads_and_batch_size_change_no_byte(inside: Cli) -> None:
     for number in range(7):
         size = (48, 64) if number % 3 else (30, 40)
-        picture(cli, f"{number}.png", synthetic_picture(*size) // (number + 1))
+        picture(inside, f"{number}.png", synthetic_picture(*size) // (number + 1))
     ways = (("1", "1", "1"), ("3", "2", "1"), ("2", "1", "4"))
     outputs = []
     for workers, threads, size in ways:
         out = f"w{workers}b{size}"
         options = ("--workers", workers, "--threads", threads, "--batch-size", size)
-        assert cli("batch", "in", "--out", out, *options).returncode == 0
-        outputs.append({n: d for n, d in contents(cli, out).items() if n != "manifest.jsonl"})
+        assert inside("batch", "in", "--out", out, *options).returncode == 0
+        outputs.append({n: d for n, d in contents(inside, out).items() if n != "manifest.jsonl"})
     assert len(outputs[0]) == 7
     assert outputs[0] == outputs[1] == outputs[2]
 
 
-def test_a_thin_strip_in_tiles_stops_no_other(cli: Cli) -> None:
-    tree(cli, "a.png", "c.png")
+def test_a_thin_strip_in_tiles_stops_no_other(inside: Cli) -> None:
+    tree(inside, "a.png", "c.png")
     strip = np.full((2, 3000, 3), 90, np.uint8)
-    assert cv2.imwrite(str(cli.folder / "in" / "b.png"), strip)
-    done = cli("batch", "in", "--out", "out", "--tile", "300", "--workers", "1")
+    assert cv2.imwrite(str(inside.folder / "in" / "b.png"), strip)
+    done = inside("batch", "in", "--out", "out", "--tile", "300", "--workers", "1")
     assert done.returncode == 0, done.stderr
-    assert (cli.folder / "out" / "b.depth.png").is_file()
+    assert (inside.folder / "out" / "b.depth.png").is_file()
 
 
-def test_the_frames_of_a_damaged_video_are_all_in_the_manifest(cli: Cli) -> None:
+def test_the_frames_of_a_damaged_video_are_all_in_the_manifest(inside: Cli) -> None:
     rng = np.random.default_rng(0)
-    (cli.folder / "in").mkdir()
+    (inside.folder / "in").mkdir()
     frames = [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(40)]
-    path = write_mp4(cli.folder / "in" / "clip.mp4", frames)
+    path = write_mp4(inside.folder / "in" / "clip.mp4", frames)
     data = bytearray(path.read_bytes())
     middle = len(data) // 2
     data[middle : middle + len(data) // 10] = bytes(len(data) // 10)
     path.write_bytes(data)
-    done = cli("batch", "in", "--out", "out", "--format", "npy", "--json")
+    done = inside("batch", "in", "--out", "out", "--format", "npy", "--json")
     assert done.returncode == 1
     (row,) = (json.loads(line) for line in done.stdout.splitlines())
     assert "cannot be decoded" in row["error"]
     written = {f"clip.depth.{number:06d}.npy" for number in range(40)}
-    seen = {p.name for p in (cli.folder / "out").glob("*.npy")}
+    seen = {p.name for p in (inside.folder / "out").glob("*.npy")}
     assert {output["path"] for output in row["outputs"]} == seen < written
 
 

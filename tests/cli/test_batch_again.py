@@ -127,18 +127,18 @@ def test_after_ctrl_c_everything_that_was_done_is_told(cli: Cli) -> None:
         ("--profile", "p.toml"),
     ],
 )
-def test_a_changed_option_is_done_again(cli: Cli, options: tuple[str, ...]) -> None:
-    write_model(cli.models / "default", camera={"hfov_deg": 60.0})
-    write_model(cli.models / "other", output__shift=6.0)
-    (cli.folder / "p.toml").write_text("legend = true\nhfov = 70\n")
-    tree(cli, "a.png")
-    assert kept(cli, "--out", "out") == {"a.png": False}
+def test_a_changed_option_is_done_again(inside: Cli, options: tuple[str, ...]) -> None:
+    write_model(inside.models / "default", camera={"hfov_deg": 60.0})
+    write_model(inside.models / "other", output__shift=6.0)
+    (inside.folder / "p.toml").write_text("legend = true\nhfov = 70\n")
+    tree(inside, "a.png")
+    assert kept(inside, "--out", "out") == {"a.png": False}
     same = options == ("--provider", "cpu")  # what auto takes here
-    assert kept(cli, "--out", "out", *options) == {"a.png": same}
-    assert kept(cli, "--out", "out", *options) == {"a.png": True}
-    cli("batch", "in", "--out", "once", *options)
-    made = maps(cli, "once")
-    assert {name: data for name, data in maps(cli, "out").items() if name in made} == made
+    assert kept(inside, "--out", "out", *options) == {"a.png": same}
+    assert kept(inside, "--out", "out", *options) == {"a.png": True}
+    inside("batch", "in", "--out", "once", *options)
+    made = maps(inside, "once")
+    assert {name: data for name, data in maps(inside, "out").items() if name in made} == made
 
 
 def test_a_switch_of_a_profile_is_an_option_as_any(cli: Cli) -> None:
@@ -152,14 +152,14 @@ def test_a_switch_of_a_profile_is_an_option_as_any(cli: Cli) -> None:
     assert kept(cli, "--out", "out", "--profile", "p.toml") == {"a.png": False}
 
 
-def test_a_changed_model_is_done_again(cli: Cli) -> None:
-    tree(cli, "a.png")
-    cli("batch", "in", "--out", "out")
-    write_model(cli.models / "default", b"no onnx file")
-    assert cli("batch", "in", "--out", "out").returncode == 3
-    assert rows(cli, "out").keys() == {"a.png"}
-    from_other = write_model(cli.models / "other", output__shift=6.0)
-    assert kept(cli, "--out", "out", "--model", str(from_other)) == {"a.png": False}
+def test_a_changed_model_is_done_again(inside: Cli) -> None:
+    tree(inside, "a.png")
+    inside("batch", "in", "--out", "out")
+    write_model(inside.models / "default", b"no onnx file")
+    assert inside("batch", "in", "--out", "out").returncode == 3
+    assert rows(inside, "out").keys() == {"a.png"}
+    from_other = write_model(inside.models / "other", output__shift=6.0)
+    assert kept(inside, "--out", "out", "--model", str(from_other)) == {"a.png": False}
 
 
 def test_two_batches_do_not_write_to_one_folder(cli: Cli) -> None:

@@ -225,3 +225,15 @@ def test_what_an_earlier_row_holds_for(tmp_path: Path) -> None:
     assert kept(replace(row, status=FAILED)) is None
     path.write_bytes(b"other")
     assert kept(row) is None
+
+
+def test_a_listed_input_is_never_replaced_wherever_the_working_directory_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("one", "two"):
+        write_picture(tmp_path / name / "in" / "a.jpg")
+        write_picture(tmp_path / name / "in" / "a.depth.png")
+        monkeypatch.chdir(tmp_path / name)
+        plan = plan_files(b"a.jpg\na.depth.png\n", "mine", "in", "in")
+        with pytest.raises(UsageError, match=r"a\.depth\.png, the output for a\.jpg, is an input"):
+            OutputMap(plan, (Format.PNG16,)).check_apart()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,12 +39,18 @@ class OutputMap:
             UsageError: one would.
         """
         out = os.path.realpath(self.plan.out)
-        inputs = {_place(Path(file.path)) for file in self.plan.inputs}
-        if not any(place.startswith(os.path.join(out, "")) for place in inputs):  # noqa: PTH118
+        real_folder = cache(os.path.realpath)  # for now only: folders change, links too
+
+        def place(path: Path) -> str:
+            """A file's own place: links to its folder are followed, one that it is is not."""
+            return os.path.join(real_folder(path.parent), path.name)  # noqa: PTH118
+
+        inputs = {place(Path(file.path)) for file in self.plan.inputs}
+        if not any(one.startswith(os.path.join(out, "")) for one in inputs):  # noqa: PTH118
             return
         for file in self.plan.inputs:
             for path in self.of(file).values():
-                if _place(path) in inputs:
+                if place(path) in inputs:
                     raise UsageError(
                         f"{path}, the output for {file.name}, is an input; choose another --out"
                     )
@@ -76,13 +82,3 @@ class OutputMap:
         base = self.plan.names.base(file.name)
         chosen = [COUNTERPARTS[which] for which in self.formats if which in COUNTERPARTS]
         return {which: self.plan.out / (base + VIDEO_FORMATS[which].suffix) for which in chosen}
-
-
-def _place(path: Path) -> str:
-    """A file's own place: links to its folder are followed, one that it is itself is not."""
-    return os.path.join(_real_folder(path.parent), path.name)  # noqa: PTH118
-
-
-@lru_cache
-def _real_folder(folder: Path) -> str:
-    return os.path.realpath(folder)
