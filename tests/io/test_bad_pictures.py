@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import platform
+import struct
 import threading
 from typing import TYPE_CHECKING
 
@@ -98,6 +99,29 @@ def test_a_training_picture_with_lost_pixels_is_refused(tmp_path: Path) -> None:
     path.write_bytes(BAD["baseline without its middle"][0])
     with pytest.raises(DatasetError, match=r"a\.jpg cannot be decoded"):
         read_image_rgb(path)
+
+
+def _animated() -> bytes:
+    file = io.BytesIO()
+    first, *others = (Image.fromarray(np.roll(PIXELS, by, 1)) for by in range(3))
+    first.save(file, "AVIF", save_all=True, append_images=others, quality=50)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["still", "with alpha", "animated"])
+def test_an_avif_is_as_large_as_what_it_codes(kind: str) -> None:
+    makers = {
+        "still": lambda: _saved("AVIF"),
+        "with alpha": lambda: _saved("AVIF", "RGBA"),
+        "animated": _animated,
+    }
+    whole = makers[kind]()
+    assert read_image(None, whole, max_pixels=WIDTH * HEIGHT).width == WIDTH
+    claim = b"ispe" + struct.pack(">III", 0, WIDTH, HEIGHT)
+    assert claim in whole
+    lying = whole.replace(claim, b"ispe" + struct.pack(">III", 0, 8, 8))
+    with pytest.raises(InputError, match=f"claims {WIDTH}×{HEIGHT} pixels"):
+        read_image(None, lying, max_pixels=WIDTH * HEIGHT - 1)
 
 
 @pytest.mark.parametrize("name", ["/dev/zero", "/dev/null", "/proc/kmsg", "/proc/self/status"])

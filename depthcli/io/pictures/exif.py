@@ -5,6 +5,8 @@ from __future__ import annotations
 import struct
 from typing import Literal, NamedTuple
 
+from depthcli.io.pictures.avif import box
+
 _ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 _SHORT, _LONG = 3, 4
 _ENTRY_BYTES = 12
@@ -108,24 +110,11 @@ def _directory(tiff: bytes, order: str, at: int) -> dict[int, int]:
 
 def _avif_orientation(data: bytes) -> int:
     """The EXIF orientation that is the same as a file's irot and imir properties."""
-    meta = _box(data, b"meta")[4:]  # a version comes before its boxes
-    properties = _box(_box(meta, b"iprp"), b"ipco")
-    turn, axis = _box(properties, b"irot")[:1], _box(properties, b"imir")[:1]
+    meta = box(data, b"meta")[4:]  # a version comes before its boxes
+    properties = box(box(meta, b"iprp"), b"ipco")
+    turn, axis = box(properties, b"irot")[:1], box(properties, b"imir")[:1]
     quarters = turn[0] & 3 if turn else 0
     if not axis:
         return _TURNED[quarters]
     # Mirroring after a turn is turning the other way after mirroring; top to bottom is two more.
     return _MIRRORED[-quarters % 4 if axis[0] & 1 else -(quarters + 2) % 4]
-
-
-def _box(data: bytes, wanted: bytes) -> bytes:
-    """Content of the first box of a kind (ISO base media file format); empty if there is none."""
-    at = 0
-    while at + 8 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, at)
-        if kind == wanted:
-            return data[at + 8 : at + length]
-        if length < 8:
-            break
-        at += length
-    return b""

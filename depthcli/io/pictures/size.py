@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 import struct
 
+from depthcli.io.pictures.avif import avif_size
 from depthcli.io.pictures.tiff import HEIGHT, TIFF_STARTS, WIDTH, tiff_tags
 
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _STANDALONE = frozenset(range(0xD0, 0xD8)) | {0x01}
 _JPEG_FILL = re.compile(rb"\xff+")
-_AVIF_SIZE = re.compile(rb"ispe")
 _NETPBM = re.compile(rb"P[1-6]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
 
 
@@ -41,7 +41,7 @@ def _size(data: bytes) -> tuple[int, int] | None:
         tags = tiff_tags(data, (WIDTH, HEIGHT))
         return (tags[WIDTH], tags[HEIGHT]) if len(tags) == 2 else None
     if data[4:8] == b"ftyp":
-        return _avif(data)
+        return avif_size(data)
     if data[:6] in (b"GIF87a", b"GIF89a"):
         return struct.unpack_from("<HH", data, 6)
     netpbm = _NETPBM.match(data)
@@ -78,11 +78,3 @@ def _webp(data: bytes) -> tuple[int, int] | None:
         width, height = struct.unpack_from("<HH", data, 26)
         return width & 0x3FFF, height & 0x3FFF
     return None
-
-
-def _avif(data: bytes) -> tuple[int, int] | None:
-    """The largest item: tiles and thumbnails state their size too, all before the pixels."""
-    meta = data[: data.find(b"mdat")]
-    starts = [found.end() + 4 for found in _AVIF_SIZE.finditer(meta)]
-    sizes = [struct.unpack_from(">II", meta, start) for start in starts]
-    return max(sizes, key=lambda size: size[0] * size[1]) if sizes else None

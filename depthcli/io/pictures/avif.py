@@ -1,0 +1,185 @@
+"""Sizes in an AVIF file: what its boxes claim, and what its AV1 pictures are.
+
+Boxes are those of ISO/IEC 14496-12, the rest is the AV1 bitstream's section 5.5.1.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from contextlib import suppress
+from itertools import islice
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_CLAIM = re.compile(rb"ispe")
+_CHUNKS = re.compile(rb"stco\0\0\0\0")
+_HEAD = 8  # bytes of a box before its content
+_SEQUENCE_HEADER = 1
+_MAX_UNITS = 10_000
+_MAX_TRACKS = 16
+_SHARED = 4  # items may use the same bytes, but not all of them all the time
+_HEADER_BYTES = 1024  # more than the fields before the size can take
+
+
+def box(data: bytes, wanted: bytes) -> bytes:
+    """Content of the first box of a kind; empty if there is none."""
+    at = 0
+    while at + _HEAD <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        if kind == wanted:
+            return data[at + _HEAD : at + length]
+        if length < _HEAD:
+            break
+        at += length
+    return b""
+
+
+def avif_size(data: bytes) -> tuple[int, int] | None:
+    """The largest (width, height) of a file's items, tiles and thumbnails among them.
+
+    A decoder makes room for what an AV1 picture is, whatever the boxes say.
+
+    Args:
+        data: the whole file.
+
+    Raises:
+        struct.error: the file is too short for what it claims.
+        IndexError: likewise.
+    """
+    claims = data[: data.find(b"mdat")]
+    starts = [found.end() + 4 for found in _CLAIM.finditer(claims)]
+    sizes = [struct.unpack_from(">II", claims, start) for start in starts]
+    if not sizes:
+        return None
+    coded = [size for item in _items(data) for size in _coded_sizes(item)]
+    return max(sizes + coded, key=lambda size: size[0] * size[1])
+
+
+def _items(data: bytes) -> Iterator[memoryview]:
+    """The content of each item, and the file from each first chunk of an animation on."""
+    for found in islice(_CHUNKS.finditer(data), _MAX_TRACKS):
+        count, at = struct.unpack_from(">II", data, found.end())
+        if count:
+            yield memoryview(data)[at:]
+    meta = box(data, b"meta")[4:]  # a version comes before its boxes
+    places = box(meta, b"iloc")
+    if not places:
+        return
+    inside, left = box(meta, b"idat"), _SHARED * len(data)
+    for is_inside, extents in _places(places):
+        whole = memoryview(inside if is_inside else data)
+        parts = [whole[at : at + n if n else None] for at, n in extents]
+        left -= sum(map(len, parts))
+        if left < 0:
+            raise struct.error("items hold more than the file")
+        yield memoryview(b"".join(parts))
+
+
+def _places(iloc: bytes) -> Iterator[tuple[bool, list[tuple[int, int]]]]:
+    """Of each item: whether it is in the ``idat`` box, and its (offset, length) in bytes."""
+    at = 0
+
+    def take(size: int) -> int:
+        nonlocal at
+        if at + size > len(iloc):
+            raise struct.error("iloc is cut short")
+        at += size
+        return int.from_bytes(iloc[at - size : at], "big")
+
+    version, _ = take(1), take(3)
+    sizes = take(2)
+    offset, length, base, index = (sizes >> shift & 15 for shift in (12, 8, 4, 0))
+    wide = 2 if version < 2 else 4
+    for _ in range(take(wide)):
+        take(wide)
+        method = take(2) & 15 if version else 0
+        take(2)
+        start, extents = take(base), []
+        for _ in range(take(2)):
+            take(index if version else 0)
+            extents.append((start + take(offset), take(length)))
+        yield method == 1, extents
+
+
+def _coded_sizes(item: memoryview) -> list[tuple[int, int]]:
+    """(width, height) of each sequence header; none if the item is no AV1, as metadata are not."""
+    sizes: list[tuple[int, int]] = []
+    with suppress(struct.error, IndexError):
+        sizes.extend(_sequence_sizes(item))
+    return sizes
+
+
+def _sequence_sizes(item: memoryview) -> Iterator[tuple[int, int]]:
+    at = 0
+    for _ in range(_MAX_UNITS):
+        if at + 2 > len(item):
+            return
+        head = item[at]
+        if head & 0x81 or not head & 2:  # it has no size of its own, or is no AV1
+            return
+        at += 2 if head & 4 else 1
+        length, at = _leb128(item, at)
+        if head >> 3 == _SEQUENCE_HEADER:
+            yield _sequence_size(item[at : at + min(length, _HEADER_BYTES)])
+        at += length
+
+
+def _leb128(data: memoryview, at: int) -> tuple[int, int]:
+    """A number and the position after it."""
+    value = 0
+    for shift in range(0, 56, 7):
+        value |= (data[at] & 0x7F) << shift
+        at += 1
+        if data[at - 1] < 0x80:
+            break
+    return value, at
+
+
+class _Bits:
+    """Numbers of so many bits each, one after the other."""
+
+    def __init__(self, data: memoryview) -> None:
+        self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
+
+    def take(self, count: int) -> int:
+        self._left -= count
+        if self._left < 0:
+            raise struct.error("the sequence header is cut short")
+        return self._value >> self._left & ((1 << count) - 1)
+
+
+def _sequence_size(header: memoryview) -> tuple[int, int]:
+    bits = _Bits(header)
+    bits.take(4)  # profile, still picture
+    if bits.take(1):
+        bits.take(5)  # level, in the reduced header of a still picture
+    else:
+        _skip_operating_points(bits)
+    width_bits, height_bits = bits.take(4) + 1, bits.take(4) + 1
+    return bits.take(width_bits) + 1, bits.take(height_bits) + 1
+
+
+def _skip_operating_points(bits: _Bits) -> None:
+    delay_bits = 0
+    if bits.take(1):  # timing
+        bits.take(64)
+        if bits.take(1):
+            zeros = 0
+            while not bits.take(1):
+                zeros += 1
+            bits.take(zeros)
+        if bits.take(1):  # decoder model
+            delay_bits = bits.take(5) + 1
+            bits.take(42)
+    has_delay = bits.take(1)
+    for _ in range(bits.take(5) + 1):
+        bits.take(12)
+        if bits.take(5) > 7:
+            bits.take(1)
+        if delay_bits and bits.take(1):
+            bits.take(2 * delay_bits + 1)
+        if has_delay and bits.take(1):
+            bits.take(4)
