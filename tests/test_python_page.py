@@ -34,4 +34,5 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         "room.preview.png",
         "out/a.png",
         "depth/manifest.jsonl",
+        "walk.mkv",
     }
