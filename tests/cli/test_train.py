@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
-from runs import ENVIRONMENT
+from runs import finished
 
 from depthcli.cli.app import main
 from depthcli.training.checkpoint import Checkpoint
+
+if TYPE_CHECKING:
+    import subprocess
 
 TINY = """
 [generator]
@@ -38,15 +41,7 @@ epochs_decay = 2
 
 
 def _run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "depthcli", "train", *arguments],
-        cwd=folder,
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    return finished([sys.executable, "-m", "depthcli", "train", *arguments], folder)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
-from runs import ENVIRONMENT
+from runs import ENVIRONMENT, finished
 
 from depthcli.cli.app import main
 from depthcli.training.checkpoint import Checkpoint
@@ -43,15 +43,7 @@ def _command(*arguments: str) -> list[str]:
 
 
 def _train(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        _command(*arguments),
-        cwd=folder,
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    return finished(_command(*arguments), folder)
 
 
 @pytest.fixture

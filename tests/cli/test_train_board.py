@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
+from runs import ENVIRONMENT, finished
+
+if TYPE_CHECKING:
+    import subprocess
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = (
@@ -37,15 +40,8 @@ def _train(folder: Path, *more: str, path: str = "") -> subprocess.CompletedProc
     command += ["--quiet", "--tensorboard", *more]
     for setting in SETTINGS:
         command += ["--set", setting]
-    return subprocess.run(
-        command,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": f"{path}{os.pathsep}{ROOT}", "CUDA_VISIBLE_DEVICES": ""},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    env = {**ENVIRONMENT, "PYTHONPATH": f"{path}{os.pathsep}{ROOT}"}
+    return finished(command, folder, env=env)
 
 
 def _events(folder: Path) -> Any:

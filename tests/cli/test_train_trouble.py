@@ -19,7 +19,7 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
-from runs import ENVIRONMENT, same, saved
+from runs import ENVIRONMENT, finished, same, saved
 
 SMALL = """
 validate_every = 999
@@ -53,16 +53,7 @@ def _command(*settings: str, data: str = "data", out: str = "run") -> list[str]:
 
 def _run(folder: Path, *settings: str, **options: Any) -> subprocess.CompletedProcess[str]:
     limit = options.pop("limit", None)
-    return subprocess.run(
-        _command(*settings, **options),
-        cwd=folder,
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        preexec_fn=limit,
-    )
+    return finished(_command(*settings, **options), folder, preexec_fn=limit)
 
 
 @pytest.fixture

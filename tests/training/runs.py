@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 ENVIRONMENT = {
     **os.environ,
     "PYTHONPATH": str(Path(__file__).parents[2]),
     "CUDA_VISIBLE_DEVICES": "",
 }
+
+
+def finished(
+    command: Sequence[str], folder: Path, **options: Any
+) -> subprocess.CompletedProcess[str]:
+    """A command that was run in a folder to its end."""
+    settings = {"env": ENVIRONMENT, "capture_output": True, "text": True, "timeout": 120, **options}
+    return subprocess.run(command, cwd=folder, check=False, **settings)
 
 
 def saved(folder: Path) -> dict[str, Any]:
