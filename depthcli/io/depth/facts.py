@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _MAX_SIDECAR_BYTES = 2**20
+_LEAST, _MOST = 1e-9, 1e12
 _PREFIX = "depthcli:"
 _FRAME_NUMBER = re.compile(r"\.\d{6,}$")
 _ORIENTATIONS = frozenset("12345678")
@@ -69,12 +69,15 @@ def provenance_of(facts: Mapping[str, str]) -> Provenance | None:
 
 
 def positive_number(text: str | None) -> float | None:
-    """A number above 0 that another program may have written; None for anything else."""
+    """A number above 0 that another program may have written; None for anything else.
+
+    Numbers at the ends of a float count as nothing: depths divided by them would be none.
+    """
     try:
         value = float(text or "")
     except ValueError:
         return None
-    return value if 0 < value < math.inf else None
+    return value if _LEAST < value < _MOST else None
 
 
 def sidecar_facts(path: Path) -> dict[str, object]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +24,7 @@ _CHANNELS = ("Z", "V", "Y", "R")
 _COLOURS = ("G", "B", "RY", "BY")
 _DIMENSIONS = 2
 _TOP = 65535
+_FARTHEST = 1e12  # what is beyond is no depth in any unit
 
 
 def read_depth(path: str | Path, *, png_scale: float | None = None) -> DepthMap:
@@ -141,4 +141,4 @@ def _ends(facts: Mapping[str, str]) -> tuple[float, float] | None:
         low, high = (float(word) for word in facts.get("range", "").split())
     except ValueError:
         return None
-    return (low, high) if math.isfinite(low) and math.isfinite(high) else None
+    return (low, high) if -_FARTHEST < low <= high < _FARTHEST else None
