@@ -16,7 +16,7 @@ from videos import write_mp4
 from depthcli.cli.screen import console, progress
 from depthcli.cli.screen.training import Lines
 from depthcli.jobs.train.run import TrainStart
-from depthcli.training.checkpoint import Progress
+from depthcli.training.checkpoint import RunProgress
 
 if TYPE_CHECKING:
     from command_line import Cli
@@ -105,7 +105,7 @@ def test_a_training_run_that_goes_on_has_a_bar_from_where_it_was(
     with ExitStack() as stack:
         lines = Lines(stack)
         lines.begin(TrainStart(threads=1, cores=1, timed=False, lacks_scenes=False))
-        lines.step(Progress(step=400), 1000, {})
+        lines.step(RunProgress(step=400), 1000, {})
     shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capfd.readouterr().err)
     assert "training" in shown
     assert " 400/1000 " in shown
