@@ -57,7 +57,7 @@ def test_the_picture_guides_unless_told_otherwise() -> None:
 
 def test_its_card_names_the_pairs_it_learned(model: str) -> None:
     card = ModelCard.from_json((ROOT / "models" / model / "card.json").read_bytes())
-    numbers = id_ranges.read(card.training["nyu_train_ids"])
+    numbers = id_ranges.parse(card.training["nyu_train_ids"])
     assert len(numbers) == card.training["pairs"]
     assert max(numbers) < 1000
 

@@ -19,6 +19,6 @@ def plain_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
     command.name = name
     # Completion is installed for the program, not for each of its commands.
     command.params = [p for p in command.params if p.name not in _COMPLETION]
-    if hasattr(module, "prepare"):
-        module.prepare(command)
+    if hasattr(module, "add_options"):
+        module.add_options(command)
     return command

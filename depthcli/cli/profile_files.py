@@ -47,7 +47,7 @@ def path_of(name: str) -> Path:
     return folder() / f"{name}{_SUFFIX}"
 
 
-def read_text(name: str) -> str:
+def profile_text(name: str) -> str:
     """A profile as it is written.
 
     Raises:
@@ -63,7 +63,7 @@ def read_text(name: str) -> str:
         raise UsageError(f"profile {path} cannot be read ({error}); save it again") from error
 
 
-def read(name: str) -> dict[str, Value]:
+def read_profile(name: str) -> dict[str, Value]:
     """The options of a profile, by their names without dashes in front.
 
     Raises:
@@ -73,7 +73,7 @@ def read(name: str) -> dict[str, Value]:
 
     path = path_of(name)
     try:
-        values = tomllib.loads(read_text(name))
+        values = tomllib.loads(profile_text(name))
     except tomllib.TOMLDecodeError as error:
         raise UsageError(f"profile {path} is not TOML: {error}; correct it") from error
     for key, value in values.items():
@@ -107,7 +107,7 @@ def write(name: str, values: Mapping[str, Value], *, force: bool) -> Path:
     return path
 
 
-def remove(name: str) -> Path:
+def remove_profile(name: str) -> Path:
     """Delete a profile.
 
     Returns:
@@ -117,7 +117,7 @@ def remove(name: str) -> Path:
         UsageError: there is no such profile.
         OutputError: it cannot be deleted.
     """
-    read_text(name)
+    profile_text(name)
     path = path_of(name)
     try:
         path.unlink()

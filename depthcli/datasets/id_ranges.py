@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 _DIGITS = 4
 
 
-def written(ids: Iterable[str]) -> str:
+def compact(ids: Iterable[str]) -> str:
     """Ids as ranges.
 
     Args:
         ids: whole numbers, as NYU Depth v2's.
 
-    >>> written(["0001", "0000", "0002", "0007"])
+    >>> compact(["0001", "0000", "0002", "0007"])
     '0000-0002,0007'
     """
     numbers = sorted({int(name) for name in ids})
@@ -34,13 +34,13 @@ def _range(first: int, last: int) -> str:
     return start if first == last else f"{start}-{last:0{_DIGITS}d}"
 
 
-def read(text: str) -> frozenset[int]:
+def parse(text: str) -> frozenset[int]:
     """The numbers of ids as ranges.
 
     Raises:
         ValueError: the text is no such list.
 
-    >>> sorted(read("0000-0002,0007"))
+    >>> sorted(parse("0000-0002,0007"))
     [0, 1, 2, 7]
     """
     numbers: set[int] = set()

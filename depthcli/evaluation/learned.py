@@ -54,7 +54,7 @@ def learned_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | 
     stated = card.training.get(TRAIN_IDS)
     if isinstance(stated, str):
         try:
-            return id_ranges.read(stated)
+            return id_ranges.parse(stated)
         except ValueError:
             return None
     split = card.training.get(TRAIN_SPLIT)

@@ -93,4 +93,4 @@ def _nyu_pairs(progress: RunProgress) -> dict[str, str]:
     """Ids of NYU Depth v2 that were trained on, for whoever evaluates the model."""
     if not progress.data.startswith("NYU Depth v2"):
         return {}
-    return {"nyu_train_ids": id_ranges.written(i for i in progress.train_ids if i.isdecimal())}
+    return {"nyu_train_ids": id_ranges.compact(i for i in progress.train_ids if i.isdecimal())}

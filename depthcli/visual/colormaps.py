@@ -25,7 +25,7 @@ NAMES = (*_OPENCV, "spectral", "gray")
 _LEVELS = 256
 
 
-def table(name: str, near: str = "warm") -> npt.NDArray[np.uint8]:
+def colour_table(name: str, near: str = "warm") -> npt.NDArray[np.uint8]:
     """(256, 3) RGB uint8, the far colour first.
 
     Args:

@@ -9,8 +9,8 @@ from depthcli.datasets import id_ranges
 @given(st.sets(st.integers(0, 1448)))
 def test_what_was_written_is_read(numbers: set[int]) -> None:
     ids = [f"{number:04d}" for number in numbers]
-    assert id_ranges.read(id_ranges.written(ids)) == numbers
+    assert id_ranges.parse(id_ranges.compact(ids)) == numbers
 
 
 def test_neighbours_are_one_range() -> None:
-    assert id_ranges.written(["0007", "0001", "0002", "0000"]) == "0000-0002,0007"
+    assert id_ranges.compact(["0007", "0001", "0002", "0000"]) == "0000-0002,0007"

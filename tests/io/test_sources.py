@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from depthcli.io.listing.folder import is_media, is_video, list_folder
-from depthcli.io.listing.path_list import locate, parse_list
+from depthcli.io.listing.path_list import listed_inputs, parse_list
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -80,7 +80,7 @@ def test_lists(data: bytes, words: list[str]) -> None:
 
 def test_listed_paths_are_named_from_the_folder() -> None:
     words = ["z.png", "./a.png", "hall/../b.png", "/far/c.png", "/base/d.png", "../e.png"]
-    found = {f.name: f.path for f in locate(words, "/base")}
+    found = {f.name: f.path for f in listed_inputs(words, "/base")}
     assert found == {
         "a.png": "/base/./a.png",
         "b.png": "/base/hall/../b.png",
@@ -90,4 +90,4 @@ def test_listed_paths_are_named_from_the_folder() -> None:
         "z.png": "/base/z.png",
     }
     assert list(found) == sorted(found)
-    assert len(locate(["a.png", "./a.png"], "/base")) == 1
+    assert len(listed_inputs(["a.png", "./a.png"], "/base")) == 1

@@ -72,10 +72,10 @@ def list_profiles(as_json: _Json = False) -> int:
         console.note("no profile is saved yet; 'depthcli profile save NAME' with options saves one")
     for name in names:
         if as_json:
-            path = str(profile_files.path_of(name))
-            console.out_json({"name": name, "path": path, "options": profile_files.read(name)})
+            path, values = str(profile_files.path_of(name)), profile_files.read_profile(name)
+            console.out_json({"name": name, "path": path, "options": values})
         else:
-            options = profile_files.read_text(name).strip().replace("\n", "; ")
+            options = profile_files.profile_text(name).strip().replace("\n", "; ")
             console.out(one_line(f"{name}: {options}"))
     return ExitCode.OK
 
@@ -83,7 +83,7 @@ def list_profiles(as_json: _Json = False) -> int:
 @app.command()
 def show(name: _Name) -> int:
     """Show a profile, as TOML."""
-    for line in profile_files.read_text(name).splitlines():
+    for line in profile_files.profile_text(name).splitlines():
         console.out(one_line(line))
     return ExitCode.OK
 
@@ -99,11 +99,11 @@ def remove(
 ) -> int:
     """Delete profiles."""
     for name in profiles:
-        console.out(f"removed {one_line(str(profile_files.remove(name)))}")
+        console.out(f"removed {one_line(str(profile_files.remove_profile(name)))}")
     return ExitCode.OK
 
 
-def prepare(group: Any) -> None:  # noqa: ANN401 - typer's own types
+def add_options(group: Any) -> None:  # noqa: ANN401 - typer's own types
     """Give ``save`` the options of every command that takes profiles."""
     from depthcli.cli.profiles.values import options_of, profiled_commands
 

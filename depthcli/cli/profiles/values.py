@@ -61,7 +61,7 @@ def apply(context: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN
         return
     own = options_of(context.command)
     defaults: dict[str, Any] = {}
-    for key, value in profile_files.read(name).items():
+    for key, value in profile_files.read_profile(name).items():
         if key in own:
             defaults[str(own[key].name)] = _checked(context, name, key, own[key], value)
         elif key not in _all_keys():

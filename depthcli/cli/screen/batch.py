@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import drawn
 from depthcli.core.text import one_line
-from depthcli.io.listing.skipped import summary
+from depthcli.io.listing.skipped import counted
 from depthcli.jobs.batch.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def _account(plan: Plan, tally: Tally) -> list[str]:
     if tally.failures:
         parts.append(f"{len(tally.failures)} failed")
     if plan.skipped:
-        parts.append(summary(plan.skipped))
+        parts.append(counted(plan.skipped))
     return parts
 
 
@@ -101,7 +101,7 @@ def tell_forecasts(forecasts: Iterable[Forecast], plan: Plan, *, as_json: bool) 
         _tell_one(one.would, one.input, paths, one.error, as_json=as_json)
     for file in plan.skipped:
         _tell_one("skip", file.name, [], file.reason, as_json=as_json)
-    rest = f"; {summary(plan.skipped)}" if plan.skipped else ""
+    rest = f"; {counted(plan.skipped)}" if plan.skipped else ""
     console.note(
         f"would process {counts['do']}, keep {counts['keep']} already done, fail "
         f"{counts['fail']}{rest}"

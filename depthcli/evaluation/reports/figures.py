@@ -17,7 +17,7 @@ from depthcli.evaluation.predictors.base import Sample
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.preview import PreviewWriter
 from depthcli.metrics.alignment import SUITABLE, align
-from depthcli.visual.colormaps import table
+from depthcli.visual.colormaps import colour_table
 from depthcli.visual.contact_sheet import contact_sheet
 from depthcli.visual.legend import with_legend
 
@@ -189,7 +189,7 @@ def _cells(row: _Row, colormap: str, *, legend: bool) -> list[npt.NDArray[np.uin
     shape = row.picture.shape
     cells = [_shrunk(image, shape) for image in (row.picture, *map(writer.render, row.depths))]
     if legend:
-        cells[-1] = with_legend(cells[-1], table(colormap), near, far, DepthKind.METRIC)
+        cells[-1] = with_legend(cells[-1], colour_table(colormap), near, far, DepthKind.METRIC)
     return cells
 
 

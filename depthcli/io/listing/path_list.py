@@ -18,7 +18,7 @@ def parse_list(data: bytes) -> list[str]:
     return list(dict.fromkeys(os.fsdecode(word) for word in words if word))
 
 
-def locate(words: list[str], root: str) -> tuple[InputFile, ...]:
+def listed_inputs(words: list[str], root: str) -> tuple[InputFile, ...]:
     """Listed paths, by their names below a folder.
 
     Args:

@@ -33,7 +33,7 @@ class Skipped(NamedTuple):
     reason: str
 
 
-def summary(skipped: Sequence[Skipped]) -> str:
+def counted(skipped: Sequence[Skipped]) -> str:
     """How many files, and why: ``3 files skipped (2 .txt, 1 hidden)``."""
     counts = Counter(file.reason for file in skipped).most_common()
     shown = [f"{count} {reason}" for reason, count in counts[:_MOST_REASONS]]

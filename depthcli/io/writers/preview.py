@@ -12,7 +12,7 @@ from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import MARK
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.facts import SOFTWARE
-from depthcli.visual.colormaps import table
+from depthcli.visual.colormaps import colour_table
 from depthcli.visual.legend import with_legend
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class PreviewWriter:
             spread: low and high value in place of the map's percentiles, for a video.
         """
         near, far = self._limits(depth, spread or percentiles(depth))
-        colours = table(self.colormap, self.near)
+        colours = colour_table(self.colormap, self.near)
         level = np.rint(255 * nearness(depth, near, far))
         valid = np.isfinite(level)
         image = colours[np.where(valid, level, 0).astype(np.uint8)]

@@ -11,13 +11,13 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import InputFile, is_video, list_folder
 from depthcli.io.listing.globs import ANY, NameFilter
 from depthcli.io.listing.own_outputs import is_own_output
-from depthcli.io.listing.path_list import locate, parse_list
+from depthcli.io.listing.path_list import listed_inputs, parse_list
 from depthcli.io.listing.skipped import (
     EXCLUDED,
     NOT_INCLUDED,
     OWN,
     Skipped,
-    summary,
+    counted,
     to_convert,
 )
 from depthcli.jobs.tree_names import TreeNames
@@ -107,7 +107,7 @@ def plan_files(data: bytes, source: str, root: str, out: str, wanted: NameFilter
         UsageError: the patterns leave nothing.
         InputError: it lists nothing but outputs of depthcli.
     """
-    listed = locate(parse_list(data), root)
+    listed = listed_inputs(parse_list(data), root)
     own = {found for found in listed if is_own_output(found.path)}
     pictures = [found for found in listed if found not in own]
     inputs, unwanted = _divided(pictures, wanted)
@@ -139,11 +139,11 @@ def _check_any(plan: Plan, where: str) -> None:
         return
     if {NOT_INCLUDED, EXCLUDED} & {file.reason for file in plan.skipped}:
         raise UsageError(
-            f"--include and --exclude leave nothing of {where}: {summary(plan.skipped)}"
+            f"--include and --exclude leave nothing of {where}: {counted(plan.skipped)}"
         )
     hint = to_convert(plan.skipped)
     raise InputError(
-        f"no picture or video in {where}: {summary(plan.skipped)}{'; ' + hint if hint else ''}"
+        f"no picture or video in {where}: {counted(plan.skipped)}{'; ' + hint if hint else ''}"
     )
 
 
