@@ -25,6 +25,8 @@ from depthcli.io.storage.regular import read_regular
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from command_line import Cli
+
 if platform.libc_ver()[0] != "glibc":
     pytest.skip("only glibc lets libjpeg's warnings be heard", allow_module_level=True)
 
@@ -153,3 +155,21 @@ def test_files_are_read_up_to_a_bound(tmp_path: Path) -> None:
     assert read_regular(path, 5) == b"12345"
     with pytest.raises(OSError, match="more than 4 bytes"):
         read_regular(path, 4)
+
+
+def test_each_bad_picture_costs_a_line_and_no_more(inside: Cli) -> None:
+    folder = inside.folder / "in"
+    folder.mkdir()
+    for number, (data, _) in enumerate(BAD.values()):
+        (folder / f"{number:03d}.bin").write_bytes(data)
+    (folder / "good.jpg").write_bytes(JPEGS["progressive"])
+    names = sorted(path.name for path in folder.iterdir())
+    done = inside("predict", *(f"in/{name}" for name in names), "-o", "out/", "--format", "png16")
+    assert done.returncode == 1
+    assert [path.name for path in (inside.folder / "out").iterdir()] == ["good.depth.png"]
+    *lines, total = done.stderr.decode().splitlines()
+    assert total.startswith(f"{len(BAD)} of {len(BAD) + 1} inputs failed: ")
+    assert len(lines) == len(BAD)
+    for number, (line, (_, message)) in enumerate(zip(lines, BAD.values(), strict=True)):
+        assert line.startswith(f"depthcli: error: in/{number:03d}.bin ")
+        assert message in line
