@@ -17,6 +17,7 @@ from depthcli.cli.screen import console, progress
 from depthcli.cli.screen.training import Lines
 from depthcli.jobs.train.run import TrainStart
 from depthcli.training.checkpoint import RunProgress
+from depthcli.training.threads import Threads
 
 if TYPE_CHECKING:
     from command_line import Cli
@@ -104,7 +105,7 @@ def test_a_training_run_that_goes_on_has_a_bar_from_where_it_was(
     monkeypatch.setattr(progress, "_BAR_EVERY_S", 0)
     with ExitStack() as stack:
         lines = Lines(stack)
-        lines.begin(TrainStart(threads=1, cores=1, timed=False, lacks_scenes=False))
+        lines.begin(TrainStart(Threads(1, 1, timed=False), lacks_scenes=False))
         lines.step(RunProgress(step=400), 1000, {})
     shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capfd.readouterr().err)
     assert "training" in shown
