@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass, replace
+from io import StringIO
 from typing import TYPE_CHECKING
 
 from depthcli.datasets.nyu_mat import NyuMat, open_mat
 from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
 from depthcli.errors import DatasetError
+from depthcli.io.storage.regular import read_regular
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,6 +29,7 @@ INDEX_NAME = "index.csv"
 PLAUSIBLE_M = (0.8, 9.0)
 """Depth stored in metres × 256 would read as 0.7 m, in metres × 4000 as 11 m."""
 
+_MAX_INDEX_BYTES = 2**26
 _COLUMNS = ("id", "scene", "official_split")
 
 
@@ -92,10 +95,10 @@ def read_index(path: Path) -> dict[str, IndexRow]:
         DatasetError: the file is missing, lacks a column or repeats an id.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
-            rows = list(reader)
+        text = read_regular(path, _MAX_INDEX_BYTES).decode("utf-8-sig")
+        reader = csv.DictReader(StringIO(text, newline=""))
+        missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
+        rows = list(reader)
     except OSError as error:
         raise DatasetError(
             f"cannot read {path}: {error.strerror}; it needs the columns {', '.join(_COLUMNS)}"
@@ -104,7 +107,7 @@ def read_index(path: Path) -> dict[str, IndexRow]:
         raise DatasetError(f"{path} is not CSV in UTF-8: {error}") from error
     if missing:
         raise DatasetError(f"{path} lacks the column {missing[0]}: needs {', '.join(_COLUMNS)}")
-    index = {row["id"]: _index_row(path, row) for row in rows}
+    index = {row["id"] or "": _index_row(path, row) for row in rows}
     if len(index) != len(rows):
         raise DatasetError(f"{path} names {len(rows) - len(index)} ids more than once")
     return index

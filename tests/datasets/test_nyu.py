@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -159,6 +160,20 @@ def test_broken_folder_has_a_clear_error(name: str, nyu_folder: Any) -> None:
     with pytest.raises(DatasetError, match=message) as error:
         open_nyu(nyu_folder.path)
     assert "\n" not in str(error.value)
+
+
+def test_a_pipe_is_no_index(nyu_folder: Any) -> None:
+    index = nyu_folder.path / "index.csv"
+    index.unlink()
+    os.mkfifo(index)
+    with pytest.raises(DatasetError, match=r"index\.csv: it is a pipe"):
+        open_nyu(nyu_folder.path)
+
+
+def test_a_row_without_an_id_is_named(nyu_folder: Any) -> None:
+    (nyu_folder.path / "index.csv").write_text("scene,official_split,id\nkitchen,train\n")
+    with pytest.raises(DatasetError, match="lists 1 pairs but the folder holds"):
+        open_nyu(nyu_folder.path)
 
 
 def test_picture_that_disappears(nyu_folder: Any) -> None:
