@@ -1,4 +1,4 @@
-"""The examples of docs/python.md, run one after the other as a reader would."""
+"""The examples of docs/python.md and README.md, run one after the other as a reader would."""
 
 from __future__ import annotations
 
@@ -36,3 +36,13 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         "depth/manifest.jsonl",
         "walk.mkv",
     }
+
+
+def test_the_example_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs").symlink_to(DOCS)
+    (code,) = EXAMPLE.findall((DOCS.parent / "README.md").read_text("utf-8"))
+    names: dict[str, Any] = {}
+    exec(compile(code, "README.md", "exec"), names)  # noqa: S102 - our own page
+    assert names["depth"].values.shape == (480, 640)
+    assert (tmp_path / "room.exr").is_file()
