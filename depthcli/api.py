@@ -31,7 +31,7 @@ from depthcli.io.pictures.any import frame_of
 from depthcli.io.video import depth as depth_videos
 from depthcli.io.writers.by_suffix import write_depth
 from depthcli.io.writers.preview import PreviewWriter, percentiles
-from depthcli.models.catalog import DEFAULT_MODEL
+from depthcli.models.places import DEFAULT_MODEL
 from depthcli.visual.colormaps import NAMES
 
 if TYPE_CHECKING:

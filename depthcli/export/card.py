@@ -12,7 +12,7 @@ from depthcli.datasets import id_ranges
 from depthcli.export.graph import IR_VERSION
 from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
-from depthcli.models.catalog import CARD_NAME
+from depthcli.models.places import CARD_NAME
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,7 +12,8 @@ from depthcli.core.choices import Weights
 from depthcli.errors import CheckpointError, ModelError, OutputError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
-from depthcli.models.catalog import Place, read_model
+from depthcli.models.catalog import read_model
+from depthcli.models.places import Place
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.folder import CHECKPOINT
 

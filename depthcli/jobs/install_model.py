@@ -13,13 +13,14 @@ from depthcli.errors import ModelError, OutputError, UsageError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.storage.atomic_folder import folder_in_place, moved_away
-from depthcli.models import catalog, onnx_file
+from depthcli.models import catalog, onnx_file, places
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.graph_fit import fit_to_graph
 from depthcli.models.ready_cards import ready_fields
 
 if TYPE_CHECKING:
-    from depthcli.models.catalog import Model, Place
+    from depthcli.models.catalog import Model
+    from depthcli.models.places import Place
 
 _FILE_NAME = "model.onnx"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -65,13 +66,13 @@ def add_model(
     target = _target(complete.name, force=force)
     with folder_in_place(target) as temporary:
         (temporary / _FILE_NAME).write_bytes(data)
-        (temporary / catalog.CARD_NAME).write_text(complete.to_json(), "utf-8")
+        (temporary / places.CARD_NAME).write_text(complete.to_json(), "utf-8")
         model = catalog.find_model(temporary)
         session = Session(model, provider="cpu")
         fitted = fit_to_graph(complete, session.fixed_size, path, adapt=draft.is_ready)
         session.model = replace(model, card=fitted)
         try_session(session)
-        (temporary / catalog.CARD_NAME).write_text(fitted.to_json(), "utf-8")
+        (temporary / places.CARD_NAME).write_text(fitted.to_json(), "utf-8")
     return catalog.find_model(target)
 
 
@@ -88,11 +89,11 @@ def remove_model(name: str) -> Path:
         UsageError: it is not in the user's folder.
         OutputError: it cannot be deleted.
     """
-    folder = catalog.user_root() / _checked_name(name)
+    folder = places.user_root() / _checked_name(name)
     place = _place(folder)
     if place is None:
         raise UsageError(
-            f"{name!r} is not among the models in {catalog.user_root()}; only those are removed"
+            f"{name!r} is not among the models in {places.user_root()}; only those are removed"
         )
     try:
         if folder.is_symlink():
@@ -111,7 +112,7 @@ def remove_model(name: str) -> Path:
 
 def _draft(path: Path, data: bytes, card: str | None) -> CardDraft:
     if card is None:
-        place = catalog.place_at(path)
+        place = places.place_at(path)
         card = str(place.card) if place and place.card else None
     if card is None:
         embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
@@ -152,7 +153,7 @@ def _complete(draft: CardDraft, path: Path, data: bytes, name: str | None) -> Mo
 
 def _place(folder: Path) -> Place | None:
     """A model of the user's folder, in a folder of its own or as one file."""
-    return catalog.place_at(folder) or catalog.place_at(folder.with_name(f"{folder.name}.onnx"))
+    return places.place_at(folder) or places.place_at(folder.with_name(f"{folder.name}.onnx"))
 
 
 def _checked_name(name: str) -> str:
@@ -165,8 +166,8 @@ def _checked_name(name: str) -> str:
 
 
 def _target(name: str, *, force: bool) -> Path:
-    target = catalog.user_root() / name
-    taken = next((p for n, p in catalog.list_places() if n == name), None)
+    target = places.user_root() / name
+    taken = next((p for n, p in places.list_places() if n == name), None)
     if taken is not None and not force:
         raise UsageError(
             f"a model named {name!r} already exists ({taken.path}); give another --name, or --force"

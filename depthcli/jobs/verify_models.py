@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from depthcli.errors import DepthcliError
 from depthcli.inference.trial import try_model
-from depthcli.models.catalog import find_model, list_places
+from depthcli.models.catalog import find_model
+from depthcli.models.places import list_places
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

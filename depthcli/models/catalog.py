@@ -1,27 +1,21 @@
-"""Finding a model by name or path, and checking it before anything runs it."""
+"""Reading a model, and checking it before anything runs it."""
 
 from __future__ import annotations
 
 import hashlib
-import os
 from dataclasses import dataclass, field
 from errno import ENOENT
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.errors import ModelError
-from depthcli.io.storage.user_folders import data_folder
 from depthcli.models import onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
+from depthcli.models.places import CARD_SUFFIX, Place, find_place
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    import os
+    from pathlib import Path
 
-DEFAULT_MODEL = "default"
-MODELS_VARIABLE = "DEPTHCLI_MODELS"
-CARD_NAME = "card.json"
-_CARD_SUFFIX = ".card.json"
-_ONNX_SUFFIX = ".onnx"
 _MAX_BYTES = 2**31 - 1  # a protobuf message cannot be larger
 _MAX_CARD_BYTES = 2**20
 
@@ -43,27 +37,6 @@ class Model:
     data: bytes = field(repr=False)
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where a model lies; nothing has been read yet.
-
-    Attributes:
-        onnx: the ONNX file; None where only its card names it.
-        card: the card's file; None if the card is inside the ONNX file.
-    """
-
-    onnx: Path | None
-    card: Path | None
-
-    @property
-    def path(self) -> Path:
-        """The file that stands for the model in messages."""
-        path = self.card or self.onnx
-        if path is None:
-            raise ValueError("a place has a model or a card")
-        return path
-
-
 def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
     """Find, read and check a model.
 
@@ -74,55 +47,7 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
     Raises:
         ModelError: not found, no card, damaged, external data, or a checksum that differs.
     """
-    return read_model(locate(name_or_path))
-
-
-def locate(name_or_path: str | os.PathLike[str] | None = None) -> Place:
-    """Where a model lies, without reading it.
-
-    Raises:
-        ModelError: there is no such model.
-    """
-    name = os.fspath(name_or_path) if name_or_path is not None else DEFAULT_MODEL
-    if not name:
-        raise ModelError("the model's name is empty; see 'depthcli models list'")
-    if not _is_path(name):
-        for root in roots():
-            place = place_at(root / name) or place_at(root / f"{name}{_ONNX_SUFFIX}")
-            if place:
-                return place
-    place = place_at(Path(name))
-    if place:
-        return place
-    if _is_path(name):
-        raise ModelError(f"no model at {name!r}; give an .onnx file or a folder with {CARD_NAME}")
-    raise ModelError(f"no model named {name!r}; see 'depthcli models list', or give a path")
-
-
-def roots() -> tuple[Path, ...]:
-    """Folders that hold models: the variable's, the user's, the bundled ones, a checkout's."""
-    package = Path(__file__).resolve().parents[1]
-    folders = [*_variable_roots(), data_folder() / "models", package / "_bundled"]
-    if (package.parent / "pyproject.toml").is_file():
-        folders.append(package.parent / "models")
-    return tuple(folders)
-
-
-def user_root() -> Path:
-    """The folder that takes models of your own: the variable's first, else the user's."""
-    return next(iter(_variable_roots()), data_folder() / "models")
-
-
-def list_places() -> Iterator[tuple[str, Place]]:
-    """Each model of the catalog with its name, by name; the first folder that has a name wins."""
-    found: dict[str, Place] = {}
-    for root in roots():
-        children = sorted(root.iterdir()) if root.is_dir() else []
-        for child in children:
-            place = None if child.name.startswith(".") else place_at(child)
-            if place:
-                found.setdefault(child.name.removesuffix(_ONNX_SUFFIX), place)
-    yield from sorted(found.items())
+    return read_model(find_place(name_or_path))
 
 
 def read_model(place: Place) -> Model:
@@ -142,7 +67,7 @@ def read_model(place: Place) -> Model:
     if card is None:
         if embedded is None:
             raise ModelError(
-                f"{path} has no card; put {path.stem}{_CARD_SUFFIX} beside it, "
+                f"{path} has no card; put {path.stem}{CARD_SUFFIX} beside it, "
                 "or export it with 'depthcli export-onnx'"
             )
         card = ModelCard.from_json(embedded, where=f"card inside {path}")
@@ -168,25 +93,6 @@ def read_card(path: Path) -> bytes:
         ModelError: it cannot be read, or is too large for a card.
     """
     return _read(path, _MAX_CARD_BYTES)
-
-
-def _variable_roots() -> list[Path]:
-    return [Path(part) for part in os.environ.get(MODELS_VARIABLE, "").split(os.pathsep) if part]
-
-
-def _is_path(name: str) -> bool:
-    separators = {os.sep, os.altsep or os.sep}
-    return name.endswith(_ONNX_SUFFIX) or name in {".", ".."} or any(s in name for s in separators)
-
-
-def place_at(path: Path) -> Place | None:
-    """The model at a path, a folder with a card or an ONNX file; None if there is none."""
-    if (path / CARD_NAME).is_file():
-        return Place(onnx=None, card=path / CARD_NAME)
-    if path.suffix == _ONNX_SUFFIX and path.is_file():
-        beside = path.with_name(path.stem + _CARD_SUFFIX)
-        return Place(onnx=path, card=beside if beside.is_file() else None)
-    return None
 
 
 def _onnx_path(place: Place, card: ModelCard | None) -> Path:

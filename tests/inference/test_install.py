@@ -15,9 +15,10 @@ from tiny import card_with, tiny_onnx, write_model
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
 from depthcli.io.storage.atomic_folder import moved_away
 from depthcli.jobs.install_model import add_model, remove_model
-from depthcli.models import catalog
-from depthcli.models.catalog import find_model, list_places, roots, user_root
+from depthcli.models import places
+from depthcli.models.catalog import find_model
 from depthcli.models.onnx_file import versions
+from depthcli.models.places import list_places, roots, user_root
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -266,5 +267,5 @@ def test_opset_and_ir_are_read_from_the_bytes() -> None:
 
 
 def test_a_place_is_a_folder_or_a_file(tmp_path: Path) -> None:
-    assert catalog.place_at(tmp_path) is None
-    assert catalog.place_at(write_model(tmp_path / "m")) is not None
+    assert places.place_at(tmp_path) is None
+    assert places.place_at(write_model(tmp_path / "m")) is not None

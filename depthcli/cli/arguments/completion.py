@@ -26,14 +26,14 @@ ACCELERATORS = ("auto", "cpu", "cuda", "mps")
 
 def models(incomplete: str) -> list[str]:
     """Names for ``--model``."""
-    from depthcli.models.catalog import list_places
+    from depthcli.models.places import list_places
 
     return _beginning((name for name, _ in list_places()), incomplete)
 
 
 def own_models(incomplete: str) -> list[str]:
     """Names of models that were added."""
-    from depthcli.models.catalog import list_places, user_root
+    from depthcli.models.places import list_places, user_root
 
     root = user_root()
     return _beginning((n for n, p in list_places() if p.path.is_relative_to(root)), incomplete)

@@ -16,7 +16,8 @@ from depthcli.errors import DepthcliError, ExitCode
 if TYPE_CHECKING:
     from depthcli.jobs.verify_models import ModelCheck
     from depthcli.models.card import ModelCard
-    from depthcli.models.catalog import Model, Place
+    from depthcli.models.catalog import Model
+    from depthcli.models.places import Place
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -54,7 +55,7 @@ def list_models(as_json: _Json = False) -> int:
     Search order: folders in DEPTHCLI_MODELS, models added with 'depthcli models add', bundled
     models.
     """
-    from depthcli.models.catalog import list_places
+    from depthcli.models.places import list_places
 
     found = [(name, place, _card_or_error(place)) for name, place in list_places()]
     if as_json:
@@ -70,7 +71,8 @@ def list_models(as_json: _Json = False) -> int:
 @app.command()
 def show(model: _Name = "default") -> int:
     """Show a model's card, or a ready card, as JSON."""
-    from depthcli.models.catalog import find_model, list_places
+    from depthcli.models.catalog import find_model
+    from depthcli.models.places import list_places
     from depthcli.models.ready_cards import ready_fields, ready_names
 
     if model in ready_names() and model not in dict(list_places()):
