@@ -18,8 +18,8 @@ from made_pictures import write_video
 
 import depthcli
 from depthcli.io.depth.read import read_depth
-from depthcli.io.video.depth import DepthVideo
-from depthcli.io.video.source import VideoSource
+from depthcli.video.depth import DepthVideo
+from depthcli.video.source import VideoSource
 
 _MILLIMETRES = 1000
 

@@ -24,12 +24,12 @@ from made_pictures import write_video
 from depthcli.core.choices import Detail
 from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.pipeline import load
-from depthcli.io.video.formats import VideoFormat
-from depthcli.io.video.source import VideoSource
 from depthcli.jobs.video.outputs import open_output
 from depthcli.jobs.video.plan import plan_video
 from depthcli.jobs.video.settings import VideoSettings
 from depthcli.jobs.video.stages import FrameStages
+from depthcli.video.formats import VideoFormat
+from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:
     from collections.abc import Callable

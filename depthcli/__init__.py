@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from depthcli.inference.session import Session
     from depthcli.io.pictures.any import Picture
     from depthcli.io.pictures.read import read_image
-    from depthcli.io.video.source import VideoSource
     from depthcli.models.card import ModelCard
     from depthcli.models.catalog import Model, find_model
+    from depthcli.video.source import VideoSource
 
 # The stable names; one that is not here may change at any time.
 __all__ = [
@@ -94,7 +94,7 @@ _HOMES = {
     "depthcli.inference.session": ("Session",),
     "depthcli.io.pictures.read": ("read_image",),
     "depthcli.io.pictures.any": ("Picture",),
-    "depthcli.io.video.source": ("VideoSource",),
+    "depthcli.video.source": ("VideoSource",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

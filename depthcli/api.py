@@ -28,10 +28,10 @@ from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.providers import AUTO
 from depthcli.io.depth import read as depth_files
 from depthcli.io.pictures.any import frame_of
-from depthcli.io.video import depth as depth_videos
 from depthcli.io.writers.by_suffix import write_depth
 from depthcli.io.writers.preview import PreviewWriter, percentiles
 from depthcli.models.places import DEFAULT_MODEL
+from depthcli.video import depth as depth_videos
 from depthcli.visual.colormaps import NAMES
 
 if TYPE_CHECKING:

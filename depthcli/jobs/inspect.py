@@ -13,8 +13,8 @@ from depthcli.core.summary import DepthRange
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.facts import stated_facts
 from depthcli.io.depth.read import read_depth
-from depthcli.io.video.depth import DepthVideo
-from depthcli.io.video.rates import rate_text
+from depthcli.video.depth import DepthVideo
+from depthcli.video.rates import rate_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

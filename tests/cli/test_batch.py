@@ -19,7 +19,7 @@ from videos import flat_frames, write_mp4, write_video
 
 from depthcli.cli.app import main
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.video.depth import DepthVideo
+from depthcli.video.depth import DepthVideo
 
 if TYPE_CHECKING:
     from command_line import Cli

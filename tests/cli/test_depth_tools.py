@@ -15,9 +15,9 @@ from tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import read_depth
-from depthcli.io.video.depth_output import depth_video
-from depthcli.io.video.output import VideoFrame
-from depthcli.io.video.rates import Timing
+from depthcli.video.depth_output import depth_video
+from depthcli.video.output import VideoFrame
+from depthcli.video.rates import Timing
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,11 +19,11 @@ from depthcli.cli.arguments.span import parse_fps
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.exr_pictures import read_exr_rate
-from depthcli.io.video.depth import DepthVideo
-from depthcli.io.video.frame_source import is_sequence, open_frames
-from depthcli.io.video.number_pattern import number_name, numbered, without_number
-from depthcli.io.video.sequence_files import find_pictures
-from depthcli.io.video.spans import Point, Span
+from depthcli.video.depth import DepthVideo
+from depthcli.video.frame_source import is_sequence, open_frames
+from depthcli.video.number_pattern import number_name, numbered, without_number
+from depthcli.video.sequence_files import find_pictures
+from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
     from pathlib import Path

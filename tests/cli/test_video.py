@@ -20,8 +20,8 @@ from depthcli.cli.arguments.span import parse_point, parse_span
 from depthcli.errors import UsageError
 from depthcli.io.depth.facts import stated_facts
 from depthcli.io.depth.read import read_depth
-from depthcli.io.video.depth import DepthVideo
-from depthcli.io.video.spans import Point, Span
+from depthcli.video.depth import DepthVideo
+from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,11 +9,11 @@ import pytest
 from videos import NTSC
 
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.video.output import VideoFrame
-from depthcli.io.video.preview_output import preview_video
-from depthcli.io.video.rates import Timing
-from depthcli.io.video.source import VideoSource
 from depthcli.io.writers.preview import PreviewWriter
+from depthcli.video.output import VideoFrame
+from depthcli.video.preview_output import preview_video
+from depthcli.video.rates import Timing
+from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:
     from pathlib import Path

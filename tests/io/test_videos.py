@@ -17,17 +17,17 @@ from videos import NTSC, encode, flat_frames, header_first, trimmed, write_mp4, 
 from depthcli.core.colour import value_channel
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError
-from depthcli.io.video.codecs import Codec, preview_codec
-from depthcli.io.video.depth import DepthVideo
-from depthcli.io.video.depth_output import depth_video, within
-from depthcli.io.video.integrity import is_cut
-from depthcli.io.video.output import VideoFrame
-from depthcli.io.video.preview_output import preview_video
-from depthcli.io.video.rates import Timing, exact_rate, rate_text
-from depthcli.io.video.sound import Sound
-from depthcli.io.video.source import VideoSource
-from depthcli.io.video.spans import Point, Span
 from depthcli.io.writers.preview import PreviewWriter
+from depthcli.video.codecs import Codec, preview_codec
+from depthcli.video.depth import DepthVideo
+from depthcli.video.depth_output import depth_video, within
+from depthcli.video.integrity import is_cut
+from depthcli.video.output import VideoFrame
+from depthcli.video.preview_output import preview_video
+from depthcli.video.rates import Timing, exact_rate, rate_text
+from depthcli.video.sound import Sound
+from depthcli.video.source import VideoSource
+from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

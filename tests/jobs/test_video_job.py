@@ -17,15 +17,15 @@ from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import load
 from depthcli.io.depth.read import read_depth
-from depthcli.io.video.codecs import PreviewCodec
-from depthcli.io.video.depth import DepthVideo
-from depthcli.io.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat
-from depthcli.io.video.source import VideoSource
-from depthcli.io.video.spans import Point, Span
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.video.plan import plan_video, video_formats
 from depthcli.jobs.video.run import VideoRequest, video
 from depthcli.jobs.video.settings import VideoSettings
+from depthcli.video.codecs import PreviewCodec
+from depthcli.video.depth import DepthVideo
+from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat
+from depthcli.video.source import VideoSource
+from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable

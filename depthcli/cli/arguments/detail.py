@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.errors import UsageError
-from depthcli.io.video.formats import VIDEO_FORMATS
 from depthcli.io.writers.formats import FORMATS
+from depthcli.video.formats import VIDEO_FORMATS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -6,9 +6,9 @@ import re
 from fractions import Fraction
 
 from depthcli.errors import UsageError
-from depthcli.io.video.frame_source import is_sequence
-from depthcli.io.video.rates import exact_rate
-from depthcli.io.video.spans import Point, Span
+from depthcli.video.frame_source import is_sequence
+from depthcli.video.rates import exact_rate
+from depthcli.video.spans import Point, Span
 
 _POINT = re.compile(r"(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)", re.ASCII)
 _RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)

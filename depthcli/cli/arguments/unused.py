@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from depthcli.errors import UsageError
-from depthcli.io.video.formats import VIDEO_FORMATS
 from depthcli.io.writers.formats import FORMATS
+from depthcli.video.formats import VIDEO_FORMATS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence

@@ -11,8 +11,8 @@ from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.arguments.numbers import not_negative
 from depthcli.core.choices import MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
-from depthcli.io.video.codecs import PreviewCodec
-from depthcli.io.video.formats import VideoFormat
+from depthcli.video.codecs import PreviewCodec
+from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:
     from depthcli.jobs.video.result import VideoDone

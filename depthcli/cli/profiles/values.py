@@ -9,9 +9,9 @@ from depthcli.cli.arguments.unused import is_given
 from depthcli.cli.loading import plain_command
 from depthcli.cli.table import COMMANDS, PROFILED
 from depthcli.errors import UsageError
-from depthcli.io.video.formats import video_format_of
 from depthcli.io.writers.formats import format_of
 from depthcli.jobs.naming import is_folder
+from depthcli.video.formats import video_format_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -52,8 +52,8 @@ def json_of(done: VideoDone) -> dict[str, object]:
 
 def text_of(done: VideoDone) -> str:
     """One line: where the outputs are, how many frames, how steady, the camera."""
-    from depthcli.io.video.rates import rate_text
     from depthcli.io.writers.facts import camera_words
+    from depthcli.video.rates import rate_text
 
     files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
     frames = "1 frame" if done.frames == 1 else f"{done.frames} frames"

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_video
-from depthcli.io.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
 from depthcli.io.writers.formats import FORMATS, Format
 from depthcli.jobs.batch.task import Task
+from depthcli.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
 
 if TYPE_CHECKING:
     from depthcli.io.listing.folder import InputFile

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from depthcli.errors import DepthcliError, ModelError, is_out_of_memory
 from depthcli.inference.trial import try_session
-from depthcli.io.video.formats import VideoFormat
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.manifest import FAILED, OK, Row, is_intact
+from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from depthcli.errors import InputError
-from depthcli.io.video.formats import SEQUENCES, VideoFormat
 from depthcli.io.writers.facts import camera_words
 from depthcli.jobs.batch.manifest import FAILED, OK, Row, written
 from depthcli.jobs.batch.task import Result, Task, check_network
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.jobs.video.settings import VideoSettings
 from depthcli.jobs.video.write import write_video
+from depthcli.video.formats import SEQUENCES, VideoFormat
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

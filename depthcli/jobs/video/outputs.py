@@ -6,26 +6,26 @@ from contextlib import nullcontext
 from functools import partial
 from typing import TYPE_CHECKING
 
-from depthcli.io.video.codecs import preview_codec
-from depthcli.io.video.depth_output import depth_video
-from depthcli.io.video.formats import VIDEO_FORMATS, VideoFormat
-from depthcli.io.video.frame_source import files_of
-from depthcli.io.video.number_pattern import number_name
-from depthcli.io.video.preview_output import preview_video
-from depthcli.io.video.rates import Timing
-from depthcli.io.video.sequence_output import SequenceOutput
-from depthcli.io.video.sound import Sound
 from depthcli.io.writers.preview import PreviewWriter
+from depthcli.video.codecs import preview_codec
+from depthcli.video.depth_output import depth_video
+from depthcli.video.formats import VIDEO_FORMATS, VideoFormat
+from depthcli.video.frame_source import files_of
+from depthcli.video.number_pattern import number_name
+from depthcli.video.preview_output import preview_video
+from depthcli.video.rates import Timing
+from depthcli.video.sequence_output import SequenceOutput
+from depthcli.video.sound import Sound
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from fractions import Fraction
 
-    from depthcli.io.video.output import VideoOutput
-    from depthcli.io.video.sequence import ImageSequence
-    from depthcli.io.video.source import VideoSource
     from depthcli.io.writers.options import WriterOptions
     from depthcli.jobs.video.plan import VideoPlan
+    from depthcli.video.output import VideoOutput
+    from depthcli.video.sequence import ImageSequence
+    from depthcli.video.source import VideoSource
 
 
 def open_output(

@@ -7,17 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
-from depthcli.io.video.codecs import Codec, PreviewCodec, preview_codec
-from depthcli.io.video.formats import (
+from depthcli.jobs.naming import is_folder, output_bases
+from depthcli.video.codecs import Codec, PreviewCodec, preview_codec
+from depthcli.video.formats import (
     SEQUENCES,
     VIDEO_FORMATS,
     VideoFormat,
     sequence_of,
     video_format_of,
 )
-from depthcli.io.video.frame_source import is_sequence
-from depthcli.io.video.number_pattern import is_pattern, without_number
-from depthcli.jobs.naming import is_folder, output_bases
+from depthcli.video.frame_source import is_sequence
+from depthcli.video.number_pattern import is_pattern, without_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -6,8 +6,8 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from depthcli.io.video.rates import rate_text
 from depthcli.io.writers.facts import SOFTWARE, Facts
+from depthcli.video.rates import rate_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,10 +9,10 @@ from depthcli._version import __version__
 from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_depth
-from depthcli.io.video.formats import SEQUENCES, VideoFormat
-from depthcli.io.video.frame_journal import FrameJournal
-from depthcli.io.video.frame_source import files_of
-from depthcli.io.video.number_pattern import number_name, without_number
+from depthcli.video.formats import SEQUENCES, VideoFormat
+from depthcli.video.frame_journal import FrameJournal
+from depthcli.video.frame_source import files_of
+from depthcli.video.number_pattern import number_name, without_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
     from depthcli.core.types import DepthMap
     from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.video.sequence import ImageSequence
-    from depthcli.io.video.source import VideoSource
     from depthcli.jobs.video.plan import VideoPlan
     from depthcli.jobs.video.settings import VideoSettings
+    from depthcli.video.sequence import ImageSequence
+    from depthcli.video.source import VideoSource
 
 _BEST_FIRST = (VideoFormat.EXR, VideoFormat.NPY, VideoFormat.PNG16)
 

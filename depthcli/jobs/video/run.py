@@ -13,9 +13,9 @@ from depthcli.jobs.video.settings import VideoSettings
 
 if TYPE_CHECKING:
     from depthcli.core.progress import Progress
-    from depthcli.io.video.codecs import PreviewCodec
-    from depthcli.io.video.formats import VideoFormat
     from depthcli.jobs.video.result import VideoDone
+    from depthcli.video.codecs import PreviewCodec
+    from depthcli.video.formats import VideoFormat
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from depthcli.core.camera import Camera
 from depthcli.core.choices import MAX_PIXELS, PLAIN, Detail
-from depthcli.io.video.spans import WHOLE, Span
 from depthcli.io.writers.options import WriterOptions
+from depthcli.video.spans import WHOLE, Span
 
 if TYPE_CHECKING:
     from fractions import Fraction

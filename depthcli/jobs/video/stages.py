@@ -20,8 +20,8 @@ from depthcli.core.temporal.smoothing import (
     to_steps,
 )
 from depthcli.core.types import DepthMap
-from depthcli.io.video.output import VideoFrame
 from depthcli.io.writers.preview import percentiles
+from depthcli.video.output import VideoFrame
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator

@@ -13,12 +13,12 @@ from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.progress import NO_PROGRESS
 from depthcli.errors import InputError, OutputError
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.video.formats import VideoFormat
-from depthcli.io.video.frame_source import open_frames
 from depthcli.jobs.video.outputs import open_output
 from depthcli.jobs.video.result import VideoDone
 from depthcli.jobs.video.resume import earlier_frames
 from depthcli.jobs.video.stages import FrameStages
+from depthcli.video.formats import VideoFormat
+from depthcli.video.frame_source import open_frames
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Sequence
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from depthcli.core.progress import Progress
     from depthcli.core.types import DepthMap, Frame
     from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.video.output import VideoFrame, VideoOutput
-    from depthcli.io.video.sequence import ImageSequence
-    from depthcli.io.video.source import VideoSource
     from depthcli.jobs.video.plan import VideoPlan
     from depthcli.jobs.video.settings import VideoSettings
+    from depthcli.video.output import VideoFrame, VideoOutput
+    from depthcli.video.sequence import ImageSequence
+    from depthcli.video.source import VideoSource
 
 _ON_GRID = 1e-6
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from depthcli.io.video.codecs import Codec
-from depthcli.io.video.coding import coded
-from depthcli.io.video.file import video_file
+from depthcli.video.codecs import Codec
+from depthcli.video.coding import coded
+from depthcli.video.file import video_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
     import av
 
-    from depthcli.io.video.file import VideoFile
-    from depthcli.io.video.output import VideoFrame, VideoOutput
-    from depthcli.io.video.rates import Timing
-    from depthcli.io.video.sound import Sound
     from depthcli.io.writers.preview import PreviewWriter
+    from depthcli.video.file import VideoFile
+    from depthcli.video.output import VideoFrame, VideoOutput
+    from depthcli.video.rates import Timing
+    from depthcli.video.sound import Sound
 
 
 @contextmanager

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.core.choices import MAX_PIXELS
-from depthcli.io.video.number_pattern import is_pattern
+from depthcli.video.number_pattern import is_pattern
 
 if TYPE_CHECKING:
     from fractions import Fraction
 
     from depthcli.core.picture_limit import PictureLimit
-    from depthcli.io.video.sequence import ImageSequence
-    from depthcli.io.video.source import VideoSource
+    from depthcli.video.sequence import ImageSequence
+    from depthcli.video.source import VideoSource
 
 
 def is_sequence(path: str | Path) -> bool:
@@ -37,10 +37,10 @@ def open_frames(
     """
     # Each loads what it needs and nothing else.
     if is_sequence(path):
-        from depthcli.io.video.sequence import ImageSequence  # noqa: PLC0415
+        from depthcli.video.sequence import ImageSequence  # noqa: PLC0415
 
         return ImageSequence(path, rate=rate, max_pixels=max_pixels)
-    from depthcli.io.video.source import VideoSource  # noqa: PLC0415
+    from depthcli.video.source import VideoSource  # noqa: PLC0415
 
     return VideoSource(path, max_pixels=max_pixels)
 

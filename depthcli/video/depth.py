@@ -12,16 +12,16 @@ import numpy as np
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth.facts import positive_number, provenance_of
-from depthcli.io.video.codecs import DEPTH_PIXELS
-from depthcli.io.video.rates import exact_rate
 from depthcli.io.writers.formats import MILLIMETRES
+from depthcli.video.codecs import DEPTH_PIXELS
+from depthcli.video.rates import exact_rate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import numpy.typing as npt
 
-    from depthcli.io.video.decoder import FrameDecoder
+    from depthcli.video.decoder import FrameDecoder
 
 LABEL_PREFIX = "DEPTHCLI_"
 _TOP = 65535
@@ -53,7 +53,7 @@ class DepthVideo:
         """
         self.path = Path(path)
         # Names of the Python API stand beside this one and need no FFmpeg.
-        from depthcli.io.video.container import open_video  # noqa: PLC0415
+        from depthcli.video.container import open_video  # noqa: PLC0415
 
         container, stream = open_video(self.path)
         pixel_format, fps = stream.codec_context.pix_fmt, stream.average_rate
@@ -94,9 +94,9 @@ class DepthVideo:
         Raises:
             InputError: a frame is damaged or missing; those before it have been given.
         """
-        from depthcli.io.video.container import open_video  # noqa: PLC0415
-        from depthcli.io.video.decoder import FrameDecoder  # noqa: PLC0415
-        from depthcli.io.video.integrity import is_cut  # noqa: PLC0415
+        from depthcli.video.container import open_video  # noqa: PLC0415
+        from depthcli.video.decoder import FrameDecoder  # noqa: PLC0415
+        from depthcli.video.integrity import is_cut  # noqa: PLC0415
 
         container, stream = open_video(self.path)
         # Version 0.1.0 doubled an odd row or column, and stated the true size.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import av
 
-from depthcli.io.video.rates import FALLBACK_RATE, exact_rate
+from depthcli.video.rates import FALLBACK_RATE, exact_rate
 
 if TYPE_CHECKING:
     from av.container import InputContainer

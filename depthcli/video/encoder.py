@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 import av
 from av.video.reformatter import ColorRange
 
-from depthcli.io.video.codecs import DEPTH_PIXELS, ENCODINGS, Codec, container_format
+from depthcli.video.codecs import DEPTH_PIXELS, ENCODINGS, Codec, container_format
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from av.container import OutputContainer
     from av.video.stream import VideoStream
 
-    from depthcli.io.video.rates import Timing
+    from depthcli.video.rates import Timing
 
 _BT709 = 1
 _KEY_EVERY_S = 2

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import av
 from av import logging as av_logging
 
-from depthcli.io.video.container import open_video
+from depthcli.video.container import open_video
 
 if TYPE_CHECKING:
     from pathlib import Path

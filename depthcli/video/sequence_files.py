@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from depthcli.errors import InputError
 from depthcli.io.listing.folder import PICTURE_SUFFIXES
 from depthcli.io.listing.own_outputs import is_own_output
-from depthcli.io.video.number_pattern import NUMBER, is_pattern, numbered
+from depthcli.video.number_pattern import NUMBER, is_pattern, numbered
 
 if TYPE_CHECKING:
     from pathlib import Path

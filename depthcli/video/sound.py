@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import av
 
-from depthcli.io.video.container import open_video
+from depthcli.video.container import open_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,12 +8,12 @@ import numpy as np
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation
 
-from depthcli.io.video.codecs import DEPTH_PIXELS, ENCODINGS
+from depthcli.video.codecs import DEPTH_PIXELS, ENCODINGS
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from depthcli.io.video.codecs import Codec
+    from depthcli.video.codecs import Codec
 
 
 def coded(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Codec) -> VideoFrame:

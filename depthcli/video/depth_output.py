@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.io.video.codecs import Codec
-from depthcli.io.video.coding import coded
-from depthcli.io.video.depth import LABEL_PREFIX
-from depthcli.io.video.file import video_file
-from depthcli.io.video.rates import rate_text
 from depthcli.io.writers.facts import facts, step_unit
 from depthcli.io.writers.png16 import quantized
+from depthcli.video.codecs import Codec
+from depthcli.video.coding import coded
+from depthcli.video.depth import LABEL_PREFIX
+from depthcli.video.file import video_file
+from depthcli.video.rates import rate_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     import av
     import numpy.typing as npt
 
-    from depthcli.io.video.file import VideoFile
-    from depthcli.io.video.output import VideoFrame, VideoOutput
-    from depthcli.io.video.rates import Timing
+    from depthcli.video.file import VideoFile
+    from depthcli.video.output import VideoFrame, VideoOutput
+    from depthcli.video.rates import Timing
 
 _TOP = 65535
 

@@ -13,14 +13,14 @@ from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import check_size
 from depthcli.io.pictures.read import upright
-from depthcli.io.video.container import open_video
-from depthcli.io.video.decoder import FrameDecoder
-from depthcli.io.video.integrity import counts_frames, is_cut
-from depthcli.io.video.pixels import orientation_of, rgb_pixels, transfer_warning
-from depthcli.io.video.rates import FALLBACK_RATE
-from depthcli.io.video.spans import WHOLE
-from depthcli.io.video.stream_facts import stream_facts
-from depthcli.io.video.timeline import Timeline
+from depthcli.video.container import open_video
+from depthcli.video.decoder import FrameDecoder
+from depthcli.video.integrity import counts_frames, is_cut
+from depthcli.video.pixels import orientation_of, rgb_pixels, transfer_warning
+from depthcli.video.rates import FALLBACK_RATE
+from depthcli.video.spans import WHOLE
+from depthcli.video.stream_facts import stream_facts
+from depthcli.video.timeline import Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
 
     from depthcli.core.picture_limit import PictureLimit
-    from depthcli.io.video.spans import Span
+    from depthcli.video.spans import Span
 
 _MISSING_SHARE = 200
 _TURNED = 5

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from depthcli.io.video.output import VideoFrame
     from depthcli.io.writers.base import Writer
+    from depthcli.video.output import VideoFrame
 
 
 class SequenceOutput:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import av
 
-from depthcli.io.video.integrity import slices_are_whole
+from depthcli.video.integrity import slices_are_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

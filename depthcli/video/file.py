@@ -9,8 +9,8 @@ import av
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.video.codecs import check_encoder
-from depthcli.io.video.encoder import add_video, new_container
+from depthcli.video.codecs import check_encoder
+from depthcli.video.encoder import add_video, new_container
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
-    from depthcli.io.video.codecs import Codec
-    from depthcli.io.video.rates import Timing
-    from depthcli.io.video.sound import Sound
+    from depthcli.video.codecs import Codec
+    from depthcli.video.rates import Timing
+    from depthcli.video.sound import Sound
 
 _LONGEST_STEP = 1 << 30
 

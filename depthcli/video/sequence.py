@@ -10,9 +10,9 @@ from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.read import read_image
-from depthcli.io.video.rates import FALLBACK_RATE, rate_text
-from depthcli.io.video.sequence_files import EXR, find_pictures
-from depthcli.io.video.spans import WHOLE
+from depthcli.video.rates import FALLBACK_RATE, rate_text
+from depthcli.video.sequence_files import EXR, find_pictures
+from depthcli.video.spans import WHOLE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from depthcli.core.picture_limit import PictureLimit
-    from depthcli.io.video.sequence_files import NumberedPicture
-    from depthcli.io.video.spans import Span
+    from depthcli.video.sequence_files import NumberedPicture
+    from depthcli.video.spans import Span
 
 
 class ImageSequence:
