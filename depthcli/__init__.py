@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING
 from depthcli._version import __version__
 
 if TYPE_CHECKING:
-    from depthcli.api import DepthMap, DepthModel, DepthVideo, load_model, read_depth
+    from depthcli.api.depth_map import DepthMap
+    from depthcli.api.files import DepthVideo, read_depth
+    from depthcli.api.model import DepthModel, load_model
     from depthcli.core.camera import Anchor
     from depthcli.core.choices import Detail, Upsampling
     from depthcli.core.point_cloud import PointCloud
@@ -82,7 +84,9 @@ __all__ = [
 ]
 
 _HOMES = {
-    "depthcli.api": ("DepthMap", "DepthModel", "DepthVideo", "load_model", "read_depth"),
+    "depthcli.api.depth_map": ("DepthMap",),
+    "depthcli.api.files": ("DepthVideo", "read_depth"),
+    "depthcli.api.model": ("DepthModel", "load_model"),
     "depthcli.core.camera": ("Anchor",),
     "depthcli.core.choices": ("Detail", "Upsampling"),
     "depthcli.core.point_cloud": ("PointCloud",),

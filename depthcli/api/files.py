@@ -1,0 +1,35 @@
+"""Depth files and depth videos as maps with the methods of the Python API."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from depthcli.api.depth_map import DepthMap
+from depthcli.io.depth import read as depth_files
+from depthcli.video import depth as depth_videos
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator
+
+
+class DepthVideo(depth_videos.DepthVideo):
+    """A 16-bit gray video of depth, whose frames have the methods of :class:`DepthMap`."""
+
+    def __iter__(self) -> Iterator[DepthMap]:
+        """Depth maps, from the beginning, with one in memory."""
+        return map(DepthMap.of, super().__iter__())
+
+
+def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) -> DepthMap:
+    """Depth of a 16-bit PNG, EXR or NPY file, with what the file states of model and camera.
+
+    Args:
+        path: the file; its suffix says its format.
+        png_scale: steps per metre of a PNG; None for what the file says of itself, or millimetres.
+
+    Raises:
+        InputError: missing, damaged, or without depth.
+    """
+    return DepthMap.of(depth_files.read_depth(Path(path), png_scale=png_scale))

@@ -1,0 +1,190 @@
+"""The Python API: a model, the pictures it is given, and the depth maps that come back.
+
+>>> import depthcli
+>>> model = depthcli.load_model("default")
+>>> depth = model.predict("docs/room.jpg", hfov_deg=70)
+>>> depth.save("room.exr")
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from depthcli.api.depth_map import AnchorLike, DepthMap
+from depthcli.core import types
+from depthcli.core.choices import PLAIN
+from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.errors import DepthcliWarning, UsageError
+from depthcli.inference.pipeline import Pipeline, load
+from depthcli.inference.providers import AUTO
+from depthcli.io.pictures.any import frame_of
+from depthcli.models.places import DEFAULT_MODEL
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from depthcli.core.choices import Detail
+    from depthcli.io.pictures.any import Picture
+    from depthcli.models.card import ModelCard
+
+_BATCH_RANK = 4
+_SINGLE = (str, bytes, bytearray, memoryview, os.PathLike, types.Frame)
+
+
+def load_model(
+    model: str | os.PathLike[str] = DEFAULT_MODEL,
+    *,
+    provider: str = AUTO,
+    threads: int | None = None,
+    detail: Detail = PLAIN,
+    provider_options: Mapping[str, str] | None = None,
+) -> DepthModel:
+    """Find a model and make it ready.
+
+    Args:
+        model: a name in the catalog, a folder, or an ``.onnx`` file.
+        provider: ``auto`` for the best that works, or a name such as ``cpu`` or ``cuda`` that has
+            to be there.
+        threads: threads within one run of the network; None for all cores.
+        detail: how depth becomes that of a full-size picture.
+        provider_options: for a provider asked for by name, as onnxruntime documents them.
+
+    Raises:
+        ModelError: the model is not there or is damaged.
+        ProviderError: the named provider is not available.
+        UsageError: no provider has that name, or it takes no options and some are given.
+    """
+    pipeline = load(
+        model,
+        provider=provider,
+        threads=threads,
+        detail=detail,
+        provider_options=provider_options,
+    )
+    for text in pipeline.session.warnings:
+        warnings.warn(text, DepthcliWarning, stacklevel=2)
+    return DepthModel(pipeline)
+
+
+class DepthModel:
+    """A model, ready for pictures; safe to share among threads.
+
+    Attributes:
+        pipeline: what does the work, frame by frame.
+    """
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        self.pipeline = pipeline
+
+    @property
+    def card(self) -> ModelCard:
+        """What the model takes, gives and learned."""
+        return self.pipeline.card
+
+    @property
+    def provider(self) -> str:
+        """The execution provider that really runs it, ``cpu`` say."""
+        return self.pipeline.session.provider
+
+    def __repr__(self) -> str:
+        return f"<DepthModel {self.card.name} {self.card.version}, {self.provider}>"
+
+    def predict(
+        self,
+        picture: Picture,
+        *,
+        focal_px: float | None = None,
+        hfov_deg: float | None = None,
+        anchors: Sequence[AnchorLike] = (),
+    ) -> DepthMap:
+        """Depth of every pixel of a picture.
+
+        Args:
+            picture: a path; the bytes of a file; an array (H, W) gray or (H, W, 3) RGB of uint8,
+                uint16 or float32 in [0, 1], whose alpha is dropped; a PIL picture; a ``Frame``.
+            focal_px: focal length in pixels of the picture.
+            hfov_deg: horizontal field of view in degrees, in place of ``focal_px``. With neither,
+                the 35-mm focal length in the picture's EXIF is used, if it is there, else the
+                camera that the model learned is assumed; ``camera_source`` of the map says which.
+            anchors: known points, to fit metres to; see :meth:`DepthMap.fit_anchors`.
+
+        Returns:
+            (H, W) of the upright picture.
+
+        Raises:
+            InputError: the picture cannot be read, or is none.
+            ModelError: the network failed.
+            UsageError: the camera or the anchors make no sense for this model and picture.
+        """
+        self.pipeline.check_focal(focal_px, hfov_deg)
+        frame = frame_of(picture)
+        depth = self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
+        return _fitted(DepthMap.of(depth, frame), anchors)
+
+    def predict_many(
+        self,
+        pictures: Iterable[Picture],
+        *,
+        focal_px: float | None = None,
+        hfov_deg: float | None = None,
+        anchors: Sequence[AnchorLike] = (),
+        batch_size: int = 1,
+        workers: int = 0,
+    ) -> Iterator[DepthMap]:
+        """Depth of a stream of pictures of one camera, in their order and in constant memory.
+
+        Args:
+            pictures: as in :meth:`predict`; of any number, read when their turn comes.
+            focal_px: as in :meth:`predict`.
+            hfov_deg: as in :meth:`predict`.
+            anchors: as in :meth:`predict`.
+            batch_size: pictures that go through the network together, which helps a GPU.
+            workers: threads; 0 works in the calling thread and never reads ahead. With more, twice
+                as many batches are read ahead, so a live camera wants 0 and a folder its cores.
+
+        Returns:
+            An iterator that gives one map a picture. What :meth:`predict` raises, it raises at that
+            picture's turn, and ends.
+
+        Raises:
+            UsageError: the camera makes no sense, or it is one picture in place of several.
+        """
+        self.pipeline.check_focal(focal_px, hfov_deg)
+        _check_several(pictures, batch_size, workers)
+
+        def batch(some: Sequence[Picture]) -> list[DepthMap]:
+            frames = [frame_of(picture) for picture in some]
+            depths = self.pipeline.predict_many(frames, focal_px=focal_px, hfov_deg=hfov_deg)
+            return [
+                _fitted(DepthMap.of(depth, frame), anchors)
+                for depth, frame in zip(depths, frames, strict=True)
+            ]
+
+        done = ordered_map(batch, _batches(pictures, batch_size), workers=workers)
+        return itertools.chain.from_iterable(done)
+
+
+def _fitted(depth: DepthMap, anchors: Sequence[AnchorLike]) -> DepthMap:
+    return depth.fit_anchors(anchors) if anchors else depth
+
+
+def _batches(pictures: Iterable[Picture], size: int) -> Iterator[list[Picture]]:
+    rest = iter(pictures)
+    while batch := list(itertools.islice(rest, size)):
+        yield batch
+
+
+def _check_several(pictures: object, batch_size: int, workers: int) -> None:
+    if batch_size < 1 or workers < 0:
+        raise UsageError("batch_size is at least 1 and workers at least 0")
+    is_array = isinstance(pictures, np.ndarray) and pictures.ndim < _BATCH_RANK
+    if is_array or isinstance(pictures, _SINGLE) or not hasattr(pictures, "__iter__"):
+        raise UsageError(
+            "predict_many takes several pictures, in a list say (an array of them has four axes); "
+            "predict takes one"
+        )
