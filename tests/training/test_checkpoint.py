@@ -166,7 +166,7 @@ _DEEP = {"name": "efficient", "depths": (10**9, 1, 1, 1)}
         ("config", {"generator": {"name": "resnet", "blocks": 10**9}}, "blocks is at most 128"),
         ("config", {"generator": _DEEP}, "depths is at most 64"),
         ("config", {"generator": {"width": 10**9}}, "width is at most 1024"),
-        ("config", {"optim": {"learning_rate": 10**400}}, "lacks parts"),
+        ("config", {"optim": {"learning_rate": 10**400}}, "learning_rate is of type float, not"),
     ],
 )
 def test_values_that_no_run_writes_are_refused(

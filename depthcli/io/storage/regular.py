@@ -17,7 +17,7 @@ def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
     ``/proc/kmsg``; those state no size.
 
     Raises:
-        OSError: it cannot be read, is no regular file, or is larger than ``max_bytes``.
+        OSError: it cannot be read, is no regular file, is larger than ``max_bytes``, or grows.
     """
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
@@ -28,8 +28,9 @@ def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
         raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
     if not status.st_size:
         return b""
+    # Python sets aside as many bytes as it is asked for, so it is not asked for ``max_bytes``.
     with path.open("rb") as file:
-        content = file.read(max_bytes + 1 if first < 0 else first)
-    if len(content) > max_bytes:
-        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
+        content = file.read(status.st_size + 1 if first < 0 else min(first, status.st_size))
+    if len(content) > status.st_size:
+        raise OSError(errno.EAGAIN, "it grew while it was read; try again", path)
     return content
