@@ -13,12 +13,21 @@ import termios
 from dataclasses import dataclass
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from depthcli.cli.app import main
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
 ROOT = Path(__file__).resolve().parents[1]
+
+
+def unmeasured(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+    """Without what has a process write its coverage, which it could not under a limit."""
+    return {name: value for name, value in environment.items() if not name.startswith("COVERAGE_")}
 
 
 @dataclass(frozen=True)

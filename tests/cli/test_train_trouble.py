@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from command_line import unmeasured
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
@@ -53,7 +54,8 @@ def _command(*settings: str, data: str = "data", out: str = "run") -> list[str]:
 
 def _run(folder: Path, *settings: str, **options: Any) -> subprocess.CompletedProcess[str]:
     limit = options.pop("limit", None)
-    return finished(_command(*settings, **options), folder, preexec_fn=limit)
+    environment = unmeasured(ENVIRONMENT) if limit else ENVIRONMENT
+    return finished(_command(*settings, **options), folder, preexec_fn=limit, env=environment)
 
 
 @pytest.fixture

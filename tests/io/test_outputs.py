@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import unmeasured
 from tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap
@@ -53,6 +54,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
+        env=unmeasured(),
     )
     assert "OutputError: cannot write" in done.stderr
     assert names(tmp_path) == []
