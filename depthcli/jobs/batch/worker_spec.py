@@ -56,7 +56,7 @@ class WorkerSpec:
         return PictureWorker(self.options, self.out, self.origin(session), pipeline)
 
     def origin(self, session: Session) -> Origin:
-        """What outputs follow from, besides their input, where this session makes them."""
+        """What outputs follow from, besides their input, where this model and version make them."""
         loaded, options = session.model, self.options
         # Providers differ in the last digits; threads, workers and batch sizes do not. What the
         # card says decides as much as the weights do, and is no part of their file.
