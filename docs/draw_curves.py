@@ -1,0 +1,42 @@
+"""Draw learning curves: a metric of held-out pictures over the epochs, one line a run.
+
+Run ``python docs/draw_curves.py runs/table docs/table-curves.svg`` with the ``plot`` extra.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib import pyplot as plt
+
+
+def curve(log: Path, metric: str) -> tuple[list[int], list[float]]:
+    """Epochs that were validated, and the metric after each."""
+    lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+    done = [line for line in lines if metric in line["scores"]]
+    return [line["epoch"] for line in done], [line["scores"][metric] for line in done]
+
+
+def main() -> None:
+    """Read the logs of a folder of runs and draw them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("runs", type=Path, help="folder of runs, each with metrics.jsonl")
+    parser.add_argument("picture", type=Path, help="picture to write; the suffix is its format")
+    parser.add_argument("--metric", default="abs_rel")
+    parser.add_argument("--top", type=float, help="highest value that is shown")
+    arguments = parser.parse_args()
+    mpl.rcParams |= {"svg.hashsalt": "depthcli", "svg.fonttype": "none"}
+    figure, axes = plt.subplots(figsize=(8, 4.5))
+    for log in sorted(arguments.runs.glob("*/metrics.jsonl")):
+        axes.plot(*curve(log, arguments.metric), marker=".", label=log.parent.name)
+    axes.set(xlabel="epoch", ylabel=f"{arguments.metric}, held-out scenes", ylim=(0, arguments.top))
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    figure.savefig(arguments.picture, bbox_inches="tight", metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    main()
