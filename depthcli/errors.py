@@ -17,8 +17,6 @@ Messages are one line and say what to do. Libraries raise them; only ``depthcli.
 into text and exit codes.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 from typing import ClassVar
 

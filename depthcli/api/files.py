@@ -1,17 +1,12 @@
 """Depth files and depth videos as maps with the methods of the Python API."""
 
-from __future__ import annotations
-
+import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from depthcli.api.depth_map import DepthMap
 from depthcli.io.depth import read as depth_files
 from depthcli.video import depth as depth_videos
-
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterator
 
 
 class DepthVideo(depth_videos.DepthVideo):

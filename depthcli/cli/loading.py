@@ -1,7 +1,5 @@
 """A command as its module has it, without the options that the shell gives to all."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

@@ -1,18 +1,13 @@
 """Profiles on disk: options by name, one TOML file each."""
 
-from __future__ import annotations
-
 import json
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.user_folders import config_folder
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 Scalar = str | int | float | bool
 Value = Scalar | list[Scalar]

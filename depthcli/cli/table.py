@@ -1,7 +1,5 @@
 """The table of the commands, and the help that is made of it; it imports nothing."""
 
-from __future__ import annotations
-
 PROGRAM = "depthcli"
 COMMANDS = {
     "predict": (

@@ -1,17 +1,11 @@
 """Large pictures a few rows at a time, so that no second copy of them is ever whole in memory."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.resize import resize_area
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    import numpy.typing as npt
 
 BAND_PIXELS = 100_000
 """Pixels of a band: its few planes of floats fit a processor's second cache."""

@@ -1,7 +1,5 @@
 """What is known of the camera and the scene; free of numpy, so that options can be read first."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,14 +20,9 @@ class Anchor(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """What is known of the camera and the scene.
+    """What is known of the camera and the scene."""
 
-    Attributes:
-        focal_px: focal length in pixels of the picture; None if it is not given.
-        hfov_deg: horizontal field of view in degrees, in its place; None likewise.
-        anchors: points of known depth.
-    """
-
-    focal_px: float | None = None
+    focal_px: float | None = None  #: focal length in pixels of the picture; None if it is not given
+    #: horizontal field of view in degrees, in its place; None likewise
     hfov_deg: float | None = None
-    anchors: tuple[Anchor, ...] = ()
+    anchors: tuple[Anchor, ...] = ()  #: points of known depth

@@ -1,7 +1,5 @@
 """What can be chosen about depth maps and models; free of numpy, so that help texts can list it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 

@@ -1,15 +1,11 @@
 """What a network's raw output means: the one mapping that training, export and inference share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
+import numpy.typing as npt
 
 
 class Transform(StrEnum):
@@ -25,25 +21,19 @@ class Transform(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DepthCodec:
-    """Raw network output <-> depth.
+    """Raw network output <-> depth."""
 
-    Attributes:
-        transform: the shape of the mapping.
-        scale: factor on the raw output.
-        shift: added after the factor.
-    """
-
-    transform: Transform = Transform.LINEAR
-    scale: float = 1.0
-    shift: float = 0.0
+    transform: Transform = Transform.LINEAR  #: the shape of the mapping
+    scale: float = 1.0  #: factor on the raw output
+    shift: float = 0.0  #: added after the factor
 
     @classmethod
-    def linear_m(cls, max_m: float) -> DepthCodec:
+    def linear_m(cls, max_m: float) -> Self:
         """Raw [-1, 1] <-> [0, max_m] metres, the paper's normalisation."""
         return cls(Transform.LINEAR, max_m / 2, max_m / 2)
 
     @classmethod
-    def log_m(cls, min_m: float, max_m: float) -> DepthCodec:
+    def log_m(cls, min_m: float, max_m: float) -> Self:
         """Raw [-1, 1] <-> [min_m, max_m] metres, evenly in log depth."""
         low, high = float(np.log(min_m)), float(np.log(max_m))
         return cls(Transform.EXP, (high - low) / 2, (high + low) / 2)

@@ -1,14 +1,8 @@
 """What a network is shown of a picture's colours, at the picture's full precision."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import cv2
 import numpy as np
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
+import numpy.typing as npt
 
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
 

@@ -1,7 +1,5 @@
 """A checksum of options and facts, the same in every process and on every machine."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

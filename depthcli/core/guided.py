@@ -8,19 +8,15 @@ Source: He, Sun and Tang, "Guided Image Filtering", TPAMI 2013; He and Sun, "Fas
 arXiv:1505.00996. The gain and the range that values keep to are our own.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Self
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.resize import resize_rows
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 # Chosen on held-out scenes, see docs/sharpness.md: less smoothing copies texture, and more gain
 # sharpens what is no edge.
@@ -30,24 +26,18 @@ _GAIN = 1.5
 
 @dataclass(frozen=True, slots=True)
 class GuidedMap:
-    """A coarse map, ready to be drawn at any size along a picture.
+    """A coarse map, ready to be drawn at any size along a picture."""
 
-    Attributes:
-        slope: (h, w) float32, change of the map with the picture's brightness.
-        offset: (h, w) float32, the map where brightness is 0.
-        low: (h, w) float32, least value of the map within its reach.
-        high: (h, w) float32, largest value of the map within its reach.
-    """
-
+    #: (h, w) float32, change of the map with the picture's brightness
     slope: npt.NDArray[np.float32]
-    offset: npt.NDArray[np.float32]
-    low: npt.NDArray[np.float32]
-    high: npt.NDArray[np.float32]
+    offset: npt.NDArray[np.float32]  #: (h, w) float32, the map where brightness is 0
+    low: npt.NDArray[np.float32]  #: (h, w) float32, least value of the map within its reach
+    high: npt.NDArray[np.float32]  #: (h, w) float32, largest value of the map within its reach
 
     @classmethod
     def fit(
         cls, coarse: npt.NDArray[np.float32], guide: npt.NDArray[np.float32], reach: int = 1
-    ) -> GuidedMap:
+    ) -> Self:
         """Find the lines.
 
         Args:

@@ -1,17 +1,11 @@
 """How large a picture may be, and how much memory it takes on its way to depth."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from depthcli.core.bands import BAND_PIXELS
-from depthcli.core.choices import DEPTH_BYTES, PLAIN
+from depthcli.core.choices import DEPTH_BYTES, PLAIN, Detail
 from depthcli.errors import InputError
-
-if TYPE_CHECKING:
-    from depthcli.core.choices import Detail
 
 # Counted in the code, with some to spare: planes of one band.
 _BYTES_A_BAND_PIXEL = 64
@@ -21,15 +15,10 @@ _UNITS = (("G", 1_000_000_000), ("M", 1_000_000), ("K", 1_000))
 
 @dataclass(frozen=True, slots=True)
 class PictureLimit:
-    """What is known to be too large before it is decoded.
+    """What is known to be too large before it is decoded."""
 
-    Attributes:
-        pixels: most pixels; ``--max-pixels`` sets it.
-        detail: its limit of memory, ``--max-memory``, holds as well.
-    """
-
-    pixels: int
-    detail: Detail = PLAIN
+    pixels: int  #: most pixels; ``--max-pixels`` sets it
+    detail: Detail = PLAIN  #: its limit of memory, ``--max-memory``, holds as well
 
     def check(self, name: str, width: int, height: int) -> None:
         """Refuse a picture by the size that its header claims.

@@ -1,16 +1,12 @@
 """What an array has to be to pass for a picture."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.errors import InputError
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 _GRAY_RANK, _COLOUR_RANK = 2, 3
 _RGB = 3

@@ -1,19 +1,14 @@
 """From a depth map back into space."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.array_protocol import as_array
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from depthcli.core.types import DepthMap, Frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,11 +1,7 @@
 """How far long work has come, told to whoever wants to know."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Protocol
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from collections.abc import Callable
+from typing import Protocol
 
 
 class Progress(Protocol):

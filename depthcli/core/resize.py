@@ -1,14 +1,8 @@
 """Resizing with half-pixel centres, the same in training, inference and evaluation."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import cv2
 import numpy as np
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
+import numpy.typing as npt
 
 
 def resize_bilinear(

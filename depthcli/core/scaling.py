@@ -4,23 +4,16 @@ An image of an object at twice the focal length looks like one at half the dista
 that learned one camera is right up to the ratio of focal lengths: depth ∝ focal.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
+from depthcli.core.camera import Anchor
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError, UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy.typing as npt
-
-    from depthcli.core.camera import Anchor
 
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 _STRAIGHT_ANGLE_DEG = 180.0

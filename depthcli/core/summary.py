@@ -1,16 +1,12 @@
 """A depth map in three numbers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from depthcli.core.types import DepthMap
+from depthcli.core.types import DepthMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +18,7 @@ class DepthRange:
     max: float | None
 
     @classmethod
-    def of(cls, depth: DepthMap) -> DepthRange:
+    def of(cls, depth: DepthMap) -> Self:
         """The range of a depth map, NaN and infinity left out."""
         finite = depth.values[np.isfinite(depth.values)]
         if not finite.size:

@@ -1,7 +1,5 @@
 """Text that others wrote, such as names of files, made fit for one line."""
 
-from __future__ import annotations
-
 _LARGEST = 2**63
 _LONGEST = 60
 

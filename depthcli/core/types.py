@@ -1,23 +1,17 @@
 """The two values that flow through everything: a picture going in, a depth map coming out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.array_protocol import as_array
+from depthcli.core.camera import Anchor
 from depthcli.core.pixels import check_pixels
-
-if TYPE_CHECKING:
-    from fractions import Fraction
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    from depthcli.core.camera import Anchor
 
 
 class DepthKind(StrEnum):

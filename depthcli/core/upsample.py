@@ -1,20 +1,13 @@
 """Depth from a network's size to a picture's, with a look at the picture."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.bands import row_bands, shrink_bands
 from depthcli.core.colour import brightness
 from depthcli.core.guided import GuidedMap
 from depthcli.core.resize import resize_bilinear
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from depthcli.core.types import Frame
+from depthcli.core.types import Frame
 
 
 def upsample_guided(

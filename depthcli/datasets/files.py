@@ -1,23 +1,17 @@
 """Reading one picture or one depth image of a data set, with errors that name the mistake."""
 
-from __future__ import annotations
-
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.pictures.decode import MAX_FILE_BYTES, check, decoded
 from depthcli.io.storage.regular import read_regular
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 DEPTH_SUFFIXES = (".png",)

@@ -1,12 +1,7 @@
 """Ids that are numbers, as short text: ``0000-0002,0007``."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from itertools import pairwise
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 _DIGITS = 4
 

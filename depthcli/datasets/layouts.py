@@ -1,7 +1,5 @@
 """The data sets that are known by a file in their folder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path

@@ -7,22 +7,16 @@ Source: Silberman, Hoiem, Kohli and Fergus, "Indoor Segmentation and Support Inf
 Images", ECCV 2012.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass, replace
 from io import StringIO
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.nyu_mat import NyuMat, open_mat
 from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
 from depthcli.errors import DatasetError
 from depthcli.io.storage.regular import read_regular
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.datasets.base import DepthDataset
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
 INDEX_NAME = "index.csv"

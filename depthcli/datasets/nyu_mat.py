@@ -4,22 +4,17 @@ Layout: ``images`` (N, 3, W, H) uint8, ``depths`` and ``rawDepths`` (N, W, H) fl
 ``scenes`` object references to arrays of uint16 character codes.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.extras import INSTALL_H5PY
 from depthcli.datasets.files import check_plausible, median_m, spread
 from depthcli.errors import DatasetError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 _OFFICIAL = "nyu_depth_v2_labeled.mat"
 _PARTS = {"images": "u", "depths": "f", "scenes": "O"}
@@ -34,21 +29,14 @@ _DEPTH_AXES = 3
 
 @dataclass(frozen=True, slots=True)
 class NyuMat:
-    """Pairs read from the .mat file; a :class:`~depthcli.datasets.base.DepthDataset`.
+    """Pairs read from the .mat file; a :class:`~depthcli.datasets.base.DepthDataset`."""
 
-    Attributes:
-        path: the file.
-        ids: label number of each pair, zero-based, four digits.
-        scenes: scene of each pair, "kitchen_0004" say.
-        official_split: "" for each pair, as the file does not say, or what index.csv added.
-        file: the open h5py file; reads are one pair at a time.
-    """
-
-    path: Path
-    ids: tuple[str, ...]
-    scenes: tuple[str, ...]
+    path: Path  #: the file
+    ids: tuple[str, ...]  #: label number of each pair, zero-based, four digits
+    scenes: tuple[str, ...]  #: scene of each pair, "kitchen_0004" say
+    #: "" for each pair, as the file does not say, or what index.csv added
     official_split: tuple[str, ...]
-    file: Any
+    file: Any  #: the open h5py file; reads are one pair at a time
 
     def __len__(self) -> int:
         return len(self.ids)

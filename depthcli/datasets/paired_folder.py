@@ -4,12 +4,12 @@ Subfolders are kept and become the scene: ``rgb/kitchen/01.jpg`` belongs to
 ``depth/kitchen/01.png`` and to the scene "kitchen". ``raw_depth/`` is optional.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
 
 from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
@@ -23,10 +23,6 @@ from depthcli.datasets.files import (
 )
 from depthcli.errors import DatasetError
 
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
 MILLIMETRES = 1000.0
 PREDICTED = ".depth"
 """What ``predict`` and ``batch`` add to names: ``depth/a.depth.png`` belongs to ``a``."""
@@ -35,25 +31,15 @@ PLAUSIBLE_M = (0.1, 100.0)
 
 @dataclass(frozen=True, slots=True)
 class PairedFolder:
-    """Pairs read from image files; a :class:`~depthcli.datasets.base.DepthDataset`.
+    """Pairs read from image files; a :class:`~depthcli.datasets.base.DepthDataset`."""
 
-    Attributes:
-        root: the folder that holds ``rgb/`` and ``depth/``.
-        ids: path of each pair below them, without suffix.
-        scenes: scene of each pair, "" where it is not known.
-        official_split: "train", "test" or "" for each pair.
-        images: file of each picture.
-        depths: file of each depth image.
-        units_per_metre: what one metre is in the depth images.
-    """
-
-    root: Path
-    ids: tuple[str, ...]
-    scenes: tuple[str, ...]
-    official_split: tuple[str, ...]
-    images: tuple[Path, ...]
-    depths: tuple[Path, ...]
-    units_per_metre: float = MILLIMETRES
+    root: Path  #: the folder that holds ``rgb/`` and ``depth/``
+    ids: tuple[str, ...]  #: path of each pair below them, without suffix
+    scenes: tuple[str, ...]  #: scene of each pair, "" where it is not known
+    official_split: tuple[str, ...]  #: "train", "test" or "" for each pair
+    images: tuple[Path, ...]  #: file of each picture
+    depths: tuple[Path, ...]  #: file of each depth image
+    units_per_metre: float = MILLIMETRES  #: what one metre is in the depth images
 
     def __len__(self) -> int:
         return len(self.ids)

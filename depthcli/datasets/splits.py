@@ -3,18 +3,12 @@
 Ids are zero-based label numbers ("0000" to "1448"), as in the labelled set's own order.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
+from depthcli.datasets.base import DepthDataset
 from depthcli.errors import DatasetError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from depthcli.datasets.base import DepthDataset
 
 LABELLED_COUNT = 1449
 PAPER_TRAIN_COUNT = 1000
@@ -34,21 +28,13 @@ class SplitName(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """Positions in a data set.
+    """Positions in a data set."""
 
-    Attributes:
-        name: which division.
-        train: positions of the training pairs that are there.
-        test: positions of the test pairs that are there.
-        train_count: training pairs of the complete split.
-        test_count: test pairs of the complete split.
-    """
-
-    name: SplitName
-    train: tuple[int, ...]
-    test: tuple[int, ...]
-    train_count: int
-    test_count: int
+    name: SplitName  #: which division
+    train: tuple[int, ...]  #: positions of the training pairs that are there
+    test: tuple[int, ...]  #: positions of the test pairs that are there
+    train_count: int  #: training pairs of the complete split
+    test_count: int  #: test pairs of the complete split
 
 
 def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> frozenset[str]:

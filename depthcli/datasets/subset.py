@@ -14,15 +14,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Subset:
-    """The pairs at some positions; a :class:`~depthcli.datasets.base.DepthDataset`.
+    """The pairs at some positions; a :class:`~depthcli.datasets.base.DepthDataset`."""
 
-    Attributes:
-        whole: the data set that they are of.
-        positions: which of its pairs, in the order that they get here.
-    """
-
-    whole: DepthDataset
-    positions: tuple[int, ...]
+    whole: DepthDataset  #: the data set that they are of
+    positions: tuple[int, ...]  #: which of its pairs, in the order that they get here
 
     def __len__(self) -> int:
         return len(self.positions)

@@ -1,10 +1,10 @@
 """Whatever a method can be trained on: the training part of NYU Depth v2, or one's own folder."""
 
-from __future__ import annotations
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
 
-from typing import TYPE_CHECKING, Literal, NamedTuple
-
-from depthcli.datasets.base import HasCamera
+from depthcli.datasets.base import DepthDataset, HasCamera
 from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
@@ -13,18 +13,16 @@ from depthcli.datasets.files import (
 )
 from depthcli.datasets.layouts import opener_of
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.paired_folder import MILLIMETRES, list_files, open_paired_folder
+from depthcli.datasets.paired_folder import (
+    MILLIMETRES,
+    PairedFolder,
+    list_files,
+    open_paired_folder,
+)
 from depthcli.datasets.splits import LABELLED_COUNT, PAPER_TRAIN_COUNT
 from depthcli.datasets.subset import Subset
 from depthcli.datasets.unpaired_folder import open_unpaired_folder
 from depthcli.errors import DatasetError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.datasets.paired_folder import PairedFolder
 
 NYU_HFOV_DEG = 63.3
 """Horizontal field of view of NYU Depth v2's camera over the full picture width, degrees."""
@@ -35,18 +33,13 @@ NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
 
 class TrainingData(NamedTuple):
-    """What a run learns from.
+    """What a run learns from."""
 
-    Attributes:
-        dataset: every pair that may be trained on or held out.
-        title: what a model's card calls it.
-        hfov_deg: horizontal field of view of its camera in degrees; None if it is not known.
-        extra: pairs whose metres are less sure, such as predicted ones; None if there are none.
-    """
-
-    dataset: DepthDataset
-    title: str
+    dataset: DepthDataset  #: every pair that may be trained on or held out
+    title: str  #: what a model's card calls it
+    #: horizontal field of view of its camera in degrees; None if it is not known
     hfov_deg: float | None
+    #: pairs whose metres are less sure, such as predicted ones; None if there are none
     extra: PairedFolder | None = None
 
     @property

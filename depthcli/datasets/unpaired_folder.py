@@ -1,9 +1,10 @@
 """Pictures and depth images that do not belong together, for methods that learn without pairs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
 
 from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
@@ -17,12 +18,6 @@ from depthcli.datasets.files import (
 )
 from depthcli.datasets.paired_folder import MILLIMETRES, PLAUSIBLE_M, list_files
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy as np
-    import numpy.typing as npt
-
 
 @dataclass(frozen=True, slots=True)
 class UnpairedFolder:
@@ -30,18 +25,12 @@ class UnpairedFolder:
 
     It is as long as the longer list, and the shorter one begins again. That a picture and a depth
     image have the same position means nothing, and their sizes differ.
-
-    Attributes:
-        root: the folder that holds ``rgb/`` and ``depth/``.
-        images: file of each picture.
-        depths: file of each depth image; their number and names are their own.
-        units_per_metre: what one metre is in the depth images.
     """
 
-    root: Path
-    images: tuple[Path, ...]
-    depths: tuple[Path, ...]
-    units_per_metre: float = MILLIMETRES
+    root: Path  #: the folder that holds ``rgb/`` and ``depth/``
+    images: tuple[Path, ...]  #: file of each picture
+    depths: tuple[Path, ...]  #: file of each depth image; their number and names are their own
+    units_per_metre: float = MILLIMETRES  #: what one metre is in the depth images
 
     def __len__(self) -> int:
         return max(len(self.images), len(self.depths))

@@ -1,7 +1,5 @@
 """What can be chosen about a protocol; free of numpy, so that help texts can list it."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 

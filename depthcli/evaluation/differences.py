@@ -4,22 +4,15 @@ Pictures of one scene resemble each other, so whole scenes are drawn, not pictur
 Source: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13 (percentiles).
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
+from depthcli.evaluation.report import ReportRow
+from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from depthcli.evaluation.report import ReportRow
-    from depthcli.metrics.choices import Alignment
 
 _DRAWS = 10_000
 _PERCENTILES = (2.5, 97.5)
@@ -41,19 +34,12 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One row's scores minus another's, on the same pictures.
+    """One row's scores minus another's, on the same pictures."""
 
-    Attributes:
-        name: the row that is subtracted from.
-        other: the row that is subtracted.
-        alignment: of both.
-        intervals: of every metric, in the order of the table; below 0, ``name`` is better where
-            lower is better.
-    """
-
-    name: str
-    other: str
-    alignment: Alignment | None
+    name: str  #: the row that is subtracted from
+    other: str  #: the row that is subtracted
+    alignment: Alignment | None  #: of both
+    #: of every metric, in the order of the table; below 0, ``name`` is better where lower is better
     intervals: tuple[Interval, ...]
 
 

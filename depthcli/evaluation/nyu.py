@@ -1,49 +1,35 @@
 """Table I on NYU Depth v2: published rows, trivial rows, and whatever is to be compared."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
-from depthcli.core.progress import NO_PROGRESS
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.splits import Split, SplitName, split_nyu
 from depthcli.evaluation.learned import learned_count
+from depthcli.evaluation.predictors.base import Predictor
 from depthcli.evaluation.predictors.trivial import fit_trivial
 from depthcli.evaluation.protocol import HEADLINE, EvalProtocol
 from depthcli.evaluation.published import PUBLISHED
-from depthcli.evaluation.report import EvalReport
+from depthcli.evaluation.report import EvalReport, ReportRow
 from depthcli.evaluation.run import Entry, entry_for, evaluate
 from depthcli.metrics.choices import Alignment
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from depthcli.core.progress import Progress
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.predictors.base import Predictor
-    from depthcli.evaluation.report import ReportRow
 
 
 @dataclass(frozen=True, slots=True)
 class EvalOptions:
-    """How a table is made.
+    """How a table is made."""
 
-    Attributes:
-        protocol: how prediction and truth are compared.
-        alignments: a row for each that suits a predictor. Trivial rows get them too, besides
-            unaligned and median-scaled.
-        trivial: include the rows that never look at the picture.
-        per_image: keep the scores of each image.
-        workers: images at the same time; 0 works in the calling thread.
-    """
-
-    protocol: EvalProtocol = HEADLINE
+    protocol: EvalProtocol = HEADLINE  #: how prediction and truth are compared
+    #: a row for each that suits a predictor. Trivial rows get them too, besides unaligned and
+    #: median-scaled
     alignments: tuple[Alignment, ...] = (Alignment.NONE,)
-    trivial: bool = True
-    per_image: bool = False
-    workers: int = 0
+    trivial: bool = True  #: include the rows that never look at the picture
+    per_image: bool = False  #: keep the scores of each image
+    workers: int = 0  #: images at the same time; 0 works in the calling thread
 
 
 HEADLINE_TABLE = EvalOptions()
@@ -51,16 +37,11 @@ HEADLINE_TABLE = EvalOptions()
 
 @dataclass(frozen=True, slots=True)
 class EvalTask:
-    """What to compare on.
+    """What to compare on."""
 
-    Attributes:
-        dataset: the labelled set or a part of it.
-        split: the division, with all pairs that are there.
-        test: positions of the images that are compared: all of the split's, or fewer.
-    """
-
-    dataset: DepthDataset
-    split: Split
+    dataset: DepthDataset  #: the labelled set or a part of it
+    split: Split  #: the division, with all pairs that are there
+    #: positions of the images that are compared: all of the split's, or fewer
     test: tuple[int, ...]
 
     @property
@@ -68,7 +49,7 @@ class EvalTask:
         """Ids of the images that are compared."""
         return tuple(self.dataset.ids[i] for i in self.test)
 
-    def thinned(self, limit: int | None) -> EvalTask:
+    def thinned(self, limit: int | None) -> Self:
         """The same with at most so many images, evenly over the split."""
         if limit is None or limit >= len(self.test):
             return self

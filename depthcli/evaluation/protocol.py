@@ -1,27 +1,19 @@
 """How a prediction is compared with the truth, and the name that is printed with every number."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.choices import AUTO_TILE, Upsampling
 from depthcli.core.resize import resize_bilinear
-from depthcli.core.types import DepthKind
+from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.choices import Crop, Mask
 from depthcli.metrics.alignment import align
-from depthcli.metrics.boundary import boundary_scores
+from depthcli.metrics.boundary import BoundaryScores, boundary_scores
 from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from depthcli.core.types import DepthMap
-    from depthcli.metrics.boundary import BoundaryScores
 
 EIGEN_ROWS = slice(45, 471)
 EIGEN_COLUMNS = slice(41, 601)
@@ -33,44 +25,31 @@ _ALL_VALID = 0.9999
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The pixels of one image that count.
+    """The pixels of one image that count."""
 
-    Attributes:
-        valid: (H, W) bool at the size of the comparison.
-        depth_m: (N,) float32, metres, the depth where ``valid``.
-    """
-
-    valid: npt.NDArray[np.bool_]
-    depth_m: npt.NDArray[np.float32]
+    valid: npt.NDArray[np.bool_]  #: (H, W) bool at the size of the comparison
+    depth_m: npt.NDArray[np.float32]  #: (N,) float32, metres, the depth where ``valid``
 
 
 @dataclass(frozen=True, slots=True)
 class EvalProtocol:
-    """One way to compare; the defaults are the headline protocol.
+    """One way to compare; the defaults are the headline protocol."""
 
-    Attributes:
-        averaging: per image or over pooled pixels.
-        crop: part of the frame that counts.
-        mask: pixels that have a truth.
-        compare_px: (width, height) to which truth and prediction are resized before they are
-            compared; None for the truth's own size.
-        full_size_px: (width, height) that the truth must have; None for any.
-        min_m: nearest depth that counts, metres; predictions are clamped to it.
-        max_m: farthest depth that counts, metres; predictions are clamped to it.
-        upsampling: how the models' depth gets to the picture's size.
-        tile_px: width of the models' tiles in pixels; None for no tiles, 0 for 3/4 of the width.
-        boundary: score edges too. No other number changes by it, so neither does the name.
-    """
-
-    averaging: Averaging = Averaging.IMAGE
-    crop: Crop = Crop.NONE
-    mask: Mask = Mask.FILLED
+    averaging: Averaging = Averaging.IMAGE  #: per image or over pooled pixels
+    crop: Crop = Crop.NONE  #: part of the frame that counts
+    mask: Mask = Mask.FILLED  #: pixels that have a truth
+    #: (width, height) to which truth and prediction are resized before they are compared; None for
+    #: the truth's own size
     compare_px: tuple[int, int] | None = None
+    #: (width, height) that the truth must have; None for any
     full_size_px: tuple[int, int] | None = FULL_SIZE_PX
-    min_m: float = MIN_DEPTH_M
-    max_m: float = MAX_DEPTH_M
+    min_m: float = MIN_DEPTH_M  #: nearest depth that counts, metres; predictions are clamped to it
+    max_m: float = MAX_DEPTH_M  #: farthest depth that counts, metres; predictions are clamped to it
+    #: how the models' depth gets to the picture's size
     upsampling: Upsampling = Upsampling.BILINEAR
+    #: width of the models' tiles in pixels; None for no tiles, 0 for 3/4 of the width
     tile_px: int | None = None
+    #: score edges too. No other number changes by it, so neither does the name
     boundary: bool = field(default=False, compare=False)
 
     @property

@@ -4,8 +4,6 @@ Source: Table I of "Depth Map Estimation from a Single 2D Image": 449 test image
 pairs 1001-1449. The numbers are as printed, not measured here.
 """
 
-from __future__ import annotations
-
 from depthcli.evaluation.choices import Source
 from depthcli.evaluation.report import ReportRow
 from depthcli.metrics.accumulate import Scores

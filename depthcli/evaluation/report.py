@@ -1,24 +1,19 @@
 """The result of an evaluation, and the same as JSON and CSV."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY
+from depthcli.datasets.splits import SplitName
+from depthcli.evaluation.choices import Source
+from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.metrics.accumulate import Scores
+from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
+from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
-
-if TYPE_CHECKING:
-    from depthcli.datasets.splits import SplitName
-    from depthcli.evaluation.choices import Source
-    from depthcli.evaluation.protocol import EvalProtocol
-    from depthcli.metrics.accumulate import Scores
-    from depthcli.metrics.boundary import BoundaryScores
-    from depthcli.metrics.choices import Alignment
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,32 +27,19 @@ class ImageScores:
 
 @dataclass(frozen=True, slots=True)
 class ReportRow:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes:
-        name: what was evaluated.
-        source: where its numbers come from.
-        alignment: what was fitted per image; None if a published row does not say.
-        image_count: images that the numbers are the average of.
-        scores: the numbers.
-        empty_count: images left out because no pixel of theirs is valid.
-        note: a footnote.
-        model_sha256: checksum of the model, if it is one.
-        images: scores per image, if they were asked for.
-        boundary: scores of the edges, if they were asked for.
-        learned_count: images among these that it was trained on; None if nothing tells.
-    """
-
-    name: str
-    source: Source
-    alignment: Alignment | None
-    image_count: int
-    scores: Scores
-    empty_count: int = 0
-    note: str = ""
-    model_sha256: str | None = None
-    images: tuple[ImageScores, ...] = ()
-    boundary: BoundaryScores | None = None
+    name: str  #: what was evaluated
+    source: Source  #: where its numbers come from
+    alignment: Alignment | None  #: what was fitted per image; None if a published row does not say
+    image_count: int  #: images that the numbers are the average of
+    scores: Scores  #: the numbers
+    empty_count: int = 0  #: images left out because no pixel of theirs is valid
+    note: str = ""  #: a footnote
+    model_sha256: str | None = None  #: checksum of the model, if it is one
+    images: tuple[ImageScores, ...] = ()  #: scores per image, if they were asked for
+    boundary: BoundaryScores | None = None  #: scores of the edges, if they were asked for
+    #: images among these that it was trained on; None if nothing tells
     learned_count: int | None = None
 
     def items(self, *, boundary: bool) -> tuple[tuple[str, float], ...]:
@@ -67,27 +49,16 @@ class ReportRow:
 
 @dataclass(frozen=True, slots=True)
 class EvalReport:
-    """A table with the protocol and the split that its numbers belong to.
+    """A table with the protocol and the split that its numbers belong to."""
 
-    Attributes:
-        dataset: name of the data set.
-        split: which division of it.
-        image_count: test images that were compared.
-        split_count: test images of the complete split.
-        train_count: training pairs that the trivial rows were computed from; 0 without them.
-        protocol: how prediction and truth were compared.
-        rows: the lines.
-        notes: what a reader has to know besides.
-    """
-
-    dataset: str
-    split: SplitName
-    image_count: int
-    split_count: int
-    train_count: int
-    protocol: EvalProtocol
-    rows: tuple[ReportRow, ...]
-    notes: tuple[str, ...] = ()
+    dataset: str  #: name of the data set
+    split: SplitName  #: which division of it
+    image_count: int  #: test images that were compared
+    split_count: int  #: test images of the complete split
+    train_count: int  #: training pairs that the trivial rows were computed from; 0 without them
+    protocol: EvalProtocol  #: how prediction and truth were compared
+    rows: tuple[ReportRow, ...]  #: the lines
+    notes: tuple[str, ...] = ()  #: what a reader has to know besides
 
     @property
     def title(self) -> str:

@@ -1,47 +1,32 @@
 """A data set, predictors and a protocol, to a report: a few images at a time, in order."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Self
 
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
-from depthcli.core.progress import NO_PROGRESS
-from depthcli.datasets.base import HasRawDepth
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.datasets.base import DepthDataset, HasRawDepth
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.choices import Mask
-from depthcli.evaluation.predictors.base import Sample
-from depthcli.evaluation.protocol import HEADLINE, compare_boundaries
+from depthcli.evaluation.predictors.base import Predictor, Sample
+from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, Truth, compare_boundaries
 from depthcli.evaluation.report import ImageScores, ReportRow
 from depthcli.metrics.accumulate import Accumulator, PixelSums
 from depthcli.metrics.alignment import SUITABLE
-from depthcli.metrics.boundary import BoundaryAccumulator
+from depthcli.metrics.boundary import BoundaryAccumulator, BoundaryScores
 from depthcli.metrics.choices import Alignment
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from depthcli.core.progress import Progress
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.predictors.base import Predictor
-    from depthcli.evaluation.protocol import EvalProtocol, Truth
-    from depthcli.metrics.boundary import BoundaryScores
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A predictor and what its rows say.
+    """A predictor and what its rows say."""
 
-    Attributes:
-        predictor: what is scored.
-        alignments: a row for each.
-        learned_count: images of the task that it was trained on; None if nothing tells.
-    """
-
-    predictor: Predictor
-    alignments: tuple[Alignment, ...] = (Alignment.NONE,)
+    predictor: Predictor  #: what is scored
+    alignments: tuple[Alignment, ...] = (Alignment.NONE,)  #: a row for each
+    #: images of the task that it was trained on; None if nothing tells
     learned_count: int | None = None
 
 
@@ -83,7 +68,7 @@ class _OpenRow:
     edges: BoundaryAccumulator | None = None
 
     @classmethod
-    def of(cls, entry: Entry, alignment: Alignment, protocol: EvalProtocol) -> _OpenRow:
+    def of(cls, entry: Entry, alignment: Alignment, protocol: EvalProtocol) -> Self:
         edges = BoundaryAccumulator() if protocol.boundary else None
         total = Accumulator(protocol.averaging)
         return cls(entry.predictor, alignment, total, entry.learned_count, edges=edges)

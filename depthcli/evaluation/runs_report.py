@@ -1,92 +1,61 @@
 """Table I of trained runs, and the same as JSON and CSV."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.report import protocol_json, row_json, scores_json
+from depthcli.evaluation.differences import Difference
+from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.evaluation.report import ReportRow, protocol_json, row_json, scores_json
+from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.depth import METRICS
-
-if TYPE_CHECKING:
-    from depthcli.evaluation.differences import Difference
-    from depthcli.evaluation.protocol import EvalProtocol
-    from depthcli.evaluation.report import ReportRow
-    from depthcli.metrics.accumulate import Scores
 
 _FACTS = ("paired", "seeds", "epochs", "epochs_planned", "steps", "minutes", "parameters", "ms")
 
 
 @dataclass(frozen=True, slots=True)
 class Training:
-    """How a row came to be; a tuple has an entry per seed.
+    """How a row came to be; a tuple has an entry per seed."""
 
-    Attributes:
-        seeds: of the runs.
-        paired: whether pictures and depth maps of one scene point were shown together.
-        parameters: weights of the generator.
-        latency_ms: mean over the seeds of the median time of the network alone for one picture.
-        epochs: done.
-        epochs_planned: of the whole schedule.
-        steps: optimisation steps done.
-        minutes: of training.
-    """
-
-    seeds: tuple[int, ...]
-    paired: bool
-    parameters: int
+    seeds: tuple[int, ...]  #: of the runs
+    paired: bool  #: whether pictures and depth maps of one scene point were shown together
+    parameters: int  #: weights of the generator
+    #: mean over the seeds of the median time of the network alone for one picture
     latency_ms: float
-    epochs: tuple[int, ...]
-    epochs_planned: int
-    steps: tuple[int, ...]
-    minutes: tuple[float, ...]
+    epochs: tuple[int, ...]  #: done
+    epochs_planned: int  #: of the whole schedule
+    steps: tuple[int, ...]  #: optimisation steps done
+    minutes: tuple[float, ...]  #: of training
 
 
 @dataclass(frozen=True, slots=True)
 class RunsRow:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes:
-        row: name, source, alignment, number of images and mean scores.
-        spread: sample standard deviation over the seeds; None for fewer than two.
-        training: how it came to be; None if nothing was trained here.
-        runs: the rows of the seeds.
-    """
-
-    row: ReportRow
+    row: ReportRow  #: name, source, alignment, number of images and mean scores
+    #: sample standard deviation over the seeds; None for fewer than two
     spread: Scores | None = None
-    training: Training | None = None
-    runs: tuple[ReportRow, ...] = ()
+    training: Training | None = None  #: how it came to be; None if nothing was trained here
+    runs: tuple[ReportRow, ...] = ()  #: the rows of the seeds
 
 
 @dataclass(frozen=True, slots=True)
 class RunsReport:
-    """Table I of trained runs.
+    """Table I of trained runs."""
 
-    Attributes:
-        split: which division of NYU Depth v2; ``val`` is what the runs themselves held out.
-        image_count: test images that were compared.
-        split_count: test images that the split has.
-        train_count: training pairs behind the trivial rows.
-        protocol: how prediction and truth were compared.
-        rows: the lines.
-        notes: what a reader has to know besides.
-        differences: of one row from every other, if they were asked for.
-    """
-
+    #: which division of NYU Depth v2; ``val`` is what the runs themselves held out
     split: SplitName
-    image_count: int
-    split_count: int
-    train_count: int
-    protocol: EvalProtocol
-    rows: tuple[RunsRow, ...]
-    notes: tuple[str, ...] = ()
-    differences: tuple[Difference, ...] = ()
+    image_count: int  #: test images that were compared
+    split_count: int  #: test images that the split has
+    train_count: int  #: training pairs behind the trivial rows
+    protocol: EvalProtocol  #: how prediction and truth were compared
+    rows: tuple[RunsRow, ...]  #: the lines
+    notes: tuple[str, ...] = ()  #: what a reader has to know besides
+    differences: tuple[Difference, ...] = ()  #: of one row from every other, if they were asked for
 
     @property
     def title(self) -> str:

@@ -1,29 +1,20 @@
 """Table I of trained runs: mean and deviation over seeds, cost, and what they stand against."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from depthcli.core.choices import Weights
-from depthcli.core.progress import NO_PROGRESS
+from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.differences import differences_from
-from depthcli.evaluation.nyu import HEADLINE_TABLE, score_nyu, trivial_notes
+from depthcli.evaluation.differences import Difference, differences_from
+from depthcli.evaluation.nyu import HEADLINE_TABLE, EvalOptions, EvalTask, score_nyu, trivial_notes
 from depthcli.evaluation.published import PUBLISHED, PUBLISHED_COUNT
 from depthcli.evaluation.report import ReportRow
 from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
 from depthcli.evaluation.trained import TrainedModel, grouped, mean_and_spread
 from depthcli.metrics.accumulate import Scores
+from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from depthcli.core.progress import Progress
-    from depthcli.evaluation.differences import Difference
-    from depthcli.evaluation.nyu import EvalOptions, EvalTask
-    from depthcli.metrics.choices import Alignment
 
 _RAW = "weights of the last step, not their moving average"
 _TABLE_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]

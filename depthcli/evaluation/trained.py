@@ -82,17 +82,11 @@ class RunFacts(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class TrainedModel:
-    """A run and its model.
+    """A run and its model."""
 
-    Attributes:
-        run: how it came to be.
-        predictor: its model, named as the run.
-        latency_ms: median time of the network alone for one picture, milliseconds.
-    """
-
-    run: RunFacts
-    predictor: ModelPredictor
-    latency_ms: float
+    run: RunFacts  #: how it came to be
+    predictor: ModelPredictor  #: its model, named as the run
+    latency_ms: float  #: median time of the network alone for one picture, milliseconds
 
 
 def plan_comparison(

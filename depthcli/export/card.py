@@ -1,24 +1,19 @@
 """The card of an exported model: what a checkpoint knows of itself."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from depthcli.core.types import DepthKind
 from depthcli.datasets import id_ranges
 from depthcli.export.graph import IR_VERSION
+from depthcli.export.options import ExportOptions
 from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
 from depthcli.models.places import CARD_NAME
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.export.options import ExportOptions
-    from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.checkpoint import Checkpoint, RunProgress
 
 MODEL_NAME = "model.onnx"
 _CARD_SUFFIX = f".{CARD_NAME}"

@@ -1,12 +1,10 @@
 """A generator as one ONNX graph: batch norm folded, any batch and size, one file."""
 
-from __future__ import annotations
-
 import copy
 import tempfile
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import onnx
@@ -15,9 +13,6 @@ from onnx import TensorProto, helper, numpy_helper
 from onnxscript import optimizer
 from torch import nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 OPSET = 17
 IR_VERSION = 8

@@ -1,13 +1,13 @@
 """Static int8 quantisation, calibrated on the user's own pictures."""
 
-from __future__ import annotations
-
 import logging
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
+import numpy as np
+import numpy.typing as npt
 import onnx
 from onnxruntime.quantization import (
     CalibrationDataReader,
@@ -20,14 +20,7 @@ from depthcli.datasets.files import spread
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.preprocess import prepare
 from depthcli.io.pictures.read import read_image
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    import numpy as np
-    import numpy.typing as npt
-
-    from depthcli.models.card_specs import InputSpec
+from depthcli.models.card_specs import InputSpec
 
 MOST_PICTURES = 64
 

@@ -33,17 +33,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was written.
+    """What was written."""
 
-    Attributes:
-        path: the ONNX file.
-        card: its card, written beside it.
-        parity: how close it is to torch.
-    """
-
-    path: Path
-    card: ModelCard
-    parity: Parity
+    path: Path  #: the ONNX file
+    card: ModelCard  #: its card, written beside it
+    parity: Parity  #: how close it is to torch
 
 
 def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Exported:

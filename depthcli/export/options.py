@@ -1,16 +1,11 @@
 """What is exported, and how."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.core.choices import Weights
 from depthcli.export.graph import OPSET
 from depthcli.export.parity import HALF_TOLERANCE, INT8_TOLERANCE, TOLERANCE
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 NO_LICENSE = "NOASSERTION"
 """What SPDX writes where nobody has said under which licence something is."""
@@ -18,31 +13,21 @@ NO_LICENSE = "NOASSERTION"
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """What is exported.
+    """What is exported."""
 
-    Attributes:
-        name: of the model.
-        version: of the model.
-        half: store weights as float16; sums stay float32.
-        mirror: average with the mirrored picture, at twice the cost.
-        opset: ONNX operator set.
-        tolerance: largest difference between torch and onnxruntime; None for the usual one.
-        int8_pictures: folder of pictures to calibrate int8 on; None keeps floats.
-        license: of the weights, an SPDX name.
-        hfov_deg: horizontal field of view of the camera that took the training pictures, degrees;
-            None for what the checkpoint knows of it.
-        weights: the average, where the run keeps one, or those of the last step.
-    """
-
-    name: str = "custom"
-    version: str = "1.0.0"
-    half: bool = False
-    mirror: bool = False
-    opset: int = OPSET
+    name: str = "custom"  #: of the model
+    version: str = "1.0.0"  #: of the model
+    half: bool = False  #: store weights as float16; sums stay float32
+    mirror: bool = False  #: average with the mirrored picture, at twice the cost
+    opset: int = OPSET  #: ONNX operator set
+    #: largest difference between torch and onnxruntime; None for the usual one
     tolerance: float | None = None
-    int8_pictures: Path | None = None
-    license: str = NO_LICENSE
+    int8_pictures: Path | None = None  #: folder of pictures to calibrate int8 on; None keeps floats
+    license: str = NO_LICENSE  #: of the weights, an SPDX name
+    #: horizontal field of view of the camera that took the training pictures, degrees; None for
+    #: what the checkpoint knows of it
     hfov_deg: float | None = None
+    #: the average, where the run keeps one, or those of the last step
     weights: Weights = Weights.AVERAGED
 
     @property

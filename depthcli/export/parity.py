@@ -1,21 +1,15 @@
 """Whether onnxruntime says what torch says about the same network."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 import onnxruntime
 import torch
+from torch import nn
 
 from depthcli.errors import ParityError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy.typing as npt
-    from torch import nn
 
 TOLERANCE = 1e-3
 HALF_TOLERANCE = 2e-2
@@ -24,19 +18,12 @@ INT8_TOLERANCE = 2e-1
 
 @dataclass(frozen=True, slots=True)
 class Parity:
-    """How far two runtimes are apart, in units of the raw output (its range is about [-1, 1]).
+    """How far two runtimes are apart, in units of the raw output (its range is about [-1, 1])."""
 
-    Attributes:
-        max_abs: largest difference over all cases.
-        mean_abs: mean difference of the worst case.
-        cases: (batch, height, width) of each comparison.
-        tolerance: what was allowed.
-    """
-
-    max_abs: float
-    mean_abs: float
-    cases: tuple[tuple[int, int, int], ...]
-    tolerance: float
+    max_abs: float  #: largest difference over all cases
+    mean_abs: float  #: mean difference of the worst case
+    cases: tuple[tuple[int, int, int], ...]  #: (batch, height, width) of each comparison
+    tolerance: float  #: what was allowed
 
 
 def check_parity(

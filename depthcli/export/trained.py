@@ -1,12 +1,10 @@
 """Folders of training runs as models to evaluate: each is exported once per checkpoint."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.core.choices import Weights
 from depthcli.errors import CheckpointError, ModelError, OutputError
@@ -17,42 +15,25 @@ from depthcli.models.places import Place
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.folder import CHECKPOINT
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 CACHE_NAMES = {Weights.AVERAGED: "evaluated.onnx", Weights.RAW: "evaluated-raw.onnx"}
 _HASH_LENGTH = 16
 
 
 @dataclass(frozen=True, slots=True)
 class TrainedRun:
-    """What a run's checkpoint says; see :class:`depthcli.evaluation.trained.RunFacts`.
+    """What a run's checkpoint says; see :class:`depthcli.evaluation.trained.RunFacts`."""
 
-    Attributes:
-        folder: where it lives.
-        seed: of weights, order and augmentation.
-        settings: all settings but the seed, as JSON.
-        paired: whether the configuration shows pictures and depth of one scene point together.
-        parameters: weights of the generator.
-        epochs: whole epochs done.
-        epochs_planned: epochs of the whole schedule.
-        steps: optimisation steps done.
-        minutes: training time.
-        train_ids: pairs it was trained on.
-        held_out_ids: pairs it was validated on.
-    """
-
-    folder: Path
-    seed: int
-    settings: str
-    paired: bool
-    parameters: int
-    epochs: int
-    epochs_planned: int
-    steps: int
-    minutes: float
-    train_ids: tuple[str, ...]
-    held_out_ids: tuple[str, ...]
+    folder: Path  #: where it lives
+    seed: int  #: of weights, order and augmentation
+    settings: str  #: all settings but the seed, as JSON
+    paired: bool  #: whether the configuration shows pictures and depth of one scene point together
+    parameters: int  #: weights of the generator
+    epochs: int  #: whole epochs done
+    epochs_planned: int  #: epochs of the whole schedule
+    steps: int  #: optimisation steps done
+    minutes: float  #: training time
+    train_ids: tuple[str, ...]  #: pairs it was trained on
+    held_out_ids: tuple[str, ...]  #: pairs it was validated on
 
     @property
     def name(self) -> str:

@@ -21,17 +21,11 @@ if TYPE_CHECKING:
 
 
 class PictureCamera(NamedTuple):
-    """The camera of one picture.
+    """The camera of one picture."""
 
-    Attributes:
-        focal_px: focal length in pixels of the picture.
-        source: where that comes from.
-        scale: what the network's metres are multiplied by.
-    """
-
-    focal_px: float
-    source: CameraSource
-    scale: float = 1.0
+    focal_px: float  #: focal length in pixels of the picture
+    source: CameraSource  #: where that comes from
+    scale: float = 1.0  #: what the network's metres are multiplied by
 
 
 def gives_metres(card: ModelCard) -> bool:

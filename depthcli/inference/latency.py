@@ -24,19 +24,12 @@ _MOST_A_TURN = 10
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """Wall-clock milliseconds of one thing done several times.
+    """Wall-clock milliseconds of one thing done several times."""
 
-    Attributes:
-        median_ms: of the runs.
-        min_ms: of the runs.
-        noise: half the spread of the middle half of the runs, as a share of the median.
-        runs: how many were measured, after a few that were not.
-    """
-
-    median_ms: float
-    min_ms: float
-    noise: float
-    runs: int
+    median_ms: float  #: of the runs
+    min_ms: float  #: of the runs
+    noise: float  #: half the spread of the middle half of the runs, as a share of the median
+    runs: int  #: how many were measured, after a few that were not
 
 
 def measure_latency(action: Callable[[], object], seconds: float) -> Latency:

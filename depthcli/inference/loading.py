@@ -16,18 +16,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SessionLoader:
-    """What a session is made of; a few words that can be sent to another process.
+    """What a session is made of; a few words that can be sent to another process."""
 
-    Attributes:
-        model: a name in the catalog, a folder, or an ``.onnx`` file; None for the default model.
-        provider: ``auto``, or a name such as ``cpu`` or ``cuda`` that has to be there.
-        threads: threads within one operator; None for onnxruntime's choice.
-        provider_options: for a provider asked for by name, as onnxruntime documents them.
-    """
-
+    #: a name in the catalog, a folder, or an ``.onnx`` file; None for the default model
     model: str | os.PathLike[str] | None = None
-    provider: str = "auto"
-    threads: int | None = None
+    provider: str = "auto"  #: ``auto``, or a name such as ``cpu`` or ``cuda`` that has to be there
+    threads: int | None = None  #: threads within one operator; None for onnxruntime's choice
+    #: for a provider asked for by name, as onnxruntime documents them
     provider_options: Mapping[str, str] = field(default_factory=dict)
 
     def load(self) -> Session:

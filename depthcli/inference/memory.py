@@ -1,11 +1,8 @@
 """How much memory a picture takes on its way to depth, known before any of it is taken."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
-from depthcli.core.choices import AUTO_TILE
+from depthcli.core.choices import AUTO_TILE, Detail
 from depthcli.core.picture_limit import (
     bytes_needed,
     megabytes,
@@ -13,13 +10,9 @@ from depthcli.core.picture_limit import (
     size_text,
     too_little,
 )
+from depthcli.core.types import Frame
 from depthcli.errors import InputError
-from depthcli.models.card_specs import Colour, Resize
-
-if TYPE_CHECKING:
-    from depthcli.core.choices import Detail
-    from depthcli.core.types import Frame
-    from depthcli.models.card_specs import InputSpec
+from depthcli.models.card_specs import Colour, InputSpec, Resize
 
 # Counted in the code, with some to spare: maps of the size of a tiled map.
 _BYTES_A_CELL = 64

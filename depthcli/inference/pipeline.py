@@ -1,36 +1,25 @@
 """The whole way from a picture to its depth map."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+import os
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core import scaling
-from depthcli.core.choices import PLAIN
-from depthcli.core.types import DepthMap, Provenance
+from depthcli.core.choices import PLAIN, Detail
+from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import UsageError
-from depthcli.inference.camera import camera_of, gives_metres
+from depthcli.inference.camera import PictureCamera, camera_of, gives_metres
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.memory import tile_width_px
 from depthcli.inference.postprocess import coarse_depth, full_size
-from depthcli.inference.preprocess import prepare
+from depthcli.inference.preprocess import Layout, prepare
 from depthcli.inference.providers import AUTO
+from depthcli.inference.session import Session
 from depthcli.inference.tiles import refine
-
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from depthcli.core.choices import Detail
-    from depthcli.core.types import Frame
-    from depthcli.inference.camera import PictureCamera
-    from depthcli.inference.preprocess import Layout
-    from depthcli.inference.session import Session
-    from depthcli.models.card import ModelCard
+from depthcli.models.card import ModelCard
 
 
 class Pipeline:

@@ -1,22 +1,14 @@
 """From the network's raw output to depth at the picture's size."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.choices import Upsampling
 from depthcli.core.resize import resize_bilinear
-from depthcli.core.types import DepthKind
+from depthcli.core.types import DepthKind, Frame
 from depthcli.core.upsample import upsample_guided
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from depthcli.core.types import Frame
-    from depthcli.inference.preprocess import Layout
-    from depthcli.models.card_specs import OutputSpec
+from depthcli.inference.preprocess import Layout
+from depthcli.models.card_specs import OutputSpec
 
 
 def coarse_depth(

@@ -1,23 +1,16 @@
 """From a picture to the tensor that the network takes, as its card says."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core import colour
 from depthcli.core.bands import shrink_bands
 from depthcli.core.resize import resize_area, resize_bilinear, resize_cubic
-from depthcli.models.card_specs import Colour, Fit, Resize
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from depthcli.core.types import Frame
-    from depthcli.models.card_specs import InputSpec
+from depthcli.core.types import Frame
+from depthcli.models.card_specs import Colour, Fit, InputSpec, Resize
 
 _PLANES = {
     Colour.VALUE: colour.value_channel,
@@ -38,23 +31,14 @@ _MOST_PIXELS = 16  # times the nominal pixel count, for a picture that is one lo
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the picture lies in the network's input; all in pixels of that input.
+    """Where the picture lies in the network's input; all in pixels of that input."""
 
-    Attributes:
-        width: columns of the whole input.
-        height: rows of the whole input.
-        left: first column of the picture.
-        top: first row of the picture.
-        inner_width: columns of the picture.
-        inner_height: rows of the picture.
-    """
-
-    width: int
-    height: int
-    left: int
-    top: int
-    inner_width: int
-    inner_height: int
+    width: int  #: columns of the whole input
+    height: int  #: rows of the whole input
+    left: int  #: first column of the picture
+    top: int  #: first row of the picture
+    inner_width: int  #: columns of the picture
+    inner_height: int  #: rows of the picture
 
     @property
     def is_padded(self) -> bool:

@@ -1,15 +1,10 @@
 """What runs a network: onnxruntime's execution providers, by the names of the command line."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import onnxruntime as ort
 
 from depthcli.errors import ProviderError, UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 AUTO = "auto"
 CPU = "cpu"

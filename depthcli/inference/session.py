@@ -1,27 +1,20 @@
 """One onnxruntime session: which provider runs it, with how many threads."""
 
-from __future__ import annotations
-
 import re
 import threading
-from contextlib import nullcontext
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import onnxruntime as ort
 
 from depthcli.errors import ModelError, ProviderError
 from depthcli.inference import providers
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS
 from depthcli.models.card_specs import TensorLayout
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from contextlib import AbstractContextManager
-
-    import numpy.typing as npt
-
-    from depthcli.models.catalog import Model
+from depthcli.models.catalog import Model
 
 _FATAL_ONLY = 4
 _IMAGE_RANK = 4

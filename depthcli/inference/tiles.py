@@ -5,25 +5,19 @@ factor and drifts. So each tile is brought to the whole picture's depth by scale
 remains of the difference is taken out where it is smooth, and tiles are faded into each other.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Self
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.resize import resize_area, resize_bilinear
+from depthcli.core.types import Frame
 from depthcli.inference.postprocess import blends_in_log, in_range
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    import numpy.typing as npt
-
-    from depthcli.core.types import Frame
-    from depthcli.models.card_specs import OutputSpec
+from depthcli.models.card_specs import OutputSpec
 
 _OVERLAP = 0.25
 # The drift of a tile is smooth over a tenth of its longer side.
@@ -34,22 +28,15 @@ _PRIOR = 0.01
 
 @dataclass(frozen=True, slots=True)
 class TileGrid:
-    """Where the tiles of a picture lie, all sides in cells, which are pixels of the coarse map.
+    """Where the tiles of a picture lie, all sides in cells, which are pixels of the coarse map."""
 
-    Attributes:
-        width: columns of the whole map.
-        height: rows of the whole map.
-        tile_width: columns of a tile.
-        tile_height: rows of a tile.
-    """
-
-    width: int
-    height: int
-    tile_width: int
-    tile_height: int
+    width: int  #: columns of the whole map
+    height: int  #: rows of the whole map
+    tile_width: int  #: columns of a tile
+    tile_height: int  #: rows of a tile
 
     @classmethod
-    def plan(cls, frame_width: int, tile_px: int, coarse_shape: tuple[int, ...]) -> TileGrid:
+    def plan(cls, frame_width: int, tile_px: int, coarse_shape: tuple[int, ...]) -> Self:
         """Tiles of the picture's own aspect, so that the network sees them as it sees pictures.
 
         Args:

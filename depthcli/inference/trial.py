@@ -1,9 +1,5 @@
 """A run on a gray picture, which shows that a model does what its card says."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from depthcli.core.types import Frame
@@ -11,9 +7,7 @@ from depthcli.errors import ModelError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.providers import AUTO
 from depthcli.inference.session import Session
-
-if TYPE_CHECKING:
-    from depthcli.models.catalog import Model
+from depthcli.models.catalog import Model
 
 _GRAY = 128
 

@@ -1,13 +1,11 @@
 """How fast a model is here: the network alone, whole pictures one by one, and many at a time."""
 
-from __future__ import annotations
-
 import sys
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -16,18 +14,13 @@ from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.parallel.cores import usable_cores
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
-from depthcli.inference.latency import measure_latency
+from depthcli.inference.latency import Latency, measure_latency
+from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.preprocess import prepare
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.png16 import Png16Writer
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from depthcli.inference.latency import Latency
-    from depthcli.inference.loading import SessionLoader
 
 _FEWEST = 5
 _MEBIBYTE = 2**20
@@ -35,60 +28,37 @@ _MEBIBYTE = 2**20
 
 @dataclass(frozen=True, slots=True)
 class BenchRequest:
-    """What is measured.
+    """What is measured."""
 
-    Attributes:
-        model: what runs, with the threads that one picture may take.
-        picture: a file; None for a made one.
-        made_px: (width, height) of the made one.
-        upsampling: how depth gets to the picture's size.
-        workers: pictures at the same time, for the throughput; None for one a core.
-        seconds: how long each of three measurements lasts, at least.
-    """
-
-    model: SessionLoader
-    picture: Path | None = None
-    made_px: tuple[int, int] = (640, 480)
-    upsampling: Upsampling = Upsampling.GUIDED
+    model: SessionLoader  #: what runs, with the threads that one picture may take
+    picture: Path | None = None  #: a file; None for a made one
+    made_px: tuple[int, int] = (640, 480)  #: (width, height) of the made one
+    upsampling: Upsampling = Upsampling.GUIDED  #: how depth gets to the picture's size
+    #: pictures at the same time, for the throughput; None for one a core
     workers: int | None = None
-    seconds: float = 3.0
+    seconds: float = 3.0  #: how long each of three measurements lasts, at least
 
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """What was measured.
+    """What was measured."""
 
-    Attributes:
-        network: one picture through the network alone.
-        whole: one picture from an encoded file to a 16-bit PNG on the disk.
-        pictures_per_s: of whole pictures, by several workers at a time.
-        peak_memory_mb: most memory of this process so far, in MiB; None where the system does not
-            tell.
-    """
-
-    network: Latency
-    whole: Latency
-    pictures_per_s: float
+    network: Latency  #: one picture through the network alone
+    whole: Latency  #: one picture from an encoded file to a 16-bit PNG on the disk
+    pictures_per_s: float  #: of whole pictures, by several workers at a time
+    #: most memory of this process so far, in MiB; None where the system does not tell
     peak_memory_mb: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class BenchResult:
-    """What was measured, and of what.
+    """What was measured, and of what."""
 
-    Attributes:
-        model: name in its card.
-        model_sha256: checksum of its file.
-        provider: what really runs it.
-        workers: pictures at the same time, for the throughput.
-        speed: the figures.
-    """
-
-    model: str
-    model_sha256: str
-    provider: str
-    workers: int
-    speed: Speed
+    model: str  #: name in its card
+    model_sha256: str  #: checksum of its file
+    provider: str  #: what really runs it
+    workers: int  #: pictures at the same time, for the throughput
+    speed: Speed  #: the figures
 
 
 def run_bench(

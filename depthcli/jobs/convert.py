@@ -1,16 +1,14 @@
 """A depth file in another format, and what that costs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
-from depthcli.core.types import CameraSource, Provenance
+from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.pictures.read import read_image
@@ -20,53 +18,34 @@ from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.inspect import read_map
 from depthcli.jobs.naming import is_folder
 
-if TYPE_CHECKING:
-    from depthcli.core.types import DepthMap, Frame
-
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
 
 @dataclass(frozen=True, slots=True)
 class ConvertRequest:
-    """A depth file, and what is to be made of it.
+    """A depth file, and what is to be made of it."""
 
-    Attributes:
-        source: a map, or a depth video.
-        target: the file to write.
-        format: of the target; None for what its suffix says.
-        scale: steps a metre of the source; None for what it states.
-        frame: of a depth video, from 0.
-        camera: of a point cloud, in place of the one that the source states; depth stays as it is.
-        picture: of the same size, for the colours of a point cloud.
-        writing: options of the formats.
-    """
-
-    source: str
-    target: str
-    format: Format | None = None
-    scale: float | None = None
-    frame: int | None = None
+    source: str  #: a map, or a depth video
+    target: str  #: the file to write
+    format: Format | None = None  #: of the target; None for what its suffix says
+    scale: float | None = None  #: steps a metre of the source; None for what it states
+    frame: int | None = None  #: of a depth video, from 0
+    #: of a point cloud, in place of the one that the source states; depth stays as it is
     camera: Camera = field(default_factory=Camera)
-    picture: str | None = None
-    writing: WriterOptions = field(default_factory=WriterOptions)
+    picture: str | None = None  #: of the same size, for the colours of a point cloud
+    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
 
 
 @dataclass(frozen=True, slots=True)
 class RoundTrip:
-    """How far what is read back is from what was written, in the map's unit.
+    """How far what is read back is from what was written, in the map's unit."""
 
-    Attributes:
-        max_error: largest distance.
-        mean_error: mean distance.
-        lost: pixels that no longer have depth.
-    """
-
-    max_error: float
-    mean_error: float
-    lost: int
+    max_error: float  #: largest distance
+    mean_error: float  #: mean distance
+    lost: int  #: pixels that no longer have depth
 
     @classmethod
-    def of(cls, depth: DepthMap, again: DepthMap) -> RoundTrip:
+    def of(cls, depth: DepthMap, again: DepthMap) -> Self:
         """The distance of two maps of one size."""
         here, there = np.isfinite(depth.values), np.isfinite(again.values)
         both = here & there
@@ -77,21 +56,13 @@ class RoundTrip:
 
 @dataclass(frozen=True, slots=True)
 class Converted:
-    """A file that was converted.
+    """A file that was converted."""
 
-    Attributes:
-        source: the input, as the user wrote it.
-        target: the output, as the user wrote it.
-        depth: what was written.
-        round_trip: what that cost; None for a format that is not read back.
-        warnings: one-line texts.
-    """
-
-    source: str
-    target: str
-    depth: DepthMap
-    round_trip: RoundTrip | None
-    warnings: tuple[str, ...]
+    source: str  #: the input, as the user wrote it
+    target: str  #: the output, as the user wrote it
+    depth: DepthMap  #: what was written
+    round_trip: RoundTrip | None  #: what that cost; None for a format that is not read back
+    warnings: tuple[str, ...]  #: one-line texts
 
 
 def convert(request: ConvertRequest) -> Converted:

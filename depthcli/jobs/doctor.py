@@ -3,9 +3,7 @@
 Nothing is imported before its own check: a package that is broken is a finding too.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 from depthcli.errors import DepthcliError
 from depthcli.jobs.doctor_packages import (
@@ -15,9 +13,6 @@ from depthcli.jobs.doctor_packages import (
     check_versions,
     one_line_reason,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 
 def check_installation(model: str | None = None, provider: str = "auto") -> Iterator[Check]:

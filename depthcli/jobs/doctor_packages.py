@@ -1,13 +1,9 @@
 """The packages that depthcli stands on: their versions, whether they import, which ones collide."""
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from typing import Literal
 
 _PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich", "torch", "onnx")
 _OPTIONAL = {"torch", "onnx"}
@@ -34,17 +30,11 @@ _MODULES = {
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One finding.
+    """One finding."""
 
-    Attributes:
-        name: what was looked at.
-        status: ``ok``, ``warning`` or ``failed``.
-        detail: what was found, one line.
-    """
-
-    name: str
-    status: Literal["ok", "warning", "failed"]
-    detail: str
+    name: str  #: what was looked at
+    status: Literal["ok", "warning", "failed"]  #: ``ok``, ``warning`` or ``failed``
+    detail: str  #: what was found, one line
 
 
 def check_versions() -> Iterator[Check]:

@@ -1,12 +1,8 @@
 """An input that came to nothing."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from depthcli.errors import DepthcliError
+from depthcli.errors import DepthcliError
 
 
 @dataclass(frozen=True, slots=True)

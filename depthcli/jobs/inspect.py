@@ -1,87 +1,54 @@
 """Depth files that are looked into: what their numbers mean, and what they are at a pixel."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from depthcli.core.summary import DepthRange
+from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.facts import stated_facts
 from depthcli.io.depth.read import read_depth
 from depthcli.video.depth import DepthVideo
 from depthcli.video.rates import rate_text
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from depthcli.core.types import DepthMap
-
 _VIDEO_SUFFIX = ".mkv"
 
 
 @dataclass(frozen=True, slots=True)
 class MapFacts:
-    """What the numbers of a depth map mean.
+    """What the numbers of a depth map mean."""
 
-    Attributes:
-        file: as the user wrote it.
-        kind: metric, relative or inverse.
-        unit: ``m``; None for relative and inverse maps.
-        width: columns.
-        height: rows.
-        valid: pixels with depth.
-        min: least depth; None where there is none.
-        median: in the middle of them; None likewise.
-        max: largest; None likewise.
-        metadata: what the file states.
-    """
-
-    file: str
-    kind: str
-    unit: str | None
-    width: int
-    height: int
-    valid: int
-    min: float | None
-    median: float | None
-    max: float | None
-    metadata: Mapping[str, str]
+    file: str  #: as the user wrote it
+    kind: str  #: metric, relative or inverse
+    unit: str | None  #: ``m``; None for relative and inverse maps
+    width: int  #: columns
+    height: int  #: rows
+    valid: int  #: pixels with depth
+    min: float | None  #: least depth; None where there is none
+    median: float | None  #: in the middle of them; None likewise
+    max: float | None  #: largest; None likewise
+    metadata: Mapping[str, str]  #: what the file states
 
 
 @dataclass(frozen=True, slots=True)
 class VideoFacts:
-    """What the numbers of a depth video mean.
+    """What the numbers of a depth video mean."""
 
-    Attributes:
-        file: as the user wrote it.
-        kind: metric, relative or inverse.
-        unit: ``m``; None where the video has none.
-        width: columns.
-        height: rows.
-        frames: how many there are.
-        fps: frames a second, exact; None if it is not stated.
-        valid: pixels with depth, of all frames.
-        min: least depth; None where there is none.
-        max: largest depth; None likewise.
-        metadata: what the file states.
-    """
-
-    file: str
-    kind: str
-    unit: str | None
-    width: int
-    height: int
-    frames: int
-    fps: str | None
-    valid: int
-    min: float | None
-    max: float | None
-    metadata: Mapping[str, str]
+    file: str  #: as the user wrote it
+    kind: str  #: metric, relative or inverse
+    unit: str | None  #: ``m``; None where the video has none
+    width: int  #: columns
+    height: int  #: rows
+    frames: int  #: how many there are
+    fps: str | None  #: frames a second, exact; None if it is not stated
+    valid: int  #: pixels with depth, of all frames
+    min: float | None  #: least depth; None where there is none
+    max: float | None  #: largest depth; None likewise
+    metadata: Mapping[str, str]  #: what the file states
 
 
 def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts:

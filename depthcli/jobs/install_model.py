@@ -1,13 +1,11 @@
 """Taking a model of your own into the user's folder, and out of it again."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from depthcli.errors import ModelError, OutputError, UsageError
 from depthcli.inference.session import Session
@@ -15,29 +13,21 @@ from depthcli.inference.trial import try_session
 from depthcli.io.storage.atomic_folder import folder_in_place, moved_away
 from depthcli.models import catalog, onnx_file, places
 from depthcli.models.card import METADATA_KEY, ModelCard
+from depthcli.models.catalog import Model
 from depthcli.models.graph_fit import fit_to_graph
+from depthcli.models.places import Place
 from depthcli.models.ready_cards import ready_fields
-
-if TYPE_CHECKING:
-    from depthcli.models.catalog import Model
-    from depthcli.models.places import Place
 
 _FILE_NAME = "model.onnx"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 class CardDraft(NamedTuple):
-    """A card's JSON object before it belongs to a file.
+    """A card's JSON object before it belongs to a file."""
 
-    Attributes:
-        fields: the object.
-        where: what messages call it.
-        is_ready: whether it is one of the ready cards, whose size is only the usual one.
-    """
-
-    fields: dict[str, Any]
-    where: str
-    is_ready: bool
+    fields: dict[str, Any]  #: the object
+    where: str  #: what messages call it
+    is_ready: bool  #: whether it is one of the ready cards, whose size is only the usual one
 
 
 def add_model(

@@ -1,11 +1,10 @@
 """Which output belongs to which input; decided before anything is written."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_media
@@ -13,22 +12,14 @@ from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.writers.formats import stem_of
 from depthcli.jobs.tree_names import TreeNames
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
 STDIN_STEM = "stdin"
 
 
 class OutputPlan(NamedTuple):
-    """The outputs of one input.
+    """The outputs of one input."""
 
-    Attributes:
-        source: the input; None for standard input.
-        outputs: path of each format.
-    """
-
-    source: Path | None
-    outputs: dict[str, Path]
+    source: Path | None  #: the input; None for standard input
+    outputs: dict[str, Path]  #: path of each format
 
 
 def plan_outputs(

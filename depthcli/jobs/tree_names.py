@@ -1,15 +1,10 @@
 """Names for the outputs of a whole tree: no two alike, whatever the order of the inputs."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import unicodedata
 from collections import Counter
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+from collections.abc import Iterable
 
 
 class TreeNames:

@@ -1,32 +1,20 @@
 """Whether models are what their cards say, and run."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from depthcli.errors import DepthcliError
 from depthcli.inference.trial import try_model
-from depthcli.models.catalog import find_model
+from depthcli.models.catalog import Model, find_model
 from depthcli.models.places import list_places
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from depthcli.models.catalog import Model
 
 
 @dataclass(frozen=True, slots=True)
 class ModelCheck:
-    """What was found of one model.
+    """What was found of one model."""
 
-    Attributes:
-        name: as it was asked for.
-        found: the model, or what is wrong with it.
-    """
-
-    name: str
-    found: Model | DepthcliError
+    name: str  #: as it was asked for
+    found: Model | DepthcliError  #: the model, or what is wrong with it
 
 
 def verify_models(names: Sequence[str] = ()) -> Iterator[ModelCheck]:

@@ -1,18 +1,13 @@
 """Averaging made explicit: ``update`` adds up, ``compute`` divides once."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Self
 
 from depthcli.metrics.choices import Averaging
 from depthcli.metrics.depth import METRICS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from depthcli.metrics.pixels import DepthPixels
+from depthcli.metrics.pixels import DepthPixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +17,7 @@ class Scores:
     values: tuple[float, ...]
 
     @classmethod
-    def of(cls, **named: float) -> Scores:
+    def of(cls, **named: float) -> Self:
         """Scores by name; NaN for every metric that is not named."""
         return cls(tuple(named.get(name, math.nan) for name in METRICS))
 
@@ -36,28 +31,23 @@ class Scores:
 
 @dataclass(frozen=True, slots=True)
 class PixelSums:
-    """Sums of every metric, which can be taken anywhere and added up elsewhere.
+    """Sums of every metric, which can be taken anywhere and added up elsewhere."""
 
-    Attributes:
-        pixel_count: how many pixels.
-        sums: those of each metric, in the order of the table.
-    """
-
-    pixel_count: int
-    sums: tuple[tuple[float, ...], ...]
+    pixel_count: int  #: how many pixels
+    sums: tuple[tuple[float, ...], ...]  #: those of each metric, in the order of the table
 
     @classmethod
-    def over(cls, pixels: DepthPixels) -> PixelSums:
+    def over(cls, pixels: DepthPixels) -> Self:
         """Sums over the pixels of one image; for any thread."""
         parts = [[metric.sums(part) for metric in METRICS.values()] for part in pixels.parts()]
         columns = zip(*parts, strict=True)
         sums = tuple(tuple(map(sum, zip(*column, strict=True))) for column in columns)
         return cls(len(pixels), sums)
 
-    def __add__(self, other: PixelSums) -> PixelSums:
+    def __add__(self, other: Self) -> Self:
         pairs = zip(self.sums, other.sums, strict=True)
         added = tuple(tuple(a + b for a, b in zip(x, y, strict=True)) for x, y in pairs)
-        return PixelSums(self.pixel_count + other.pixel_count, added)
+        return type(self)(self.pixel_count + other.pixel_count, added)
 
     def scores(self) -> Scores:
         """Every metric over these pixels; NaN if there are none."""

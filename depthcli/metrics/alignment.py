@@ -8,18 +8,11 @@ disparity); Zhou et al., "Unsupervised Learning of Depth and Ego-Motion from Vid
 (median scaling).
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.types import DepthKind
 from depthcli.metrics.choices import Alignment
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
 
 SUITABLE: dict[DepthKind, tuple[Alignment, ...]] = {
     DepthKind.METRIC: tuple(Alignment),

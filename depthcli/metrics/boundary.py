@@ -8,19 +8,13 @@ Source: Koch et al., "Evaluation of CNN-based Single-Image Depth Estimation Meth
 Than a Second", ICLR 2025 (boundary F1); Canny, "A Computational Approach to Edge Detection", 1986.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import numpy.typing as npt
+import numpy.typing as npt
 
 MAX_DISTANCE_PX = 10.0
 """Edges farther apart than this do not belong together."""
@@ -39,19 +33,16 @@ _GRADIENT_SCALE = 8192.0
 
 @dataclass(frozen=True, slots=True)
 class BoundaryScores:
-    """Scores of one image, or their mean over images; NaN where the truth has no edge.
+    """Scores of one image, or their mean over images; NaN where the truth has no edge."""
 
-    Attributes:
-        dbe_acc: mean distance in pixels of the predicted edges within 10 px of a true one to that
-            one; lower is better.
-        dbe_comp: mean distance in pixels of all edges of either map to the other's, cut off at 10;
-            lower is better. Missing edges count here, and invented ones.
-        edge_f1: harmonic mean of precision and recall of the depth steps between neighbouring
-            pixels, in [0, 1]; higher is better.
-    """
-
+    #: mean distance in pixels of the predicted edges within 10 px of a true one to that one; lower
+    #: is better
     dbe_acc: float
+    #: mean distance in pixels of all edges of either map to the other's, cut off at 10; lower is
+    #: better. Missing edges count here, and invented ones
     dbe_comp: float
+    #: harmonic mean of precision and recall of the depth steps between neighbouring pixels, in [0,
+    #: 1]; higher is better
     edge_f1: float
 
     def items(self) -> Iterator[tuple[str, float]]:

@@ -10,20 +10,16 @@ Source: Eigen, Puhrsch and Fergus, "Depth Map Prediction from a Single Image usi
 Deep Network", NeurIPS 2014, and the KITTI depth benchmark for ``silog``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.metrics.pixels import DepthPixels
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 _DOT = 10_000  # from more, OpenBLAS makes products by threads of its own
 
@@ -43,19 +39,12 @@ def _as_is(mean: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """One row of the table.
+    """One row of the table."""
 
-    Attributes:
-        name: the field's name for it, also the key in JSON and CSV.
-        sums: of the per-pixel quantities whose means the metric is made of.
-        finish: the means, in the same order, to the value.
-        higher_is_better: direction of improvement.
-    """
-
-    name: str
-    sums: Sums
-    finish: Callable[..., float] = _as_is
-    higher_is_better: bool = False
+    name: str  #: the field's name for it, also the key in JSON and CSV
+    sums: Sums  #: of the per-pixel quantities whose means the metric is made of
+    finish: Callable[..., float] = _as_is  #: the means, in the same order, to the value
+    higher_is_better: bool = False  #: direction of improvement
 
     def __call__(self, pixels: DepthPixels) -> float:
         """Value over the pixels of one image; NaN if there are none."""

@@ -1,18 +1,13 @@
 """The pixels that count in one comparison, and what the metrics need of them."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Self
 
 import cv2
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import numpy.typing as npt
+import numpy.typing as npt
 
 MIN_DEPTH_M = 1e-3
 MAX_DEPTH_M = 10.0
@@ -27,20 +22,14 @@ class DepthPixels:
 
     They are kept as they came and become float64 when somebody asks, which is cheap for a part of
     them and dear for a whole image.
-
-    Attributes:
-        truth: (N,) floats, metres, inside the range.
-        prediction: (N,) floats, metres, anything.
-        min_m: predictions are clamped to at least this.
-        max_m: predictions are clamped to at most this.
-        scratch: (6, at least N) float64, where the arrays below are put; None for memory of their
-            own, which for every part of every image would be taken from the system and given back.
     """
 
-    truth: npt.NDArray[np.floating]
-    prediction: npt.NDArray[np.floating]
-    min_m: float = MIN_DEPTH_M
-    max_m: float = MAX_DEPTH_M
+    truth: npt.NDArray[np.floating]  #: (N,) floats, metres, inside the range
+    prediction: npt.NDArray[np.floating]  #: (N,) floats, metres, anything
+    min_m: float = MIN_DEPTH_M  #: predictions are clamped to at least this
+    max_m: float = MAX_DEPTH_M  #: predictions are clamped to at most this
+    #: (6, at least N) float64, where the arrays below are put; None for memory of their own, which
+    #: for every part of every image would be taken from the system and given back
     scratch: npt.NDArray[np.float64] | None = None
 
     @classmethod
@@ -51,7 +40,7 @@ class DepthPixels:
         *,
         min_m: float = MIN_DEPTH_M,
         max_m: float = MAX_DEPTH_M,
-    ) -> DepthPixels:
+    ) -> Self:
         """Keep the pixels whose truth is strictly inside (min_m, max_m) and clamp the prediction.
 
         Args:
@@ -73,7 +62,7 @@ class DepthPixels:
     def __len__(self) -> int:
         return int(self.truth.size)
 
-    def parts(self) -> Iterator[DepthPixels]:
+    def parts(self) -> Iterator[Self]:
         """The same pixels in pieces whose float64 arrays stay in the processor's cache.
 
         Each piece is valid until the next one is asked for.
@@ -82,7 +71,7 @@ class DepthPixels:
         for start in range(0, len(self), _PART):
             part = slice(start, start + _PART)
             pieces = self.truth[part], self.prediction[part]
-            yield DepthPixels(*pieces, self.min_m, self.max_m, scratch)
+            yield type(self)(*pieces, self.min_m, self.max_m, scratch)
 
     def _place(self, number: int) -> npt.NDArray[np.float64] | None:
         return None if self.scratch is None else self.scratch[number, : len(self)]

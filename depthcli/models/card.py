@@ -1,11 +1,10 @@
 """A model's card: everything that is needed to run the model, so that a new model needs no code."""
 
-from __future__ import annotations
-
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from depthcli.core.codec import Transform
 from depthcli.core.types import DepthKind
@@ -21,9 +20,6 @@ from depthcli.models.card_specs import (
     Resize,
     TensorLayout,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 SCHEMA = 1
 METADATA_KEY = "depthcli.card"
@@ -74,7 +70,7 @@ class ModelCard:
     latency: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def from_json(cls, text: str | bytes, *, where: str = "card") -> ModelCard:
+    def from_json(cls, text: str | bytes, *, where: str = "card") -> "ModelCard":
         """Read a card.
 
         Args:

@@ -1,16 +1,10 @@
 """What a model's card says of its input, its output, its camera and its file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
-from depthcli.core.codec import DepthCodec
-
-if TYPE_CHECKING:
-    from depthcli.core.codec import Transform
-    from depthcli.core.types import DepthKind
+from depthcli.core.codec import DepthCodec, Transform
+from depthcli.core.types import DepthKind
 
 
 class Colour(StrEnum):
@@ -66,56 +60,33 @@ class TensorLayout(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class InputSpec:
-    """The network's input, float32: ``(colour in [0, 1] - mean) / std``.
+    """The network's input, float32: ``(colour in [0, 1] - mean) / std``."""
 
-    Attributes:
-        colour: what is made of the picture's pixels.
-        width: columns in pixels; the nominal size where it is dynamic.
-        height: rows in pixels.
-        dynamic: whether any multiple of ``multiple_of`` is a valid width and height.
-        multiple_of: granularity of a dynamic size, in pixels.
-        fit: how the picture is brought to this size.
-        mean: one number a channel, or one for all.
-        std: one number a channel, or one for all.
-        resize: how the picture is resized.
-        layout: order of the axes.
-        pixel_aspect: width over height of the network's pixels as it learned them, in pixels of the
-            picture: 4/3 if it learned pictures of 4:3 stretched to a square. For ``stretch`` and
-            ``keep-aspect``.
-    """
-
-    colour: Colour
-    width: int
-    height: int
-    dynamic: bool
-    multiple_of: int
-    fit: Fit
-    mean: tuple[float, ...]
-    std: tuple[float, ...]
-    resize: Resize = Resize.AREA
-    layout: TensorLayout = TensorLayout.NCHW
+    colour: Colour  #: what is made of the picture's pixels
+    width: int  #: columns in pixels; the nominal size where it is dynamic
+    height: int  #: rows in pixels
+    dynamic: bool  #: whether any multiple of ``multiple_of`` is a valid width and height
+    multiple_of: int  #: granularity of a dynamic size, in pixels
+    fit: Fit  #: how the picture is brought to this size
+    mean: tuple[float, ...]  #: one number a channel, or one for all
+    std: tuple[float, ...]  #: one number a channel, or one for all
+    resize: Resize = Resize.AREA  #: how the picture is resized
+    layout: TensorLayout = TensorLayout.NCHW  #: order of the axes
+    #: width over height of the network's pixels as it learned them, in pixels of the picture: 4/3
+    #: if it learned pictures of 4:3 stretched to a square. For ``stretch`` and ``keep-aspect``
     pixel_aspect: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class OutputSpec:
-    """What the network's raw output means; see :class:`DepthCodec`.
+    """What the network's raw output means; see :class:`DepthCodec`."""
 
-    Attributes:
-        kind: metric, relative or inverse.
-        transform: how depth follows from ``scale * raw + shift``.
-        scale: factor on the raw output.
-        shift: added after the factor.
-        min_m: least depth in metres; None if the kind is not metric.
-        max_m: largest depth in metres; None if the kind is not metric.
-    """
-
-    kind: DepthKind
-    transform: Transform
-    scale: float
-    shift: float
-    min_m: float | None
-    max_m: float | None
+    kind: DepthKind  #: metric, relative or inverse
+    transform: Transform  #: how depth follows from ``scale * raw + shift``
+    scale: float  #: factor on the raw output
+    shift: float  #: added after the factor
+    min_m: float | None  #: least depth in metres; None if the kind is not metric
+    max_m: float | None  #: largest depth in metres; None if the kind is not metric
 
     @property
     def codec(self) -> DepthCodec:
@@ -125,13 +96,9 @@ class OutputSpec:
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """The camera whose metres the model learned.
+    """The camera whose metres the model learned."""
 
-    Attributes:
-        hfov_deg: horizontal field of view over the full picture width, in degrees.
-    """
-
-    hfov_deg: float
+    hfov_deg: float  #: horizontal field of view over the full picture width, in degrees
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,20 +1,15 @@
 """Reading a model, and checking it before anything runs it."""
 
-from __future__ import annotations
-
 import hashlib
+import os
 from dataclasses import dataclass, field
 from errno import ENOENT
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.errors import ModelError
 from depthcli.models import onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.places import CARD_SUFFIX, Place, find_place
-
-if TYPE_CHECKING:
-    import os
-    from pathlib import Path
 
 _MAX_BYTES = 2**31 - 1  # a protobuf message cannot be larger
 _MAX_CARD_BYTES = 2**20

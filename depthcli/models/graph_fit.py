@@ -1,17 +1,11 @@
 """Whether a card's input is what the graph takes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.errors import ModelError
+from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import Fit
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.models.card import ModelCard
 
 _NEEDS_DYNAMIC = {Fit.LOWER_BOUND, Fit.UPPER_BOUND}
 

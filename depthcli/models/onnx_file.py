@@ -5,14 +5,9 @@ An ONNX file is one protobuf message ``ModelProto``
 find the embedded card and to notice a truncated file; tensors are skipped by their length.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from depthcli.errors import ModelError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _IR_VERSION, _GRAPH, _OPSETS, _METADATA = 1, 7, 8, 14
 _OPSET_DOMAIN, _OPSET_VERSION = 1, 2

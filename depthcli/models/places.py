@@ -1,17 +1,12 @@
 """Where models lie, found by name or path; nothing is read yet."""
 
-from __future__ import annotations
-
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from depthcli.errors import ModelError
 from depthcli.io.storage.user_folders import data_folder
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 DEFAULT_MODEL = "default"
 MODELS_VARIABLE = "DEPTHCLI_MODELS"
@@ -22,15 +17,10 @@ _ONNX_SUFFIX = ".onnx"
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a model lies; nothing has been read yet.
+    """Where a model lies; nothing has been read yet."""
 
-    Attributes:
-        onnx: the ONNX file; None where only its card names it.
-        card: the card's file; None if the card is inside the ONNX file.
-    """
-
-    onnx: Path | None
-    card: Path | None
+    onnx: Path | None  #: the ONNX file; None where only its card names it
+    card: Path | None  #: the card's file; None if the card is inside the ONNX file
 
     @property
     def path(self) -> Path:

@@ -1,15 +1,10 @@
 """How a card's preprocessing was verified; a wrong one gives no error, only wrong depth."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from depthcli.core.types import DepthKind
-
-if TYPE_CHECKING:
-    from depthcli.models.card import ModelCard
+from depthcli.models.card import ModelCard
 
 _KEY = "preprocessing"
 _ALIGN = {
@@ -21,16 +16,11 @@ _ALIGN = {
 
 @dataclass(frozen=True, slots=True)
 class PreprocessingCheck:
-    """How a card's size, colours, mean and deviation were verified.
+    """How a card's size, colours, mean and deviation were verified."""
 
-    Attributes:
-        run_with_weights: whether somebody ran the real weights with them on pictures of known
-            depth.
-        verified: how, one sentence.
-    """
-
+    #: whether somebody ran the real weights with them on pictures of known depth
     run_with_weights: bool
-    verified: str
+    verified: str  #: how, one sentence
 
 
 def preprocessing_check(card: ModelCard) -> PreprocessingCheck | None:

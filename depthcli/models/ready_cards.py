@@ -1,7 +1,5 @@
 """Cards of well-known models, ready but for the file that they belong to."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

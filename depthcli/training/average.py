@@ -1,14 +1,9 @@
 """Exponential moving average of a network's weights."""
 
-from __future__ import annotations
-
 import copy
-from typing import TYPE_CHECKING
 
 import torch
-
-if TYPE_CHECKING:
-    from torch import nn
+from torch import nn
 
 
 class WeightAverage:

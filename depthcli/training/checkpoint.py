@@ -1,12 +1,12 @@
 """Checkpoints: everything a run needs to go on exactly, and the configuration to rebuild it."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any, Self
 
 import torch
+from torch import nn
 
 from depthcli.core.choices import Weights
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER
@@ -17,74 +17,47 @@ from depthcli.training.config.ranges import check_range
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.networks.build import build_generator
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from torch import nn
-
 _FORMAT = "depthcli-checkpoint"
 _VERSION = 1
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class RunProgress:
-    """How far a run has come.
+    """How far a run has come."""
 
-    Attributes:
-        step: optimisation steps done.
-        epoch: whole epochs done.
-        seconds: training time so far, all sittings together.
-        scores: validation metrics of the last epoch by name; empty without held-out pairs.
-        train_ids: pairs the networks were trained on.
-        held_out_ids: pairs they were validated on.
-        data: what they are pairs of, as a model's card says it.
-        hfov_deg: horizontal field of view of their camera in degrees; None if it is not known.
-        extra: what the extra pairs are; "" if there are none.
-        start: whose weights it started from; "" if they were drawn.
-        aspect: width over height of their first picture.
-        threads: CPU threads of the last sitting, on which the last digits depend; 0 if unknown.
-    """
-
-    step: int = 0
-    epoch: int = 0
-    seconds: float = 0.0
+    step: int = 0  #: optimisation steps done
+    epoch: int = 0  #: whole epochs done
+    seconds: float = 0.0  #: training time so far, all sittings together
+    #: validation metrics of the last epoch by name; empty without held-out pairs
     scores: dict[str, float] = dataclasses.field(default_factory=dict)
-    train_ids: tuple[str, ...] = ()
-    held_out_ids: tuple[str, ...] = ()
-    data: str = NYU_PAPER
+    train_ids: tuple[str, ...] = ()  #: pairs the networks were trained on
+    held_out_ids: tuple[str, ...] = ()  #: pairs they were validated on
+    data: str = NYU_PAPER  #: what they are pairs of, as a model's card says it
+    #: horizontal field of view of their camera in degrees; None if it is not known
     hfov_deg: float | None = NYU_HFOV_DEG
-    extra: str = ""
-    start: str = ""
-    aspect: float = NYU_ASPECT
+    extra: str = ""  #: what the extra pairs are; "" if there are none
+    start: str = ""  #: whose weights it started from; "" if they were drawn
+    aspect: float = NYU_ASPECT  #: width over height of their first picture
+    #: CPU threads of the last sitting, on which the last digits depend; 0 if unknown
     threads: int = 0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """One saved state of a run.
+    """One saved state of a run."""
 
-    Attributes:
-        config: of the run.
-        progress: how far it had come.
-        method: state dict of all networks.
-        average: state dict of the averaged generator; None if the run keeps none.
-        optimizers: state dicts by phase.
-        extra: further state of the method, such as image pools.
-        rng: state of torch's generator, (n,) uint8.
-        device_rng: state of the accelerator's generator; None on a CPU.
-        precision: state of the loss scaler; empty for a precision without one.
-        others: ``extra``, ``rng`` and ``device_rng`` of the processes after the first.
-    """
-
-    config: TrainConfig
-    progress: RunProgress
-    method: dict[str, Any]
+    config: TrainConfig  #: of the run
+    progress: RunProgress  #: how far it had come
+    method: dict[str, Any]  #: state dict of all networks
+    #: state dict of the averaged generator; None if the run keeps none
     average: dict[str, Any] | None
-    optimizers: dict[str, Any]
-    extra: dict[str, Any]
-    rng: torch.Tensor
-    device_rng: torch.Tensor | None = None
+    optimizers: dict[str, Any]  #: state dicts by phase
+    extra: dict[str, Any]  #: further state of the method, such as image pools
+    rng: torch.Tensor  #: state of torch's generator, (n,) uint8
+    device_rng: torch.Tensor | None = None  #: state of the accelerator's generator; None on a CPU
+    #: state of the loss scaler; empty for a precision without one
     precision: dict[str, Any] = dataclasses.field(default_factory=dict)
+    #: ``extra``, ``rng`` and ``device_rng`` of the processes after the first
     others: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
     def save(self, path: Path) -> None:
@@ -108,7 +81,7 @@ class Checkpoint:
             ) from error
 
     @classmethod
-    def load(cls, path: Path) -> Checkpoint:
+    def load(cls, path: Path) -> Self:
         """Read a checkpoint; nothing in it is executed.
 
         Raises:

@@ -1,16 +1,12 @@
 """What a checkpoint has to hold before anything is built from it; files come from anywhere."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import torch
 
 from depthcli.core.text import shown
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
 
 _MAX_HFOV_DEG = 180.0
 

@@ -5,20 +5,14 @@ method has several of each, over parts of its networks that are frozen in betwee
 networks stay unwrapped and :func:`average_gradients` runs between backward pass and step.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
+from lightning_fabric import Fabric
 from lightning_fabric.strategies.ddp import DDPStrategy
-from torch import distributed
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from lightning_fabric import Fabric
-    from torch import Tensor, nn
+from torch import Tensor, distributed, nn
 
 
 class AveragingStrategy(DDPStrategy):

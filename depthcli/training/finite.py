@@ -1,17 +1,12 @@
 """Refusing to go on with numbers that are not finite."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import torch
+from lightning_fabric import Fabric
+from torch import Tensor, nn
 
 from depthcli.errors import TrainingError
-
-if TYPE_CHECKING:
-    from lightning_fabric import Fabric
-    from torch import Tensor, nn
 
 _CURE = (
     "lower optim.learning_rate or use precision=32-true, and go on from the last checkpoint, "

@@ -1,15 +1,10 @@
 """The folder of a run: what its files are called, and what is said when it cannot be written."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.errors import OutputError, TrainingError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 CHECKPOINT = "last.ckpt"
 METRICS_LOG = "metrics.jsonl"

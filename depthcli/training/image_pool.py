@@ -1,7 +1,5 @@
 """The pool of past fakes that a discriminator is shown (Shrivastava et al. 2017)."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,22 +1,16 @@
 """Weights to start from: those of an exported model, or of another run's checkpoint."""
 
-from __future__ import annotations
-
 import hashlib
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import onnx
 import torch
 from onnx import numpy_helper
+from torch import Tensor, nn
 
 from depthcli.errors import CheckpointError
 from depthcli.training.checkpoint import load_generator
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from torch import Tensor, nn
 
 _HALF = "_half"  # how float16 weights are named that the graph widens
 _HASH_LENGTH = 16

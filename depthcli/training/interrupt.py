@@ -1,16 +1,12 @@
 """Ending a run on a signal, after the step at hand."""
 
-from __future__ import annotations
-
 import signal
 import threading
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable
+from types import FrameType
+from typing import Self
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from types import FrameType
-
-    Handler = Callable[[int, FrameType | None], object] | int | None
+Handler = Callable[[int, FrameType | None], object] | int | None
 
 
 class Interrupt:

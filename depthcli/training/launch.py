@@ -1,21 +1,17 @@
 """The devices that a run trains on, and the processes that it takes."""
 
-from __future__ import annotations
-
 import logging
+import subprocess
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from lightning_fabric import Fabric
 from lightning_fabric.utilities.exceptions import MisconfigurationException
 
 from depthcli.errors import TrainingError, UsageError
 from depthcli.training.devices import AveragingStrategy, leave
-
-if TYPE_CHECKING:
-    import subprocess
-    from collections.abc import Iterator
 
 Precision = Literal["32-true", "bf16-mixed", "16-mixed"]
 _GRACE_S = 3.0

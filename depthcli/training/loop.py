@@ -1,42 +1,30 @@
 """The training loop: one for every method, from top to bottom."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+from lightning_fabric import Fabric
+
+from depthcli.datasets.training_data import TrainingData
 from depthcli.training import metrics_log
+from depthcli.training.checkpoint import RunProgress
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.devices import any_process, first_process_first
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, writing
 from depthcli.training.interrupt import Interrupt
 from depthcli.training.samples import write_samples
-from depthcli.training.setup import set_up
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lightning_fabric import Fabric
-
-    from depthcli.datasets.training_data import TrainingData
-    from depthcli.training.checkpoint import RunProgress
-    from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.setup import Prepared
-    from depthcli.training.watchers import Watcher
+from depthcli.training.setup import Prepared, set_up
+from depthcli.training.watchers import Watcher
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """When to stop before the schedule ends.
+    """When to stop before the schedule ends."""
 
-    Attributes:
-        minutes: wall-clock minutes of this sitting.
-        steps: optimisation steps of this sitting.
-    """
-
-    minutes: float = math.inf
-    steps: float = math.inf
+    minutes: float = math.inf  #: wall-clock minutes of this sitting
+    steps: float = math.inf  #: optimisation steps of this sitting
 
     def reached(self, seconds: float, steps: int) -> bool:
         """Whether a sitting of this length is over."""

@@ -1,16 +1,12 @@
 """Optimisers of a method's phases."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
+from torch import nn
 
-if TYPE_CHECKING:
-    from torch import nn
-
-    from depthcli.training.config.schema import OptimConfig
-    from depthcli.training.methods.base import Method, Phase
+from depthcli.training.config.schema import OptimConfig
+from depthcli.training.methods.base import Method, Phase
 
 
 def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> torch.optim.Optimizer:

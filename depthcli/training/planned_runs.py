@@ -1,32 +1,21 @@
 """Several runs under one time budget: where each of them lives, and how long it may train."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.config_differences import another_run, differences
 from depthcli.training.folder import CHECKPOINT
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from depthcli.training.config.schema import TrainConfig
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedRun:
-    """One run of several.
+    """One run of several."""
 
-    Attributes:
-        config: what is trained.
-        folder: where it lives.
-    """
-
-    config: TrainConfig
-    folder: Path
+    config: TrainConfig  #: what is trained
+    folder: Path  #: where it lives
 
     @property
     def name(self) -> str:

@@ -1,13 +1,10 @@
 """What differs between the processes of a run: chance, and what the method keeps of its own."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 
-if TYPE_CHECKING:
-    from depthcli.training.methods.base import Method
+from depthcli.training.methods.base import Method
 
 
 def own_state(method: Method, device: torch.device) -> dict[str, Any]:

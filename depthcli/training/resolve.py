@@ -1,22 +1,16 @@
 """The configuration of a run: a new one's from what was given, a folder's own where it goes on."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
 from depthcli.errors import UsageError
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.config.changes import resolve
 from depthcli.training.config.presets import preset_file
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.config_differences import another_run, differences
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.methods.registry import check_terms, default_config
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from depthcli.training.config.schema import TrainConfig
 
 
 def resolve_config(

@@ -1,33 +1,25 @@
 """Networks, optimisers and average of one run: a step, a checkpoint, and back."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import torch
-from torch import nn
+from lightning_fabric import Fabric
+from torch import Tensor, nn
 
 from depthcli.errors import CheckpointError
 from depthcli.training.average import WeightAverage
 from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.config_differences import another_run, data_differences, differences
+from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.devices import average_gradients, of_others
 from depthcli.training.finite import check_weights, finite_losses
 from depthcli.training.initial import start_from
+from depthcli.training.methods.base import Phase
 from depthcli.training.methods.registry import build_method
 from depthcli.training.optimizers import build_optimizer
 from depthcli.training.process_state import own_state, take_up
 from depthcli.training.schedule import factor
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lightning_fabric import Fabric
-    from torch import Tensor
-
-    from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import TrainingBatch
-    from depthcli.training.methods.base import Phase
 
 _RANK_STRIDE = 1_000_003  # seeds of further processes, far from those that people choose
 
@@ -45,6 +37,8 @@ class Run:
         progress: how far it has come.
     """
 
+    optimizers: dict[Phase, torch.optim.Optimizer]
+
     def __init__(self, config: TrainConfig, fabric: Fabric, steps_per_epoch: int) -> None:
         fabric.seed_everything(config.seed, verbose=False)
         self.config, self.fabric, self.steps_per_epoch = config, fabric, steps_per_epoch
@@ -60,7 +54,7 @@ class Run:
             for phase, o in zip(phases, optimizers, strict=True)
         }
         self.module, *ready = fabric.setup(self.method, *optimizers)
-        self.optimizers: dict[Phase, torch.optim.Optimizer] = dict(zip(phases, ready, strict=True))
+        self.optimizers = dict(zip(phases, ready, strict=True))
         decay = config.optim.ema
         self.average = WeightAverage(self.method.generator, decay) if decay else None
         if fabric.global_rank:  # the same weights, but dropout, patches and pools of its own

@@ -1,45 +1,33 @@
 """What a run needs before its first step: its pairs, networks, folder, and where it had stopped."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import torch
+from lightning_fabric import Fabric
 
+from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.splits import held_out_scenes
+from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import UsageError
 from depthcli.training import metrics_log
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.ranges import check_batch
+from depthcli.training.config.schema import DataConfig, TrainConfig
 from depthcli.training.data.batches import Batches
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, writing
 from depthcli.training.run import Run
 from depthcli.training.validation import Validation
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lightning_fabric import Fabric
-
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.datasets.training_data import TrainingData
-    from depthcli.training.config.schema import DataConfig, TrainConfig
-
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """A run that can take its next step.
+    """A run that can take its next step."""
 
-    Attributes:
-        run: networks, optimisers and progress.
-        batches: what each step is shown.
-        validation: the held-out pairs; None without them, and in processes after the first.
-    """
-
-    run: Run
-    batches: Batches
+    run: Run  #: networks, optimisers and progress
+    batches: Batches  #: what each step is shown
+    #: the held-out pairs; None without them, and in processes after the first
     validation: Validation | None
 
 

@@ -4,27 +4,20 @@ torch's threads wait for each other after every operation. On a machine that has
 them is always late, and two threads can be four times slower than one.
 """
 
-from __future__ import annotations
-
 import time
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import torch
+from lightning_fabric import Fabric
+from torch import nn
 
 from depthcli.core.parallel.cores import usable_cores
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.networks.build import build_generator
 from depthcli.training.resolve import saved_run
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-
-    from lightning_fabric import Fabric
-    from torch import nn
-
-    from depthcli.training.config.schema import TrainConfig
 
 _ROUNDS = 3
 _ENOUGH_S = 5.0
@@ -33,17 +26,11 @@ _WORTH_IT = 0.95  # more threads have to be that much faster, or they only cost 
 
 @dataclass(frozen=True, slots=True)
 class Threads:
-    """The CPU threads of a process.
+    """The CPU threads of a process."""
 
-    Attributes:
-        count: how many it uses.
-        cores: how many it could use.
-        timed: whether a short trial chose the number.
-    """
-
-    count: int
-    cores: int
-    timed: bool
+    count: int  #: how many it uses
+    cores: int  #: how many it could use
+    timed: bool  #: whether a short trial chose the number
 
 
 def set_threads(asked: int | None, config: TrainConfig, folder: Path, fabric: Fabric) -> Threads:

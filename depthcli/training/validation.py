@@ -1,23 +1,16 @@
 """Scores of a generator on held-out pairs, by the headline protocol of the evaluation."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
 
+from depthcli.datasets.base import DepthDataset
 from depthcli.metrics.accumulate import Accumulator, Scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.pair_store import PairStore, whole_pictures
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from torch import Tensor, nn
-
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.training.config.schema import TrainConfig
 
 _PICTURES_AT_ONCE = 16
 

@@ -5,19 +5,14 @@ by s, a view of another shape shows less of the picture, and a view off the midd
 there or what a camera sees that is turned there.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from depthcli.datasets.training_data import NYU_HFOV_DEG
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from depthcli.training.config.schema import DataConfig
+from depthcli.training.config.schema import DataConfig
 
 _WHOLE_SHARE = 0.25  # views as large as their shape allows, as the model will see pictures
 _FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation
@@ -27,17 +22,12 @@ _HALF_WIDTH = math.tan(math.radians(NYU_HFOV_DEG / 2))  # of the picture, at dep
 
 
 class Geometry(NamedTuple):
-    """Where the pixels of some views lie in their pictures.
+    """Where the pixels of some views lie in their pictures."""
 
-    Attributes:
-        grid: (B, H, W, 2) float32, (x, y) in the pictures, [-1, 1] from edge to edge.
-        depth_scale: (B, 1, 1, 1) or (B, 1, H, W) float32, depth in the view per depth in
-            the picture.
-        inside: (B, 1, H, W) bool, False where the view leaves the picture; None if it never does.
-    """
-
-    grid: Tensor
+    grid: Tensor  #: (B, H, W, 2) float32, (x, y) in the pictures, [-1, 1] from edge to edge
+    #: (B, 1, 1, 1) or (B, 1, H, W) float32, depth in the view per depth in the picture
     depth_scale: Tensor
+    #: (B, 1, H, W) bool, False where the view leaves the picture; None if it never does
     inside: Tensor | None
 
 

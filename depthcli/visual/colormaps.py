@@ -1,14 +1,8 @@
 """Colour tables from far to near."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import cv2
 import numpy as np
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
+import numpy.typing as npt
 
 _OPENCV = {
     "inferno": cv2.COLORMAP_INFERNO,

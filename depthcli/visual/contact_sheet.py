@@ -1,16 +1,10 @@
 """Pictures in rows and columns, with a title over each column."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy.typing as npt
+import numpy.typing as npt
 
 _PAPER, _INK = 255, (24, 24, 24)
 _GAP_PX = 4

@@ -1,16 +1,10 @@
 """A colour bar with numbers."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.types import DepthKind
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 _MOST_TICKS = 5
 _TICK_HEIGHT = 20  # room for one number, at the reference height

@@ -1,15 +1,10 @@
 """The camera, as the command line says it."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from depthcli.cli.arguments.points import parse_anchors
 from depthcli.core.camera import Camera
 from depthcli.errors import UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 def choose_camera(

@@ -1,13 +1,8 @@
 """What a shell offers for words that name something of ours; it offers file names by itself."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 from depthcli.training.methods.table import METHODS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 # Asking onnxruntime would take seconds; a test compares these with what it knows.
 PROVIDERS = (

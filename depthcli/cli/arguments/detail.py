@@ -1,17 +1,12 @@
 """How a network's depth becomes that of a full-size picture, as the command line says it."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.errors import UsageError
 from depthcli.io.writers.formats import FORMATS
 from depthcli.video.formats import VIDEO_FORMATS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 # Bytes a pixel beside picture and depth, measured with some to spare; the least is for the numbers
 # that are printed.

@@ -1,7 +1,5 @@
 """Words that ``depthcli predict`` takes, kept apart so that its help needs no numpy."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 

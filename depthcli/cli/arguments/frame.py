@@ -1,7 +1,5 @@
 """The depth file that ``info``, ``probe`` and ``convert`` read."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

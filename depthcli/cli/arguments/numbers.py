@@ -1,7 +1,5 @@
 """Numbers of the command line that have to lie in a range."""
 
-from __future__ import annotations
-
 import math
 
 import typer

@@ -1,15 +1,10 @@
 """Points whose depth the user knows, as written on the command line."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from depthcli.core.camera import Anchor
 from depthcli.errors import UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 _PARTS = 3
 

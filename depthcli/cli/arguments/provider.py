@@ -1,14 +1,9 @@
 """Options of a provider, as the command line has them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 def session_loader(

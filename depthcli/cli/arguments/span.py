@@ -1,7 +1,5 @@
 """The part of a video that ``depthcli video`` takes, in words."""
 
-from __future__ import annotations
-
 import re
 from fractions import Fraction
 

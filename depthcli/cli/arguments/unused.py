@@ -1,15 +1,11 @@
 """Options that nothing of what is written would use."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 from depthcli.errors import UsageError
 from depthcli.io.writers.formats import FORMATS
 from depthcli.video.formats import VIDEO_FORMATS
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
 
 PICTURE_OPTIONS = {str(name): facts.options for name, facts in FORMATS.items()}
 VIDEO_OPTIONS = {str(name): facts.options for name, facts in VIDEO_FORMATS.items()}

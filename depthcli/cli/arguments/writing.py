@@ -1,16 +1,12 @@
 """How outputs are written, as the command line says it."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from depthcli.cli.arguments.formats import Colormap, Near
 from depthcli.errors import UsageError
 from depthcli.io.writers.options import WriterOptions
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 
 def writer_options(parameters: Mapping[str, Any]) -> WriterOptions:

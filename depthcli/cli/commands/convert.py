@@ -1,7 +1,5 @@
 """``depthcli convert``: a depth file in another format, and what that costs."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

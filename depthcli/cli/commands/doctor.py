@@ -1,7 +1,5 @@
 """``depthcli doctor``: what works on this machine, and what does not."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Annotated
 

@@ -1,8 +1,6 @@
 """``depthcli export-onnx``: a checkpoint to one ONNX file and its card."""
 
-from __future__ import annotations
-
-from pathlib import Path  # noqa: TC003 - typer reads the annotations
+from pathlib import Path
 from typing import Annotated
 
 import typer

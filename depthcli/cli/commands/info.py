@@ -1,7 +1,5 @@
 """``depthcli info``: what the numbers of a depth file mean."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import typer

@@ -1,7 +1,5 @@
 """``depthcli predict``: the command and its options."""
 
-from __future__ import annotations
-
 import sys
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """``depthcli probe``: depth at a pixel."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

@@ -1,23 +1,19 @@
 """``depthcli profile``: options that are saved under a name and used again."""
 
-from __future__ import annotations
-
 import copy
 import os
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from depthcli.cli import profile_files
 from depthcli.cli.arguments import completion
+from depthcli.cli.profile_files import Scalar, Value
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, UsageError
-
-if TYPE_CHECKING:
-    from depthcli.cli.profile_files import Scalar, Value
 
 app = typer.Typer(
     rich_markup_mode=None,

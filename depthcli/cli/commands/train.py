@@ -1,7 +1,5 @@
 """``depthcli train``: a method on a folder of pairs."""
 
-from __future__ import annotations
-
 import math
 import signal
 from pathlib import Path

@@ -1,20 +1,14 @@
 """Options of a profile that each are right, but mean nothing or not together."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from depthcli.cli.arguments.camera import choose_camera
 from depthcli.cli.arguments.detail import choose_detail
 from depthcli.cli.arguments.provider import provider_options
 from depthcli.cli.arguments.span import parse_span
 from depthcli.cli.arguments.writing import writer_options
+from depthcli.cli.profile_files import Value
 from depthcli.core.choices import Upsampling
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from depthcli.cli.profile_files import Value
 
 
 def check_together(values: Mapping[str, Value]) -> None:

@@ -1,22 +1,17 @@
 """A profile's options as defaults of a command: what is given on the command line wins."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import Any
 
 from depthcli.cli import profile_files
 from depthcli.cli.arguments.unused import is_given
 from depthcli.cli.loading import plain_command
+from depthcli.cli.profile_files import Value
 from depthcli.cli.table import COMMANDS, PROFILED
 from depthcli.errors import UsageError
 from depthcli.io.writers.formats import format_of
 from depthcli.jobs.naming import is_folder
 from depthcli.video.formats import video_format_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from depthcli.cli.profile_files import Value
 
 _NEVER = frozenset({"help", "debug", "profile", "output", "out"})
 """Options that belong to one run, or to the command line itself."""

@@ -24,15 +24,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What is said, and where.
+    """What is said, and where."""
 
-    Attributes:
-        as_json: one JSON object a line for each input, on standard output.
-        quiet: errors only.
-    """
-
-    as_json: bool
-    quiet: bool
+    as_json: bool  #: one JSON object a line for each input, on standard output
+    quiet: bool  #: errors only
 
     def follow(self, batch: Batch, plan: Plan) -> None:
         """Let a batch work, and tell what becomes of its inputs."""

@@ -1,17 +1,10 @@
 """What ``depthcli train --all`` says of its runs."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from depthcli.cli.screen import console
-from depthcli.jobs.train.sitting import Epoch, Turn
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from depthcli.jobs.train.sitting import Sitting
+from depthcli.jobs.train.sitting import Epoch, Sitting, Turn
 
 
 class QueueScreen:

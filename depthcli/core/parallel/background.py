@@ -1,12 +1,8 @@
 """Work that goes on while the main thread does something else."""
 
-from __future__ import annotations
-
 import threading
-from typing import TYPE_CHECKING, Generic, TypeVar
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from collections.abc import Callable
+from typing import Generic, TypeVar
 
 _Result = TypeVar("_Result")
 

@@ -1,14 +1,9 @@
 """OpenCV's own threads, which are in the way where whole pictures are shared out among threads."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 import cv2
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 @contextmanager

@@ -1,17 +1,12 @@
 """What changes from one picture of a video to the next."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.colour import luma
 from depthcli.core.resize import resize_area
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 GUIDE_PX = 192
 _BLUR_PX = 5
@@ -24,16 +19,12 @@ _CUT_MEMORY = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """How one picture differs from the one before.
+    """How one picture differs from the one before."""
 
-    Attributes:
-        difference: (h, w) float32 in [0, 1], of brightness averaged over 5×5 guide pixels, so that
-            noise counts little.
-        is_cut: whether another scene begins.
-    """
-
+    #: (h, w) float32 in [0, 1], of brightness averaged over 5×5 guide pixels, so that noise counts
+    #: little
     difference: npt.NDArray[np.float32]
-    is_cut: bool
+    is_cut: bool  #: whether another scene begins
 
     @property
     def stillness(self) -> npt.NDArray[np.float32]:

@@ -1,7 +1,5 @@
 """The range of a video's preview, held steady over time."""
 
-from __future__ import annotations
-
 import math
 
 

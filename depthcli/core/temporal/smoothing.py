@@ -1,20 +1,13 @@
 """Depth over time: smoothing it, and measuring how it flickers."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.resize import resize_bilinear
-from depthcli.core.types import DepthKind
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from depthcli.core.temporal.changes import Change
-    from depthcli.core.types import DepthMap
+from depthcli.core.temporal.changes import Change
+from depthcli.core.types import DepthKind, DepthMap
 
 
 def to_steps(depth: DepthMap) -> npt.NDArray[np.float32]:

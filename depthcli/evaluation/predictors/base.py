@@ -1,16 +1,11 @@
 """Whatever gives one depth map per image: a model, the files of another tool, a trivial guess."""
 
-from __future__ import annotations
-
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-from depthcli.core.types import Frame
-
-if TYPE_CHECKING:
-    from depthcli.core.types import DepthKind, DepthMap
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.choices import Source
+from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.datasets.base import DepthDataset
+from depthcli.evaluation.choices import Source
 
 
 class Sample:

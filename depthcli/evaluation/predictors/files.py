@@ -1,20 +1,14 @@
 """Depth files that another tool wrote, as rows of the table."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError, InputError
 from depthcli.evaluation.choices import Source
+from depthcli.evaluation.predictors.base import Sample
 from depthcli.io.depth.read import read_depth
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from depthcli.core.types import DepthKind, DepthMap
-    from depthcli.evaluation.predictors.base import Sample
 
 SUFFIXES = (".npy", ".depth.npy", ".exr", ".depth.exr", ".png", ".depth.png")
 """Best precision first: the first that is there is taken. ``.depth`` is how predict names files."""
@@ -22,21 +16,13 @@ SUFFIXES = (".npy", ".depth.npy", ".exr", ".depth.exr", ".png", ".depth.png")
 
 @dataclass(frozen=True, slots=True)
 class FilePredictor:
-    """A folder of depth files named by id.
+    """A folder of depth files named by id."""
 
-    Attributes:
-        folder: where they are.
-        suffix: which of the formats is read.
-        kind: what they mean.
-        source: always files.
-        model_sha256: always None.
-    """
-
-    folder: Path
-    suffix: str
-    kind: DepthKind
-    source: Source = Source.FILES
-    model_sha256: str | None = None
+    folder: Path  #: where they are
+    suffix: str  #: which of the formats is read
+    kind: DepthKind  #: what they mean
+    source: Source = Source.FILES  #: always files
+    model_sha256: str | None = None  #: always None
 
     @property
     def name(self) -> str:

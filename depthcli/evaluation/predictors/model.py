@@ -1,43 +1,27 @@
 """Models as rows of the table."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from depthcli.core.choices import PLAIN
+from depthcli.core.choices import PLAIN, Detail
+from depthcli.core.types import DepthKind, DepthMap
 from depthcli.evaluation.choices import Source
+from depthcli.evaluation.predictors.base import Sample
+from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from depthcli.core.choices import Detail
-    from depthcli.core.types import DepthKind, DepthMap
-    from depthcli.evaluation.predictors.base import Sample
-    from depthcli.inference.loading import SessionLoader
-    from depthcli.models.card import ModelCard
+from depthcli.models.card import ModelCard
 
 
 @dataclass(frozen=True, slots=True)
 class ModelPredictor:
-    """A model, run exactly as ``depthcli predict`` runs it.
+    """A model, run exactly as ``depthcli predict`` runs it."""
 
-    Attributes:
-        name: as it was asked for: a name or a path.
-        kind: what it predicts.
-        model_sha256: checksum of its file.
-        pipeline: what runs it.
-        warnings: one-line texts, if it does not run where it should.
-        source: always model.
-    """
-
-    name: str
-    kind: DepthKind
-    model_sha256: str
-    pipeline: Pipeline
-    warnings: tuple[str, ...] = ()
-    source: Source = Source.MODEL
+    name: str  #: as it was asked for: a name or a path
+    kind: DepthKind  #: what it predicts
+    model_sha256: str  #: checksum of its file
+    pipeline: Pipeline  #: what runs it
+    warnings: tuple[str, ...] = ()  #: one-line texts, if it does not run where it should
+    source: Source = Source.MODEL  #: always model
 
     @property
     def card(self) -> ModelCard:

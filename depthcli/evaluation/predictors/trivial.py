@@ -1,45 +1,30 @@
 """Predictors that never look at the picture: the floor under every table."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from depthcli.core.parallel.ordered_map import ordered_map
-from depthcli.core.progress import NO_PROGRESS
+from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap
+from depthcli.datasets.base import DepthDataset
 from depthcli.errors import DatasetError
 from depthcli.evaluation.choices import Source
+from depthcli.evaluation.predictors.base import Sample
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from depthcli.core.progress import Progress
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.predictors.base import Sample
 
 
 @dataclass(frozen=True, slots=True)
 class TrivialPredictor:
-    """The same depth map for every picture.
+    """The same depth map for every picture."""
 
-    Attributes:
-        name: what the row is called.
-        depth: the map, metres.
-        source: always trivial.
-        kind: always metric.
-        model_sha256: always None.
-    """
-
-    name: str
-    depth: DepthMap
-    source: Source = Source.TRIVIAL
-    kind: DepthKind = DepthKind.METRIC
-    model_sha256: str | None = None
+    name: str  #: what the row is called
+    depth: DepthMap  #: the map, metres
+    source: Source = Source.TRIVIAL  #: always trivial
+    kind: DepthKind = DepthKind.METRIC  #: always metric
+    model_sha256: str | None = None  #: always None
 
     def predict(self, sample: Sample) -> DepthMap:
         """The map, whatever the picture."""

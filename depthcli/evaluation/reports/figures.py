@@ -1,35 +1,26 @@
 """Pictures of what models make of a data set, as in the paper's Fig. 2 (gray) and 3 (coloured)."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.colour import value_channel
-from depthcli.core.progress import NO_PROGRESS
+from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.resize import resize_area
 from depthcli.core.types import DepthKind, DepthMap
+from depthcli.datasets.base import DepthDataset
 from depthcli.errors import UsageError
-from depthcli.evaluation.predictors.base import Sample
+from depthcli.evaluation.nyu import EvalTask
+from depthcli.evaluation.predictors.base import Predictor, Sample
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.preview import PreviewWriter
 from depthcli.metrics.alignment import SUITABLE, align
 from depthcli.visual.colormaps import colour_table
 from depthcli.visual.contact_sheet import contact_sheet
 from depthcli.visual.legend import with_legend
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy.typing as npt
-
-    from depthcli.core.progress import Progress
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.nyu import EvalTask
-    from depthcli.evaluation.predictors.base import Predictor
 
 PICTURES = 6
 _CELL_WIDTH_PX = 240
@@ -40,17 +31,11 @@ _NUMBER = re.compile(r"_\d+[a-z]*$")
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One sheet.
+    """One sheet."""
 
-    Attributes:
-        name: file name without suffix.
-        caption: what it shows.
-        png: the file.
-    """
-
-    name: str
-    caption: str
-    png: bytes
+    name: str  #: file name without suffix
+    caption: str  #: what it shows
+    png: bytes  #: the file
 
 
 def choose(task: EvalTask, ids: Sequence[str] = (), count: int = PICTURES) -> tuple[int, ...]:
@@ -106,17 +91,11 @@ def _from_the_middle(members: Sequence[int]) -> list[int]:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """One picture with all that is shown of it.
+    """One picture with all that is shown of it."""
 
-    Attributes:
-        picture: (H, W, 3) RGB uint8, gray.
-        depths: what each predictor says, then the truth; metres.
-        limits_m: the near and the far end of all of them.
-    """
-
-    picture: npt.NDArray[np.uint8]
-    depths: tuple[DepthMap, ...]
-    limits_m: tuple[float, float]
+    picture: npt.NDArray[np.uint8]  #: (H, W, 3) RGB uint8, gray
+    depths: tuple[DepthMap, ...]  #: what each predictor says, then the truth; metres
+    limits_m: tuple[float, float]  #: the near and the far end of all of them
 
 
 def draw_figures(

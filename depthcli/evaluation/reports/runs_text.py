@@ -1,20 +1,14 @@
 """The table of trained runs as text."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from depthcli.core.text import one_line
+from depthcli.evaluation.differences import Interval
 from depthcli.evaluation.reports.text import Page
+from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
+from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.depth import METRICS
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from depthcli.evaluation.differences import Interval
-    from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
-    from depthcli.metrics.accumulate import Scores
 
 _METRICS = ("abs_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3")
 """The columns of the paper's Table I; JSON and CSV have all metrics."""

@@ -1,19 +1,13 @@
 """The table of an evaluation as text."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from depthcli.core.text import one_line
+from depthcli.evaluation.report import EvalReport, ReportRow
 from depthcli.metrics.boundary import HIGHER_IS_BETTER
 from depthcli.metrics.depth import METRICS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from depthcli.evaluation.report import EvalReport, ReportRow
 
 _DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
 _TEXT_COLUMNS = 2
@@ -21,20 +15,13 @@ _TEXT_COLUMNS = 2
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A report in words.
+    """A report in words."""
 
-    Attributes:
-        title: data set, split, number of images and protocol.
-        subtitle: the protocol in words.
-        table: cells as text, header first.
-        notes: what a reader has to know besides.
-        differences: a line on a second table, and that table; None if there is none.
-    """
-
-    title: str
-    subtitle: str
-    table: Sequence[Sequence[str]]
-    notes: Sequence[str]
+    title: str  #: data set, split, number of images and protocol
+    subtitle: str  #: the protocol in words
+    table: Sequence[Sequence[str]]  #: cells as text, header first
+    notes: Sequence[str]  #: what a reader has to know besides
+    #: a line on a second table, and that table; None if there is none
     differences: tuple[str, Sequence[Sequence[str]]] | None = None
 
     def to_text(self) -> str:

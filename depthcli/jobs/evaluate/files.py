@@ -18,17 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class EvaluationFiles:
-    """Which files are wanted; None for those that are not.
+    """Which files are wanted; None for those that are not."""
 
-    Attributes:
-        csv: the table.
-        figures: folder for the sheets.
-        html: table and sheets in one file.
-    """
-
-    csv: Path | None = None
-    figures: Path | None = None
-    html: Path | None = None
+    csv: Path | None = None  #: the table
+    figures: Path | None = None  #: folder for the sheets
+    html: Path | None = None  #: table and sheets in one file
 
     def write(self, page: Page, table_csv: str, figures: Sequence[Figure]) -> Iterator[Path]:
         """Write them.

@@ -30,26 +30,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class NyuRequest:
-    """What is compared, on which pictures, and how.
+    """What is compared, on which pictures, and how."""
 
-    Attributes:
-        data: the labelled file, or a folder with it or with pictures and an index.
-        models: a row each.
-        predictions: folders with depth files of other tools, a row each.
-        predictions_kind: what those files mean; None to believe them.
-        split: which division of the pairs.
-        limit: at most so many pictures, evenly over the split; None for all.
-        options: how the table is made.
-        shown_ids: pictures to draw; empty for some of every type of scene, None for no figures.
-    """
-
-    data: Path
-    models: tuple[SessionLoader, ...] = ()
-    predictions: tuple[Path, ...] = ()
-    predictions_kind: DepthKind | None = None
-    split: SplitName = SplitName.PAPER
-    limit: int | None = None
-    options: EvalOptions = HEADLINE_TABLE
+    data: Path  #: the labelled file, or a folder with it or with pictures and an index
+    models: tuple[SessionLoader, ...] = ()  #: a row each
+    predictions: tuple[Path, ...] = ()  #: folders with depth files of other tools, a row each
+    predictions_kind: DepthKind | None = None  #: what those files mean; None to believe them
+    split: SplitName = SplitName.PAPER  #: which division of the pairs
+    limit: int | None = None  #: at most so many pictures, evenly over the split; None for all
+    options: EvalOptions = HEADLINE_TABLE  #: how the table is made
+    #: pictures to draw; empty for some of every type of scene, None for no figures
     shown_ids: tuple[str, ...] | None = None
 
 

@@ -1,78 +1,53 @@
 """The runs of a training, exported and compared on pictures that none of them has learned."""
 
-from __future__ import annotations
-
 import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from depthcli.core.choices import Detail, Weights
-from depthcli.core.progress import NO_PROGRESS
+from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import DepthcliError, UsageError
-from depthcli.evaluation.nyu import HEADLINE_TABLE
+from depthcli.evaluation.nyu import HEADLINE_TABLE, EvalOptions
 from depthcli.evaluation.predictors.model import open_models
-from depthcli.evaluation.reports.figures import choose, draw_figures
+from depthcli.evaluation.reports.figures import Figure, choose, draw_figures
+from depthcli.evaluation.runs_report import RunsReport
 from depthcli.evaluation.runs_table import evaluate_runs
 from depthcli.evaluation.trained import TrainedModel, grouped, plan_comparison
-from depthcli.export.trained import export_run, find_runs, open_run
+from depthcli.export.trained import TrainedRun, export_run, find_runs, open_run
 from depthcli.inference.latency import measure_ms
 from depthcli.inference.loading import SessionLoader
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from depthcli.core.progress import Progress
-    from depthcli.evaluation.nyu import EvalOptions
-    from depthcli.evaluation.reports.figures import Figure
-    from depthcli.evaluation.runs_report import RunsReport
-    from depthcli.export.trained import TrainedRun
 
 
 @dataclass(frozen=True, slots=True)
 class RunsRequest:
-    """Which runs are compared, on which pictures, and how.
+    """Which runs are compared, on which pictures, and how."""
 
-    Attributes:
-        folder: holds the runs, or is one.
-        data: NYU Depth v2, which they were trained on.
-        split: which division of the pairs; ``val`` is what the runs themselves held out.
-        limit: at most so many pictures, evenly over the split; None for all.
-        weights: the moving average, where a run keeps one, or those of the last step.
-        options: how the table is made.
-        published: include the paper's rows.
-        against: also compare this row with every other.
-        runner: what runs the models; its own model is not used.
-        shown_ids: pictures to draw; empty for some of every type of scene, None for no figures.
-    """
-
-    folder: Path
-    data: Path
+    folder: Path  #: holds the runs, or is one
+    data: Path  #: NYU Depth v2, which they were trained on
+    #: which division of the pairs; ``val`` is what the runs themselves held out
     split: SplitName = SplitName.VAL
-    limit: int | None = None
+    limit: int | None = None  #: at most so many pictures, evenly over the split; None for all
+    #: the moving average, where a run keeps one, or those of the last step
     weights: Weights = Weights.AVERAGED
-    options: EvalOptions = HEADLINE_TABLE
-    published: bool = True
-    against: str | None = None
+    options: EvalOptions = HEADLINE_TABLE  #: how the table is made
+    published: bool = True  #: include the paper's rows
+    against: str | None = None  #: also compare this row with every other
+    #: what runs the models; its own model is not used
     runner: SessionLoader = field(default_factory=SessionLoader)
+    #: pictures to draw; empty for some of every type of scene, None for no figures
     shown_ids: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class RunsResult:
-    """The table.
+    """The table."""
 
-    Attributes:
-        report: of all runs that could be used.
-        figures: sheets of sample pictures, if they were asked for.
-        failed: name of each other run, and why.
-    """
-
-    report: RunsReport
-    figures: tuple[Figure, ...]
-    failed: tuple[str, ...]
+    report: RunsReport  #: of all runs that could be used
+    figures: tuple[Figure, ...]  #: sheets of sample pictures, if they were asked for
+    failed: tuple[str, ...]  #: name of each other run, and why
 
 
 def compare_runs(

@@ -1,52 +1,35 @@
 """One picture after another, from its file to its outputs."""
 
-from __future__ import annotations
-
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.scaling import fitted
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.session import Session
 from depthcli.io.pictures.read import read_image
-from depthcli.io.writers.formats import writer_class
+from depthcli.io.writers.formats import Format, writer_class
 from depthcli.jobs.failed import Failed
 from depthcli.jobs.outputs import write_output, write_stream
-from depthcli.jobs.predict.plan import STANDARD
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from depthcli.core.parallel.background import Background
-    from depthcli.core.types import DepthMap, Frame
-    from depthcli.inference.session import Session
-    from depthcli.io.writers.formats import Format
-    from depthcli.jobs.predict.plan import PicturePlan
-    from depthcli.jobs.predict.request import PredictRequest
+from depthcli.jobs.predict.plan import STANDARD, PicturePlan
+from depthcli.jobs.predict.request import PredictRequest
 
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """An input whose outputs are all written.
+    """An input whose outputs are all written."""
 
-    Attributes:
-        name: the input, as the user wrote it.
-        outputs: the files written, ``-`` for standard output.
-        depth: the depth map.
-        provider: what ran the model.
-        seconds: from opening the input to the last output.
-        warnings: one-line texts.
-    """
-
-    name: str
-    outputs: tuple[str, ...]
-    depth: DepthMap
-    provider: str
-    seconds: float
-    warnings: tuple[str, ...]
+    name: str  #: the input, as the user wrote it
+    outputs: tuple[str, ...]  #: the files written, ``-`` for standard output
+    depth: DepthMap  #: the depth map
+    provider: str  #: what ran the model
+    seconds: float  #: from opening the input to the last output
+    warnings: tuple[str, ...]  #: one-line texts
 
 
 def each_picture(

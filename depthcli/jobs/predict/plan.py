@@ -1,18 +1,13 @@
 """Which files ``depthcli predict`` writes."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of
 from depthcli.jobs.naming import is_folder, plan_outputs
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 STANDARD = "-"
 DEFAULT_FORMATS = (Format.PNG16, Format.PREVIEW)
@@ -36,17 +31,11 @@ def pictures_among(names: Sequence[str]) -> tuple[list[str], list[str]]:
 
 @dataclass(frozen=True, slots=True)
 class PicturePlan:
-    """One input and its outputs.
+    """One input and its outputs."""
 
-    Attributes:
-        name: the input as the user wrote it.
-        source: the file; None for standard input.
-        outputs: the file of each format; None for standard output.
-    """
-
-    name: str
-    source: Path | None
-    outputs: dict[Format, Path | None]
+    name: str  #: the input as the user wrote it
+    source: Path | None  #: the file; None for standard input
+    outputs: dict[Format, Path | None]  #: the file of each format; None for standard output
 
 
 def picture_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format, ...]:

@@ -4,16 +4,16 @@ Every run is a process of its own, ``depthcli train`` for one method: a method t
 that the system kills for its memory, does not take the others with it.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import time
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import CheckpointError, UsageError
@@ -23,42 +23,26 @@ from depthcli.training.methods.table import METHODS
 from depthcli.training.planned_runs import PlannedRun, next_share_s, plan_runs
 from depthcli.training.resolve import resolve_config
 
-if TYPE_CHECKING:
-    import signal
-    from collections.abc import Generator, Iterator, Sequence
-    from pathlib import Path
-
 _NO_TIME = "no time of --max-minutes was left for it; give more minutes"
 
 
 @dataclass(frozen=True, slots=True)
 class QueueRequest:
-    """What is trained.
+    """What is trained."""
 
-    Attributes:
-        data: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it.
-        out: receives a folder for each run, ``METHOD-seedK``; runs in it are continued.
-        methods: by name; all if there are none.
-        seeds: one run of each method for each of them; the settings' seed if there are none.
-        preset: name of a preset.
-        files: of differences.
-        settings: ``a.b=c``.
-        minutes: wall-clock minutes of all runs together.
-        options: further words of ``depthcli train`` that every run gets.
-        tells_epochs: also yield each epoch of a run.
-        signals: those that end the run at hand, with a checkpoint, and all others.
-    """
-
+    #: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it
     data: Path
-    out: Path
-    methods: tuple[str, ...] = ()
+    out: Path  #: receives a folder for each run, ``METHOD-seedK``; runs in it are continued
+    methods: tuple[str, ...] = ()  #: by name; all if there are none
+    #: one run of each method for each of them; the settings' seed if there are none
     seeds: tuple[int, ...] = ()
-    preset: str | None = None
-    files: tuple[Path, ...] = ()
-    settings: tuple[str, ...] = ()
-    minutes: float = math.inf
-    options: tuple[str, ...] = ()
-    tells_epochs: bool = False
+    preset: str | None = None  #: name of a preset
+    files: tuple[Path, ...] = ()  #: of differences
+    settings: tuple[str, ...] = ()  #: ``a.b=c``
+    minutes: float = math.inf  #: wall-clock minutes of all runs together
+    options: tuple[str, ...] = ()  #: further words of ``depthcli train`` that every run gets
+    tells_epochs: bool = False  #: also yield each epoch of a run
+    #: those that end the run at hand, with a checkpoint, and all others
     signals: tuple[signal.Signals, ...] = ()
 
 

@@ -1,87 +1,58 @@
 """One run: a method trained on a data set, in a folder that it is continued from."""
 
-from __future__ import annotations
-
 import math
+import signal
 from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from pathlib import Path
+from typing import Protocol
 
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.training_data import TrainingData, open_training_data
 from depthcli.training import loop
+from depthcli.training.checkpoint import RunProgress
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.interrupt import Interrupt
 from depthcli.training.launch import launched, open_fabric
 from depthcli.training.setup import divide
-from depthcli.training.threads import set_threads
+from depthcli.training.threads import Threads, set_threads
 from depthcli.training.watchers import Watcher, with_board
-
-if TYPE_CHECKING:
-    import signal
-    from pathlib import Path
-
-    from depthcli.training.checkpoint import RunProgress
-    from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.threads import Threads
 
 
 @dataclass(frozen=True, slots=True)
 class TrainRequest:
-    """What is trained, and how.
+    """What is trained, and how."""
 
-    Attributes:
-        config: of the run; see :func:`depthcli.training.resolve.resolve_config`.
-        data: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it.
-        out: folder for checkpoint, log and samples; a run in it is continued.
-        extra: folder of pairs whose metres are less sure.
-        start: exported model or checkpoint whose weights a new run starts from.
-        minutes: wall-clock minutes of this sitting.
-        accelerator: auto, cpu, cuda or mps.
-        devices: GPUs, or CPU processes.
-        threads: CPU threads; None for those of the folder's run, or the fastest.
-        tensorboard: also write event files for TensorBoard.
-        signals: those that end it after the step at hand, with a checkpoint.
-    """
-
-    config: TrainConfig
+    config: TrainConfig  #: of the run; see :func:`depthcli.training.resolve.resolve_config`
+    #: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it
     data: Path
-    out: Path
-    extra: Path | None = None
-    start: Path | None = None
-    minutes: float = math.inf
-    accelerator: str = "auto"
-    devices: int = 1
-    threads: int | None = None
-    tensorboard: bool = False
+    out: Path  #: folder for checkpoint, log and samples; a run in it is continued
+    extra: Path | None = None  #: folder of pairs whose metres are less sure
+    start: Path | None = None  #: exported model or checkpoint whose weights a new run starts from
+    minutes: float = math.inf  #: wall-clock minutes of this sitting
+    accelerator: str = "auto"  #: auto, cpu, cuda or mps
+    devices: int = 1  #: GPUs, or CPU processes
+    threads: int | None = None  #: CPU threads; None for those of the folder's run, or the fastest
+    tensorboard: bool = False  #: also write event files for TensorBoard
+    #: those that end it after the step at hand, with a checkpoint
     signals: tuple[signal.Signals, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class TrainStart:
-    """What is known of a run before its first step.
+    """What is known of a run before its first step."""
 
-    Attributes:
-        threads: CPU threads that it uses.
-        lacks_scenes: whether pairs were to be held out and there are too few scenes for that.
-    """
-
-    threads: Threads
-    lacks_scenes: bool
+    threads: Threads  #: CPU threads that it uses
+    lacks_scenes: bool  #: whether pairs were to be held out and there are too few scenes for that
 
 
 @dataclass(frozen=True, slots=True)
 class TrainResult:
-    """How a sitting ended.
+    """How a sitting ended."""
 
-    Attributes:
-        progress: how far the run has come.
-        signal_number: the signal that ended it, or None.
-        is_first: whether this process speaks for the run; of several, only the first does.
-    """
-
-    progress: RunProgress
-    signal_number: int | None
-    is_first: bool
+    progress: RunProgress  #: how far the run has come
+    signal_number: int | None  #: the signal that ended it, or None
+    is_first: bool  #: whether this process speaks for the run; of several, only the first does
 
 
 class RunWatcher(Watcher, Protocol):

@@ -1,13 +1,9 @@
 """Handing on signals to a process that we wait for."""
 
-from __future__ import annotations
-
 import signal
-from typing import TYPE_CHECKING, Any, Self
-
-if TYPE_CHECKING:
-    import subprocess
-    from collections.abc import Iterable
+import subprocess
+from collections.abc import Iterable
+from typing import Any, Self
 
 
 class SignalRelay:

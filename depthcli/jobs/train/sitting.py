@@ -1,60 +1,39 @@
 """What happens in a queue of runs, and what becomes of each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from depthcli.errors import CheckpointError
 from depthcli.training.checkpoint import RunProgress
-
-if TYPE_CHECKING:
-    from depthcli.training.planned_runs import PlannedRun
+from depthcli.training.planned_runs import PlannedRun
 
 State = Literal["finished", "stopped", "failed", "waiting"]
 
 
 @dataclass(frozen=True, slots=True)
 class Sitting:
-    """What became of a run.
+    """What became of a run."""
 
-    Attributes:
-        run: which.
-        state: finished (all epochs), stopped (its share is used up), failed, or waiting.
-        progress: how far it has come.
-        reason: why it failed, or was not trained.
-    """
-
-    run: PlannedRun
-    state: State
-    progress: RunProgress
-    reason: str = ""
+    run: PlannedRun  #: which
+    state: State  #: finished (all epochs), stopped (its share is used up), failed, or waiting
+    progress: RunProgress  #: how far it has come
+    reason: str = ""  #: why it failed, or was not trained
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A run begins.
+    """A run begins."""
 
-    Attributes:
-        run: which.
-        share_s: how long it may train, seconds; may be infinite.
-    """
-
-    run: PlannedRun
-    share_s: float
+    run: PlannedRun  #: which
+    share_s: float  #: how long it may train, seconds; may be infinite
 
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """An epoch of a run is done.
+    """An epoch of a run is done."""
 
-    Attributes:
-        run: which.
-        line: what ``depthcli train --json`` says of it.
-    """
-
-    run: PlannedRun
-    line: dict[str, Any]
+    run: PlannedRun  #: which
+    line: dict[str, Any]  #: what ``depthcli train --json`` says of it
 
 
 def looked_up(run: PlannedRun, unfinished: State = "waiting") -> Sitting:

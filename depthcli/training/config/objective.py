@@ -1,7 +1,5 @@
 """The part of a configuration that says what is minimised, and how."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Named configurations that ship with the package."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from depthcli.errors import UsageError

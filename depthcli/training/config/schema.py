@@ -4,8 +4,6 @@ A method's defaults are changed by files and settings, see :mod:`~depthcli.train
 Checkpoints carry the result.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 

@@ -1,35 +1,25 @@
 """Augmentation that keeps metres true, as :mod:`~depthcli.training.views` has it."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F  # noqa: N812
+from torch import Tensor
 
+from depthcli.training.config.schema import DataConfig
 from depthcli.training.data.cutmix import cutmix
 from depthcli.training.views import draw_views, view_size
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from depthcli.training.config.schema import DataConfig
 
 _WHOLLY = 0.999  # of the pixels that a new one is interpolated from
 _BORDER = 0.03  # widest border, as a share of half the picture; NYU Depth v2's white one is .029
 
 
 class Views(NamedTuple):
-    """What is seen of some pairs.
+    """What is seen of some pairs."""
 
-    Attributes:
-        gray: (B, 1, H, W) float32 in [-1, 1].
-        depth_m: (B, 1, H, W) float32 metres, with the same geometry.
-        known: (B, 1, H, W) bool, False where depth was not measured; None if all of it was.
-    """
-
-    gray: Tensor
-    depth_m: Tensor
+    gray: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
+    depth_m: Tensor  #: (B, 1, H, W) float32 metres, with the same geometry
+    #: (B, 1, H, W) bool, False where depth was not measured; None if all of it was
     known: Tensor | None
 
 

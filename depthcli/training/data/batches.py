@@ -3,38 +3,27 @@
 Every batch is a function of (seed, step) alone, so a resumed run sees what an unbroken one sees.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from depthcli.errors import UsageError
+from depthcli.training.config.schema import DataConfig
 from depthcli.training.data.augment import Views, augment
+from depthcli.training.data.pair_store import PairStore
 from depthcli.training.views import view_size
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from depthcli.training.config.schema import DataConfig
-    from depthcli.training.data.pair_store import PairStore
 
 
 class TrainingBatch(NamedTuple):
-    """What one training step is shown.
+    """What one training step is shown."""
 
-    Attributes:
-        gray: (B, 1, H, W) float32 in [-1, 1].
-        depth_m: (B, 1, H, W) float32 metres, holes filled; of the same scenes, or of others if
-            unpaired.
-        known: (B, 1, H, W) bool, False in the holes; None if there are none.
-        extra: (B,) bool, the pairs whose metres are less sure; None if there are none.
-    """
-
-    gray: Tensor
+    gray: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
+    #: (B, 1, H, W) float32 metres, holes filled; of the same scenes, or of others if unpaired
     depth_m: Tensor
-    known: Tensor | None = None
+    known: Tensor | None = None  #: (B, 1, H, W) bool, False in the holes; None if there are none
+    #: (B,) bool, the pairs whose metres are less sure; None if there are none
     extra: Tensor | None = None
 
 

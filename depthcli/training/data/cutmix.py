@@ -7,15 +7,10 @@ Source: Yun et al., "CutMix: Regularization Strategy to Train Strong Classifiers
 Features", ICCV 2019; here the labels are mixed by the pixel, not by the share.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import torch
-
-if TYPE_CHECKING:
-    from torch import Tensor
+from torch import Tensor
 
 _SIDES = (0.25, 0.75)  # of the rectangle, as shares of the view's
 

@@ -1,29 +1,21 @@
 """Depth with holes: pixels without a measurement neither count nor mix with those that have one."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
+import numpy.typing as npt
 
 # Exactly half counts, and half in floats may be a little less.
 _LEAST_SHARE = 0.5 - 1e-5
 
 
 class Measured(NamedTuple):
-    """Depth without holes, and where there was one.
+    """Depth without holes, and where there was one."""
 
-    Attributes:
-        depth_m: (H, W) float32 metres; in a hole, that of the nearest pixel with a measurement.
-        known: (H, W) bool, False in a hole; None if there is no hole.
-    """
-
+    #: (H, W) float32 metres; in a hole, that of the nearest pixel with a measurement
     depth_m: npt.NDArray[np.float32]
-    known: npt.NDArray[np.bool_] | None
+    known: npt.NDArray[np.bool_] | None  #: (H, W) bool, False in a hole; None if there is no hole
 
 
 def shrink(depth_m: npt.NDArray[np.float32], size: tuple[int, int]) -> Measured | None:

@@ -1,23 +1,16 @@
 """Pairs in memory, at the size that training needs."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import cv2
 import torch
+from torch import Tensor
 
+from depthcli.datasets.base import DepthDataset
 from depthcli.errors import DatasetError
+from depthcli.training.config.schema import DataConfig
 from depthcli.training.data.augment import network_input
 from depthcli.training.data.holes import shrink
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from torch import Tensor
-
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.training.config.schema import DataConfig
 
 _STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
 

@@ -1,15 +1,10 @@
 """The adversarial terms by name: what each form makes of a discriminator's outputs."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from torch import Tensor, nn
 
 from depthcli.training.losses.hinge import hinge_discriminator, hinge_generator
 from depthcli.training.losses.lsgan import lsgan_discriminator, lsgan_generator
 from depthcli.training.losses.ralsgan import ralsgan_discriminator, ralsgan_generator
-
-if TYPE_CHECKING:
-    from torch import Tensor, nn
 
 
 def generator_loss(gan: str, judge: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:

@@ -1,14 +1,8 @@
 """Multi-scale gradient matching (Li and Snavely 2018), which sharpens depth edges."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import torch
 import torch.nn.functional as F  # noqa: N812
-
-if TYPE_CHECKING:
-    from torch import Tensor
+from torch import Tensor
 
 SCALES = 4
 

@@ -1,7 +1,5 @@
 """Hard-negative decoupled contrast, weighted by the relations of the input's patches."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,13 +1,7 @@
 """Hinge GAN, with the generator's margin of the DCLGAN family."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import torch.nn.functional as F  # noqa: N812
-
-if TYPE_CHECKING:
-    from torch import Tensor
+from torch import Tensor
 
 
 def hinge_discriminator(real: Tensor, fake: Tensor) -> Tensor:

@@ -1,17 +1,12 @@
 """The losses that compare a depth map with its truth, by the names of their weights."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from torch import Tensor
 
-from depthcli.training.config.objective import PAIRED_LOSSES
-
-if TYPE_CHECKING:
-    from depthcli.training.config.objective import LossConfig
+from depthcli.training.config.objective import PAIRED_LOSSES, LossConfig
 
 PairedLoss: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
 """Prediction and truth (B, 1, H, W), coded depth, and which pixels are known (B, 1, H, W) bool,

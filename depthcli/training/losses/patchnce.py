@@ -1,7 +1,5 @@
 """Patch-wise contrast (eq. 4): InfoNCE over the patches of one image."""
 
-from __future__ import annotations
-
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor

@@ -1,13 +1,7 @@
 """Full precision inside mixed precision."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import torch
-
-if TYPE_CHECKING:
-    from torch import Tensor
+from torch import Tensor
 
 
 def full_precision(like: Tensor) -> torch.autocast:

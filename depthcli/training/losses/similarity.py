@@ -1,13 +1,7 @@
 """Similarity of domains: a fake looks, as a whole, like the real images of its domain."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import torch.nn.functional as F  # noqa: N812
-
-if TYPE_CHECKING:
-    from torch import Tensor
+from torch import Tensor
 
 
 def similarity(*, real_x: Tensor, fake_x: Tensor, real_y: Tensor, fake_y: Tensor) -> Tensor:

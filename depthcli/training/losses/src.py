@@ -1,7 +1,5 @@
 """Semantic relation consistency: patches relate in the output as they do in the input."""
 
-from __future__ import annotations
-
 import math
 
 import torch

@@ -1,25 +1,17 @@
 """What every method is to the training loop, and what the methods share."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, ClassVar, Literal, TypeVar
+from typing import ClassVar, Literal, TypeVar
 
 import torch
 import torch.nn.functional as F  # noqa: N812
-from torch import nn
+from torch import Tensor, nn
 
-from depthcli.training.networks.build import build_generator
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from torch import Tensor
-
-    from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import TrainingBatch
-    from depthcli.training.networks.build import Generator
+from depthcli.training.config.schema import TrainConfig
+from depthcli.training.data.batches import TrainingBatch
+from depthcli.training.networks.build import Generator, build_generator
 
 Phase = Literal["generator", "discriminator"]
 _Part = TypeVar("_Part")

@@ -1,19 +1,12 @@
 """Contrast as the methods use it: patch vectors of an output against those of its input."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 import torch
+from torch import Tensor
 
+from depthcli.training.networks.build import Generator
 from depthcli.training.networks.patch_sampler import PatchSampler
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from torch import Tensor
-
-    from depthcli.training.networks.build import Generator
 
 
 def patch_heads(generator: Generator, taps: Sequence[str]) -> PatchSampler:

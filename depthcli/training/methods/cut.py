@@ -1,22 +1,17 @@
 """CUT and FastCUT (Park et al. 2020): one direction, held to its input by patch-wise contrast."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import torch
+from torch import Tensor, nn
 
+from depthcli.training.config.schema import TrainConfig
+from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.losses.patchnce import patch_nce
 from depthcli.training.methods.base import Method, Phase, built, frozen, present, translated
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.networks.build import build_discriminator
-
-if TYPE_CHECKING:
-    from torch import Tensor, nn
-
-    from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import TrainingBatch
 
 
 class Cut(Method):

@@ -1,37 +1,25 @@
 """CycleGAN (Zhu et al. 2017): two generators that undo each other, two discriminators."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
 
+from depthcli.training.config.schema import TrainConfig
+from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.image_pool import ImagePool
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.methods.base import Method, Phase, built, frozen, present, sized, translated
 from depthcli.training.networks.build import build_discriminator, build_generator
 
-if TYPE_CHECKING:
-    from torch import Tensor, nn
-
-    from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import TrainingBatch
-
 
 class Made(NamedTuple):
-    """What the generators make of a batch; None where no term asks for it.
+    """What the generators make of a batch; None where no term asks for it."""
 
-    Attributes:
-        raw_y: G(x) at the generator's own size.
-        fake_y: G(x), (B, 1, H, W).
-        fake_x: F(y).
-        same_y: G(y).
-    """
-
-    raw_y: Tensor
-    fake_y: Tensor
-    fake_x: Tensor | None
-    same_y: Tensor | None
+    raw_y: Tensor  #: G(x) at the generator's own size
+    fake_y: Tensor  #: G(x), (B, 1, H, W)
+    fake_x: Tensor | None  #: F(y)
+    same_y: Tensor | None  #: G(y)
 
 
 class CycleGan(Method):

@@ -1,22 +1,17 @@
 """DCLGAN (Han et al. 2021): contrast in both directions, each with its own patch heads."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
 
+from depthcli.training.config.schema import TrainConfig
+from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.losses.patchnce import patch_nce
 from depthcli.training.methods.base import Method, Phase, built, frozen, present, translated
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.networks.build import build_discriminator, build_generator
-
-if TYPE_CHECKING:
-    from torch import Tensor, nn
-
-    from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import TrainingBatch
 
 
 class Fakes(NamedTuple):

@@ -1,18 +1,15 @@
 """HnegSRC (Jung et al. 2022): CUT with hard negatives and consistent relations of patches."""
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
+
+from torch import Tensor
 
 from depthcli.training.losses.hdce import hdce
 from depthcli.training.losses.src import semantic_relation
 from depthcli.training.methods.base import translated
 from depthcli.training.methods.contrast import mean_over_taps
 from depthcli.training.methods.cut import Cut
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 
 class HnegSrc(Cut):

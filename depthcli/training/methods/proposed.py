@@ -1,26 +1,20 @@
 """The paper's method (eq. 7): CycleGAN with contrast and a regularised L1 on paired depth."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Callable
+from typing import ClassVar
 
 import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
 
 from depthcli.training.config.objective import PAIRED_LOSSES
+from depthcli.training.config.schema import TrainConfig
+from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.paired import paired_losses
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
 from depthcli.training.losses.regularised_l1 import regularised_l1
 from depthcli.training.methods.base import Phase, built, present, sized
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.methods.cyclegan import CycleGan, Made
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from torch import Tensor, nn
-
-    from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.data.batches import TrainingBatch
 
 
 class Proposed(CycleGan):

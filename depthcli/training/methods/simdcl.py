@@ -1,19 +1,14 @@
 """SimDCL (Han et al. 2021): DCLGAN whose fakes are, as a whole, similar to their domain."""
 
-from __future__ import annotations
+from typing import ClassVar
 
-from typing import TYPE_CHECKING, ClassVar
+from torch import Tensor, nn
 
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.losses.similarity import similarity
 from depthcli.training.methods.base import built, present
-from depthcli.training.methods.dclgan import DclGan
+from depthcli.training.methods.dclgan import DclGan, Maps
 from depthcli.training.networks.similarity_map import SimilarityMap
-
-if TYPE_CHECKING:
-    from torch import Tensor, nn
-
-    from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.methods.dclgan import Maps
 
 
 class SimDcl(DclGan):

@@ -1,15 +1,8 @@
 """Antialiased changes of resolution (Zhang 2019), as the CUT family uses them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import torch
 import torch.nn.functional as F  # noqa: N812
-from torch import nn
-
-if TYPE_CHECKING:
-    from torch import Tensor
+from torch import Tensor, nn
 
 
 class BlurDown(nn.Module):

@@ -1,15 +1,9 @@
 """Networks by configuration."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
+from depthcli.training.config.schema import GeneratorConfig, TrainConfig
 from depthcli.training.networks.efficient import EfficientGenerator
 from depthcli.training.networks.patchgan import PatchGan
 from depthcli.training.networks.resnet import ResnetGenerator
-
-if TYPE_CHECKING:
-    from depthcli.training.config.schema import GeneratorConfig, TrainConfig
 
 Generator = EfficientGenerator | ResnetGenerator
 

@@ -1,15 +1,10 @@
 """An encoder-decoder that costs little on a CPU: residual blocks, batch norm, skip connections."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 class EfficientGenerator(nn.Module):

@@ -1,16 +1,11 @@
 """The heads H that turn feature maps into patch vectors for contrast (Park et al. 2020)."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
 
 from depthcli.training.networks.weights import init_xavier
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 _EPSILON = 1e-7
 

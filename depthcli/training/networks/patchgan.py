@@ -1,17 +1,11 @@
 """The 70×70 PatchGAN discriminator (Isola et al. 2017)."""
 
-from __future__ import annotations
-
 import itertools
-from typing import TYPE_CHECKING
 
-from torch import nn
+from torch import Tensor, nn
 
 from depthcli.training.networks.blur import BlurDown
 from depthcli.training.networks.weights import init_normal, init_xavier
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 _SLOPE = 0.2
 

@@ -1,19 +1,13 @@
 """The paper's generator: ``resnet_9blocks`` (Johnson et al. 2016), with the paper's last skip."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Sequence
+from typing import Literal
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from depthcli.training.networks.blur import BlurDown, BlurUp
 from depthcli.training.networks.weights import init_normal, init_xavier
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from torch import Tensor
 
 
 class ResnetGenerator(nn.Module):

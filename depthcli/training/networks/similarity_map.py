@@ -1,8 +1,6 @@
 """The map m of SimDCL: all patch vectors of an image to one vector (Han et al. 2021)."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -10,9 +8,6 @@ from torch import Tensor, nn
 
 from depthcli.training.losses.precision import full_precision
 from depthcli.training.networks.weights import init_xavier
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 class SimilarityMap(nn.Module):

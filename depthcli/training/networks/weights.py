@@ -1,7 +1,5 @@
 """First weights, as each family of methods draws them."""
 
-from __future__ import annotations
-
 from torch import nn
 
 _SPREAD = 0.02

@@ -1,8 +1,6 @@
 """``depthcli eval runs``: Table I of the runs that ``depthcli train`` made."""
 
-from __future__ import annotations
-
-from pathlib import Path  # noqa: TC003 - typer reads the annotation
+from pathlib import Path
 from typing import Annotated
 
 import typer
