@@ -586,3 +586,32 @@ def test_an_error_that_nobody_foresaw_stops_no_other(
         "seven.png": "failed",
     }
     assert found["seven.png"]["error"] == "unexpected ValueError: seven"
+
+
+def test_a_shard_of_a_list_in_a_table(inside: Cli) -> None:
+    tree(inside, "a.png", "hall/b.png")
+    (inside.folder / "list.csv").write_text("n,uri\n1,a.png\n2,hall/b.png\n")
+    words = ("batch", "in", "--out", "out", "--files", "list.csv", "--column", "uri")
+    assert inside(*words, "--shard", "2/2").returncode == 0
+    assert contents(inside, "out").keys() == {"hall/b.depth.png", "manifest-2-of-2.jsonl"}
+    assert b"keep 0 already done" in inside(*words, "--shard", "1/2", "--dry-run").stderr
+    assert inside(*words, "--shard", "1/2").returncode == 0
+    assert b"2 already done" in inside(*words).stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("--shard", "0/4"), b"--shard 0/4 is not I/N"),
+        (("--files", "-", "--column", "x"), b"--column is for a Parquet or CSV file"),
+        (("--column", "x"), b"--column is for a Parquet or CSV file"),
+        (("--files", "in/a.csv", "--column", "x"), b"no column 'x'; its columns are path"),
+    ],
+)
+def test_what_names_no_part_and_no_column(inside: Cli, words: tuple[str, ...], line: bytes) -> None:
+    tree(inside, "a.png")
+    (inside.folder / "in" / "a.csv").write_text("path\na.png\n")
+    done = inside("batch", "in", "--out", "out", *words)
+    assert done.returncode == 2
+    assert line in done.stderr
+    assert done.stderr.count(b"\n") == 1

@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.jobs.batch.journal import JOURNAL_NAME, Journal, known_rows, remove_leftovers
+from depthcli.jobs.batch.journal import Journal, known_rows, remove_leftovers
 from depthcli.jobs.batch.manifest import (
     FAILED,
-    MANIFEST_NAME,
     OK,
     Origin,
     OutputFile,
@@ -23,6 +22,8 @@ from depthcli.jobs.batch.manifest import (
     written,
 )
 
+JOURNAL_NAME = ".depthcli-batch.jsonl"
+MANIFEST_NAME = "manifest.jsonl"
 ORIGIN = Origin("0" * 64, "tiny", "1" * 64, "1.0")
 
 
@@ -104,7 +105,7 @@ def test_other_inputs_stay_as_long_as_they_have_outputs(tmp_path: Path) -> None:
 def test_a_killed_batch_leaves_its_rows(tmp_path: Path) -> None:
     journal = Journal(tmp_path)
     journal.add(row("a"))
-    journal._file.close()  # as the end of the process does
+    journal._opened.close()  # as the end of the process does
     with (tmp_path / JOURNAL_NAME).open("ab") as file:
         file.write(row("b").as_line()[:40])
     assert known_rows(tmp_path).row("a") == row("a")

@@ -198,9 +198,9 @@ def test_patterns(
     assert {file.name for file in plan.inputs} == taken
 
 
-def test_a_list_is_given_as_bytes(tmp_path: Path) -> None:
+def test_a_list_is_given_as_words(tmp_path: Path) -> None:
     pictures(tmp_path)
-    plan = plan_files(b"z.png\0a.png\0", "mine", str(tmp_path / "in"), str(tmp_path / "out"))
+    plan = plan_files(["z.png", "a.png"], "mine", str(tmp_path / "in"), str(tmp_path / "out"))
     assert [file.name for file in plan.inputs] == ["a.png", "z.png"]
 
 
@@ -212,7 +212,7 @@ def test_what_an_earlier_row_holds_for(tmp_path: Path) -> None:
     path.write_bytes(b"depth")
     row = Row("a.png", OK, ORIGIN, (written(tmp_path, path),), 0.5, "3" * 64)
     (tmp_path / "a.png").write_bytes(b"")
-    (file,) = plan_files(b"a.png", "mine", str(tmp_path), str(tmp_path / "out")).inputs
+    (file,) = plan_files(["a.png"], "mine", str(tmp_path), str(tmp_path / "out")).inputs
 
     def kept(earlier: Row | None, sha256: str = "3" * 64, origin: Origin = ORIGIN) -> Row | None:
         return Task(file, {Format.PNG16: path}, earlier).kept(tmp_path, sha256, origin)
@@ -234,6 +234,6 @@ def test_a_listed_input_is_never_replaced_wherever_the_working_directory_was(
         write_picture(tmp_path / name / "in" / "a.jpg")
         write_picture(tmp_path / name / "in" / "a.depth.png")
         monkeypatch.chdir(tmp_path / name)
-        plan = plan_files(b"a.jpg\na.depth.png\n", "mine", "in", "in")
+        plan = plan_files(["a.jpg", "a.depth.png"], "mine", "in", "in")
         with pytest.raises(UsageError, match=r"a\.depth\.png, the output for a\.jpg, is an input"):
             OutputMap(plan, (Format.PNG16,)).check_apart()

@@ -113,7 +113,7 @@ def test_a_batch_of_some_files_forgets_no_other(tmp_path: Path) -> None:
     pictures(tmp_path)
     (tmp_path / "in" / "d.jpg").touch()
     kept(tmp_path)
-    some = plan_files(b"z.png", "mine", str(tmp_path / "in"), str(tmp_path / "out"))
+    some = plan_files(["z.png"], "mine", str(tmp_path / "in"), str(tmp_path / "out"))
     assert [result.is_kept for result in Batch(replace(request(tmp_path), plan=some))] == [True]
     # What failed and was not asked for again has nothing in the folder.
     assert known_rows(tmp_path / "out").row("d.jpg") is None

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,7 +14,7 @@ from depthcli.errors import ExitCode, UsageError
 from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping
 
     from depthcli.jobs.batch.plan import Plan
 
@@ -46,7 +45,22 @@ def batch(
         typer.Option(
             metavar="LIST",
             help="File with one input path per line, relative to DIR or to the working "
-            "directory; '-' for stdin.",
+            "directory, '-' for stdin; or a .parquet, .csv or .tsv file with a column of paths.",
+        ),
+    ] = None,
+    column: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Column of a Parquet or CSV list. Default: its only column, or 'path'.",
+        ),
+    ] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Process part I of N, chosen by a hash of each name; the parts can run at the "
+            "same time, on any machines, into one OUT.",
         ),
     ] = None,
     include: Annotated[
@@ -124,7 +138,7 @@ def batch(
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
     refuse_unused(context, chosen, PICTURE_OPTIONS)
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
-    plan = _plan(folder, output, files, include or (), exclude or ())
+    plan = _plan(context.params)
     at_once, threads = share_cores(workers, threads)
     loader = session_loader(model, provider, threads, provider_option)
     loading = loader.start()
@@ -145,29 +159,28 @@ def batch(
     return ExitCode.SOME_FAILED if job.tally.failures else ExitCode.OK
 
 
-def _plan(
-    folder: str | None,
-    output: str,
-    files: str | None,
-    include: Sequence[str],
-    exclude: Sequence[str],
-) -> Plan:
-    from depthcli.io.listing.globs import NameFilter
-    from depthcli.jobs.batch.plan import plan_files, plan_folder
+def _plan(given: Mapping[str, Any]) -> Plan:
+    """The plan that options ask for.
 
-    if not output:
+    Args:
+        given: values of the options by the names of their parameters.
+    """
+    from depthcli.io.listing.globs import NameFilter
+    from depthcli.io.listing.path_list import parse_list, read_list
+    from depthcli.jobs.batch.plan import plan_files, plan_folder
+    from depthcli.jobs.batch.shard import WHOLE, Shard
+
+    folder, out, files, column = (given[name] for name in ("folder", "output", "files", "column"))
+    shard = Shard.parse(given["shard"]) if given["shard"] else WHOLE
+    if not out:
         raise UsageError("name the folder for outputs: --out OUT")
-    wanted = NameFilter.of(include, exclude)
+    wanted = NameFilter.of(given["include"] or (), given["exclude"] or ())
+    if column is not None and files in (None, STANDARD):
+        raise UsageError("--column is for a Parquet or CSV file; name it with --files")
     if files is not None:
-        return plan_files(_read_list(files), files, folder or ".", output, wanted)
+        stdin = files == STANDARD
+        words = parse_list(sys.stdin.buffer.read()) if stdin else read_list(files, column)
+        return plan_files(words, files, folder or ".", out, wanted, shard)
     if folder is None:
         raise UsageError("name a folder, or give --files with a list")
-    return plan_folder(folder, output, wanted)
-
-
-def _read_list(source: str) -> bytes:
-    """The content of a list; ``-`` is standard input."""
-    try:
-        return sys.stdin.buffer.read() if source == STANDARD else Path(source).read_bytes()
-    except OSError as error:
-        raise UsageError(f"cannot read the list {source}: {error.strerror}") from error
+    return plan_folder(folder, out, wanted, shard)

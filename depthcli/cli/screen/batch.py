@@ -10,7 +10,6 @@ from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import drawn
 from depthcli.core.text import one_line
 from depthcli.io.listing.skipped import counted
-from depthcli.jobs.batch.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -44,7 +43,7 @@ class Report:
         finally:
             for result in batch.late:
                 self._tell(result)
-            self._sum_up(plan, batch.tally)
+            self._sum_up(plan, batch)
 
     def _tell(self, result: Result) -> None:
         if self.as_json:
@@ -53,8 +52,9 @@ class Report:
             for warning in result.row.warnings:
                 console.warn(f"{result.row.input}: {warning}")
 
-    def _sum_up(self, plan: Plan, tally: Tally) -> None:
+    def _sum_up(self, plan: Plan, batch: Batch) -> None:
         """The failures, then what was done."""
+        tally = batch.tally
         for name, reason in tally.failures:
             console.error(reason if name in reason else f"{name}: {reason}")
         if tally.failures and self.quiet:
@@ -67,7 +67,7 @@ class Report:
         say(", ".join(_account(plan, tally)) + f"; {_speed(tally)}")
         if tally.passed < tally.total:
             console.note("stopped early; run the same command again to resume")
-        say(one_line(f"manifest: {plan.out / MANIFEST_NAME}"))
+        say(one_line(f"manifest: {batch.manifest}"))
 
 
 def _account(plan: Plan, tally: Tally) -> list[str]:

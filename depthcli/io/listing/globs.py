@@ -43,11 +43,6 @@ class NameFilter(NamedTuple):
         wanted = not self.include or any(p.fullmatch(name) for p in self.include)
         return None if wanted else NOT_INCLUDED
 
-    def unmatched(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Words of ``include`` that no name matches."""
-        found = zip(self.include_words, self.include, strict=True)
-        return tuple(word for word, p in found if not any(map(p.fullmatch, names)))
-
     def excludes(self, name: str) -> bool:
         """Whether a file or folder is excluded by its own name."""
         return any(pattern.fullmatch(name) for pattern in self.exclude)

@@ -1,10 +1,62 @@
-"""A list of inputs, one a line, as ``find`` and ``git ls-files`` print them."""
+"""A list of inputs: one a line, as ``find`` and ``git ls-files`` print them, or in a table."""
 
 from __future__ import annotations
 
+import csv
 import os
+from itertools import chain, islice
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from depthcli.errors import UsageError
 from depthcli.io.listing.folder import InputFile
+from depthcli.io.parquet import column_texts, only_column
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+_TRIED = 1000
+_DELIMITERS = {".csv": ",", ".tsv": "\t"}
+
+
+def read_list(source: str, column: str | None = None) -> Iterable[str]:
+    """The paths of a list, in its order; of tables a part at a time.
+
+    Args:
+        source: a file of text, or a table by its suffix: ``.parquet`` (a file, or a folder of
+            them), ``.csv`` or ``.tsv`` with the names of the columns in the first line.
+        column: of a table, the one with the paths; None for the only one, or ``path``.
+
+    Raises:
+        UsageError: the list cannot be read, or has no such column.
+    """
+    suffix = Path(source).suffix.lower()
+    try:
+        if suffix == ".parquet":
+            return column_texts(Path(source), column)
+        if suffix in _DELIMITERS:
+            return _csv_texts(Path(source), column, _DELIMITERS[suffix])
+        if column is not None:
+            raise UsageError(f"--column is for lists in Parquet and CSV, which {source} is not")
+        return parse_list(Path(source).read_bytes())
+    except OSError as error:
+        raise UsageError(f"cannot read the list {source}: {error.strerror or error}") from error
+
+
+def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
+    file = path.open(newline="", encoding="utf-8-sig", errors="surrogateescape")
+    rows = csv.reader(file, delimiter=delimiter)
+    header = next(rows, [])
+    place = header.index(only_column(header, column, path))
+
+    def texts() -> Iterator[str]:
+        with file:
+            try:
+                yield from (row[place] for row in rows if len(row) > place and row[place])
+            except csv.Error as error:
+                raise UsageError(f"{path}, line {rows.line_num}: {error}") from error
+
+    return texts()
 
 
 def parse_list(data: bytes) -> list[str]:
@@ -18,28 +70,24 @@ def parse_list(data: bytes) -> list[str]:
     return list(dict.fromkeys(os.fsdecode(word) for word in words if word))
 
 
-def listed_inputs(words: list[str], root: str) -> tuple[InputFile, ...]:
-    """Listed paths, by their names below a folder.
+def listed_inputs(words: Iterable[str], root: str) -> Iterator[InputFile]:
+    """Listed paths, by their names below a folder; a name can come more than once.
 
     Args:
         words: absolute paths, or paths from ``root``; or from the working directory, as ``find
-            root`` prints them, if more of them exist there.
+            root`` prints them, if more of the first thousand exist there.
         root: the folder whose tree is kept. A path outside it is named by all its folders.
-
-    Returns:
-        One for each file, sorted by name, so that nothing depends on the order of the list.
     """
+    words = iter(words)
+    first = list(islice(words, _TRIED))
     base = os.path.abspath(root)  # noqa: PTH100 - links stay as named
-    start = max((root, ""), key=lambda folder: _existing(words, folder))
-    named: dict[str, InputFile] = {}
-    for word in words:
+    start = max((root, ""), key=lambda folder: _existing(first, folder))
+    for word in chain(first, words):
         path = os.path.join(start, word)  # noqa: PTH118 - keeps "./" and names with any byte
-        name = _name(os.path.abspath(path), base)  # noqa: PTH100
-        named.setdefault(name, InputFile(name, path))
-    return tuple(sorted(named.values(), key=lambda found: os.fsencode(found.name)))
+        yield InputFile(_name(os.path.abspath(path), base), path)  # noqa: PTH100
 
 
-def _existing(words: list[str], folder: str) -> int:
+def _existing(words: Iterable[str], folder: str) -> int:
     return sum(os.path.lexists(os.path.join(folder, word)) for word in words)  # noqa: PTH118
 
 

@@ -57,7 +57,7 @@ def forecast(request: BatchRequest, session: Session) -> Iterator[Forecast]:
     outputs = OutputMap(plan, options.formats)
     outputs.check_apart()
     spec = WorkerSpec(request.model, session.model.sha256, options, plan.out)
-    origin, rows = spec.origin(session), known_rows(plan.out)
+    origin, rows = spec.origin(session), known_rows(plan.out, plan.shard)
     return (_forecast(file, request, outputs, rows, origin) for file in plan.inputs)
 
 

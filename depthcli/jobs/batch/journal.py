@@ -9,91 +9,92 @@ from __future__ import annotations
 import os
 import shutil
 import threading
-from contextlib import contextmanager
-from io import BytesIO
-from typing import TYPE_CHECKING, BinaryIO
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.jobs.batch.manifest import MANIFEST_NAME, parse_row
+from depthcli.jobs.batch.row_files import (
+    JsonLines,
+    is_journal,
+    journal_name,
+    manifest_name,
+    row_files,
+)
+from depthcli.jobs.batch.row_index import Place, RowIndex
+from depthcli.jobs.batch.shard import WHOLE, Shard
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
     from depthcli.jobs.batch.manifest import Row
 
-JOURNAL_NAME = ".depthcli-batch.jsonl"
-
 
 class Rows:
-    """Rows by input as a file has them; the last one of an input counts. Safe for threads."""
+    """Rows by input as files have them; the last one of an input counts. Safe for threads."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        """Index a file that is open for reading."""
-        self._file = file
+    def __init__(self, files: Sequence[JsonLines], shard: Shard) -> None:
+        """Index the rows of a shard's inputs."""
+        self._files = files
         self._lock = threading.Lock()
-        self._offsets: dict[str, int] = {}
-        offset, self._ends_whole = 0, True
-        for line in file:
-            row = parse_row(line)
-            if row is not None:
-                self._offsets[row.input] = offset
-            offset += len(line)
-            self._ends_whole = line.endswith(b"\n")
+        self._index = RowIndex()
+        for source, file in enumerate(files):
+            self._index.add(
+                (name, Place(source, position))
+                for name, position in file.rows()
+                if shard.holds(name)
+            )
 
     def row(self, name: str) -> Row | None:
         """The row of an input, if it has one."""
-        line = self._line(name)
-        return None if line is None else parse_row(line)
-
-    def _line(self, name: str) -> bytes | None:
         with self._lock:
-            offset = self._offsets.get(name)
-            if offset is None:
-                return None
-            self._file.seek(offset)
-            return self._file.readline()
+            place = self._index.find(name)
+            return None if place is None else self._at(place)
+
+    def _at(self, place: Place) -> Row | None:
+        return self._files[place.source].row(place.position)
 
 
-def known_rows(folder: Path) -> Rows:
+def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
     """What earlier batches left in an output folder, without changing anything there."""
-    for name in (JOURNAL_NAME, MANIFEST_NAME):
-        try:
-            return Rows((folder / name).open("rb"))
-        except OSError:
-            continue
-    return Rows(BytesIO())
+    return Rows([JsonLines(path.open("rb")) for path in row_files(folder, shard)], shard)
 
 
 class Journal(Rows):
     """The rows of a batch at work.
 
     Attributes:
-        was_cut_short: whether an earlier batch was killed.
+        manifest: the file that the rows become.
+        was_cut_short: whether an earlier batch was killed and nobody else writes here.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, shard: Shard = WHOLE) -> None:
         """Open or begin the journal of an output folder, which is made if it is missing.
 
         Raises:
             OutputError: the folder cannot be written.
-            UsageError: another batch is writing there.
+            UsageError: another batch is writing there; another shard of a divided one may.
         """
-        self._path = folder / JOURNAL_NAME
-        self._manifest = folder / MANIFEST_NAME
-        with self._explained():
+        self._path = folder / journal_name(shard)
+        self.manifest = folder / manifest_name(shard)
+        with ExitStack() as opened, self._explained():
             folder.mkdir(parents=True, exist_ok=True)
-            self.was_cut_short = self._path.exists()
-            if not self.was_cut_short and self._manifest.exists():
-                with atomic_path(self._path) as temporary:
-                    shutil.copyfile(self._manifest, temporary)
-            file = self._path.open("a+b")
-            _lock_file(file, folder)
-            file.seek(0)
-            super().__init__(file)
-            if not self._ends_whole:  # the batch was killed in the middle of a line
-                self._append(b"\n")
+            _lock_folder(folder, opened, alone=shard == WHOLE)
+            self._earlier = [path for path in row_files(folder, shard) if path != self._path]
+            self.was_cut_short = shard == WHOLE and any(
+                map(is_journal, (*self._earlier, *([self._path] if self._path.exists() else [])))
+            )
+            own = self._path.open("a+b")
+            opened.callback(own.close)
+            _lock(own.fileno(), folder, alone=True)
+            files = [opened.enter_context(path.open("rb")) for path in self._earlier]
+            self._own = JsonLines(own)
+            super().__init__([*map(JsonLines, files), self._own], shard)
+            if not self._own.ends_whole:  # the batch was killed in the middle of a line
+                self._own.append(b"\n")
+            self._opened = opened.pop_all()
+        self._shard = shard
 
     def add(self, row: Row) -> None:
         """Put down a row, in place of the input's earlier one.
@@ -102,13 +103,15 @@ class Journal(Rows):
             OutputError: the disk is full, say.
         """
         with self._explained(), self._lock:
-            self._offsets[row.input] = self._append(row.as_line())
+            place = Place(len(self._files) - 1, self._own.append(row.as_line()))
+            self._index.add([(row.input, place)])
 
     def finish(self, names: Iterable[str]) -> None:
         """Write the manifest and remove the journal.
 
         Inputs of earlier batches come last, as long as they have outputs here: a batch of other
-        files of the same folder must not make this one's be done again.
+        files of the same folder must not make this one's be done again. What shards left becomes
+        part of the manifest of a batch that is not divided.
 
         Args:
             names: the inputs in the manifest's order; those without a row are left out.
@@ -116,25 +119,26 @@ class Journal(Rows):
         Raises:
             OutputError: the manifest cannot be written; the journal stays.
         """
-        wanted = dict.fromkeys(names)
-        others = sorted(self._offsets.keys() - wanted.keys(), key=os.fsencode)
-        with atomic_path(self._manifest) as temporary, temporary.open("wb") as manifest:
-            for name in wanted:
-                manifest.write(self._line(name) or b"")
-            for name in others:
-                row = self.row(name)
-                if row is not None and row.outputs:
-                    manifest.write(row.as_line())
+        with atomic_path(self.manifest) as temporary, temporary.open("wb") as manifest:
+            manifest.writelines(row.as_line() for row in self._rows(names))
         with self._explained():
-            self._file.close()
+            self._opened.close()
             self._path.unlink(missing_ok=True)
+            for path in self._earlier if self._shard == WHOLE else ():
+                if path != self.manifest:
+                    path.unlink(missing_ok=True)
 
-    def _append(self, data: bytes) -> int:
-        """Where the data begins in the file."""
-        offset = self._file.seek(0, os.SEEK_END)
-        self._file.write(data)
-        self._file.flush()
-        return offset
+    def _rows(self, names: Iterable[str]) -> Iterator[Row]:
+        """Those of the names, in their order and each once, then the others with outputs."""
+        for name in names:
+            row = self.row(name)
+            if row is not None:
+                yield row
+                self._index.remove(name)
+        for place in self._index:
+            row = self._at(place)
+            if row is not None and row.outputs:
+                yield row
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
@@ -153,18 +157,33 @@ def remove_leftovers(folders: Iterable[Path]) -> None:
         for path in folder.glob(".depthcli-*"):
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
-            elif path.name != JOURNAL_NAME:
+            elif not is_journal(path):
                 path.unlink(missing_ok=True)
 
 
-def _lock_file(file: BinaryIO, folder: Path) -> None:
-    """Keep a second batch out; the lock ends with the process, however it ends."""
+def _lock_folder(folder: Path, opened: ExitStack, *, alone: bool) -> None:
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # Windows opens no folders
+        return
+    opened.callback(os.close, handle)
+    _lock(handle, folder, alone=alone)
+
+
+def _lock(handle: int, folder: Path, *, alone: bool) -> None:
+    """Keep other batches out; the lock ends with the process, however it ends.
+
+    Args:
+        handle: an open file or folder.
+        folder: the output folder.
+        alone: whether shards that are at work there are others, too.
+    """
     try:
         import fcntl  # noqa: PLC0415 - not on Windows
     except ImportError:
         return
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
     except BlockingIOError:
         raise UsageError(
             f"another batch is writing to {folder}; wait for it, or choose another --out"

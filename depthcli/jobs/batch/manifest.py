@@ -13,7 +13,6 @@ from depthcli.errors import OutputError
 if TYPE_CHECKING:
     from pathlib import Path
 
-MANIFEST_NAME = "manifest.jsonl"
 OK = "ok"
 FAILED = "failed"
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_video
 from depthcli.io.writers.formats import FORMATS, Format
+from depthcli.jobs.batch.places import Places
 from depthcli.jobs.batch.task import Task
 from depthcli.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from depthcli.io.listing.folder import InputFile
     from depthcli.jobs.batch.journal import Rows
     from depthcli.jobs.batch.plan import Plan
@@ -38,19 +38,10 @@ class OutputMap:
         Raises:
             UsageError: one would.
         """
-        out = os.path.realpath(self.plan.out)
-        real_folder = cache(os.path.realpath)  # for now only: folders change, links too
-
-        def place(path: Path) -> str:
-            """A file's own place: links to its folder are followed, one that it is is not."""
-            return os.path.join(real_folder(path.parent), path.name)  # noqa: PTH118
-
-        inputs = {place(Path(file.path)) for file in self.plan.inputs}
-        if not any(one.startswith(os.path.join(out, "")) for one in inputs):  # noqa: PTH118
-            return
-        for file in self.plan.inputs:
+        places = Places()
+        for file in self.plan.inputs if self.plan.in_out else ():
             for path in self.of(file).values():
-                if place(path) in inputs:
+                if places.of(path) in self.plan.in_out:
                     raise UsageError(
                         f"{path}, the output for {file.name}, is an input; choose another --out"
                     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import InputFile, is_video, list_folder
 from depthcli.io.listing.globs import ANY, NameFilter
 from depthcli.io.listing.own_outputs import is_own_output
-from depthcli.io.listing.path_list import listed_inputs, parse_list
+from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.listing.skipped import (
     EXCLUDED,
     NOT_INCLUDED,
@@ -20,10 +20,12 @@ from depthcli.io.listing.skipped import (
     counted,
     to_convert,
 )
+from depthcli.jobs.batch.places import Places
+from depthcli.jobs.batch.shard import WHOLE, Shard
 from depthcli.jobs.tree_names import TreeNames
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,8 @@ class Plan:
         skipped: files that are no inputs.
         loops: folders that lead back to a folder that they are in.
         unmatched: patterns of ``--include`` that no picture or video matches.
+        in_out: the places of inputs of any shard that lie in the output folder.
+        shard: the part of the inputs that this is a plan for.
     """
 
     out: Path
@@ -45,6 +49,8 @@ class Plan:
     skipped: tuple[Skipped, ...]
     loops: tuple[str, ...] = ()
     unmatched: tuple[str, ...] = ()
+    in_out: frozenset[str] = frozenset()
+    shard: Shard = WHOLE
 
     @property
     def warnings(self) -> Iterator[str]:
@@ -70,7 +76,7 @@ class Plan:
         return {self.out, *((self.out / found.name).parent for found in self.inputs)}
 
 
-def plan_folder(root: str, out: str, wanted: NameFilter = ANY) -> Plan:
+def plan_folder(root: str, out: str, wanted: NameFilter = ANY, shard: Shard = WHOLE) -> Plan:
     """Plan for all pictures and videos below a folder.
 
     Raises:
@@ -82,68 +88,110 @@ def plan_folder(root: str, out: str, wanted: NameFilter = ANY) -> Plan:
         raise UsageError(f"{root} is not a folder; name one, or give --files with a list")
     _check_apart(root, out)
     listing = list_folder(root, leave_out=out, skip=wanted.excludes)
-    # Names are decided over all that is there, so that they do not depend on what is wanted today.
-    names = TreeNames(found.name for found in listing.media)
-    inputs, unwanted = _divided(listing.media, wanted)
-    skipped = (*listing.skipped, *unwanted)
-    unmatched = wanted.unmatched([found.name for found in listing.media])
-    plan = Plan(Path(out), inputs, names, skipped, listing.loops, unmatched)
+    sorting = _Sorting(out, wanted, shard)
+    for file in listing.skipped:
+        sorting.skip(file)
+    plan = sorting.plan(listing.media, root, loops=listing.loops)
     _check_outside(plan, root)
-    _check_any(plan, root)
     return plan
 
 
-def plan_files(data: bytes, source: str, root: str, out: str, wanted: NameFilter = ANY) -> Plan:
+def plan_files(
+    words: Iterable[str],
+    source: str,
+    root: str,
+    out: str,
+    wanted: NameFilter = ANY,
+    shard: Shard = WHOLE,
+) -> Plan:
     """Plan for listed files, whatever their suffix.
 
     Args:
-        data: one path a line, or one before each NUL.
+        words: the paths of the list.
         source: what messages call the list.
         root: the folder that listed paths start from, and whose tree is kept.
         out: the output folder.
         wanted: which names are taken.
+        shard: the part of them that is planned; of the others nothing stays in memory.
 
     Raises:
         UsageError: the patterns leave nothing.
         InputError: it lists nothing but outputs of depthcli.
     """
-    listed = listed_inputs(parse_list(data), root)
-    own = {found for found in listed if is_own_output(found.path)}
-    pictures = [found for found in listed if found not in own]
-    inputs, unwanted = _divided(pictures, wanted)
-    skipped = (*(Skipped(found.name, OWN) for found in own), *unwanted)
-    names = TreeNames(found.name for found in pictures)
-    unmatched = wanted.unmatched([found.name for found in pictures])
-    plan = Plan(Path(out), inputs, names, skipped, unmatched=unmatched)
-    _check_any(plan, f"the list {source}")
-    return plan
+    sorting = _Sorting(out, wanted, shard)
+
+    def pictures() -> Iterator[InputFile]:
+        for found in listed_inputs(words, root):
+            if is_own_output(found.path):
+                sorting.skip(Skipped(found.name, OWN))
+            else:
+                yield found
+
+    plan = sorting.plan(pictures(), f"the list {source}")
+    # Nothing depends on the order of the list.
+    return replace(plan, inputs=tuple(sorted(plan.inputs, key=lambda one: os.fsencode(one.name))))
 
 
-def _divided(
-    media: Iterable[InputFile], wanted: NameFilter
-) -> tuple[tuple[InputFile, ...], tuple[Skipped, ...]]:
-    """Inputs, and what the patterns leave out."""
-    inputs, unwanted = [], []
-    for found in media:
-        reason = None if found.problem else wanted.refusal(found.name)
-        if reason is None:
-            inputs.append(found)
-        else:
-            unwanted.append(Skipped(found.name, reason))
-    return tuple(inputs), tuple(unwanted)
+class _Sorting:
+    """Tells inputs of a shard from others and from files that are skipped, one by one."""
 
+    def __init__(self, out: str, wanted: NameFilter, shard: Shard) -> None:
+        self._out, self._wanted, self._shard = out, wanted, shard
+        self._inputs: dict[str, InputFile] = {}
+        self._skipped: dict[Skipped, None] = {}
+        self._in_out: set[str] = set()
+        self._has_inputs = False
+        self._unmatched = list(zip(wanted.include_words, wanted.include, strict=True))
 
-def _check_any(plan: Plan, where: str) -> None:
-    """Nothing to do is no success where there was something."""
-    if plan.inputs or not plan.skipped:
-        return
-    if {NOT_INCLUDED, EXCLUDED} & {file.reason for file in plan.skipped}:
-        raise UsageError(
-            f"--include and --exclude leave nothing of {where}: {counted(plan.skipped)}"
+    def skip(self, file: Skipped) -> None:
+        """Put a file aside."""
+        if self._shard.holds(file.name):
+            self._skipped[file] = None
+
+    def plan(self, media: Iterable[InputFile], where: str, loops: tuple[str, ...] = ()) -> Plan:
+        """Sort pictures and videos, and make a plan."""
+        # Names are decided over all that is there, so that they do not depend on what is wanted.
+        names = TreeNames(self._names(media))
+        plan = Plan(
+            Path(self._out),
+            tuple(self._inputs.values()),
+            names,
+            tuple(self._skipped),
+            loops,
+            tuple(word for word, _ in self._unmatched),
+            frozenset(self._in_out),
+            self._shard,
         )
-    hint = to_convert(plan.skipped)
+        if not self._has_inputs:
+            _check_any(plan.skipped, where)
+        return plan
+
+    def _names(self, media: Iterable[InputFile]) -> Iterator[str]:
+        places, inside = Places(), os.path.join(os.path.realpath(self._out), "")  # noqa: PTH118
+        for found in media:
+            yield found.name
+            self._unmatched = [x for x in self._unmatched if not x[1].fullmatch(found.name)]
+            reason = None if found.problem else self._wanted.refusal(found.name)
+            if reason is not None:
+                self.skip(Skipped(found.name, reason))
+                continue
+            self._has_inputs = True
+            place = places.of(found.path)
+            if place.startswith(inside):
+                self._in_out.add(place)
+            if self._shard.holds(found.name):
+                self._inputs.setdefault(found.name, found)
+
+
+def _check_any(skipped: Sequence[Skipped], where: str) -> None:
+    """Nothing to do is no success where there was something."""
+    if not skipped:
+        return
+    if {NOT_INCLUDED, EXCLUDED} & {file.reason for file in skipped}:
+        raise UsageError(f"--include and --exclude leave nothing of {where}: {counted(skipped)}")
+    hint = to_convert(skipped)
     raise InputError(
-        f"no picture or video in {where}: {counted(plan.skipped)}{'; ' + hint if hint else ''}"
+        f"no picture or video in {where}: {counted(skipped)}{'; ' + hint if hint else ''}"
     )
 
 

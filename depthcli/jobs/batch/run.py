@@ -39,6 +39,7 @@ class Batch(Iterator[Result]):
         warnings: what is to be known of the whole batch, one line each.
         tally: what became of the inputs so far.
         late: results that were there when the batch was closed and that nobody had asked for.
+        manifest: the file that tells of each input in the end.
     """
 
     def __init__(
@@ -71,7 +72,8 @@ class Batch(Iterator[Result]):
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan, self._outputs = plan, OutputMap(plan, options.formats)
         self._outputs.check_apart()
-        self._journal: Journal | None = Journal(plan.out)
+        self._journal: Journal | None = Journal(plan.out, plan.shard)
+        self.manifest = self._journal.manifest
         if self._journal.was_cut_short:
             remove_leftovers(plan.folders())
         self.warnings = (*plan.warnings, *session.warnings)

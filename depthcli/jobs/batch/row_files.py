@@ -1,0 +1,83 @@
+"""The files of an output folder that hold rows: manifests, journals, and parts of both."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import TYPE_CHECKING, BinaryIO
+
+from depthcli.jobs.batch.manifest import parse_row
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from depthcli.jobs.batch.manifest import Row
+    from depthcli.jobs.batch.shard import Shard
+
+_NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.jsonl")
+
+
+def journal_name(shard: Shard) -> str:
+    """What the rows of a batch at work are in."""
+    return f".depthcli-batch{shard.tag}.jsonl"
+
+
+def manifest_name(shard: Shard) -> str:
+    """What the rows of a batch that is over are in."""
+    return f"manifest{shard.tag}.jsonl"
+
+
+def is_journal(path: Path) -> bool:
+    """Whether a file is the journal of a batch or of a part of one."""
+    found = _NAME.fullmatch(path.name)
+    return found is not None and found[1] is not None
+
+
+def row_files(folder: Path, shard: Shard) -> list[Path]:
+    """The files that can hold rows of a shard's inputs, the latest last; none if there are none.
+
+    Left out are those of other shards of the same division, which hold other inputs.
+    """
+    found = []
+    for path in (*folder.glob("manifest*"), *folder.glob(".depthcli-batch*")):
+        match = _NAME.fullmatch(path.name)
+        is_others = match and match[3] == str(shard.count) and match[2] != shard.tag
+        if match and not is_others:
+            found.append(path)
+    return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+
+class JsonLines:
+    """Rows as JSON, one a line."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        """Take a file that is open for reading and, to append, for writing."""
+        self._file = file
+        self.ends_whole = True
+
+    def rows(self) -> Iterator[tuple[str, int]]:
+        """Input and position of each row, in their order; other lines are passed over."""
+        position = self._file.seek(0)
+        for line in self._file:
+            row = parse_row(line)
+            if row is not None:
+                yield row.input, position
+            position += len(line)
+            self.ends_whole = line.endswith(b"\n")
+
+    def row(self, position: int) -> Row | None:
+        """The row at a position."""
+        self._file.seek(position)
+        return parse_row(self._file.readline())
+
+    def append(self, data: bytes) -> int:
+        """Where the data begins in the file."""
+        position = self._file.seek(0, os.SEEK_END)
+        self._file.write(data)
+        self._file.flush()
+        return position
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()

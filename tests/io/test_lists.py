@@ -1,0 +1,115 @@
+"""Lists of inputs in tables."""
+
+from __future__ import annotations
+
+import builtins
+from typing import TYPE_CHECKING, Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from depthcli.errors import UsageError
+from depthcli.io.listing.path_list import read_list
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+WORDS = ["hall/a.png", "s3://bucket/b c,d.jpg", "é.png"]
+
+
+def parquet(path: Path, /, **columns: list[Any]) -> Path:
+    pq.write_table(pa.table(columns), path, row_group_size=2)
+    return path
+
+
+def csv(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("write", "column"),
+    [
+        (lambda f: parquet(f / "l.parquet", path=WORDS, size=[1, 2, 3]), None),
+        (lambda f: parquet(f / "l.parquet", uri=WORDS, path=["", "", ""]), "uri"),
+        (lambda f: parquet(f / "l.PARQUET", uri=WORDS), None),
+        (lambda f: parquet(f / "l.parquet", uri=pa.array(WORDS).dictionary_encode()), None),
+        (lambda f: parquet(f / "l.parquet", uri=[WORDS[0], None, *WORDS[1:], ""]), None),
+        (
+            lambda f: csv(f / "l.csv", 'n,path\n1,hall/a.png\n2,"s3://bucket/b c,d.jpg"\n3,é.png'),
+            None,
+        ),
+        (
+            lambda f: csv(f / "l.tsv", "\ufeffuri\nhall/a.png\ns3://bucket/b c,d.jpg\né.png\n\n"),
+            None,
+        ),
+    ],
+)
+def test_a_column_of_paths(
+    tmp_path: Path, write: Callable[[Path], Path], column: str | None
+) -> None:
+    assert list(read_list(str(write(tmp_path)), column)) == WORDS
+
+
+def test_a_folder_of_parquet_files_is_read_in_the_order_of_names(tmp_path: Path) -> None:
+    folder = tmp_path / "set.parquet"
+    folder.mkdir()
+    parquet(folder / "part-1.parquet", path=WORDS[2:])
+    parquet(folder / "part-0.parquet", path=WORDS[:2])
+    assert list(read_list(str(folder))) == WORDS
+
+
+@pytest.mark.parametrize(
+    ("write", "column", "line"),
+    [
+        (
+            lambda f: parquet(f / "l.parquet", a=["x"], b=["y"]),
+            None,
+            "no column 'path'; its columns are a, b",
+        ),
+        (lambda f: parquet(f / "l.parquet", a=["x"]), "b", "no column 'b'; its columns are a"),
+        (
+            lambda f: parquet(f / "l.parquet", a=[1]),
+            None,
+            "column 'a' of .* holds int64, not texts",
+        ),
+        (lambda f: csv(f / "l.parquet", ""), None, "is no whole Parquet file"),
+        (lambda f: csv(f / "l.parquet", "PAR1"), None, "is no whole Parquet file"),
+        (lambda f: csv(f / "l.csv", ""), None, "no column 'path'; it has no columns"),
+        (lambda f: csv(f / "l.csv", "a,b\n1,2\n"), "c", "no column 'c'; its columns are a, b"),
+        (lambda f: csv(f / "l.txt", "a.png\n"), "c", "--column is for lists in Parquet and CSV"),
+        (lambda f: f / "missing.parquet", None, "cannot read the list .*missing.parquet: No such"),
+        (lambda f: f / "missing.csv", None, "cannot read the list .*missing.csv: No such"),
+    ],
+)
+def test_lists_that_cannot_be_used(
+    tmp_path: Path, write: Callable[[Path], Path], column: str | None, line: str
+) -> None:
+    with pytest.raises(UsageError, match=line) as error:
+        list(read_list(str(write(tmp_path)), column))
+    assert "\n" not in str(error.value)
+
+
+def test_a_list_without_rows_names_nothing(tmp_path: Path) -> None:
+    assert (
+        list(read_list(str(parquet(tmp_path / "l.parquet", path=pa.array([], pa.string()))))) == []
+    )
+    assert list(read_list(str(csv(tmp_path / "l.csv", "path\n")))) == []
+
+
+def test_without_pyarrow_one_line_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = parquet(tmp_path / "l.parquet", path=WORDS)
+    real = builtins.__import__
+
+    def without(name: str, *rest: Any) -> Any:
+        if name.startswith("pyarrow"):
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(UsageError, match="need pyarrow; pip install pyarrow"):
+        read_list(str(path))

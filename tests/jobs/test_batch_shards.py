@@ -1,0 +1,134 @@
+"""A batch in parts that run at the same time into one folder."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+from batches import NAMES, kept, outputs, pictures, request
+from tiny import synthetic_picture, write_picture
+
+from depthcli.errors import UsageError
+from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.journal import known_rows
+from depthcli.jobs.batch.output_map import OutputMap
+from depthcli.jobs.batch.plan import plan_files, plan_folder
+from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.shard import Shard
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.jobs.batch.options import BatchRequest
+
+COUNT = 3
+
+
+def shard_request(folder: Path, number: int, out: str = "out", count: int = COUNT) -> BatchRequest:
+    shard = Shard(number, count)
+    plan = plan_folder(str(folder / "in"), str(folder / out), shard=shard)
+    return replace(request(folder, out), plan=plan)
+
+
+def files(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir() if path.is_file() and path.suffix == ".jsonl"}
+
+
+@pytest.mark.parametrize(
+    "word", ["0/4", "5/4", "x", "1", "1/0", "-1/4", "1/4/4", "1.5/4", " 1/4", "", "²/4"]
+)
+def test_words_that_name_no_shard(word: str) -> None:
+    with pytest.raises(UsageError, match="is not I/N with I from 1 to N"):
+        Shard.parse(word)
+
+
+def test_every_name_is_in_one_shard_for_ever() -> None:
+    names = [f"hall/{number}.jpg" for number in range(3000)] + ["caf\udce9.png"]
+    shards = [Shard.parse(f"{number}/4") for number in (1, 2, 3, 4)]
+    held = Counter(shard.number for name in names for shard in shards if shard.holds(name))
+    assert held.total() == len(names)
+    assert max(held.values()) < 1.1 * min(held.values())
+    # What is promised to those who divide lists themselves.
+    known = {"a.png": 1, "hall/b.png": 4, "a.jpg": 3}
+    for name, number in known.items():
+        assert [shard.number for shard in shards if shard.holds(name)] == [number]
+
+
+def test_shards_at_the_same_time_are_the_whole(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    for number in range(6):
+        write_picture(tmp_path / "in" / f"{number}.png", synthetic_picture(24, 40 + number))
+    (tmp_path / "in" / "z.jpg").write_bytes((tmp_path / "in" / "z.png").read_bytes())
+    batches = [Batch(shard_request(tmp_path, number + 1)) for number in range(COUNT)]
+    results = [list(batch) for batch in batches]
+    inputs = [result.row.input for part in results for result in part]
+    whole = list(Batch(request(tmp_path, "whole")))
+    assert sorted(inputs) == sorted(result.row.input for result in whole)
+    assert all(results), "a shard without inputs shows nothing"
+    manifests = {f"manifest-{number}-of-{COUNT}.jsonl" for number in range(1, COUNT + 1)}
+    assert files(tmp_path / "out") == manifests
+    assert {n: d for n, d in outputs(tmp_path / "out").items() if n not in manifests} == outputs(
+        tmp_path / "whole"
+    )
+    again = [result for n in range(COUNT) for result in Batch(shard_request(tmp_path, n + 1))]
+    other_count = [result for n in (1, 2) for result in Batch(shard_request(tmp_path, n, count=2))]
+    for redone in (again, other_count):
+        assert len(redone) == len(inputs)
+        assert all(result.is_kept for result in redone)
+    assert all(kept(tmp_path).values())
+    assert files(tmp_path / "out") == {"manifest.jsonl"}
+
+
+def test_a_shard_and_a_whole_batch_keep_each_other_out(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    one, other = Batch(shard_request(tmp_path, 1)), Batch(shard_request(tmp_path, 2))
+    for refused in (shard_request(tmp_path, 1), request(tmp_path)):
+        with pytest.raises(UsageError, match="another batch is writing"):
+            Batch(refused)
+    one.close()
+    other.close()
+    whole = Batch(request(tmp_path))
+    with pytest.raises(UsageError, match="another batch is writing"):
+        Batch(shard_request(tmp_path, 1))
+    whole.close()
+
+
+def test_a_killed_shard_goes_on_and_touches_no_other_s_files(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    numbers = {name: n for n in (1, 2) for name in NAMES if Shard(n, 2).holds(name)}
+    batch = Batch(shard_request(tmp_path, numbers["a.png"], count=2))
+    assert {result.row.input for result in batch} == {n for n in NAMES if numbers[n] == 1}
+    done = shard_request(tmp_path, 1, count=2).plan
+    assert known_rows(tmp_path / "out", done.shard).row("a.png") is not None
+    manifest = tmp_path / "out" / "manifest-1-of-2.jsonl"
+    manifest.rename(tmp_path / "out" / ".depthcli-batch-1-of-2.jsonl")  # as if it had been killed
+    half = tmp_path / "out" / ".depthcli-0123456789abcdef.png"
+    half.write_bytes(b"of another shard that is at work")
+    assert all(result.is_kept for result in Batch(shard_request(tmp_path, 1, count=2)))
+    assert half.exists()
+    assert manifest.exists()
+    list(Batch(shard_request(tmp_path, 2, count=2)))
+    manifest.rename(tmp_path / "out" / ".depthcli-batch-1-of-2.jsonl")
+    assert all(kept(tmp_path).values())
+    assert not half.exists()
+    assert files(tmp_path / "out") == {"manifest.jsonl"}
+
+
+def test_a_shard_replaces_no_input_of_another(tmp_path: Path) -> None:
+    picture, its_output = "a.jpg", "a.depth.png"
+    numbers = [n for n in (1, 2, 3) if Shard(n, 3).holds(picture)]
+    assert not Shard(numbers[0], 3).holds(its_output)
+    for name in (picture, its_output):
+        write_picture(tmp_path / name)
+    for shard in (Shard(), Shard(numbers[0], 3)):
+        plan = plan_files([picture, its_output], "mine", *[str(tmp_path)] * 2, shard=shard)
+        with pytest.raises(UsageError, match=r"the output for a\.jpg, is an input"):
+            OutputMap(plan, (Format.PNG16,)).check_apart()
+
+
+def test_a_shard_without_inputs_is_done(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    empty = next(n for n in range(1, 9) if not any(map(Shard(n, 8).holds, NAMES)))
+    assert list(Batch(shard_request(tmp_path, empty, count=8))) == []
