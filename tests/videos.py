@@ -106,3 +106,26 @@ def header_first(mp4: bytes) -> bytes:
             ">I", header, place, int.from_bytes(header[place : place + 4]) + len(header)
         )
     return mp4[:start] + bytes(header) + mp4[start:at]
+
+
+def with_sound(path: Path, codec: str = "aac", seconds: float = 4, begin_s: int = 0) -> Path:
+    """A gray clip with a tone that begins at one second; its clock may begin later than 0."""
+    rate = 48_000
+    with av.open(str(path), "w") as output:
+        pictures = output.add_stream("mpeg4", rate=25)
+        pictures.width, pictures.height, pictures.pix_fmt = 64, 48, "yuv420p"
+        sound = output.add_stream(codec, rate=rate)
+        sound.codec_context.layout = "mono"
+        for index in range(round(seconds * 25)):
+            frame = av.VideoFrame.from_ndarray(flat_frames([2 * index])[0], "rgb24")
+            frame.pts, frame.time_base = index + 25 * begin_s, Fraction(1, 25)
+            output.mux(pictures.encode(frame))
+            times_s = (index * rate // 25 + np.arange(rate // 25)) / rate
+            tone = np.where(times_s < 1, 0, np.sin(2 * np.pi * 440 * times_s) * 9000)
+            samples = av.AudioFrame.from_ndarray(tone[None].astype(np.int16), "s16", "mono")
+            samples.sample_rate, samples.pts = rate, index * rate // 25 + rate * begin_s
+            samples.time_base = Fraction(1, rate)
+            output.mux(sound.encode(samples))
+        output.mux(pictures.encode(None))
+        output.mux(sound.encode(None))
+    return path

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import av
 
 from depthcli.errors import InputError
+from depthcli.video.pipes import InputPipe
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,18 +25,22 @@ _FORMATS = (
 _OPTIONS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}
 
 
-def open_video(path: Path) -> tuple[InputContainer, VideoStream]:
-    """A file and its video stream, ready for the first packet.
+def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
+    """A file or a pipe and its video stream, ready for the first packet.
 
     Raises:
         InputError: missing, empty, unreadable, or without a video stream that can be decoded.
     """
-    _check_file(path)
+    file: InputPipe | str
+    if isinstance(source, InputPipe):
+        file = source
+    else:
+        _check_file(source)
+        # An absolute name cannot be taken for a protocol of FFmpeg's.
+        file = os.path.abspath(source)  # noqa: PTH100 - links stay as named
     container = None
     try:
-        # An absolute name cannot be taken for a protocol of FFmpeg's.
-        name = os.path.abspath(path)  # noqa: PTH100 - links stay as named
-        container = av.open(name, options=_OPTIONS, metadata_errors="replace")
+        container = av.open(file, "r", options=_OPTIONS, metadata_errors="replace")
         stream = next((s for s in container.streams.video if not _is_cover(s)), None)
         if stream is not None and stream.codec_context is not None:
             stream.thread_type = "AUTO"
@@ -44,10 +49,19 @@ def open_video(path: Path) -> tuple[InputContainer, VideoStream]:
         pass  # said below, in one line for all
     if container is not None:
         container.close()
+    if isinstance(source, InputPipe):
+        source.check()
     raise InputError(
-        f"{path} holds no video that can be read: damaged, cut off, without a video stream, "
-        "or of a codec that FFmpeg does not have here"
+        f"{source} holds no video that can be read: damaged, cut off, without a video stream, "
+        f"or of a codec that FFmpeg does not have here{pipe_advice(source)}"
     )
+
+
+def pipe_advice(source: Path | InputPipe) -> str:
+    """What to say of a pipe that cannot be read; nothing of a file."""
+    if not isinstance(source, InputPipe):
+        return ""
+    return "; send Matroska, MPEG-TS, NUT or Y4M through a pipe, for MP4 may need to be a file"
 
 
 def _is_cover(stream: VideoStream) -> bool:
@@ -59,7 +73,9 @@ def _check_file(path: Path) -> None:
     """Say what is wrong with a file before FFmpeg says less."""
     try:
         if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
-            raise InputError(f"{path} is a pipe or a device; save the video to a file first")
+            raise InputError(
+                f"{path} is a pipe or a device; 'depthcli video -' reads standard input"
+            )
         with path.open("rb") as file:
             empty = not file.read(1)
     except FileNotFoundError:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from depthcli.video.file import VideoFile
     from depthcli.video.output import VideoFrame, VideoOutput
+    from depthcli.video.pipes import OutputPipe
     from depthcli.video.rates import Timing
 
 _TOP = 65535
@@ -31,17 +32,17 @@ _TOP = 65535
 
 @contextmanager
 def depth_video(
-    path: Path, timing: Timing, scale: float, inputs: Sequence[Path]
+    target: Path | OutputPipe, timing: Timing, scale: float, inputs: Sequence[Path]
 ) -> Iterator[VideoOutput]:
-    """A lossless depth video that appears whole or not at all.
+    """A lossless depth video that appears whole or not at all, or goes into a pipe.
 
     Args:
-        path: ends in ``.mkv``.
+        target: ends in ``.mkv``.
         timing: of the frames.
         scale: steps per metre.
         inputs: files that must not be replaced.
     """
-    with video_file(path, Codec.FFV1, timing, inputs) as file:
+    with video_file(target, Codec.FFV1, timing, inputs) as file:
         yield DepthVideoOutput(file, timing, scale)
 
 

@@ -9,6 +9,7 @@ import av
 from av.video.reformatter import ColorRange
 
 from depthcli.video.codecs import DEPTH_PIXELS, ENCODINGS, Codec, container_format
+from depthcli.video.pipes import OutputPipe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,11 +26,13 @@ _KEY_EVERY_S = 2
 _MOST_BETWEEN_KEYS = 250
 
 
-def new_container(path: Path, timing: Timing, labels: Mapping[str, str]) -> OutputContainer:
+def new_container(
+    target: Path | OutputPipe, timing: Timing, labels: Mapping[str, str]
+) -> OutputContainer:
     """A file without streams; the same frames will give the same bytes.
 
     Args:
-        path: its suffix says the container.
+        target: its suffix says the container.
         timing: of the frames.
         labels: name -> text, kept in the header.
 
@@ -37,12 +40,16 @@ def new_container(path: Path, timing: Timing, labels: Mapping[str, str]) -> Outp
         OSError: it cannot be made.
     """
     options = {"fflags": "+bitexact"}
-    if path.suffix.lower() in {".mp4", ".mov"}:
+    name, is_pipe = container_format(target.suffix.lower()), isinstance(target, OutputPipe)
+    if name in {"mp4", "mov"}:
+        # A header with the places of all frames would have to wait for the last one.
+        layout = "+frag_keyframe+empty_moov+default_base_moof" if is_pipe else "+faststart"
         ticks = str(timing.clock.denominator)
-        options |= {"movflags": "+faststart", "video_track_timescale": ticks}
-    path.touch()  # what is wrong with the folder is said before the work begins
-    name = container_format(path.suffix.lower())
-    container = av.open(str(path), "w", format=name, container_options=options)
+        options |= {"movflags": layout, "video_track_timescale": ticks}
+    if not isinstance(target, OutputPipe):
+        target.touch()  # what is wrong with the folder is said before the work begins
+    file = target if is_pipe else str(target)
+    container = av.open(file, "w", format=name, container_options=options)
     container.metadata.update(labels)
     return container
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import av
@@ -11,6 +11,7 @@ from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.video.codecs import check_encoder
 from depthcli.video.encoder import add_video, new_container
+from depthcli.video.pipes import OutputPipe
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -31,12 +32,12 @@ class VideoFile:
     """Frames of one size with their times, and the sound beside them."""
 
     def __init__(
-        self, path: Path, codec: Codec, timing: Timing, sound: Sound | None = None
+        self, target: Path | OutputPipe, codec: Codec, timing: Timing, sound: Sound | None = None
     ) -> None:
         """Prepare a file; it is opened with the first frame.
 
         Args:
-            path: straight as it is; callers make it atomic. Its suffix says the container.
+            target: straight as it is; callers make it atomic. Its suffix says the container.
             codec: how frames are compressed.
             timing: rate and clock.
             sound: what is heard; None for nothing.
@@ -45,7 +46,7 @@ class VideoFile:
             OutputError: the codec cannot be written here.
         """
         check_encoder(codec)
-        self._path = path
+        self._target = target
         self._codec = codec
         self._timing = timing
         self._sound = sound
@@ -96,6 +97,7 @@ class VideoFile:
         self._container.mux(self._stream.encode())
         container, self._container = self._container, None
         container.close()
+        self._check_pipe()
         return self._sound.warnings if self._sound is not None else ()
 
     def close(self) -> None:
@@ -108,7 +110,7 @@ class VideoFile:
             self._container = None
 
     def _open(self, frame: VideoFrame, labels: Mapping[str, str]) -> None:
-        container = self._container = new_container(self._path, self._timing, labels)
+        container = self._container = new_container(self._target, self._timing, labels)
         size = frame.width, frame.height
         self._stream = add_video(container, self._codec, self._timing, *size)
         if self._sound is not None:
@@ -131,23 +133,34 @@ class VideoFile:
             self._sound.play_until(float(at * clock))
         self._container.mux(self._stream.encode(frame))
         self._before = frame
+        self._check_pipe()
+
+    def _check_pipe(self) -> None:
+        if isinstance(self._target, OutputPipe):
+            self._target.check()
 
 
 @contextmanager
 def video_file(
-    path: Path, codec: Codec, timing: Timing, inputs: Sequence[Path], sound: Sound | None = None
+    target: Path | OutputPipe,
+    codec: Codec,
+    timing: Timing,
+    inputs: Sequence[Path],
+    sound: Sound | None = None,
 ) -> Iterator[VideoFile]:
-    """A file that appears whole or not at all.
+    """A file that appears whole or not at all, or a pipe.
 
     Args:
-        path: where it goes; its suffix says the container.
+        target: where it goes; its suffix says the container.
         codec: how frames are compressed.
         timing: rate and clock.
         inputs: files that must not be replaced.
         sound: what is heard; None for nothing.
     """
-    with atomic_path(path, inputs=inputs) as temporary:
-        file = VideoFile(temporary, codec, timing, sound)
+    with ExitStack() as stack:
+        if not isinstance(target, OutputPipe):
+            target = stack.enter_context(atomic_path(target, inputs=inputs))
+        file = VideoFile(target, codec, timing, sound)
         try:
             yield file
         finally:

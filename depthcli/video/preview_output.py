@@ -18,13 +18,14 @@ if TYPE_CHECKING:
     from depthcli.io.writers.preview import PreviewWriter
     from depthcli.video.file import VideoFile
     from depthcli.video.output import VideoFrame, VideoOutput
+    from depthcli.video.pipes import OutputPipe
     from depthcli.video.rates import Timing
     from depthcli.video.sound import Sound
 
 
 @contextmanager
 def preview_video(
-    path: Path,
+    target: Path | OutputPipe,
     timing: Timing,
     writer: PreviewWriter,
     inputs: Sequence[Path],
@@ -32,17 +33,17 @@ def preview_video(
     codec: Codec = Codec.H264,
     sound: Sound | None = None,
 ) -> Iterator[VideoOutput]:
-    """A preview that appears whole or not at all.
+    """A preview that appears whole or not at all, or goes into a pipe.
 
     Args:
-        path: ends in ``.mp4``, ``.webm`` or ``.mov``.
+        target: ends in ``.mp4``, ``.webm`` or ``.mov``.
         timing: of the frames.
         writer: of the colours.
         inputs: files that must not be replaced.
         codec: one that the container holds.
         sound: what is heard.
     """
-    with video_file(path, codec, timing, inputs, sound) as file:
+    with video_file(target, codec, timing, inputs, sound) as file:
         yield PreviewVideoOutput(file, codec, writer)
 
 

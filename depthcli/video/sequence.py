@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.read import read_image
+from depthcli.video.frame_source import FrameSource
 from depthcli.video.rates import FALLBACK_RATE, rate_text
 from depthcli.video.sequence_files import EXR, find_pictures
 from depthcli.video.spans import WHOLE
@@ -17,28 +18,14 @@ from depthcli.video.spans import WHOLE
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
-    from types import TracebackType
 
     from depthcli.core.picture_limit import PictureLimit
     from depthcli.video.sequence_files import NumberedPicture
     from depthcli.video.spans import Span
 
 
-class ImageSequence:
-    """Numbered pictures, read one after the other.
-
-    Attributes:
-        path: the pattern or the folder.
-        files: the pictures in their order.
-        rate: frames a second.
-        tick_s: seconds of which every frame's time is a multiple.
-        frames_stated: how many pictures there are.
-        width: columns of an upright frame.
-        height: rows of an upright frame.
-        warnings: one-line texts.
-        problem: why frames are missing, once the others have been read; None if all came.
-        start_s: None, for pictures have no sound.
-    """
+class ImageSequence(FrameSource):
+    """Numbered pictures, read one after the other."""
 
     def __init__(
         self,
@@ -57,17 +44,15 @@ class ImageSequence:
         Raises:
             InputError: there is none, or the first cannot be read.
         """
-        self.path = path
-        self.files = find_pictures(path)
+        self._files = find_pictures(path)
+        self.paths = tuple(file.path for file in self._files)
         self._max_pixels = max_pixels
-        stated = rate or read_exr_rate(self.files[0].path)
+        stated = rate or read_exr_rate(self.paths[0])
         self.rate = stated or FALLBACK_RATE
-        first = self._read(self.files[0])
+        first = self._read(self._files[0])
         self.width, self.height = first.width, first.height
         self.tick_s = Fraction(1, self.rate.numerator)
-        self.frames_stated: int | None = len(self.files)
-        self.start_s = None
-        self.problem: str | None = None
+        self.frames_stated = len(self._files)
         self.warnings = tuple(self._doubts(is_timed=stated is not None))
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
@@ -78,7 +63,7 @@ class ImageSequence:
             in the file's name, and ``timestamp_s`` counts from the first picture of all.
         """
         lost = 0
-        for file, is_wanted in zip(self.files, span.picks(self._places()), strict=False):
+        for file, is_wanted in zip(self._files, span.picks(self._places()), strict=False):
             if not is_wanted:
                 continue
             try:
@@ -96,26 +81,12 @@ class ImageSequence:
         """How many pictures a span has."""
         return sum(span.picks(self._places()))
 
-    def close(self) -> None:
-        """Do nothing; there is no file open."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
     def _places(self) -> Iterator[tuple[int, Fraction]]:
         """Number and time of each picture."""
-        return ((file.number, self._time_s(file)) for file in self.files)
+        return ((file.number, self._time_s(file)) for file in self._files)
 
     def _time_s(self, file: NumberedPicture) -> Fraction:
-        return (file.number - self.files[0].number) / self.rate
+        return (file.number - self._files[0].number) / self.rate
 
     def _read(self, file: NumberedPicture) -> Frame:
         if file.path.suffix.lower() == EXR:
@@ -134,6 +105,6 @@ class ImageSequence:
     def _doubts(self, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
             yield f"no frame rate is given; {rate_text(FALLBACK_RATE)} is assumed, or give --fps"
-        missing = self.files[-1].number - self.files[0].number + 1 - len(self.files)
+        missing = self._files[-1].number - self._files[0].number + 1 - len(self._files)
         if missing:
             yield f"{missing} numbers of the sequence are missing; the others keep their times"

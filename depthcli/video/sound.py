@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, cast
 import av
 
 from depthcli.video.container import open_video
+from depthcli.video.pipes import InputPipe
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,14 +35,14 @@ class Sound:
         warnings: one-line texts, once it has been played.
     """
 
-    def __init__(self, source: Path, start_s: Fraction) -> None:
+    def __init__(self, source: Path | InputPipe, start_s: Fraction) -> None:
         """Remember where the sound is; nothing is opened yet.
 
         Args:
             source: the video.
             start_s: time of the video's first frame on the file's own clock.
         """
-        self._path = source
+        self._source = source
         self._start_s = start_s
         self._input: InputContainer | None = None
         self._output: OutputContainer | None = None
@@ -58,7 +59,10 @@ class Sound:
             output: a file whose header is not written yet.
             first_s: time of the preview's first frame, from the video's first one.
         """
-        container, _ = open_video(self._path)
+        if isinstance(self._source, InputPipe):  # which can be read once
+            self.warnings = ("the sound of standard input is missing in the preview",)
+            return
+        container, _ = open_video(self._source)
         self._input = container
         stream = next(iter(container.streams.audio), None)
         if stream is None or stream.codec_context is None:

@@ -1,9 +1,9 @@
-"""The frames of a video file, one after the other, upright and with their times."""
+"""The frames of a video, one after the other, upright and with their times."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import av
 from av.video.reformatter import VideoReformatter
@@ -13,9 +13,11 @@ from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import check_size
 from depthcli.io.pictures.read import upright
-from depthcli.video.container import open_video
+from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
+from depthcli.video.frame_source import FrameSource
 from depthcli.video.integrity import counts_frames, is_cut
+from depthcli.video.pipes import InputPipe
 from depthcli.video.pixels import orientation_of, rgb_pixels, transfer_warning
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.spans import WHOLE
@@ -25,7 +27,6 @@ from depthcli.video.timeline import Timeline
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from fractions import Fraction
-    from types import TracebackType
 
     from av.video.frame import VideoFrame
 
@@ -37,45 +38,41 @@ _TURNED = 5
 """The first EXIF orientation whose columns are rows."""
 
 
-class VideoSource:
-    """A video file, read from its beginning to its end with one frame in memory.
+class VideoSource(FrameSource):
+    """A video file or a pipe, read from its beginning to its end."""
 
-    Attributes:
-        path: the file.
-        rate: frames a second, exact; the mean where frames are not evenly spaced.
-        tick_s: seconds of which every frame's time is a multiple.
-        frames_stated: frames that the file says it has; None if it does not say.
-        width: columns of an upright frame.
-        height: rows of an upright frame.
-        warnings: one-line texts about the file.
-        problem: why frames are missing, once the others have been read; None if all came.
-        start_s: time of the first frame on the file's own clock, which its sound shares.
-    """
-
-    def __init__(self, path: str | Path, *, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:
+    def __init__(
+        self, source: str | Path | InputPipe, *, max_pixels: int | PictureLimit = MAX_PIXELS
+    ) -> None:
         """Open a video.
 
         Args:
-            path: whatever FFmpeg reads, but for playlists.
+            source: whatever FFmpeg reads, but for playlists.
             max_pixels: frames that claim more are refused.
 
         Raises:
             InputError: missing, empty, no video, no frame in it, or too large.
         """
-        self.path = Path(path)
-        self._container, stream = open_video(self.path)
+        self._source = Path(source) if isinstance(source, str) else source
+        self._path = self._source if isinstance(self._source, Path) else None
+        self.paths = () if self._path is None else (self._path,)
+        self._container, stream = open_video(self._source)
         self._check_size(stream.width, stream.height, max_pixels)
         stated = stream_facts(self._container, stream)
-        self.rate, self.tick_s, self.frames_stated = stated.rate, stated.tick_s, stated.frames
+        self.rate, self.tick_s = stated.rate, stated.tick_s
+        self.frames_stated = stated.frames if self.paths else None  # a header's guess in a pipe
         no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is taken"
-        self.warnings: tuple[str, ...] = () if stated.is_rate_stated else (no_rate,)
-        self.problem: str | None = None
+        self.warnings = () if stated.is_rate_stated else (no_rate,)
         self._decoder = FrameDecoder(self._container, stream)
         self._reformatter = VideoReformatter()
         first = self._decoder.next()
+        self._check_pipe()
         if first is None:
             self.close()
-            raise InputError(f"{self.path} holds no frame that can be decoded; it is damaged")
+            raise InputError(
+                f"{source} holds no frame that can be decoded; it is damaged"
+                + pipe_advice(self._source)
+            )
         self._at_hand = first
         self._describe(first, max_pixels)
         self._timeline = Timeline(
@@ -85,7 +82,7 @@ class VideoSource:
             failed=self._decoder.take_failed(first.pts),
             stated_ticks=stream.start_time,
         )
-        self.start_s = self._timeline.start_s
+        self.start_s = self._timeline.start_s if self._container.streams.audio else None
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Decode the frames of a span; to be called once.
@@ -112,36 +109,19 @@ class VideoSource:
                 return
             yield Frame(
                 pixels.copy() if self._orientation > 1 else pixels,
-                self.path,
+                self._path,
                 self._timeline.index,
                 float(self._timeline.time_s),
                 orientation=self._orientation,
             )
 
-    def count(self, span: Span) -> int | None:
-        """How many frames a span has, by what the file says; None if it does not say."""
-        if self.frames_stated is None:
-            return None
-        return span.count(self.frames_stated, self.rate)
-
     def close(self) -> None:
         """Let the file go."""
         self._container.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
     def _check_size(self, width: int, height: int, max_pixels: int | PictureLimit) -> None:
         try:
-            check_size(str(self.path), width, height, max_pixels)
+            check_size(str(self._source), width, height, max_pixels)
         except InputError:
             self.close()
             raise
@@ -165,16 +145,21 @@ class VideoSource:
             self._say_lost()
             yield place
             frame = self._decoder.next()
+            self._check_pipe()
         self._judge_end()
+
+    def _check_pipe(self) -> None:
+        if isinstance(self._source, InputPipe):
+            self._source.check()
 
     def _judge_end(self) -> None:
         """Compare what came with what the file said."""
         self._timeline.end(self._decoder.take_failed())
         self._say_lost()
         read = self._timeline.index + 1
-        stated = self.frames_stated if counts_frames(self.path) else None
+        stated = self.frames_stated if self._path and counts_frames(self._path) else None
         short = stated is not None and stated - read > max(1, stated // _MISSING_SHARE)
-        if short or self._decoder.ended_early or is_cut(self.path):
+        if short or self._decoder.ended_early or (self._path and is_cut(self._path)):
             of = "" if stated is None else f" of {stated}"
             self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from command_line import unmeasured
 from tiny import write_model
-from videos import NTSC, flat_frames, write_mp4, write_video
+from videos import NTSC, encode, flat_frames, write_mp4, write_video
 
 from depthcli.cli.arguments.span import parse_point, parse_span
 from depthcli.errors import UsageError
@@ -161,10 +161,36 @@ def test_wrong_usage(cli: Cli, options: tuple[str, ...], reason: str) -> None:
     assert here(cli) == {"clip.mp4"}
 
 
-def test_standard_input_is_refused(cli: Cli) -> None:
-    done = cli("video", "-")
-    assert done.returncode == 2
-    assert b"save it to a file" in done.stderr
+def test_a_video_flows_through_pipes(cli: Cli) -> None:
+    encode(cli.folder / "in.mkv", flat_frames(range(9)), NTSC, "mpeg4", "yuv420p")
+    piped = cli("video", "-", "-o", "-", stdin=(cli.folder / "in.mkv").read_bytes())
+    assert (piped.returncode, b"9 frames" in piped.stderr) == (0, True)
+    (cli.folder / "out.mkv").write_bytes(piped.stdout)
+    assert cli("video", "in.mkv", "-o", "file.mkv").returncode == 0
+    steps = [list(DepthVideo(cli.folder / name).steps()) for name in ("out.mkv", "file.mkv")]
+    np.testing.assert_array_equal(*steps)
+    assert here(cli) == {"in.mkv", "out.mkv", "file.mkv"}
+
+
+def test_a_reader_that_leaves_ends_a_pipe_in_silence(cli: Cli, long_video: Path) -> None:
+    running = subprocess.Popen(
+        cli.command("video", str(long_video), "-o", "-", "--quiet"),
+        cwd=cli.folder,
+        env=cli.environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert running.stdout is not None
+    assert running.stderr is not None
+    assert running.stdout.read(4) == b"\x1aE\xdf\xa3"
+    running.stdout.close()
+    assert (running.stderr.read(), running.wait(timeout=60)) == (b"", 1)
+
+
+def test_depth_and_json_cannot_share_standard_output(cli: Cli) -> None:
+    (cli.folder / "clip.mp4").write_bytes(b"never read")
+    done = cli("video", "clip.mp4", "-o", "-", "--json")
+    assert (done.returncode, b"both want stdout" in done.stderr) == (2, True)
 
 
 def test_a_span_beyond_the_end_is_one_line(cli: Cli) -> None:

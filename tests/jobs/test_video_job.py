@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from tiny import write_model
-from videos import NTSC, write_mp4, write_video
+from videos import NTSC, encode, flat_frames, with_sound, write_mp4, write_video
 
 from depthcli.core.choices import Detail
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
@@ -118,7 +119,9 @@ def test_what_is_wrong_is_raised(
         ("clip.mp4", (), "is the input"),
         ("link.mp4", (), "is the input"),
         ("a.gif", (), ".mkv"),
-        ("-", (), "standard output"),
+        ("-", (), "no stdout"),
+        ("-", (VideoFormat.EXR,), "-o - takes one of mkv"),
+        ("-", (VideoFormat.MKV, VideoFormat.MP4), "-o - takes one of mkv"),
         ("a.mkv", (VideoFormat.PNG16,), "folder"),
         ("a.mkv", (VideoFormat.MP4,), ".mp4"),
         (None, (VideoFormat.JSON,), "another --format"),
@@ -143,6 +146,108 @@ def test_outputs_that_do_not_fit(
 def test_a_codec_is_for_its_containers() -> None:
     with pytest.raises(UsageError, match="vp9 or av1"):
         video(VideoRequest("a.mp4", None, (VideoFormat.WEBM,), codec=PreviewCodec.H264))
+
+
+class Stream(io.BytesIO):
+    """Bytes that come and go as through a pipe: front to back."""
+
+    def seekable(self) -> bool:
+        return False
+
+    def read1(self, size: int | None = -1) -> bytes:
+        return super().read1(min(size or 1, 1000))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec"),
+    [("mkv", "mpeg4"), ("ts", "mpeg2video"), ("nut", "ffv1"), ("y4m", "rawvideo")],
+)
+def test_standard_input_gives_the_bytes_of_a_file(
+    tmp_path: Path, loader: SessionLoader, suffix: str, codec: str
+) -> None:
+    path = tmp_path / f"a.{suffix}"
+    encode(path, flat_frames(range(24)), NTSC, codec, "yuv420p")
+    piped = Stream(path.read_bytes())
+    done = video(VideoRequest("-", f"{tmp_path}/piped.mkv", model=loader, stdin=piped))
+    run(path, tmp_path / "file.mkv", loader)
+    assert (done.name, done.frames, done.rate, done.problem) == ("-", 24, NTSC, None)
+    assert (tmp_path / "piped.mkv").read_bytes() == (tmp_path / "file.mkv").read_bytes()
+
+
+def test_outputs_of_standard_input_are_named_so(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    with clip.open("rb") as stream:  # it seeks, so that MP4 with its header at the end does
+        request = VideoRequest("-", f"{tmp_path}/out/", model=loader, stdin=stream, sidecar=True)
+        assert video(request).frames == 24
+    suffixes = ("depth.mkv", "preview.mp4", "depth.json")
+    assert files(tmp_path / "out") == {f"stdin.{suffix}" for suffix in suffixes}
+
+
+@pytest.mark.parametrize("which", [f for f in VideoFormat if VIDEO_FORMATS[f].ending != ".json"])
+def test_standard_output_takes_the_frames_of_a_file(
+    clip: Path, tmp_path: Path, loader: SessionLoader, which: VideoFormat
+) -> None:
+    stream = Stream()
+    request = VideoRequest(str(clip), "-", (which,), model=loader, stdout=stream)
+    if which in SEQUENCES:
+        with pytest.raises(UsageError, match="name a folder"):
+            video(request)
+        return
+    assert video(request).outputs == ("-",)
+    (tmp_path / f"a.{which}").write_bytes(stream.getvalue())
+    run(clip, tmp_path / f"b.{which}", loader)
+    piped, whole = (tmp_path / f"{name}.{which}" for name in "ab")
+    assert times_ms(piped) == times_ms(whole)
+    np.testing.assert_array_equal(colours(piped), colours(whole))
+    assert files(tmp_path) == {"model", "clip.mp4", piped.name, whole.name}
+
+
+@pytest.mark.parametrize("reason", [KeyboardInterrupt(), SystemExit(143), BrokenPipeError()])
+def test_what_stops_a_pipe_is_not_lost_in_ffmpeg(
+    clip: Path, tmp_path: Path, loader: SessionLoader, reason: BaseException
+) -> None:
+    class Stopped(Stream):
+        left = 3
+
+        def _stop(self) -> None:
+            self.left -= 1
+            if not self.left:
+                raise reason
+
+        def read1(self, size: int | None = -1) -> bytes:
+            self._stop()
+            return super().read1(size)
+
+        def write(self, data: Any) -> int:
+            self._stop()
+            return super().write(data)
+
+    encode(tmp_path / "in.mkv", flat_frames(range(9)), NTSC, "mpeg4", "yuv420p")
+    piped = Stopped((tmp_path / "in.mkv").read_bytes())
+    with pytest.raises(type(reason)):
+        video(VideoRequest("-", f"{tmp_path}/a.mkv", model=loader, stdin=piped))
+    with pytest.raises(type(reason)):
+        video(VideoRequest(str(clip), "-", model=loader, stdout=Stopped()))
+    assert files(tmp_path) == {"model", "clip.mp4", "in.mkv"}
+
+
+@pytest.mark.parametrize("data", [b"", b"no video" * 999, b"mp4"])
+def test_a_pipe_without_a_video_says_what_to_send(
+    clip: Path, tmp_path: Path, loader: SessionLoader, data: bytes
+) -> None:
+    if data == b"mp4":  # its header is behind more than FFmpeg looks at
+        data = clip.read_bytes().replace(b"mdat", b"mdat" + bytes(6_000_000), 1)
+    with pytest.raises(InputError, match="send Matroska"):
+        video(VideoRequest("-", f"{tmp_path}/a.mkv", model=loader, stdin=Stream(data)))
+
+
+def test_the_sound_of_a_pipe_is_missed_in_words(tmp_path: Path, loader: SessionLoader) -> None:
+    path = with_sound(tmp_path / "a.mkv", seconds=0.4)
+    request = VideoRequest("-", f"{tmp_path}/a.mp4", model=loader, stdin=Stream(path.read_bytes()))
+    assert "sound of standard input" in " ".join(video(request).warnings)
+    silent = dataclasses.replace(request, has_sound=False, stdin=Stream(path.read_bytes()))
+    assert video(silent).warnings == ()
 
 
 @pytest.mark.parametrize("name", ["clip.depth.mkv", "clip.preview.mp4"])

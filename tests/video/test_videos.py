@@ -12,7 +12,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from videos import NTSC, encode, flat_frames, header_first, trimmed, write_mp4, write_video
+from videos import (
+    NTSC,
+    encode,
+    flat_frames,
+    header_first,
+    trimmed,
+    with_sound,
+    write_mp4,
+    write_video,
+)
 
 from depthcli.core.colour import value_channel
 from depthcli.core.types import DepthKind, DepthMap, Frame
@@ -442,7 +451,7 @@ def test_frames_without_a_time_get_one(tmp_path: Path) -> None:
 
 def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.mp4")
-    with pytest.raises(InputError, match="to a file first"):
+    with pytest.raises(InputError, match="reads standard input"):
         VideoSource(tmp_path / "a.mp4")
 
 
@@ -625,29 +634,6 @@ def test_a_preview_can_be_played_while_it_is_loaded(tmp_path: Path) -> None:
         output.finish()
     data = (tmp_path / "a.mp4").read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")
-
-
-def with_sound(path: Path, codec: str, seconds: float = 4, begin_s: int = 0) -> Path:
-    """A gray clip with a tone that begins at one second; its clock may begin later than 0."""
-    rate = 48_000
-    with av.open(str(path), "w") as output:
-        pictures = output.add_stream("mpeg4", rate=25)
-        pictures.width, pictures.height, pictures.pix_fmt = 64, 48, "yuv420p"
-        sound = output.add_stream(codec, rate=rate)
-        sound.codec_context.layout = "mono"
-        for index in range(round(seconds * 25)):
-            frame = av.VideoFrame.from_ndarray(flat_frames([2 * index])[0], "rgb24")
-            frame.pts, frame.time_base = index + 25 * begin_s, Fraction(1, 25)
-            output.mux(pictures.encode(frame))
-            times_s = (index * rate // 25 + np.arange(rate // 25)) / rate
-            tone = np.where(times_s < 1, 0, np.sin(2 * np.pi * 440 * times_s) * 9000)
-            samples = av.AudioFrame.from_ndarray(tone[None].astype(np.int16), "s16", "mono")
-            samples.sample_rate, samples.pts = rate, index * rate // 25 + rate * begin_s
-            samples.time_base = Fraction(1, rate)
-            output.mux(sound.encode(samples))
-        output.mux(pictures.encode(None))
-        output.mux(sound.encode(None))
-    return path
 
 
 def heard(path: Path) -> tuple[str, float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -27,7 +28,8 @@ def video(
         str,
         typer.Argument(
             metavar="FILE",
-            help="Input video, or an image sequence: a pattern (plate.%04d.exr) or a folder.",
+            help="Input video, '-' for stdin, or an image sequence: a pattern (plate.%04d.exr) or "
+            "a folder.",
         ),
     ],
     output: Annotated[
@@ -37,8 +39,8 @@ def video(
             "--out",
             "--output",
             metavar="OUT",
-            help="Output .mkv, .mp4, .webm or .mov file, or a folder (existing, ending in '/', or "
-            "without suffix). Default: next to the video.",
+            help="Output .mkv, .mp4, .webm or .mov file, folder (existing, ending in '/', or "
+            "without suffix), or '-' for stdout. Default: next to the video.",
         ),
     ] = None,
     formats: Annotated[
@@ -47,7 +49,7 @@ def video(
             "--format",
             help="Output format; repeatable: mkv (lossless 16-bit depth), mp4, webm, mov "
             "(previews), png16, exr, npy (one file per frame), json. Default: from the suffix of "
-            "OUT, else mkv and mp4.",
+            "OUT, else mkv and mp4, or mkv alone to stdout.",
         ),
     ] = None,
     start: Annotated[
@@ -156,9 +158,12 @@ def video(
     from depthcli.cli.screen.progress import drawn
     from depthcli.jobs.failed import Failed
     from depthcli.jobs.video import run as job
-    from depthcli.jobs.video.plan import video_formats
+    from depthcli.jobs.video.plan import STANDARD, video_formats
     from depthcli.jobs.video.settings import VideoSettings
 
+    to_stdout = output == STANDARD
+    if as_json and to_stdout:
+        raise UsageError("-o - and --json both want stdout; name a file with -o")
     writing = writer_options(context.params)
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
@@ -184,6 +189,8 @@ def video(
             start_number=start_number,
         ),
         workers=workers,
+        stdin=sys.stdin.buffer if file == STANDARD and sys.stdin else None,
+        stdout=sys.stdout.buffer if to_stdout and sys.stdout else None,
     )
     result: VideoDone | Failed
     try:
@@ -193,6 +200,6 @@ def video(
         result = Failed(file, error)
     from depthcli.cli.screen.video import tell  # what it needs is there by now
 
-    tell(result, as_json=as_json, quiet=quiet)
+    tell(result, as_json=as_json, quiet=quiet, to_stderr=to_stdout)
     is_whole = not isinstance(result, Failed) and result.problem is None
     return ExitCode.OK if is_whole else ExitCode.SOME_FAILED

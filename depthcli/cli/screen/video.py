@@ -13,13 +13,14 @@ if TYPE_CHECKING:
     from depthcli.jobs.video.result import VideoDone
 
 
-def tell(result: VideoDone | Failed, *, as_json: bool, quiet: bool) -> None:
+def tell(result: VideoDone | Failed, *, as_json: bool, quiet: bool, to_stderr: bool) -> None:
     """Say what became of a video.
 
     Args:
         result: that.
         as_json: one JSON object in place of text.
         quiet: errors only.
+        to_stderr: standard output carries a video, so text goes elsewhere.
     """
     if isinstance(result, Failed):
         tell_failed(result, as_json=as_json)
@@ -27,7 +28,7 @@ def tell(result: VideoDone | Failed, *, as_json: bool, quiet: bool) -> None:
     if as_json:
         console.out_json(json_of(result))
     elif not quiet:
-        console.out(text_of(result))
+        (console.note if to_stderr else console.out)(text_of(result))
         for warning in result.warnings:
             console.warn(f"{result.name}: {warning}")
     if result.problem:

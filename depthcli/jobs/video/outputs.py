@@ -10,7 +10,6 @@ from depthcli.io.writers.preview import PreviewWriter
 from depthcli.video.codecs import preview_codec
 from depthcli.video.depth_output import depth_video
 from depthcli.video.formats import VIDEO_FORMATS, VideoFormat
-from depthcli.video.frame_source import files_of
 from depthcli.video.number_pattern import number_name
 from depthcli.video.preview_output import preview_video
 from depthcli.video.rates import Timing
@@ -23,16 +22,15 @@ if TYPE_CHECKING:
 
     from depthcli.io.writers.options import WriterOptions
     from depthcli.jobs.video.plan import VideoPlan
+    from depthcli.video.frame_source import FrameSource
     from depthcli.video.output import VideoOutput
-    from depthcli.video.sequence import ImageSequence
-    from depthcli.video.source import VideoSource
 
 
 def open_output(
     which: VideoFormat,
     plan: VideoPlan,
     writing: WriterOptions,
-    source: VideoSource | ImageSequence,
+    source: FrameSource,
     rate: Fraction,
 ) -> AbstractContextManager[VideoOutput]:
     """The output of one format, with nothing written yet.
@@ -44,9 +42,9 @@ def open_output(
         source: what is read.
         rate: frames a second of the output.
     """
-    path, inputs, timing = plan.path(which), files_of(source), Timing(rate, source.tick_s)
+    target, inputs, timing = plan.target(which), source.paths, Timing(rate, source.tick_s)
     if which is VideoFormat.MKV:
-        return depth_video(path, timing, writing.png_scale, inputs)
+        return depth_video(target, timing, writing.png_scale, inputs)
     picture = VIDEO_FORMATS[which].picture
     if picture is None:
         raise ValueError(which)
@@ -54,7 +52,8 @@ def open_output(
     if not isinstance(writer, PreviewWriter):
         name = partial(number_name, plan.names[which])
         return nullcontext(SequenceOutput(which.value, plan.folder, name, writer, inputs))
-    codec = plan.codecs.get(which) or preview_codec(path.suffix.lower(), None)
-    start_s = source.start_s if plan.has_sound else None
-    sound = None if start_s is None else Sound(plan.source, start_s)
-    return preview_video(path, timing, writer, inputs, codec=codec, sound=sound)
+    codec = plan.codecs.get(which) or preview_codec(target.suffix.lower(), None)
+    sound = None
+    if plan.has_sound and source.start_s is not None:
+        sound = Sound(plan.source, source.start_s)
+    return preview_video(target, timing, writer, inputs, codec=codec, sound=sound)

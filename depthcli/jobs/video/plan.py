@@ -18,10 +18,13 @@ from depthcli.video.formats import (
 )
 from depthcli.video.frame_source import is_sequence
 from depthcli.video.number_pattern import is_pattern, without_number
+from depthcli.video.pipes import InputPipe, OutputPipe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from typing import BinaryIO
 
+STANDARD = "-"
 DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
 
 
@@ -31,23 +34,32 @@ class VideoPlan:
 
     Attributes:
         name: the video as the user wrote it.
-        source: the file.
+        source: the file, or standard input.
         folder: where the outputs go.
-        names: file name of each format; a sequence's is a pattern with ``%06d`` or the like.
+        names: file name of each format; a sequence's is a pattern with ``%06d`` or the like, and
+            ``-`` is standard output.
         codecs: of the previews.
         has_sound: whether previews are heard.
+        stdout: what ``-`` stands for.
     """
 
     name: str
-    source: Path
+    source: Path | InputPipe
     folder: Path
     names: Mapping[VideoFormat, str]
     codecs: Mapping[VideoFormat, Codec] = field(default_factory=dict)
     has_sound: bool = True
+    stdout: BinaryIO | None = None
 
     def path(self, which: VideoFormat) -> Path:
         """Where a format goes."""
         return self.folder / self.names[which]
+
+    def target(self, which: VideoFormat) -> Path | OutputPipe:
+        """The same, or standard output."""
+        if self.stdout is None:
+            return self.path(which)
+        return OutputPipe(self.stdout, VIDEO_FORMATS[which].ending or "")
 
 
 def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:
@@ -60,6 +72,8 @@ def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vid
         chosen: tuple[VideoFormat, ...] = (_format_of_pattern(output, asked),)
     elif asked:
         chosen = tuple(dict.fromkeys(asked))
+    elif output == STANDARD:
+        chosen = (VideoFormat.MKV,)
     elif output is None or _is_folder(output):
         chosen = DEFAULT_FORMATS
     elif (found := video_format_of(output)) is not None:
@@ -82,39 +96,60 @@ def plan_video(
     sidecar: bool = False,
     codec: PreviewCodec | None = None,
     has_sound: bool = True,
+    stdin: BinaryIO | None = None,
+    stdout: BinaryIO | None = None,
 ) -> VideoPlan:
     """Name every output before anything is read.
 
     Args:
-        name: the video.
+        name: the video; ``-`` is standard input.
         output: a file for one format, or a stem that several share; a folder, which exists, ends
-            in ``/`` or has no suffix; None for the video's own folder.
+            in ``/`` or has no suffix; ``-`` is standard output; None for the video's own folder.
         formats: what to write.
         sidecar: write the JSON as well.
         codec: of the preview; None for the usual one of its container.
         has_sound: take the video's sound into the preview.
+        stdin: where ``-`` is read.
+        stdout: where ``-`` is written.
 
     Raises:
-        UsageError: a sequence is to go into one file, an output is the video itself, or a name is
-            ``-``, or a codec is for another container.
+        UsageError: a sequence is to go into one file or a pipe, an output is the video itself, or a
+            codec is for another container.
     """
-    if name == "-":
-        raise UsageError("a video cannot be read from standard input; save it to a file first")
-    if output == "-":
-        raise UsageError("a video cannot be written to standard output; name a file or a folder")
-    source = Path(name)
+    source, file = _source(name, stdin), None if name == STANDARD else Path(name)
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if sidecar else formats))
-    if output is None or _is_folder(output):
-        folder = source.parent if output is None else Path(output)
-        names = {which: _base(source) + VIDEO_FORMATS[which].suffix for which in wanted}
+    if output == STANDARD:
+        folder, names = Path(), _piped(wanted, stdout)
+    elif output is None or _is_folder(output):
+        folder = Path(name).parent if output is None else Path(output)
+        names = {which: _base(file) + VIDEO_FORMATS[which].suffix for which in wanted}
     else:
         folder = Path(output).parent
         names = _file_names(Path(output), formats, wanted)
-    plan = VideoPlan(name, source, folder, names, _codecs(names, codec), has_sound)
+    written = stdout if output == STANDARD else None
+    plan = VideoPlan(name, source, folder, names, _codecs(names, codec), has_sound, written)
     for which in names:
-        if _same(plan.path(which), source):
+        if file is not None and _same(plan.path(which), file):
             raise UsageError(f"{plan.path(which)} is the input; choose another --out")
     return plan
+
+
+def _source(name: str, stdin: BinaryIO | None) -> Path | InputPipe:
+    if name != STANDARD:
+        return Path(name)
+    if stdin is None:
+        raise UsageError("the input is '-' but there is no stdin; name a file")
+    return InputPipe(stdin)
+
+
+def _piped(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict[VideoFormat, str]:
+    if len(wanted) > 1 or wanted[0] in SEQUENCES:
+        raise UsageError(
+            f"-o - takes one of mkv, mp4, webm and mov, not {' and '.join(wanted)}; name a folder"
+        )
+    if stdout is None:
+        raise UsageError("the output is '-' but there is no stdout; name a file or a folder")
+    return {wanted[0]: STANDARD}
 
 
 def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat:
@@ -132,9 +167,9 @@ def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat
     return found
 
 
-def _base(source: Path) -> str:
+def _base(source: Path | None) -> str:
     """What outputs are called before their suffixes."""
-    if not is_sequence(source):
+    if source is None or not is_sequence(source):
         return output_bases([source])[0]
     return without_number(source.stem) if is_pattern(source.name) else source.resolve().name
 

@@ -11,7 +11,6 @@ from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_depth
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frame_journal import FrameJournal
-from depthcli.video.frame_source import files_of
 from depthcli.video.number_pattern import number_name, without_number
 
 if TYPE_CHECKING:
@@ -22,8 +21,7 @@ if TYPE_CHECKING:
     from depthcli.inference.pipeline import Pipeline
     from depthcli.jobs.video.plan import VideoPlan
     from depthcli.jobs.video.settings import VideoSettings
-    from depthcli.video.sequence import ImageSequence
-    from depthcli.video.source import VideoSource
+    from depthcli.video.frame_source import FrameSource
 
 _BEST_FIRST = (VideoFormat.EXR, VideoFormat.NPY, VideoFormat.PNG16)
 
@@ -62,7 +60,7 @@ class EarlierFrames:
 @contextmanager
 def earlier_frames(
     plan: VideoPlan,
-    source: VideoSource | ImageSequence,
+    source: FrameSource,
     pipeline: Pipeline,
     settings: VideoSettings,
 ) -> Iterator[EarlierFrames]:
@@ -71,7 +69,8 @@ def earlier_frames(
     Raises:
         OutputError: the folder cannot be written to.
     """
-    if set(plan.names) - {*SEQUENCES, VideoFormat.JSON} or settings.smooth_s:
+    is_all_numbered = not set(plan.names) - {*SEQUENCES, VideoFormat.JSON}
+    if not (is_all_numbered and source.paths) or settings.smooth_s:
         yield EarlierFrames(plan, None)
         return
     name = without_number(next(plan.names[which] for which in SEQUENCES if which in plan.names))
@@ -88,12 +87,12 @@ def earlier_frames(
 
 def _origin(
     plan: VideoPlan,
-    source: VideoSource | ImageSequence,
+    source: FrameSource,
     pipeline: Pipeline,
     settings: VideoSettings,
 ) -> str:
     """Checksum of all that frames follow from."""
-    states = [(path, path.stat()) for path in files_of(source)]
+    states = [(path, path.stat()) for path in source.paths]
     card = pipeline.card
     return fingerprint(
         __version__,

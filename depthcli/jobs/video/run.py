@@ -12,6 +12,8 @@ from depthcli.jobs.video.plan import plan_video, video_formats
 from depthcli.jobs.video.settings import VideoSettings
 
 if TYPE_CHECKING:
+    from typing import BinaryIO
+
     from depthcli.core.progress import Progress
     from depthcli.jobs.video.result import VideoDone
     from depthcli.video.codecs import PreviewCodec
@@ -23,9 +25,11 @@ class VideoRequest:
     """A video, and what is to become of it.
 
     Attributes:
-        video: a file, a folder of numbered pictures, or a pattern such as ``plate.%04d.exr``.
+        video: a file, a folder of numbered pictures, a pattern such as ``plate.%04d.exr``, or
+            ``-``.
         output: a file for one format, or a stem that several share; a folder, which exists, ends in
-            ``/`` or has no suffix; a pattern for numbered files; None for the video's own folder.
+            ``/`` or has no suffix; a pattern for numbered files; ``-``; None for the video's own
+            folder.
         formats: what to write; empty for what the output's suffix says, else depth and a preview.
         sidecar: write the JSON as well.
         codec: of the preview; None for the usual one of its container.
@@ -34,6 +38,8 @@ class VideoRequest:
             the cores.
         settings: how frames become depth, and which do.
         workers: threads beside the one that decodes and writes; None for one a core.
+        stdin: where ``-`` is read.
+        stdout: where ``-`` is written.
     """
 
     video: str
@@ -45,6 +51,8 @@ class VideoRequest:
     model: SessionLoader = field(default_factory=SessionLoader)
     settings: VideoSettings = field(default_factory=VideoSettings)
     workers: int | None = None
+    stdin: BinaryIO | None = None
+    stdout: BinaryIO | None = None
 
 
 def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoDone:
@@ -74,6 +82,8 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoDone:
         sidecar=request.sidecar,
         codec=request.codec,
         has_sound=request.has_sound,
+        stdin=request.stdin,
+        stdout=request.stdout,
     )
     workers, threads = share_cores(request.workers, request.model.threads)
     loading = replace(request.model, threads=threads).start()

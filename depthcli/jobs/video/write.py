@@ -30,9 +30,8 @@ if TYPE_CHECKING:
     from depthcli.inference.pipeline import Pipeline
     from depthcli.jobs.video.plan import VideoPlan
     from depthcli.jobs.video.settings import VideoSettings
+    from depthcli.video.frame_source import FrameSource
     from depthcli.video.output import VideoFrame, VideoOutput
-    from depthcli.video.sequence import ImageSequence
-    from depthcli.video.source import VideoSource
 
 _ON_GRID = 1e-6
 
@@ -73,7 +72,7 @@ def write_video(
             for which in plan.names
             if which is not VideoFormat.JSON
         ]
-        sidecar = _sidecar(plan, stack)
+        sidecar = _sidecar(plan, source.paths, stack)
         stages = FrameStages(pipeline, settings, earlier.kept)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
         frames = _numbered(source, settings)
@@ -100,11 +99,11 @@ def _refuse_folders(plan: VideoPlan) -> None:
             )
 
 
-def _sidecar(plan: VideoPlan, stack: ExitStack) -> Path | None:
+def _sidecar(plan: VideoPlan, inputs: Sequence[Path], stack: ExitStack) -> Path | None:
     """Where the JSON is written before it appears; None if there is none."""
     if VideoFormat.JSON not in plan.names:
         return None
-    return stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), inputs=(plan.source,)))
+    return stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), inputs=inputs))
 
 
 def _written(
@@ -131,7 +130,7 @@ def _written(
             yield stages.numbers[index]
 
 
-def _numbered(source: VideoSource | ImageSequence, settings: VideoSettings) -> Iterator[Frame]:
+def _numbered(source: FrameSource, settings: VideoSettings) -> Iterator[Frame]:
     """Frames with the rate and the numbers that their files will have."""
     shift: int | None = None
     rate = settings.span.rate(source.rate)
@@ -146,7 +145,7 @@ def _done(
     plan: VideoPlan,
     pipeline: Pipeline,
     settings: VideoSettings,
-    source: VideoSource | ImageSequence,
+    source: FrameSource,
     stages: FrameStages,
     first: tuple[Frame, DepthMap],
 ) -> VideoDone:
@@ -180,7 +179,7 @@ def _is_regular(times_s: Sequence[float], rate: Fraction) -> bool:
     return all(abs((t - times_s[0]) * rate - i) < _ON_GRID for i, t in enumerate(times_s))
 
 
-def _nothing(plan: VideoPlan, source: VideoSource | ImageSequence) -> str:
+def _nothing(plan: VideoPlan, source: FrameSource) -> str:
     if source.problem:
         return f"{plan.name} has no frame that can be read: {source.problem}"
     stated = source.frames_stated
