@@ -10,7 +10,7 @@ from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.read import read_image
-from depthcli.video.frame_source import FrameSource
+from depthcli.video.frames import FrameSource
 from depthcli.video.rates import FALLBACK_RATE, rate_text
 from depthcli.video.sequence_files import EXR, find_pictures
 from depthcli.video.spans import WHOLE

@@ -15,7 +15,7 @@ from depthcli.io.pictures.decode import check_size
 from depthcli.io.pictures.read import upright
 from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
-from depthcli.video.frame_source import FrameSource
+from depthcli.video.frames import FrameSource
 from depthcli.video.integrity import counts_frames, is_cut
 from depthcli.video.pipes import InputPipe
 from depthcli.video.pixels import orientation_of, rgb_pixels, transfer_warning

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from depthcli.io.writers.options import WriterOptions
     from depthcli.jobs.video.plan import VideoPlan
-    from depthcli.video.frame_source import FrameSource
+    from depthcli.video.frames import FrameSource
     from depthcli.video.output import VideoOutput
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from depthcli.inference.pipeline import Pipeline
     from depthcli.jobs.video.plan import VideoPlan
     from depthcli.jobs.video.settings import VideoSettings
-    from depthcli.video.frame_source import FrameSource
+    from depthcli.video.frames import FrameSource
 
 _BEST_FIRST = (VideoFormat.EXR, VideoFormat.NPY, VideoFormat.PNG16)
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from depthcli.inference.pipeline import Pipeline
     from depthcli.jobs.video.plan import VideoPlan
     from depthcli.jobs.video.settings import VideoSettings
-    from depthcli.video.frame_source import FrameSource
+    from depthcli.video.frames import FrameSource
     from depthcli.video.output import VideoFrame, VideoOutput
 
 _ON_GRID = 1e-6

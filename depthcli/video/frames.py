@@ -1,0 +1,53 @@
+"""What every source of frames is."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Self
+
+from depthcli.video.spans import WHOLE, Span
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from fractions import Fraction
+    from pathlib import Path
+
+    from depthcli.core.types import Frame
+
+
+class FrameSource(ABC):
+    """Frames in their order, with one of them in memory."""
+
+    paths: tuple[Path, ...]  #: the files that are read; none of a pipe
+    rate: Fraction  #: frames a second, exact; the mean where frames are not evenly spaced
+    tick_s: Fraction  #: seconds of which every frame's time is a multiple
+    frames_stated: int | None  #: how many frames there are; None if nothing says so
+    width: int  #: columns of an upright frame
+    height: int  #: rows of an upright frame
+    warnings: tuple[str, ...] = ()  #: one-line texts about the source
+    #: why frames are missing, once the others have been read; None if all came
+    problem: str | None = None
+    #: time of the first frame on the clock of the sound beside it; None without sound
+    start_s: Fraction | None = None
+
+    @abstractmethod
+    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
+        """The frames of a span; to be called once.
+
+        Yields:
+            ``index`` is the frame's number, and ``timestamp_s`` counts from the first of all frames
+            and always grows.
+        """
+
+    def count(self, span: Span) -> int | None:
+        """How many frames a span has; None if nothing says so."""
+        return None if self.frames_stated is None else span.count(self.frames_stated, self.rate)
+
+    def close(self) -> None:  # noqa: B027 - there may be none
+        """Let the files go."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
