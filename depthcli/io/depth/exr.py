@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+_FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20
 _DAMAGED = (RuntimeError, ValueError, TypeError, OSError, MemoryError)
 
 
@@ -50,6 +52,25 @@ def write_exr(
     except RuntimeError as error:
         # 'Failed to ... image file "name". No space left on device.'
         raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
+    if not _is_whole(path, len(next(iter(channels.values())))):
+        raise OSError("its end did not reach the disk, which may be full")
+
+
+def _is_whole(path: Path, height: int) -> bool:
+    """Whether a file of one part has all its rows: OpenEXR says nothing where its end is lost."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+        try:
+            at = _FIRST_ATTRIBUTE
+            while head[at]:  # name, type, size and value of an attribute
+                at = head.index(0, head.index(0, at) + 1) + 1
+                at += 4 + int.from_bytes(head[at : at + 4], "little")
+            offsets = struct.unpack_from(f"<{-(-height // _ROWS_A_BLOCK)}Q", head, at + 1)
+        except (IndexError, ValueError, struct.error):
+            return False
+        file.seek(offsets[-1] + 4)
+        size = int.from_bytes(file.read(4), "little")
+    return all(offsets) and path.stat().st_size == offsets[-1] + 8 + size
 
 
 def read_exr_texts(path: Path) -> dict[str, str]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
-from contextlib import contextmanager
+import sys
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError
+from depthcli.io.storage.lock import open_locked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -33,16 +36,39 @@ def atomic_path(path: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         raise OutputError(f"{path} is an input and is not overwritten; choose another -o")
     if _is_special(path):
         raise OutputError(f"{path} is a device or a pipe and is not replaced; choose another -o")
-    temporary = path.with_name(f".depthcli-{os.urandom(8).hex()}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        os.replace(temporary, path)  # noqa: PTH105 - names with bytes that are not UTF-8 pass here
+        with _temporary(path) as temporary:
+            yield temporary
+            os.replace(temporary, path)  # noqa: PTH105 - names with bytes that are not UTF-8 pass
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"cannot write {path}: {reason}; choose another -o") from error
-    finally:
+
+
+@contextmanager
+def _temporary(path: Path) -> Iterator[Path]:
+    """A name in the same folder, and nothing under it when the block fails.
+
+    It follows from the path's, so that what a killed process left is written over by the next; and
+    it is locked, so that of two processes at the same output one takes a name of its own.
+    """
+    name = hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16]
+    temporary = path.with_name(f".depthcli-{name}{path.suffix}")
+    lock = None
+    if sys.platform != "win32":  # which does not rename what is open
+        with suppress(OSError):  # another user's, say
+            lock = open_locked(temporary)
+    if lock is None:
+        temporary = path.with_name(f".depthcli-{os.urandom(8).hex()}{path.suffix}")
+    try:
+        yield temporary
+    except BaseException:
         _remove(temporary)
+        raise
+    finally:
+        if lock is not None:
+            os.close(lock)
 
 
 def write_text(text: str, path: Path) -> None:

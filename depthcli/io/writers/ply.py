@@ -49,7 +49,7 @@ class PlyWriter:
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
         with path.open("wb") as file:
             file.write(("\n".join(lines) + "\nend_header\n").encode("ascii"))
-            points.tofile(file)
+            file.write(points.data)  # tofile leaves out unseen what a full disk does not take
         if source.focal_px and source.camera_source is not CameraSource.CARD:
             return ()
         hfov_deg = scaling.hfov_deg(focal_px, depth.width)

@@ -8,18 +8,21 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 import threading
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.lock import lock, open_locked
 from depthcli.jobs.batch.row_files import (
     JsonLines,
     is_journal,
     journal_name,
     manifest_name,
     row_files,
+    to_read,
 )
 from depthcli.jobs.batch.row_index import Place, RowIndex
 from depthcli.jobs.batch.shard import WHOLE, Shard
@@ -57,8 +60,13 @@ class Rows:
 
 
 def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
-    """What earlier batches left in an output folder, without changing anything there."""
-    return Rows([JsonLines(path.open("rb")) for path in row_files(folder, shard)], shard)
+    """What earlier batches left in an output folder, without changing anything there.
+
+    Raises:
+        OutputError: it cannot be read.
+    """
+    with _explained(folder):
+        return Rows([JsonLines(to_read(path)) for path in row_files(folder, shard)], shard)
 
 
 class Journal(Rows):
@@ -73,23 +81,24 @@ class Journal(Rows):
         """Open or begin the journal of an output folder, which is made if it is missing.
 
         Raises:
-            OutputError: the folder cannot be written.
+            OutputError: the folder cannot be written, or something that is no file is in the way.
             UsageError: another batch is writing there; another shard of a divided one may.
         """
         self._path = folder / journal_name(shard)
         self.manifest = folder / manifest_name(shard)
-        with ExitStack() as opened, self._explained():
+        with ExitStack() as opened, _explained(self._path):
             folder.mkdir(parents=True, exist_ok=True)
-            _lock_folder(folder, opened, alone=shard == WHOLE)
+            _keep_others_out(folder, opened, shard)
             self._earlier = [path for path in row_files(folder, shard) if path != self._path]
             self.was_cut_short = shard == WHOLE and any(
                 map(is_journal, (*self._earlier, *([self._path] if self._path.exists() else [])))
             )
-            own = self._path.open("a+b")
-            opened.callback(own.close)
-            _lock(own.fileno(), folder, alone=True)
-            files = [opened.enter_context(path.open("rb")) for path in self._earlier]
-            self._own = JsonLines(own)
+            handle = open_locked(self._path)
+            if handle is None:
+                raise _taken(folder)
+            end = opened.enter_context(os.fdopen(handle, "ab", buffering=0))
+            files = [opened.enter_context(to_read(p)) for p in (*self._earlier, self._path)]
+            self._own = JsonLines(files.pop(), end)
             super().__init__([*map(JsonLines, files), self._own], shard)
             if not self._own.ends_whole:  # the batch was killed in the middle of a line
                 self._own.append(b"\n")
@@ -102,7 +111,7 @@ class Journal(Rows):
         Raises:
             OutputError: the disk is full, say.
         """
-        with self._explained(), self._lock:
+        with _explained(self._path), self._lock:
             place = Place(len(self._files) - 1, self._own.append(row.as_line()))
             self._index.add([(row.input, place)])
 
@@ -121,12 +130,14 @@ class Journal(Rows):
         """
         with atomic_path(self.manifest) as temporary, temporary.open("wb") as manifest:
             manifest.writelines(row.as_line() for row in self._rows(names))
-        with self._explained():
-            self._opened.close()
-            self._path.unlink(missing_ok=True)
+        with _explained(self._path):
+            if sys.platform == "win32":  # which removes nothing that is open
+                self._opened.close()
+            self._path.unlink(missing_ok=True)  # before another batch can lock it
             for path in self._earlier if self._shard == WHOLE else ():
                 if path != self.manifest:
                     path.unlink(missing_ok=True)
+            self._opened.close()
 
     def _rows(self, names: Iterable[str]) -> Iterator[Row]:
         """Those of the names, in their order and each once, then the others with outputs."""
@@ -140,15 +151,14 @@ class Journal(Rows):
             if row is not None and row.outputs:
                 yield row
 
-    @contextmanager
-    def _explained(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise OutputError(
-                f"cannot write {self._path}: {reason}; choose another --out"
-            ) from error
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"cannot write {path}: {reason}; choose another --out") from error
 
 
 def remove_leftovers(folders: Iterable[Path]) -> None:
@@ -161,32 +171,16 @@ def remove_leftovers(folders: Iterable[Path]) -> None:
                 path.unlink(missing_ok=True)
 
 
-def _lock_folder(folder: Path, opened: ExitStack, *, alone: bool) -> None:
+def _keep_others_out(folder: Path, opened: ExitStack, shard: Shard) -> None:
+    """Lock the output folder itself; other shards may be at work in it."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:  # Windows opens no folders
         return
     opened.callback(os.close, handle)
-    _lock(handle, folder, alone=alone)
+    if not lock(handle, shared=shard != WHOLE):
+        raise _taken(folder)
 
 
-def _lock(handle: int, folder: Path, *, alone: bool) -> None:
-    """Keep other batches out; the lock ends with the process, however it ends.
-
-    Args:
-        handle: an open file or folder.
-        folder: the output folder.
-        alone: whether shards that are at work there are others, too.
-    """
-    try:
-        import fcntl  # noqa: PLC0415 - not on Windows
-    except ImportError:
-        return
-    try:
-        fcntl.flock(handle, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise UsageError(
-            f"another batch is writing to {folder}; wait for it, or choose another --out"
-        ) from None
-    except OSError:  # some network file systems have no locks
-        return
+def _taken(folder: Path) -> UsageError:
+    return UsageError(f"another batch is writing to {folder}; wait for it, or choose another --out")

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from depthcli.errors import OutputError
+from depthcli.io.storage.regular import regular_size
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,6 +76,15 @@ class Row:
     warnings: tuple[str, ...] = ()
     camera: str | None = None
 
+    def lost(self, folder: Path) -> Row | None:
+        """The row of an input that failed because an output is gone again; None if none is."""
+        for file in self.outputs:
+            path = folder / file.path
+            if not path.exists():
+                error = f"{path} was removed while the batch ran; run it again"
+                return replace(self, status=FAILED, outputs=(), error=error)
+        return None
+
     def as_json(self) -> dict[str, object]:
         """The fields of one line."""
         # Not dataclasses.asdict, which copies so deeply that it takes as long as a checksum.
@@ -111,8 +121,9 @@ def parse_row(line: bytes) -> Row | None:
 
 
 def checksum(path: Path) -> OutputFile | None:
-    """Size and checksum of a file as it is on disk, under its own path; None if it is not there."""
+    """Size and checksum of a file as it is on disk, under its own path; None if there is none."""
     try:
+        regular_size(path)  # a pipe or a device in its place may never end
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
             return OutputFile(os.fspath(path), file.tell(), digest)

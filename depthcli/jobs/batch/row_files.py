@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 from typing import TYPE_CHECKING, BinaryIO
 
+from depthcli.io.storage.regular import regular_size
 from depthcli.jobs.batch.manifest import parse_row
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from io import FileIO
     from pathlib import Path
 
     from depthcli.jobs.batch.manifest import Row
@@ -43,17 +46,28 @@ def row_files(folder: Path, shard: Shard) -> list[Path]:
     for path in (*folder.glob("manifest*"), *folder.glob(".depthcli-batch*")):
         match = _NAME.fullmatch(path.name)
         is_others = match and match[3] == str(shard.count) and match[2] != shard.tag
-        if match and not is_others:
+        if match and not is_others and path.exists():
             found.append(path)
     return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+
+def to_read(path: Path) -> BinaryIO:
+    """A file of rows.
+
+    Raises:
+        OSError: it cannot be read, or is a pipe, a device or a folder.
+    """
+    regular_size(path)
+    return path.open("rb")
 
 
 class JsonLines:
     """Rows as JSON, one a line."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        """Take a file that is open for reading and, to append, for writing."""
+    def __init__(self, file: BinaryIO, end: FileIO | None = None) -> None:
+        """Take a file that is open for reading and, to append, once more for that."""
         self._file = file
+        self._end = end
         self.ends_whole = True
 
     def rows(self) -> Iterator[tuple[str, int]]:
@@ -72,12 +86,20 @@ class JsonLines:
         return parse_row(self._file.readline())
 
     def append(self, data: bytes) -> int:
-        """Where the data begins in the file."""
-        position = self._file.seek(0, os.SEEK_END)
-        self._file.write(data)
-        self._file.flush()
-        return position
+        """Where the data begins in the file, in which it is whole or not at all.
 
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        Raises:
+            OSError: it cannot be written.
+        """
+        if self._end is None:
+            raise TypeError(self._end)
+        position = self._end.seek(0, os.SEEK_END)
+        try:
+            at = 0
+            while at < len(data):
+                at += self._end.write(data[at:])
+        except OSError:
+            with suppress(OSError):
+                self._end.truncate(position)
+            raise
+        return position

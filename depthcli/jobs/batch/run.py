@@ -80,6 +80,7 @@ class Batch(Iterator[Result]):
         self.tally = Tally(len(plan.inputs))
         self.late: tuple[Result, ...] = ()
         self._recorded: dict[str, Result] = {}
+        self._passed: dict[str, bool] = {}  # name -> whether its outputs were kept
         self._results = self._run(self._journal)
 
     def __next__(self) -> Result:
@@ -132,6 +133,7 @@ class Batch(Iterator[Result]):
 
     def _taken(self, result: Result) -> Result:
         del self._recorded[result.row.input]
+        self._passed[result.row.input] = result.is_kept
         self.tally.add(result)
         return result
 
@@ -141,10 +143,24 @@ class Batch(Iterator[Result]):
         if journal is None:
             return
         names = [file.name for file in self._plan.inputs]
-        journal.finish(names)
+        for name in names:
+            self._check(journal, name)
         self.late = tuple(self._recorded[name] for name in names if name in self._recorded)
         for result in self.late:
             self.tally.add(result)
+        journal.finish(names)
+
+    def _check(self, journal: Journal, name: str) -> None:
+        """An input is not done where somebody has removed its outputs again meanwhile."""
+        row = journal.row(name) if name in self._passed or name in self._recorded else None
+        lost = row.lost(self._plan.out) if row else None
+        if lost is None:
+            return
+        journal.add(lost)
+        if name in self._passed:
+            self.tally.lose(lost, was_kept=self._passed[name])
+        else:
+            self._recorded[name] = Result(lost)
 
 
 def _chunks(tasks: Iterator[PictureTask], size: int) -> Iterator[Sequence[PictureTask]]:

@@ -6,6 +6,7 @@ import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from depthcli.jobs.batch.manifest import Row
     from depthcli.jobs.batch.task import Result
 
 
@@ -32,6 +33,12 @@ class Tally:
         self.done += not result.is_kept
         if result.row.error is not None:
             self.failures.append((result.row.input, result.row.error))
+
+    def lose(self, row: Row, *, was_kept: bool) -> None:
+        """Count an input that was counted as done as a failure after all."""
+        self.kept -= was_kept
+        self.done += was_kept
+        self.failures.append((row.input, row.error or ""))
 
     @property
     def passed(self) -> int:

@@ -1,0 +1,72 @@
+"""Temporary names: what a killed process left is used up, and no two processes share one."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import pytest
+
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.lock import open_locked
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_what_a_killed_process_left_is_written_over(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    with atomic_path(path) as temporary:
+        left = temporary
+        temporary.write_bytes(b"whole")
+    left.write_bytes(b"half of a longer output")
+    with atomic_path(path) as temporary:
+        assert temporary == left
+        temporary.write_bytes(b"again")
+    assert [found.name for found in tmp_path.iterdir()] == ["a.png"]
+    assert path.read_bytes() == b"again"
+
+
+def test_two_at_one_output_do_not_meet(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    with atomic_path(path) as one:
+        one.write_bytes(b"one")
+        with atomic_path(path) as other:
+            other.write_bytes(b"other")
+        assert path.read_bytes() == b"other"
+        assert one.read_bytes() == b"one"
+    assert path.read_bytes() == b"one"
+    assert [found.name for found in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_a_link_in_the_place_of_a_temporary_is_not_followed(tmp_path: Path) -> None:
+    precious = tmp_path / "precious"
+    precious.write_bytes(b"mine")
+    with atomic_path(tmp_path / "a.png") as temporary:
+        name = temporary.name
+        temporary.touch()
+    (tmp_path / name).symlink_to(precious)
+    with atomic_path(tmp_path / "a.png") as temporary:
+        temporary.write_bytes(b"depth")
+    assert precious.read_bytes() == b"mine"
+
+
+def test_a_lock_is_of_one_at_a_time(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    first = open_locked(path)
+    assert first is not None
+    assert open_locked(path) is None
+    path.unlink()
+    path.touch()  # as one who replaces the file does
+    os.close(first)
+    again = open_locked(path)
+    assert again is not None
+    os.close(again)
+
+
+def test_only_files_are_locked(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    for name in ("pipe", "link"):
+        with pytest.raises(OSError, match="remove it"):
+            open_locked(tmp_path / name)

@@ -1,0 +1,115 @@
+"""A batch whose output folder is not left alone, or was prepared to do harm."""
+
+from __future__ import annotations
+
+import os
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+from batches import NAMES, kept, outputs, pictures, request
+from tiny import write_picture
+
+from depthcli.errors import OutputError, UsageError
+from depthcli.jobs.batch.journal import Journal, known_rows
+from depthcli.jobs.batch.manifest import FAILED, OK
+from depthcli.jobs.batch.run import Batch
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+JOURNAL, MANIFEST = ".depthcli-batch.jsonl", "manifest.jsonl"
+
+
+@pytest.mark.parametrize("gone", ["a.depth.png", ""], ids=["an output", "the folder"])
+def test_what_is_removed_meanwhile_counts_as_failed(tmp_path: Path, gone: str) -> None:
+    pictures(tmp_path)
+    whole = kept(tmp_path, "whole")
+    batch = Batch(request(tmp_path))
+    first = next(batch)
+    assert (first.row.input, first.row.status) == ("a.png", OK)
+    (tmp_path / "out" / gone).rename(tmp_path / "moved")
+    rest = [result.row.status for result in batch]
+    lost = dict(batch.tally.failures)
+    assert "a.depth.png was removed while the batch ran; run it again" in lost["a.png"]
+    assert batch.tally.done == len(rest) + 1 == len(NAMES)
+    row = known_rows(tmp_path / "out").row("a.png")
+    assert row is not None
+    assert (row.status, row.outputs) == (FAILED, ())
+    assert not any(found for name, found in kept(tmp_path).items() if name in lost)
+    assert outputs(tmp_path / "out") == outputs(tmp_path / "whole")
+    assert whole.keys() == set(NAMES)
+
+
+def test_what_was_kept_and_is_removed_meanwhile_counts_as_failed(tmp_path: Path) -> None:
+    write_picture(tmp_path / "in" / "a.png")
+    kept(tmp_path)
+    batch = Batch(request(tmp_path))
+    assert next(batch).is_kept
+    (tmp_path / "out" / "a.depth.png").unlink()
+    assert not list(batch)
+    assert (batch.tally.kept, batch.tally.done, len(batch.tally.failures)) == (0, 1, 1)
+
+
+@pytest.mark.parametrize("name", [JOURNAL, MANIFEST])
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_what_never_ends_is_refused(tmp_path: Path, name: str, kind: str) -> None:
+    pictures(tmp_path)
+    path = tmp_path / "out" / name
+    path.parent.mkdir()
+    os.mkfifo(path) if kind == "pipe" else path.symlink_to("/dev/zero")
+    with pytest.raises(OutputError, match=r"it is a (pipe or a device|link)"):
+        Batch(request(tmp_path))
+    path.unlink()
+    assert len(kept(tmp_path)) == len(NAMES)
+
+
+def test_a_link_does_not_lead_the_journal_elsewhere(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    precious = tmp_path / "precious.txt"
+    precious.write_text("mine")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / JOURNAL).symlink_to(precious)
+    with pytest.raises(OutputError, match="it is a link; remove it"):
+        Batch(request(tmp_path))
+    (tmp_path / "out" / JOURNAL).unlink()
+    (tmp_path / "out" / MANIFEST).symlink_to(precious)
+    assert len(kept(tmp_path)) == len(NAMES)
+    assert precious.read_text() == "mine"
+    assert not (tmp_path / "out" / MANIFEST).is_symlink()
+
+
+def test_a_pipe_in_the_place_of_an_output_is_one_failure(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    kept(tmp_path)
+    path = tmp_path / "out" / "z.depth.png"
+    path.unlink()
+    os.mkfifo(path)
+    statuses = {result.row.input: result.row.status for result in Batch(request(tmp_path))}
+    assert statuses == {"a.png": OK, "hall/b.png": OK, "z.png": FAILED}
+
+
+def test_of_many_batches_that_begin_at_once_one_writes(tmp_path: Path) -> None:
+    """The longer the manifest, the longer each looks at it."""
+    pictures(tmp_path)
+    kept(tmp_path)
+    manifest = tmp_path / "out" / MANIFEST
+    manifest.write_bytes(manifest.read_bytes() + b'{"input": 3}\n' * 20_000)
+    start, begun, refused = threading.Barrier(8), [], []
+
+    def begin() -> None:
+        start.wait()
+        try:
+            begun.append(Journal(tmp_path / "out"))
+        except UsageError:
+            refused.append(True)
+
+    threads = [threading.Thread(target=begin) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (len(begun), len(refused)) == (1, 7)
+    assert begun[0].row("a.png") is not None
+    begun[0].finish(NAMES)
+    assert known_rows(tmp_path / "out").row("a.png") is not None

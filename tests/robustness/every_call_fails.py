@@ -1,0 +1,207 @@
+"""Every n-th system call fails: what commands leave behind, and whether they say so.
+
+::
+
+    python tests/robustness/every_call_fails.py [COMMAND...] [--calls open,write] [--every N]
+
+runs each command of ``faulty_commands.py`` with its first, second, third ``open``, ``write``,
+``fsync``, ``rename``, ``mkdir`` or ``read`` of a file below its folder failing, with each error
+that the call can end with, until the run makes no such call any more; for a full disk also with
+all writes after it. Calls of native libraries (OpenEXR, FFmpeg, torch) are among them. After each:
+
+- the exit code is 0 and all outputs are there, or it is 1, 2 or 3 with one line that says why;
+- no file under a final name is half: each is what a run without faults writes, or what was there;
+- the same command without a fault ends with 0, the same bytes, and no temporary file.
+
+It needs Linux and a C compiler.
+"""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from faults import CALLS, ERRORS, Fault, Injector, library
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from faults import Ended
+    from faulty_commands import Command
+
+_TESTS = Path(__file__).resolve().parents[1]
+_LIBRARY = "DEPTHCLI_FAULTS"
+_LINES = 3
+"""Lines of errors that one fault may cost: of batches, one for each input."""
+
+
+def main() -> int:
+    """Run what is asked for, and say what fell short."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("commands", nargs="*", metavar="COMMAND")
+    parser.add_argument("--calls", default=",".join(CALLS))
+    parser.add_argument("--every", type=int, default=1, help="only every N-th call")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="faults-") as name:
+        if _LIBRARY not in os.environ:
+            return _preloaded(Path(name))
+        return _run(asked, Path(name))
+
+
+def _preloaded(folder: Path) -> int:
+    """This command once more, with the library loaded before all others."""
+    path = library(folder)
+    if path is None:
+        print("needs Linux and a C compiler")
+        return 2
+    environment = {**os.environ, "LD_PRELOAD": str(path), _LIBRARY: str(path)}
+    return subprocess.run([sys.executable, *sys.argv], env=environment, check=False).returncode
+
+
+def _run(asked: argparse.Namespace, folder: Path) -> int:
+    sys.path[:0] = [str(_TESTS), str(_TESTS / "training"), str(_TESTS / "export")]
+    import faulty_commands  # noqa: PLC0415 - only where the library is loaded
+
+    _load()
+    injector = Injector(Path(os.environ[_LIBRARY]), faulty_commands.ENVIRONMENT)
+    short = 0
+    for name in asked.commands or faulty_commands.COMMANDS:
+        command = faulty_commands.COMMANDS[name]
+        trial = Trial(injector, command, folder / name.replace(" ", "-"))
+        count = 0
+        for fault in trial.faults(asked.calls.split(","), asked.every):
+            count += 1
+            for problem in trial.problems(fault):
+                short += 1
+                print(f"{name}: {fault}: {problem}", flush=True)
+        print(f"{name}: {count} faults of {trial.counts}", flush=True)
+    print(f"{short} fell short")
+    return int(short > 0)
+
+
+def _load() -> None:
+    """What commands load, so that each fork has it."""
+    from importlib import import_module  # noqa: PLC0415
+
+    from depthcli.cli.shell import load_command  # noqa: PLC0415
+    from depthcli.cli.table import COMMANDS  # noqa: PLC0415
+
+    for name in COMMANDS:
+        load_command(name)
+    for module in (
+        *("av", "cv2", "onnxruntime", "OpenEXR", "torch", "onnx", "onnxscript", "lightning_fabric"),
+        *("depthcli.jobs.batch.videos", "depthcli.jobs.train.run", "depthcli.export.onnx"),
+        *("depthcli.jobs.install_model", "depthcli.cli.shell", "depthcli.api.model"),
+    ):
+        import_module(module)
+
+
+class Trial:
+    """One command, again and again."""
+
+    def __init__(self, injector: Injector, command: Command, folder: Path) -> None:
+        self._injector, self._command = injector, command
+        self._template = folder / "template"
+        self._folder = folder / "run"
+        self._template.mkdir(parents=True)
+        _in_a_fork(lambda: command.prepare(self._template))
+        self._before = self._contents(self._template)
+        self._fresh()
+        done = self._injector.run(command.words, self._folder)
+        if done.code:
+            raise RuntimeError(f"{command.words}: {done.err}")
+        self._whole = self._contents(self._folder)
+        self.counts = done.counts
+
+    def faults(self, calls: list[str], every: int) -> Iterator[Fault]:
+        """All that can befall it."""
+        for call in calls:
+            for number in range(1, self.counts[call] + 1, every):
+                for error in ERRORS[call]:
+                    yield Fault(call, number, error)
+                    if call == "write" and error == errno.ENOSPC:
+                        yield Fault(call, number, error, onwards=True)
+
+    def problems(self, fault: Fault) -> Iterator[str]:
+        """What fell short with a fault, and without one after it."""
+        self._fresh()
+        done = self._injector.run(self._command.words, self._folder, fault)
+        if not done.where:
+            return  # in another order of threads there was no such call
+        found = self._contents(self._folder)
+        yield from (f"{problem} ({done.where})" for problem in self._said(done, found))
+        for name, content in found.items():
+            # What a run has done so far is another matter than half of it.
+            may_grow = name in {"manifest.jsonl", "metrics.jsonl", "last.ckpt"}
+            known = content in (self._whole.get(name), self._before.get(name, b""))
+            if content is None or not (known or may_grow):
+                yield f"{name} is half ({done.where})"
+        again = self._injector.run(self._command.words, self._folder)
+        found = self._contents(self._folder)
+        if again.code:
+            if not self._is_done(found, again):
+                yield f"the next run ends with {again.code}: {again.err.strip()} ({done.where})"
+        elif found != self._whole:
+            others = {
+                name for name in {*found, *self._whole} if found.get(name) != self._whole.get(name)
+            }
+            yield f"the next run leaves other bytes: {sorted(others)} ({done.where})"
+        left = self._hidden()
+        if left:
+            yield f"the next run leaves {left} ({done.where})"
+
+    def _said(self, done: Ended, found: dict[str, bytes | None]) -> Iterator[str]:
+        errors = [line for line in done.err.splitlines() if line.startswith("depthcli: error")]
+        if done.code == 0:
+            missing = [name for name, content in self._whole.items() if found.get(name) != content]
+            if missing:
+                yield f"exit 0 without {missing}"
+        elif done.code not in (1, 2, 3):
+            yield f"exit {done.code}: {done.err.strip()[-300:]}"
+        elif not 1 <= len(errors) <= _LINES:
+            yield f"{len(errors)} lines of errors with exit {done.code}: {done.err.strip()}"
+        if "unexpected" in done.err or "Traceback" in done.err:
+            yield f"says {done.err.strip()}"
+
+    def _is_done(self, found: dict[str, bytes | None], again: Ended) -> bool:
+        """What was done in spite of the fault refuses to be done twice."""
+        return found == self._whole and "already exists" in again.err
+
+    def _fresh(self) -> None:
+        from faulty_commands import copied  # noqa: PLC0415
+
+        copied(self._template, self._folder)
+
+    def _contents(self, folder: Path) -> dict[str, bytes | None]:
+        from faulty_commands import contents  # noqa: PLC0415
+
+        return contents(folder, self._command)
+
+    def _hidden(self) -> list[str]:
+        from faulty_commands import hidden  # noqa: PLC0415
+
+        return hidden(self._folder)
+
+
+def _in_a_fork(work: object) -> None:
+    """Threads that the work starts are of no use in processes that are forked later."""
+    child = os.fork()
+    if not child:
+        code = 1
+        try:
+            work()  # type: ignore[operator]
+            code = 0
+        finally:
+            os._exit(code)
+    if os.waitpid(child, 0)[1]:
+        raise RuntimeError("inputs cannot be made")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,138 @@
+"""Commands of which one system call fails, each in a process forked from one that has it loaded."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+CALLS = ("open", "write", "fsync", "rename", "mkdir", "read")
+ERRORS = {
+    "open": (errno.ENOSPC, errno.EIO, errno.EMFILE, errno.EACCES),
+    "write": (errno.ENOSPC, errno.EIO),
+    "fsync": (errno.ENOSPC, errno.EIO),
+    "rename": (errno.ENOSPC, errno.EIO, errno.EACCES),
+    "mkdir": (errno.ENOSPC, errno.EIO, errno.EACCES),
+    "read": (errno.EIO,),
+}
+"""What the manual pages of the calls have them fail with."""
+HANGS_S = 120
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One call that fails, and with ``onwards`` all of its kind after it."""
+
+    call: str
+    number: int
+    error: int
+    onwards: bool = False
+
+    def __str__(self) -> str:
+        ways = " and all after it" if self.onwards else ""
+        return f"{self.call} {self.number}{ways}: {errno.errorcode[self.error]}"
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended.
+
+    Attributes:
+        code: its exit code; negative for a signal, None if it hung.
+        out: what it wrote to standard output.
+        err: what it wrote to standard error.
+        counts: how many calls of each kind it made.
+        where: the path of the call that failed; "" if none did.
+    """
+
+    code: int | None
+    out: str
+    err: str
+    counts: dict[str, int]
+    where: str
+
+
+class _Shared(ctypes.Structure):
+    _fields_ = (("count", ctypes.c_long * len(CALLS)), ("where", ctypes.c_char * 256))
+
+
+def library(folder: Path) -> Path | None:
+    """The compiled ``faults.c``; None without a C compiler, or where there is no LD_PRELOAD."""
+    compiler = shutil.which("cc")
+    if compiler is None or sys.platform != "linux":
+        return None
+    target = folder / "faults.so"
+    source = Path(__file__).with_name("faults.c")
+    command = [compiler, "-O1", "-shared", "-fPIC", "-U_FORTIFY_SOURCE", "-o", target, source]
+    subprocess.run([*command, "-ldl"], check=True)
+    return target
+
+
+class Injector:
+    """Runs commands; this process was started with the library preloaded."""
+
+    def __init__(self, path: Path, environment: dict[str, str]) -> None:
+        self._library = ctypes.CDLL(str(path))
+        self._library.faults_shared.restype = ctypes.POINTER(_Shared)
+        self._shared = self._library.faults_shared().contents
+        self._environment = environment
+
+    def run(self, words: tuple[str, ...], folder: Path, fault: Fault | None = None) -> Ended:
+        """A command in a folder, to its end."""
+        streams = [folder.with_name(f"{folder.name}.{name}") for name in ("out", "err")]
+        child = os.fork()
+        if not child:
+            self._become(words, folder, fault, streams)
+        code = _awaited(child)
+        out, err = (path.read_text("utf-8", "replace") for path in streams)
+        counts = dict(zip(CALLS, self._shared.count, strict=True))
+        return Ended(code, out, err, counts, self._shared.where.decode())
+
+    def _become(
+        self, words: tuple[str, ...], folder: Path, fault: Fault | None, streams: list[Path]
+    ) -> None:
+        """Be the command, in a process of its own."""
+        code = 70
+        try:
+            os.chdir(folder)
+            for handle, path in enumerate(streams, start=1):
+                os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666), handle)
+            os.environ.update(self._environment)
+            sys.argv = ["depthcli", *words]
+            self._arm(folder, fault)
+            from depthcli.cli.app import main  # noqa: PLC0415 - loaded before the fork
+
+            code = main()
+            sys.stdout.flush()
+        finally:
+            sys.stderr.flush()
+            os._exit(code)
+
+    def _arm(self, folder: Path, fault: Fault | None) -> None:
+        fault = fault or Fault("open", 0, 0)
+        self._library.faults_arm(
+            os.fsencode(folder),
+            CALLS.index(fault.call) if fault.number else -1,
+            ctypes.c_long(fault.number),
+            fault.error,
+            fault.onwards,
+        )
+
+
+def _awaited(child: int) -> int | None:
+    until = time.monotonic() + HANGS_S
+    while time.monotonic() < until:
+        found, status = os.waitpid(child, os.WNOHANG)
+        if found:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.002)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return None

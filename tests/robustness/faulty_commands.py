@@ -1,0 +1,209 @@
+"""Commands that write files, with their inputs, and what must be there when they are done."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import shutil
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from rooms import write_rooms
+from small import write_checkpoint
+from tiny import synthetic_picture, tiny_onnx, write_model, write_picture
+from videos import flat_frames, write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+TINY_RUN = """
+validate_every = 1
+save_every = 1
+
+[generator]
+name = "efficient"
+encoder = [4, 4, 8, 8, 8]
+decoder = [8, 8, 4, 4]
+depths = [1, 1, 1, 1]
+
+[data]
+width = 32
+height = 32
+holdout_every = 4
+holdout_offset = 1
+
+[optim]
+batch_size = 4
+epochs_decay = 2
+"""
+ENVIRONMENT = {
+    "DEPTHCLI_MODELS": "models",
+    "XDG_DATA_HOME": "home",
+    "XDG_CONFIG_HOME": "home",
+    "OMP_NUM_THREADS": "1",
+}
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command in a folder of its own.
+
+    Attributes:
+        words: its arguments.
+        prepare: makes its inputs in a folder, with outputs of an earlier run or without.
+        outputs: the folder of its outputs.
+    """
+
+    words: tuple[str, ...]
+    prepare: Callable[[Path], None]
+    outputs: str = "out"
+
+
+def _model(folder: Path) -> None:
+    write_model(folder / "models" / "default")
+
+
+def _picture(folder: Path) -> None:
+    _model(folder)
+    write_picture(folder / "a.png", synthetic_picture(24, 32))
+
+
+def _picture_again(folder: Path) -> None:
+    """With outputs of the same names that are whole."""
+    _picture(folder)
+    for end in ("depth.png", "preview.png", "depth.exr", "depth.npy", "ply", "depth.json"):
+        path = folder / "out" / f"a.{end}"
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"an earlier output\n")
+
+
+def _pictures(folder: Path) -> None:
+    _model(folder)
+    for number, name in enumerate(("a.png", "hall/b.png")):
+        write_picture(folder / "in" / name, synthetic_picture(24, 32 + number))
+    write_video(folder / "in" / "c.avi", flat_frames((0, 90), 24, 32))
+
+
+def _video(folder: Path) -> None:
+    _model(folder)
+    write_video(folder / "a.avi", flat_frames((0, 90, 180), 24, 32))
+
+
+def _training(folder: Path) -> None:
+    write_rooms(folder / "data")
+    (folder / "tiny.toml").write_text(TINY_RUN)
+
+
+def _checkpoint(folder: Path) -> None:
+    write_checkpoint(folder / "run.ckpt")
+
+
+def _new_model(folder: Path) -> None:
+    _model(folder)
+    write_model(folder / "new")
+
+
+def _known_model(folder: Path) -> None:
+    """One of the same name is there already."""
+    _new_model(folder)
+    write_model(folder / "models" / "tiny", tiny_onnx(stride=2), summary="Another one.")
+
+
+def _profile(folder: Path) -> None:
+    path = folder / "home" / "depthcli" / "profiles" / "p.toml"
+    path.parent.mkdir(parents=True)
+    path.write_text("half = true\n")
+
+
+def _array(folder: Path) -> None:
+    np.save(folder / "a.npy", np.full((24, 32), 2.5, np.float32))
+
+
+_ALL = ("png16", "preview", "exr", "npy", "ply")
+_FORMATS = tuple(word for name in _ALL for word in ("--format", name))
+_PREDICT = ("predict", "a.png", "-o", "out/", *_FORMATS, "--sidecar", "--threads", "1")
+_VIDEO_FORMATS = tuple(word for name in ("mkv", "mp4", "exr") for word in ("--format", name))
+_SMALL = ("--workers", "1", "--threads", "1")
+_ADD = ("models", "add", "new/model.onnx", "--card", "new/card.json")
+COMMANDS = {
+    "predict": Command(_PREDICT, _picture),
+    "predict again": Command(_PREDICT, _picture_again),
+    "batch": Command(
+        ("batch", "in", "--out", "out", *_FORMATS[:6], "--sidecar", *_SMALL), _pictures
+    ),
+    "video": Command(
+        ("video", "a.avi", "--out", "out/", *_VIDEO_FORMATS, "--format", "json", *_SMALL), _video
+    ),
+    "train": Command(
+        (
+            *("train", "proposed", "--data", "data", "--out", "out", "--preset", "default"),
+            *("--config", "tiny.toml", "--threads", "1", "--accelerator", "cpu"),
+        ),
+        _training,
+    ),
+    "export": Command(("export-onnx", "run.ckpt", "-o", "out/a.onnx"), _checkpoint),
+    "models add": Command(_ADD, _new_model, "models"),
+    "models add --force": Command((*_ADD, "--force"), _known_model, "models"),
+    "profile save": Command(("profile", "save", "p", "--hfov", "70"), lambda _: None, "home"),
+    "profile save --force": Command(
+        ("profile", "save", "p", "--hfov", "70", "--force"), _profile, "home"
+    ),
+    "convert": Command(("convert", "a.npy", "out/a.exr"), _array),
+}
+
+
+def contents(folder: Path, command: Command) -> dict[str, bytes | None]:
+    """Outputs by name, in a form that two runs share; None for one that is not whole."""
+    root = folder / command.outputs
+    paths = (path for path in root.rglob("*") if path.is_file() and not path.name.startswith("."))
+    return {path.relative_to(root).as_posix(): _steady(path) for path in paths}
+
+
+def hidden(folder: Path) -> list[str]:
+    """Temporary files and folders, journals too."""
+    paths = (path.relative_to(folder).as_posix() for path in folder.rglob(".*"))
+    return sorted(paths)
+
+
+def _steady(path: Path) -> bytes | None:
+    """Without seconds."""
+    try:
+        if path.name == "manifest.jsonl":
+            return b"\n".join(_row(line, path.parent) for line in path.read_bytes().splitlines())
+        if path.name == "metrics.jsonl":
+            rows = [json.loads(line) for line in path.read_bytes().splitlines()]
+            return json.dumps([{**row, "seconds": 0} for row in rows]).encode()
+        if path.suffix == ".ckpt":
+            return _checkpoint_bytes(path)
+    except (ValueError, KeyError, RuntimeError):
+        return None
+    return path.read_bytes()
+
+
+def _row(line: bytes, out: Path) -> bytes:
+    """A row that is true: what it names is there."""
+    row = json.loads(line)
+    for file in row["outputs"]:
+        if hashlib.sha256((out / file["path"]).read_bytes()).hexdigest() != file["sha256"]:
+            raise ValueError(file["path"])
+    return json.dumps({**row, "seconds": 0}).encode()
+
+
+def _checkpoint_bytes(path: Path) -> bytes:
+    content = torch.load(path, weights_only=True)
+    content["progress"]["seconds"] = 0
+    file = io.BytesIO()
+    torch.save(content, file)
+    return file.getvalue()
+
+
+def copied(template: Path, folder: Path) -> Path:
+    """A fresh copy of what a command begins with."""
+    if folder.exists():
+        shutil.rmtree(folder)
+    shutil.copytree(template, folder)
+    return folder
