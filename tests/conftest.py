@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -12,8 +13,13 @@ from command_line import ROOT, Cli, InProcess
 from hypothesis import HealthCheck, settings
 from tiny import write_model, write_picture
 
+from depthcli.io.storage import objects
+
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
     from pathlib import Path
+
+    from stores import Bucket, Faults
 
 # How long an example takes says nothing about what is tested, least of all on a busy machine.
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -73,3 +79,50 @@ def _in_a_folder(kind: type[Cli], site: Path, tmp_path: Path) -> Cli:
     folder.mkdir(exist_ok=True)  # a test may have both
     write_model(models / "default")
     return kind(site, folder, models)
+
+
+@pytest.fixture(scope="session")
+def s3_endpoint() -> Iterator[str]:
+    """Address of an S3 server on this machine."""
+    from stores import s3_server  # noqa: PLC0415 - it takes a second to load
+
+    with s3_server() as endpoint:
+        yield endpoint
+
+
+@pytest.fixture
+def bucket(s3_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> Bucket:
+    """An empty bucket, which this process and those that it starts can use."""
+    from stores import KEYS, REGION, Bucket  # noqa: PLC0415
+
+    for name, value in {**KEYS, "AWS_DEFAULT_REGION": REGION, "DEPTHCLI_RETRIES": "4"}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", s3_endpoint)
+    objects._store.cache_clear()
+    return Bucket(s3_endpoint, f"bucket-{os.urandom(4).hex()}")
+
+
+@pytest.fixture
+def faults(bucket: Bucket, monkeypatch: pytest.MonkeyPatch) -> Iterator[Faults]:
+    """A way to the bucket's server that can be made to fail; it is the one that is used."""
+    from stores import Faults  # noqa: PLC0415
+
+    proxy = Faults(bucket.endpoint)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", proxy.endpoint)
+    yield proxy
+    proxy.close()
+
+
+@pytest.fixture
+def once_each(faults: Faults) -> Callable[[], Faults]:
+    """Every object's requests fail once in one way and once in another."""
+    kinds = ("503 SlowDown", "cut", "drop", "500 InternalError")
+
+    def fault(_method: str, path: str, before: int) -> str | None:
+        return kinds[(before + len(path)) % len(kinds)] if before < 2 else None
+
+    def begin() -> Faults:
+        faults.fault = fault
+        return faults
+
+    return begin

@@ -5,7 +5,6 @@ from __future__ import annotations
 import operator
 import warnings
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -14,6 +13,7 @@ from depthcli.core import scaling, types
 from depthcli.core.camera import Anchor
 from depthcli.core.point_cloud import point_cloud
 from depthcli.errors import DepthcliWarning, UsageError
+from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.by_suffix import write_depth
 from depthcli.io.writers.preview import PreviewWriter, percentiles
 from depthcli.visual.colormaps import NAMES
@@ -210,7 +210,7 @@ class DepthMap(types.DepthMap):
             UsageError: the suffix chooses no format, or an option is of another one.
         """
         options = {"png_scale": png_scale, "exr_channel": exr_channel, "half": half}
-        told = write_depth(self, Path(path), self.frame, options)
+        told = write_depth(self, path_of(path), self.frame, options)
         for text in told:
             warnings.warn(f"{path}: {text}", DepthcliWarning, stacklevel=2)
 

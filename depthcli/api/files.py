@@ -2,10 +2,10 @@
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 from depthcli.api.depth_map import DepthMap
 from depthcli.io.depth import read as depth_files
+from depthcli.io.storage.remote import path_of
 from depthcli.video import depth as depth_videos
 
 
@@ -27,4 +27,4 @@ def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) 
     Raises:
         InputError: missing, damaged, or without depth.
     """
-    return DepthMap.of(depth_files.read_depth(Path(path), png_scale=png_scale))
+    return DepthMap.of(depth_files.read_depth(path_of(path), png_scale=png_scale))

@@ -108,8 +108,10 @@ def _explain(error: Exception) -> tuple[str, int]:
         return f"{needed}; install it with: {INSTALL_TRAIN}", ExitCode.FAILURE
     if is_out_of_memory(error):
         return "out of memory; give fewer or smaller inputs", ExitCode.FAILURE
-    name = type(error).__name__
-    return f"unexpected {name}: {error}; run again with --debug for details", ExitCode.FAILURE
+    text = f"unexpected {type(error).__name__}: {error}; run again with --debug for details"
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        text = f"{error.filename}: {error.strerror}"
+    return text, ExitCode.FAILURE
 
 
 def _usage(error: Any) -> str:  # noqa: ANN401 - typer's own types

@@ -1,7 +1,6 @@
 """A depth file in another format, and what that costs."""
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -13,6 +12,7 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.remote import check_writable, path_of, shown
 from depthcli.io.writers.formats import ENDINGS, Format, format_of
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.inspect import read_map
@@ -74,15 +74,17 @@ def convert(request: ConvertRequest) -> Converted:
         UsageError: the target says no format, or the request does not fit the source.
     """
     wanted = target_format(request.target, request.format)
-    depth = read_map(Path(request.source), scale=request.scale, frame=request.frame)
+    depth = read_map(path_of(request.source), scale=request.scale, frame=request.frame)
     depth = _seen_by(depth, request.camera)
     colours = None if request.picture is None else _colours(request.picture, depth)
-    inputs = [Path(name) for name in (request.source, request.picture) if name is not None]
-    with atomic_path(Path(request.target), inputs=inputs) as temporary:
+    inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
+    target = path_of(request.target)
+    check_writable(target)
+    with atomic_path(target, inputs=inputs) as temporary:
         warnings = request.writing.writer(wanted).write(depth, temporary, colours)
         again = read_depth(temporary) if wanted in _READABLE else None
     round_trip = None if again is None else RoundTrip.of(depth, again)
-    return Converted(request.source, request.target, depth, round_trip, warnings)
+    return Converted(shown(request.source), request.target, depth, round_trip, warnings)
 
 
 def target_format(target: str, asked: Format | None) -> Format:

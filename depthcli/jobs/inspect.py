@@ -12,6 +12,8 @@ from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.facts import stated_facts
 from depthcli.io.depth.read import read_depth
+from depthcli.io.storage.remote import path_of, shown
+from depthcli.io.storage.transfer import local_copy
 from depthcli.video.depth import DepthVideo
 from depthcli.video.rates import rate_text
 
@@ -62,14 +64,14 @@ def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts
         InputError: missing, damaged or without depth.
         UsageError: a scale for a file that holds metres as they are.
     """
-    path = Path(file)
+    path = path_of(file)
     _check_scale(path, scale)
     if _is_video(path):
         return _video_facts(file, scale)
     depth = read_depth(path, png_scale=scale)
     spread = DepthRange.of(depth)
     return MapFacts(
-        file=file,
+        file=shown(file),
         kind=depth.kind.value,
         unit="m" if depth.is_metric else None,
         width=depth.width,
@@ -98,7 +100,8 @@ def read_map(path: Path, *, scale: float | None = None, frame: int | None = None
     if _is_video(path):
         if frame is None:
             raise UsageError(f"{path} is a video; say which frame with --frame, 0 for the first")
-        return _frame(path, scale, frame)
+        with local_copy(path) as video:
+            return _frame(video, scale, frame)
     if frame is not None:
         raise UsageError(f"--frame is for depth videos (.mkv), but {path} is not one; remove it")
     return read_depth(path, png_scale=scale)
@@ -137,7 +140,11 @@ def _frame(path: Path, scale: float | None, number: int) -> DepthMap:
 
 
 def _video_facts(file: str, scale: float | None) -> VideoFacts:
-    video = DepthVideo(Path(file), scale=scale)
+    with local_copy(path_of(file)) as path:
+        return _facts_of(DepthVideo(path, scale=scale), shown(file))
+
+
+def _facts_of(video: DepthVideo, file: str) -> VideoFacts:
     frames = valid = width = height = 0
     low, high = math.inf, -math.inf
     for depth in video:

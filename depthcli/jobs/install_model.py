@@ -11,6 +11,7 @@ from depthcli.errors import ModelError, OutputError, UsageError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.storage.atomic_folder import folder_in_place, moved_away
+from depthcli.io.storage.remote import path_of, shown
 from depthcli.models import catalog, onnx_file, places
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.catalog import Model
@@ -112,8 +113,8 @@ def _draft(path: Path, data: bytes, card: str | None) -> CardDraft:
                 "and see 'depthcli models cards' for ready ones"
             )
         return CardDraft(_object(embedded, f"card inside {path}"), f"card inside {path}", False)
-    if card.endswith(".json") or Path(card).is_file():
-        return CardDraft(_object(catalog.read_card(Path(card)), card), card, False)
+    if card.endswith(".json") or path_of(card).is_file():
+        return CardDraft(_object(catalog.read_card(path_of(card)), shown(card)), card, False)
     return CardDraft(ready_fields(card), f"card {card}", True)
 
 

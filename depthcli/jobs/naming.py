@@ -9,6 +9,7 @@ from typing import NamedTuple
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_media
 from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.storage.remote import RemotePath, check_writable, path_of
 from depthcli.io.writers.formats import stem_of
 from depthcli.jobs.tree_names import TreeNames
 
@@ -44,16 +45,16 @@ def plan_outputs(
             there are several inputs or formats.
     """
     if out is not None and not is_folder(out):
-        plans = [_one_file(sources, Path(out), suffixes)]
+        plans = [_one_file(sources, path_of(out), suffixes)]
     else:
-        plans = _in_folders(sources, None if out is None else Path(out), suffixes)
+        plans = _in_folders(sources, None if out is None else path_of(out), suffixes)
     _check(plans)
     return plans
 
 
 def is_folder(out: str) -> bool:
     """Whether ``-o`` names a folder: it exists as one, or it ends in a separator."""
-    return out.endswith(("/", os.sep)) or Path(out).is_dir()
+    return out.endswith(("/", os.sep)) or path_of(out).is_dir()
 
 
 def _one_file(
@@ -112,7 +113,7 @@ def output_bases(sources: Sequence[Path | None]) -> list[str]:
 def _with_namesakes(folder: Path, own: set[str]) -> set[str]:
     """Inputs of one folder, and the pictures and videos there whose outputs could meet theirs."""
     try:
-        there = os.listdir(folder)  # noqa: PTH208 - a name is all that is needed
+        there = _names_in(folder, own)
     except OSError:
         return own
     stems = {os.path.splitext(name)[0].casefold() for name in own}  # noqa: PTH122 - names
@@ -120,11 +121,20 @@ def _with_namesakes(folder: Path, own: set[str]) -> set[str]:
     return own | {n for n in alike if is_media(n) and not is_own_picture(folder / n)}
 
 
+def _names_in(folder: Path, own: set[str]) -> list[str]:
+    """Names in a folder; of a store, which may have millions, those that begin as the inputs do."""
+    if not isinstance(folder, RemotePath):
+        return os.listdir(folder)  # noqa: PTH208 - a name is all that is needed
+    stems = {os.path.splitext(name)[0] for name in own}  # noqa: PTH122 - names
+    return [name for stem in stems for name in folder.names_after(stem)]
+
+
 def _check(plans: Sequence[OutputPlan]) -> None:
     inputs = {_folded(plan.source) for plan in plans if plan.source is not None}
     owners: dict[str, Path | None] = {}
     for plan in plans:
         for path in plan.outputs.values():
+            check_writable(path)
             if _folded(path) in inputs:
                 raise UsageError(f"{path} is an input; choose another -o")
             if _folded(path) in owners:

@@ -7,6 +7,7 @@ from errno import ENOENT
 from pathlib import Path
 
 from depthcli.errors import ModelError
+from depthcli.io.storage.remote import RemotePath
 from depthcli.models import onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.places import CARD_SUFFIX, Place, find_place
@@ -104,6 +105,8 @@ def _read_card(path: Path) -> ModelCard:
 
 def _read(path: Path, max_bytes: int) -> bytes:
     try:
+        if isinstance(path, RemotePath):
+            return path.read_some(max_bytes)
         size = path.stat().st_size
         if not 0 < size <= max_bytes:
             state = "empty" if size == 0 else f"too large ({size} bytes)"

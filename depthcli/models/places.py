@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import ModelError
+from depthcli.io.storage.remote import path_of, shown
 from depthcli.io.storage.user_folders import data_folder
 
 DEFAULT_MODEL = "default"
@@ -37,7 +38,8 @@ def find_place(name_or_path: str | os.PathLike[str] | None = None) -> Place:
     Raises:
         ModelError: there is no such model.
     """
-    name = os.fspath(name_or_path) if name_or_path is not None else DEFAULT_MODEL
+    path = path_of(DEFAULT_MODEL if name_or_path is None else name_or_path)
+    name = DEFAULT_MODEL if name_or_path is None else os.fspath(name_or_path)
     if not name:
         raise ModelError("the model's name is empty; see 'depthcli models list'")
     if not _is_path(name):
@@ -45,11 +47,13 @@ def find_place(name_or_path: str | os.PathLike[str] | None = None) -> Place:
             place = place_at(root / name) or place_at(root / f"{name}{_ONNX_SUFFIX}")
             if place:
                 return place
-    place = place_at(Path(name))
+    place = place_at(path)
     if place:
         return place
     if _is_path(name):
-        raise ModelError(f"no model at {name!r}; give an .onnx file or a folder with {CARD_NAME}")
+        raise ModelError(
+            f"no model at {shown(name)!r}; give an .onnx file or a folder with {CARD_NAME}"
+        )
     raise ModelError(f"no model named {name!r}; see 'depthcli models list', or give a path")
 
 

@@ -26,12 +26,11 @@ def probe(
     ] = False,
 ) -> int:
     """Show the depth at one or several pixels of a depth file."""
-    from pathlib import Path
-
+    from depthcli.io.storage.remote import path_of
     from depthcli.jobs.inspect import depth_at, read_map
 
     places = [parse_pixel(word) for word in pixels]
-    depth = read_map(Path(file), scale=png_scale, frame=frame)
+    depth = read_map(path_of(file), scale=png_scale, frame=frame)
     values = [depth_at(depth, x, y) for x, y in places]
     unit = "m" if depth.is_metric else None
     for (x, y), value in zip(places, values, strict=True):

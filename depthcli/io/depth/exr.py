@@ -15,6 +15,8 @@ import OpenEXR
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import read_bytes
+from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.transfer import local_copy
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -151,6 +153,10 @@ def _in_window(pixels: npt.NDArray[Any], header: dict[str, Any]) -> npt.NDArray[
 @contextmanager
 def _plain_name(path: Path) -> Iterator[str]:
     """A name of the same file in UTF-8, which is all that OpenEXR takes."""
+    if isinstance(path, RemotePath):
+        with local_copy(path) as copy:
+            yield str(copy)
+        return
     name = os.fspath(path)
     try:
         name.encode()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from io import BytesIO
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,10 +12,12 @@ from depthcli.errors import InputError
 from depthcli.io.depth.facts import completed, positive_number, provenance_of, sidecar_facts
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.png.text import read_text
+from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import MILLIMETRES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     import numpy.typing as npt
 
@@ -41,7 +42,7 @@ def read_depth(path: str | Path, *, png_scale: float | None = None) -> DepthMap:
     Raises:
         InputError: missing, damaged, or without depth.
     """
-    path = Path(path)
+    path = path_of(path)
     match path.suffix.lower():
         case ".png":
             return _png(path, png_scale)

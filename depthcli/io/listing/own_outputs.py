@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.io.png.chunks import SIGNATURE
 from depthcli.io.png.text import read_text
+from depthcli.io.storage.remote import RemotePath, is_remote, path_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,11 +23,17 @@ _VIDEO_NAME = re.compile(r"\.(depth\.mkv|preview\.(mp4|webm|mov))$", re.IGNORECA
 def is_own_picture(path: str | Path) -> bool:
     """Whether a file is a PNG, depth map or preview, that depthcli wrote, whatever its name."""
     try:
-        with open(path, "rb") as file:  # noqa: PTH123 - names with any byte pass here
-            head = file.read(_HEAD_BYTES)
+        head = _head(path_of(path))
     except (OSError, ValueError):
         return False
     return head.startswith(SIGNATURE) and MARK in read_text(head)
+
+
+def _head(path: Path) -> bytes:
+    if isinstance(path, RemotePath):
+        return path.read_some(first=_HEAD_BYTES) if _PNG_NAME.search(path.name) else b""
+    with path.open("rb") as file:
+        return file.read(_HEAD_BYTES)
 
 
 def is_own_output(path: str) -> bool:
@@ -36,4 +43,6 @@ def is_own_output(path: str) -> bool:
     """
     if _VIDEO_NAME.search(path):
         return True
-    return bool(_PNG_NAME.search(path)) and os.path.isfile(path) and is_own_picture(path)  # noqa: PTH113
+    if not _PNG_NAME.search(path):
+        return False
+    return (is_remote(path) or os.path.isfile(path)) and is_own_picture(path)  # noqa: PTH113

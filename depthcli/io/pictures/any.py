@@ -11,6 +11,7 @@ import numpy as np
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.read import read_image, upright
+from depthcli.io.storage.remote import path_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -62,7 +63,7 @@ def frame_of(picture: Picture) -> Frame:
     if isinstance(picture, Frame):
         return picture
     if isinstance(picture, (str, os.PathLike)):
-        return read_image(Path(picture))
+        return read_image(path_of(picture))
     if isinstance(picture, (bytes, bytearray, memoryview)):
         return read_image(None, bytes(picture), name="the picture in memory")
     if hasattr(picture, "getexif"):

@@ -16,6 +16,7 @@ from depthcli.io.pictures.complaints import complaints
 from depthcli.io.pictures.ending import flaw
 from depthcli.io.pictures.size import picture_size
 from depthcli.io.storage.regular import read_regular
+from depthcli.io.storage.remote import RemotePath
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,7 +44,9 @@ def read_bytes(path: Path) -> bytes:
     """
     try:
         return read_regular(path, MAX_FILE_BYTES)
-    except FileNotFoundError:
+    except FileNotFoundError as error:
+        if isinstance(path, RemotePath):
+            raise InputError(f"{path} cannot be read: {error.strerror}") from None
         what = "is a broken link" if path.is_symlink() else "is missing: no such file"
         raise InputError(f"{path} {what}") from None
     except IsADirectoryError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +12,11 @@ from depthcli.errors import InputError
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
 from depthcli.io.pictures.tiff import TIFF_STARTS
+from depthcli.io.storage.remote import path_of
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import numpy.typing as npt
 
     from depthcli.core.picture_limit import PictureLimit
@@ -48,7 +50,7 @@ def read_image(
         InputError: missing, empty, truncated, damaged, not a picture, too large, or float with
             another range than [0, 1].
     """
-    path = None if path is None else Path(path)
+    path = None if path is None else path_of(path)
     name = name if path is None else str(path)
     if data is None:
         if path is None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.lock import open_locked
+from depthcli.io.storage.remote import RemotePath
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -34,6 +35,10 @@ def atomic_path(path: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """
     if any(_same_file(path, source) for source in inputs):
         raise OutputError(f"{path} is an input and is not overwritten; choose another -o")
+    if isinstance(path, RemotePath):
+        with _sent(path) as temporary:
+            yield temporary
+        return
     if _is_special(path):
         raise OutputError(f"{path} is a device or a pipe and is not replaced; choose another -o")
     try:
@@ -71,6 +76,17 @@ def _temporary(path: Path) -> Iterator[Path]:
             os.close(lock)
 
 
+@contextmanager
+def _sent(path: RemotePath) -> Iterator[Path]:
+    from depthcli.io.storage.transfer import uploaded  # noqa: PLC0415 - for those who need it
+
+    try:
+        with uploaded(path) as temporary:
+            yield temporary
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
 def write_text(text: str, path: Path) -> None:
     """Write a file of text.
 
@@ -82,6 +98,8 @@ def write_text(text: str, path: Path) -> None:
 
 
 def _same_file(path: Path, source: Path) -> bool:
+    if isinstance(source, RemotePath) or isinstance(path, RemotePath):
+        return path == source
     try:
         return path.samefile(source)
     except OSError:

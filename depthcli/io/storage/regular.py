@@ -6,6 +6,8 @@ import errno
 import stat
 from typing import TYPE_CHECKING
 
+from depthcli.io.storage.remote import RemotePath
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -16,6 +18,8 @@ def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
     Raises:
         OSError: it cannot be read, is no regular file, is larger than ``max_bytes``, or grows.
     """
+    if isinstance(path, RemotePath):
+        return path.read_some(max_bytes, first=first)
     size = regular_size(path)
     if size > max_bytes:
         raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.storage.remote import path_of, shown
 from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of
 from depthcli.jobs.naming import is_folder, plan_outputs
 
@@ -71,22 +72,24 @@ def plan_pictures(
     """
     if list(names).count(STANDARD) > 1:
         raise UsageError("'-' is standard input and can be read once; give it once")
-    sources = [None if name == STANDARD else Path(name) for name in names]
+    sources = [None if name == STANDARD else path_of(name) for name in names]
     wanted = dict.fromkeys([*formats, Format.JSON] if sidecar else formats)
     if output == STANDARD:
         if len(names) != 1 or len(wanted) != 1:
             raise UsageError("-o - takes one input and one format; name a folder for more")
-        return (PicturePlan(names[0], sources[0], dict.fromkeys(wanted)),)
+        return (PicturePlan(shown(names[0]), sources[0], dict.fromkeys(wanted)),)
     # A sidecar beside the one file that the user named must not change that file's name.
     beside = sidecar and len(formats) == 1 and output is not None and not is_folder(output)
     main = formats if beside else wanted
     plans = plan_outputs(sources, output, {name: FORMATS[name].suffix for name in main})
     pictures = [
-        PicturePlan(name, plan.source, {Format(key): path for key, path in plan.outputs.items()})
+        PicturePlan(
+            shown(name), plan.source, {Format(key): path for key, path in plan.outputs.items()}
+        )
         for name, plan in zip(names, plans, strict=True)
     ]
     if beside and output is not None:
-        json_path = str(Path(output).with_suffix(".json"))
+        json_path = str(path_of(output).with_suffix(".json"))
         (plan,) = plan_outputs(sources, json_path, {Format.JSON: ""})
         if plan.outputs[Format.JSON] in pictures[0].outputs.values():
             raise UsageError(

@@ -1,0 +1,254 @@
+"""Requests to object stores and HTTP servers: the only place that knows how they are made.
+
+Requests that fail for a reason that passes (throttling, a server's error, a lost connection) are
+made again with exponential backoff and jitter; a body that breaks off is read on from there.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import time
+from base64 import b64encode
+from contextlib import contextmanager
+from datetime import timedelta
+from functools import cache
+from itertools import count
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import unquote, urlsplit
+
+from depthcli.core.extras import INSTALL_CLOUD
+from depthcli.errors import UsageError
+from depthcli.io.storage.remote import masked
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
+
+    from obstore.store import ClientConfig, ObjectStore, RetryConfig
+
+    from depthcli.io.storage.remote import RemotePath
+
+RETRIES_VARIABLE = "DEPTHCLI_RETRIES"
+_PART_BYTES = 8 << 20
+_PAGE = 1000
+_MOST_PARTS = 9_000  # S3 takes 10 000
+_REASONS = {
+    "NoSuchBucket": (errno.ENOENT, "there is no bucket of this name"),
+    "SlowDown": (errno.EBUSY, "the store is overloaded (SlowDown); try again, with less at once"),
+    "InvalidAccessKeyId": (
+        errno.EACCES,
+        "access denied: the store does not know these credentials",
+    ),
+    "SignatureDoesNotMatch": (errno.EACCES, "access denied: the secret key is wrong"),
+    "ExpiredToken": (errno.EACCES, "access denied: the credentials have expired"),
+    "status code: 401": (errno.EACCES, "access denied; check the credentials"),
+    "status code: 403": (errno.EACCES, "access denied; check the credentials and their rights"),
+    "status code: 404": (errno.ENOENT, "no such object"),
+    "status code: 405": (errno.ENOTSUP, "the server cannot do this"),
+    "status code: 429": (errno.EBUSY, "too many requests; try again, with less at once"),
+    "status code: 501": (errno.ENOTSUP, "the server cannot do this"),
+    "status code: 507": (errno.ENOSPC, "the store is full"),
+    "status code: 5": (errno.EIO, "the store answers with errors; try again later"),
+    "status code: 416": (errno.ERANGE, "it has no such bytes"),
+    "timed out": (errno.ETIMEDOUT, "no answer came in time; check the network"),
+    "error sending request": (errno.EHOSTUNREACH, "it cannot be reached; check host and network"),
+    "Error parsing Path": (errno.EINVAL, "a name with an empty, '.' or '..' part cannot be read"),
+    "empty path segment": (errno.EINVAL, "a name with an empty, '.' or '..' part cannot be read"),
+}
+
+
+class Facts(NamedTuple):
+    """What a store knows of an object.
+
+    Attributes:
+        size: in bytes.
+        time_s: when it was written, in seconds.
+        notes: what was noted when it was.
+    """
+
+    size: int
+    time_s: int
+    notes: Mapping[str, str]
+
+
+def facts(path: RemotePath) -> Facts:
+    """What there is to know of an object without its content."""
+    found = _ask("get", path, options={"head": True})
+    time_s = int(found.meta["last_modified"].timestamp())
+    return Facts(found.meta["size"], time_s, dict(found.attributes))
+
+
+def read(path: RemotePath, max_bytes: int | None = None) -> bytes:
+    """An object's content, by one request."""
+    found = _ask("get", path)
+    if max_bytes is not None and found.meta["size"] > max_bytes:
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
+    with _explained(path):
+        return bytes(found.bytes())
+
+
+def read_first(path: RemotePath, length: int) -> bytes:
+    """The first so many bytes of an object, and no more of it."""
+    try:
+        return bytes(_ask("get_range", path, start=0, length=length))
+    except OSError as error:
+        if error.errno == errno.ERANGE:  # of nothing, there is no first byte
+            return b""
+        raise
+
+
+def parts(path: RemotePath) -> Iterator[bytes]:
+    """An object's content, a few megabytes at a time; the first item is its size in decimals."""
+    found = _ask("get", path)
+    yield str(found.meta["size"]).encode()
+    with _explained(path):
+        for part in found.stream(min_chunk_size=_PART_BYTES):
+            yield bytes(part)
+
+
+def write(path: RemotePath, file: Path, notes: Mapping[str, str] | None = None) -> None:
+    """Send a file; large ones in parts. The object appears, or is replaced, when all is there."""
+    part_bytes = max(_PART_BYTES, file.stat().st_size // _MOST_PARTS)
+    _ask("put", path, file, chunk_size=part_bytes, attributes=dict(notes or {}))
+
+
+def delete(path: RemotePath) -> None:
+    """Delete an object; that it is gone already is no error."""
+    _ask("delete", path)
+
+
+def names(path: RemotePath, after: str = "") -> Iterator[str]:
+    """Names below a folder, as they come, behind one of them."""
+    start = f"{path.key}/" if path.key else ""
+    pages: Iterator[Any] | None = None
+
+    def page() -> Any:  # noqa: ANN401 - a list of the library's
+        nonlocal pages
+        if pages is None:  # at the beginning, and where the last one broke off
+            offset = start + after if after else None
+            pages = _library().list(
+                _address(path)[0], start or None, offset=offset, chunk_size=_PAGE
+            )
+        waiting, pages = pages, None
+        found = next(waiting, ())
+        pages = waiting
+        return found
+
+    while found := _tried(path, page):
+        for one in found:
+            after = one["path"][len(start) :]
+            yield after
+
+
+def _ask(verb: str, path: RemotePath, *words: Any, **options: Any) -> Any:  # noqa: ANN401
+    """Make a request."""
+    return _tried(path, lambda: getattr(_library(), verb)(*_address(path), *words, **options))
+
+
+def _tried(path: RemotePath, request: Callable[[], Any]) -> Any:  # noqa: ANN401
+    """Make a request, again where its answer breaks off: the library reads on in objects only.
+
+    Raises:
+        OSError: it failed.
+    """
+    for tries in count():
+        with _explained(path):
+            try:
+                return request()
+            except _library().exceptions.BaseError as error:
+                if "body error" not in str(error) or tries >= _retries():
+                    raise
+        time.sleep(random.uniform(0.5, 1) * min(15, 0.1 * 2**tries))  # noqa: S311 - jitter
+    return None
+
+
+def _retries() -> int:
+    """How often a request is made again.
+
+    Raises:
+        UsageError: the variable is no number.
+    """
+    word = os.environ.get(RETRIES_VARIABLE, "10")
+    if not word.isdecimal():
+        raise UsageError(f"{RETRIES_VARIABLE} is {word!r}; set it to a number, 10 say")
+    return int(word)
+
+
+def _library() -> Any:  # noqa: ANN401 - a module
+    try:
+        import obstore.exceptions  # noqa: PLC0415 - in an extra
+    except ModuleNotFoundError:
+        raise OSError(
+            errno.ENOPKG, f"this needs obstore; install it with: {INSTALL_CLOUD}"
+        ) from None
+    return obstore
+
+
+def _address(path: RemotePath) -> tuple[ObjectStore, str]:
+    if path.query:  # a signed address is one object
+        return _store(f"{path.base}/{path.key}?{path.query}"), ""
+    return _store(path.base), path.key
+
+
+@cache
+def _store(uri: str) -> ObjectStore:
+    """A bucket, or an HTTP server; connections are kept."""
+    from obstore.store import HTTPStore, from_url  # noqa: PLC0415
+
+    client: ClientConfig = {
+        "allow_http": True,  # whoever names an http:// address or endpoint wants it
+        "connect_timeout": timedelta(seconds=10),
+        "read_timeout": timedelta(seconds=60),
+        "timeout": timedelta(days=1),  # of the whole body: a video may take long
+    }
+    retry: RetryConfig = {"max_retries": _retries()}
+    parts = urlsplit(uri)
+    if parts.scheme == "s3":
+        provider = _aws_credentials()
+        return from_url(
+            uri, client_options=client, retry_config=retry, credential_provider=provider
+        )
+    if not parts.scheme.startswith("http"):
+        return from_url(uri, client_options=client, retry_config=retry)
+    if parts.username is not None:
+        words = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
+        client["default_headers"] = {"authorization": f"Basic {b64encode(words.encode()).decode()}"}
+        uri = uri.replace(f"{parts.netloc.rpartition('@')[0]}@", "", 1)
+    return HTTPStore.from_url(uri, client_options=client, retry_config=retry)
+
+
+def _aws_credentials() -> Any:  # noqa: ANN401 - boto3 has no types
+    """Profiles, single sign-on and roles as AWS's own tools find them; None for the variables."""
+    if {"AWS_ACCESS_KEY_ID", "AWS_SKIP_SIGNATURE"} & os.environ.keys():
+        return None
+    try:
+        from obstore.auth.boto3 import Boto3CredentialProvider  # noqa: PLC0415 - in an extra
+
+        return Boto3CredentialProvider()
+    except ModuleNotFoundError:
+        return None
+    except ValueError:
+        raise PermissionError(
+            errno.EACCES,
+            "no AWS credentials found; sign in ('aws configure'), or set AWS_SKIP_SIGNATURE=true "
+            "for a public bucket",
+        ) from None
+
+
+@contextmanager
+def _explained(path: RemotePath) -> Iterator[None]:
+    """The library's errors as those of files, one line each."""
+    library = _library()
+    try:
+        yield
+    except (library.exceptions.BaseError, ValueError, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        text = str(error)
+        for sign, (number, reason) in _REASONS.items():
+            if sign in text:
+                raise OSError(number, reason, str(path)) from error
+        first = masked(text.partition("\n")[0])
+        raise OSError(errno.EIO, first, str(path)) from error

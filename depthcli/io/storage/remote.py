@@ -1,0 +1,254 @@
+"""Objects in a store, and files behind HTTP, as paths."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import stat
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote, urlsplit
+
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SCHEMES = ("s3", "gs", "az", "http", "https")
+_HTTP = ("http", "https")
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
+_HTTP_URI = re.compile(r"(https?://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?", re.IGNORECASE)
+
+
+def path_of(name: str | os.PathLike[str]) -> Path:
+    """The path that a name stands for, on this machine or elsewhere.
+
+    Args:
+        name: a plain path, or a URI: ``s3://``, ``gs://``, ``az://``, ``http://``, ``https://`` or
+            ``file://``. A path is returned as it is.
+
+    Raises:
+        UsageError: it is a URI of another kind, or one without a bucket or a host.
+    """
+    if isinstance(name, Path):
+        return name
+    text = os.fspath(name)
+    found = _SCHEME.match(text)
+    if found is None:
+        return Path(text)
+    scheme = found[1].lower()
+    if scheme == "file":
+        parts = urlsplit(text)
+        if parts.netloc not in {"", "localhost"}:
+            raise UsageError(f"{text} names a host; write file:///folder/name")
+        return Path(unquote(parts.path))
+    if scheme not in SCHEMES:
+        raise UsageError(
+            f"{masked(text)}: unknown scheme {found[1]}://; use {'://, '.join(SCHEMES)}:// or "
+            "file://, or copy it to a local folder"
+        )
+    rest, _, query = text[found.end() :].partition("?" if scheme in _HTTP else "\0")
+    if rest.startswith("/") or not rest:
+        where = "host" if scheme in _HTTP else "bucket"
+        raise UsageError(f"{masked(text)} has no {where}; write {scheme}://{where}/name")
+    path = RemotePath(f"{scheme}://{rest}")
+    path.query = query
+    return path
+
+
+def is_remote(name: str | os.PathLike[str]) -> bool:
+    """Whether a name is a URI that leads off this machine."""
+    return isinstance(path_of(name), RemotePath)
+
+
+def join(folder: str, name: str) -> str:
+    """A name below a folder, which may be remote; an absolute or remote name as it is."""
+    if _SCHEME.match(name):
+        return name
+    if _SCHEME.match(folder):
+        return f"{folder.rstrip('/')}/{name}"
+    return os.path.join(folder, name)  # noqa: PTH118 - keeps "./" and names with any byte
+
+
+def shown(name: str) -> str:
+    """A name as messages and reports give it: a URI without its password and its signature."""
+    return str(path_of(name)) if _SCHEME.match(name) else name
+
+
+def masked(text: str) -> str:
+    """A text without the passwords and signatures that addresses in it carry."""
+    return _HTTP_URI.sub(lambda found: found[1] + found[2], text)
+
+
+def check_writable(path: Path) -> None:
+    """Refuse outputs that no server takes, before any work is done for them.
+
+    Raises:
+        UsageError: the path is behind HTTP.
+    """
+    if isinstance(path, RemotePath) and path.is_http:
+        raise UsageError(f"{path} is behind HTTP, where nothing is written; give another -o")
+
+
+class RemotePath(Path, PurePosixPath):
+    """An object, or the prefix that stands for a folder, with what is used of a path.
+
+    ``str`` gives the URI without its password and its query, for messages; nothing on this machine
+    has such a name.
+
+    Attributes:
+        query: of an HTTP address, a signature say; paths that are made of this one have none.
+    """
+
+    query = ""
+
+    @property
+    def base(self) -> str:
+        """Scheme and bucket or host, as ``s3://bucket``; with the password, if there is one."""
+        return "//".join(self.parts[:2])
+
+    @property
+    def key(self) -> str:
+        """The name inside the bucket."""
+        return "/".join(self.parts[2:])
+
+    @property
+    def is_http(self) -> bool:
+        """Whether a server of files is meant, which takes and lists none."""
+        return self.parts[0].startswith("http")
+
+    def __str__(self) -> str:
+        host = self.base.rpartition("@")
+        base = f"{self.parts[0]}//{host[2]}" if self.is_http and host[1] else self.base
+        return f"{base}/{self.key}".rstrip("/")
+
+    def __fspath__(self) -> str:
+        return str(self)
+
+    def __reduce__(self) -> Any:  # noqa: ANN401 - what pickle asks for
+        query = f"?{self.query}" if self.query else ""
+        return path_of, (f"{self.base}/{self.key}{query}",)
+
+    def stat(self, *, follow_symlinks: bool = True) -> os.stat_result:
+        """Size and time of the object; a prefix with objects below it is a folder.
+
+        Raises:
+            OSError: there is neither, or the store cannot be asked.
+        """
+        del follow_symlinks
+        from depthcli.io.storage import objects  # noqa: PLC0415 - loads what local files do not need
+
+        try:
+            known = objects.facts(self)
+        except FileNotFoundError:
+            if not self.is_dir():
+                raise
+            return os.stat_result((stat.S_IFDIR, 0, 0, 1, 0, 0, 0, 0, 0, 0))
+        times_s = (known.time_s,) * 3
+        return os.stat_result((stat.S_IFREG, 0, 0, 1, 0, 0, known.size, *times_s))
+
+    def exists(self, **_: Any) -> bool:  # noqa: ANN401 - as a path has it
+        """Whether there is such an object or folder."""
+        try:
+            self.stat()
+        except FileNotFoundError:
+            return False
+        return True
+
+    def is_file(self, **_: Any) -> bool:  # noqa: ANN401
+        """Whether there is such an object."""
+        from depthcli.io.storage import objects  # noqa: PLC0415
+
+        try:
+            # What a signed address is good for is reading; S3 has no right to list as the same
+            # answer as an object that is missing.
+            return bool(self.query or objects.facts(self))
+        except (FileNotFoundError, PermissionError):
+            return False
+
+    def is_dir(self, **_: Any) -> bool:  # noqa: ANN401
+        """Whether there are objects below it; a server of files does not say."""
+        return not self.is_http and next(self.walk_names(), None) is not None
+
+    def is_symlink(self) -> bool:
+        """No: stores have no links."""
+        return False
+
+    def samefile(self, other_path: str | os.PathLike[str]) -> bool:
+        """Whether both are one object."""
+        return self == path_of(other_path)
+
+    def absolute(self) -> RemotePath:
+        """The same."""
+        return self
+
+    def resolve(self, strict: bool = False) -> RemotePath:
+        """The same."""
+        del strict
+        return self
+
+    def mkdir(self, mode: int = 0o777, parents: bool = False, exist_ok: bool = False) -> None:
+        """Do nothing: stores have no folders to make."""
+
+    def unlink(self, missing_ok: bool = False) -> None:
+        """Delete the object."""
+        from depthcli.io.storage import objects  # noqa: PLC0415
+
+        del missing_ok
+        objects.delete(self)
+
+    def read_bytes(self) -> bytes:
+        """The whole object.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+        return self.read_some()
+
+    def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
+        """The object, if it is not larger than that, or its first so many bytes.
+
+        Raises:
+            OSError: it cannot be read, or is too large.
+        """
+        from depthcli.io.storage import objects  # noqa: PLC0415
+
+        return objects.read(self, max_bytes) if first < 0 else objects.read_first(self, first)
+
+    def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
+        """The content, to be read.
+
+        Raises:
+            OSError: it cannot be read, or is to be written.
+        """
+        if mode != "rb":
+            raise io.UnsupportedOperation(f"{self} is written as a whole, not opened as {mode!r}")
+        return io.BytesIO(self.read_bytes())
+
+    def names_after(self, start: str) -> Iterator[str]:
+        """Names of the objects right in this folder that begin so and are longer.
+
+        Raises:
+            OSError: the store cannot be asked.
+        """
+        for name in () if self.is_http else self.walk_names(start):
+            if not name.startswith(start):
+                return
+            if "/" not in name:
+                yield name
+
+    def walk_names(self, after: str = "") -> Iterator[str]:
+        """Names of all objects below this folder, in the order of their bytes.
+
+        They come page by page: memory does not grow with their number.
+
+        Args:
+            after: begin behind this name.
+
+        Raises:
+            OSError: the store cannot be asked.
+        """
+        from depthcli.io.storage import objects  # noqa: PLC0415
+
+        return objects.names(self, after)

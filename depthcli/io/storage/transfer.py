@@ -1,0 +1,96 @@
+"""Whole files between this machine and a store."""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from depthcli.core.progress import NO_PROGRESS
+from depthcli.errors import DepthcliError, InputError
+from depthcli.io.storage import objects
+from depthcli.io.storage.remote import RemotePath
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from depthcli.core.progress import Progress
+
+SHA256_NOTE = "sha256"
+
+
+@contextmanager
+def local_copy(path: Path, progress: Progress = NO_PROGRESS) -> Iterator[Path]:
+    """A file of this machine with the content of a path, for libraries that want one.
+
+    Args:
+        path: a local one is yielded as it is.
+        progress: told of each byte.
+
+    Yields:
+        The copy, under the same name; it is gone after the block. Errors of the block name the
+        path, not the copy.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if not isinstance(path, RemotePath):
+        yield path
+        return
+    with TemporaryDirectory(prefix="depthcli-") as folder:
+        copy = Path(folder, path.name)
+        try:
+            download(path, copy, progress)
+        except OSError as error:
+            raise InputError(f"{path} cannot be read: {error.strerror}") from error
+        try:
+            yield copy
+        except DepthcliError as error:
+            raise type(error)(str(error).replace(str(copy), str(path))) from error
+
+
+def download(path: RemotePath, file: Path, progress: Progress = NO_PROGRESS) -> None:
+    """Write an object's content into a file, with a few megabytes in memory.
+
+    Raises:
+        OSError: it cannot be read, or the file not be written.
+    """
+    content = objects.parts(path)
+    advance = progress.begin(path.name, int(next(content)), "bytes")
+    with file.open("wb") as target:
+        for part in content:
+            target.write(part)
+            advance(len(part))
+
+
+@contextmanager
+def uploaded(path: RemotePath) -> Iterator[Path]:
+    """A file to write, which is sent when the block succeeds, with a note of its checksum.
+
+    Raises:
+        OSError: it cannot be sent.
+    """
+    with TemporaryDirectory(prefix="depthcli-") as folder:
+        file = Path(folder, path.name)
+        yield file
+        with file.open("rb") as content:
+            digest = hashlib.file_digest(content, "sha256").hexdigest()
+        objects.write(path, file, {SHA256_NOTE: digest})
+
+
+def noted_checksum(path: RemotePath) -> tuple[int, str] | None:
+    """Size and SHA-256 of an object, read from it only where nobody noted them.
+
+    None if there is no such object.
+
+    Raises:
+        OSError: the store cannot be asked.
+    """
+    try:
+        known = objects.facts(path)
+        digest = known.notes.get(SHA256_NOTE) or hashlib.sha256(path.read_bytes()).hexdigest()
+    except FileNotFoundError:
+        return None
+    return known.size, digest

@@ -1,0 +1,227 @@
+"""Objects in a store as paths: read, listed, written, and told of in one line when that fails."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from stores import KEYS
+
+from depthcli.core.types import DepthMap
+from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.io.depth.read import read_depth
+from depthcli.io.pictures.decode import read_bytes
+from depthcli.io.storage import objects
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.regular import read_regular
+from depthcli.io.storage.remote import RemotePath, join, masked, path_of, shown
+from depthcli.io.storage.transfer import local_copy, noted_checksum
+from depthcli.io.writers.by_suffix import write_depth
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from stores import Bucket, Faults
+
+SIGNED = "https://user:word@host/a/b.jpg?X-Signature=secret/x&y=z"
+
+
+def remote(uri: str) -> RemotePath:
+    path = path_of(uri)
+    assert isinstance(path, RemotePath)
+    return path
+
+
+@pytest.mark.parametrize(
+    "uri", ["s3://b/k.jpg", "gs://b/a b/ü#?.jpg", "az://c/100%.jpg", "http://h:8/a/b.jpg"]
+)
+def test_a_uri_stays_what_it_is(uri: str) -> None:
+    path = remote(uri)
+    assert str(path) == os.fspath(path) == uri
+    assert path == path_of(uri) == path_of(path)
+    assert pickle.loads(pickle.dumps(path)) == path  # noqa: S301 - our own
+    assert path.name == uri.rpartition("/")[2]
+    assert str(path.parent / "other.png") == f"{uri.rpartition('/')[0]}/other.png"
+    assert isinstance(path.with_suffix(".json"), RemotePath)
+    assert path.relative_to(path.parent).as_posix() == path.name
+    assert path.absolute() == path.resolve() == path
+
+
+def test_plain_paths_and_file_uris_are_this_machines() -> None:
+    for name in ("a/b.jpg", "./x", "/y", "s3:/b/k", "C:\\x"):
+        assert path_of(name) == Path(name)
+        assert type(path_of(name)) is type(Path())
+    assert path_of("file:///a%20b/c.jpg") == Path("/a b/c.jpg")
+    assert path_of("file://localhost/c.jpg") == Path("/c.jpg")
+    assert join("s3://b/k/", "a.jpg") == "s3://b/k/a.jpg"
+    assert join("here", "s3://b/a.jpg") == "s3://b/a.jpg"
+    assert join("here", "a.jpg") == os.path.join("here", "a.jpg")  # noqa: PTH118
+
+
+@pytest.mark.parametrize("uri", ["hdfs://a/b", "s3://", "s3:///k", "http://?x", "file://h/a"])
+def test_other_addresses_are_refused(uri: str) -> None:
+    with pytest.raises(UsageError, match=r"unknown scheme|has no|names a host"):
+        path_of(uri)
+
+
+def test_passwords_and_signatures_are_not_shown() -> None:
+    path = remote(SIGNED)
+    assert str(path) == shown(SIGNED) == "https://host/a/b.jpg"
+    assert path.query == "X-Signature=secret/x&y=z"
+    assert pickle.loads(pickle.dumps(path)).query == path.query  # noqa: S301
+    assert not (path.parent / "c.jpg").query  # a signature is for one object
+    assert masked(f"error at {SIGNED}: no") == "error at https://host/a/b.jpg no"
+    assert shown("what?.jpg") == "what?.jpg"
+
+
+def test_objects_are_read_and_described(bucket: Bucket) -> None:
+    names = ["a b/ü#?.jpg", "100%.jpg", "%20.jpg", "p+q&=.jpg", "empty.jpg"]
+    for name in names:
+        data = b"" if name == "empty.jpg" else name.encode()
+        path = remote(bucket.put(name, data))
+        assert path.read_bytes() == read_regular(path, 100) == data
+        assert path.read_some(first=3) == data[:3]
+        assert path.stat().st_size == len(data)
+        assert path.is_file()
+        assert not path.is_dir()
+    folder = remote(bucket.uri("a b"))
+    assert folder.is_dir()
+    assert folder.exists()
+    assert not folder.is_file()
+    assert not remote(bucket.uri("a")).exists()  # the beginning of a name is no folder
+    assert list(remote(bucket.uri()).walk_names()) == sorted(names)
+    assert list(remote(bucket.uri()).names_after("100")) == ["100%.jpg"]
+    with pytest.raises(OSError, match="more than 3 bytes"):
+        read_regular(remote(bucket.uri("100%.jpg")), 3)
+
+
+def test_outputs_appear_whole_with_their_checksum(bucket: Bucket, tmp_path: Path) -> None:
+    path = remote(bucket.uri("out/map.npy"))
+    large = os.urandom(9 << 20)  # in two parts
+    with atomic_path(path) as temporary:
+        assert temporary.suffix == ".npy"
+        temporary.write_bytes(large)
+        assert bucket.objects() == {}
+    assert bucket.objects() == {"out/map.npy": large}
+    assert not temporary.parent.exists()
+    with suppress(KeyError), atomic_path(path) as temporary:
+        temporary.write_bytes(b"half")
+        raise KeyError
+    assert bucket.objects() == {"out/map.npy": large}
+    size, digest = noted_checksum(path) or (0, "")
+    assert size == len(large)
+    foreign = remote(bucket.put("foreign", large))
+    assert noted_checksum(foreign) == (size, digest)  # nobody noted it there
+    assert noted_checksum(remote(bucket.uri("none"))) is None
+    with local_copy(path) as copy:
+        assert (copy.name, copy.read_bytes()) == ("map.npy", large)
+    assert not copy.exists()
+    with local_copy(tmp_path) as same:
+        assert same is tmp_path
+    with pytest.raises(OutputError, match="is an input"), atomic_path(path, inputs=[path]):
+        pass
+
+
+def test_errors_name_the_object_and_not_its_copy(bucket: Bucket) -> None:
+    path = remote(bucket.put("clip.mp4", b"x"))
+    with pytest.raises(InputError) as told, local_copy(path) as copy:
+        raise InputError(f"{copy} is damaged")
+    assert str(told.value) == f"{path} is damaged"
+    with pytest.raises(InputError, match="no such object"), local_copy(path / "none"):
+        pass
+
+
+def test_depth_files_are_read_from_a_store(bucket: Bucket, tmp_path: Path) -> None:
+    depth = DepthMap(np.full((4, 6), 2.5, np.float32))
+    for suffix in (".png", ".exr", ".npy"):
+        write_depth(depth, remote(bucket.uri(f"d{suffix}")), None, {})
+        assert float(read_depth(bucket.uri(f"d{suffix}")).values.max()) == 2.5
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", ["503 SlowDown", "cut", "drop", "500 InternalError"])
+def test_what_fails_for_a_moment_is_tried_again(bucket: Bucket, faults: Faults, kind: str) -> None:
+    data = os.urandom(300_000)
+    path = remote(bucket.put("in/a.bin", data))
+    faults.fault = lambda _method, _path, before: kind if before < 2 else None
+    assert path.read_bytes() == data
+    with local_copy(path) as copy:
+        assert copy.read_bytes() == data
+    with atomic_path(remote(bucket.uri("out/b.bin"))) as temporary:
+        temporary.write_bytes(data)
+    assert list(remote(bucket.uri("in")).walk_names()) == ["a.bin"]
+    assert bucket.objects() == {"in/a.bin": data, "out/b.bin": data}
+    assert kind == "cut" or faults.seen["PUT", f"/{bucket.name}/out/b.bin"] == 3
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ("403 InvalidAccessKeyId", "the store does not know these credentials"),
+        ("403 SignatureDoesNotMatch", "the secret key is wrong"),
+        ("403 AccessDenied", "check the credentials and their rights"),
+        ("404 NoSuchBucket", "there is no bucket of this name"),
+        ("503 SlowDown", "the store is overloaded"),
+        ("507 XMinioStorageFull", "the store is full"),
+        ("500 InternalError", "the store answers with errors"),
+        ("drop", "cannot be reached"),
+    ],
+)
+def test_what_goes_on_failing_is_one_clear_line(
+    bucket: Bucket, faults: Faults, monkeypatch: pytest.MonkeyPatch, answer: str, words: str
+) -> None:
+    monkeypatch.setenv(objects.RETRIES_VARIABLE, "1")
+    faults.fault = lambda *_: answer
+    path = remote(bucket.uri("a.jpg"))
+    with pytest.raises(InputError, match=words) as told:
+        read_bytes(path)
+    assert str(told.value).startswith(f"{path} cannot be read: ")
+    with pytest.raises(OutputError, match=words) as failed, atomic_path(path) as temporary:
+        temporary.write_bytes(b"x")
+    for text in (str(told.value), str(failed.value)):
+        assert "\n" not in text
+        assert not any(secret in text for secret in KEYS.values())
+
+
+def test_without_the_extra_one_line_says_how_to_get_it(tmp_path: Path) -> None:
+    blocked = tmp_path / "obstore.py"
+    blocked.write_text("raise ModuleNotFoundError('no', name='obstore')")
+    done = subprocess.run(
+        [sys.executable, "-m", "depthcli", "predict", "s3://bucket/a.jpg", "-o", "x.png"],
+        env={
+            **os.environ,
+            "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}",
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=Path(__file__).parents[2],
+    )
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "pip install obstore boto3" in done.stderr
+
+
+def test_a_list_of_a_bucket_comes_page_by_page(
+    bucket: Bucket,
+    faults: Faults,
+    once_each: Callable[[], Faults],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("MOTO_S3_DEFAULT_MAX_KEYS", "2")  # the server's
+    monkeypatch.setattr(objects, "_PAGE", 2)
+    names = [f"{number}.jpg" for number in range(7)]
+    for name in names:
+        bucket.put(name, b"")
+    found = remote(bucket.uri()).walk_names()
+    first = next(found)
+    assert sum(faults.seen.values()) == 1  # nobody has asked for the second page yet
+    once_each()
+    assert [first, *found] == names

@@ -1,0 +1,137 @@
+"""A real S3 server and a misbehaving way to it, both on this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+from collections import Counter
+from http.client import HTTPConnection
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import TYPE_CHECKING, Any
+
+import boto3
+from moto.server import ThreadedMotoServer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+KEYS = {"AWS_ACCESS_KEY_ID": "tester", "AWS_SECRET_ACCESS_KEY": "not-to-be-seen"}
+REGION = "us-east-1"
+_HOP = {"connection", "transfer-encoding", "content-length", "date", "server"}
+
+
+class Bucket:
+    """A bucket, as its owner sees it."""
+
+    def __init__(self, endpoint: str, name: str) -> None:
+        self.name, self.endpoint = name, endpoint
+        self.client: Any = boto3.client(
+            "s3",
+            endpoint_url=endpoint,
+            region_name=REGION,
+            aws_access_key_id=KEYS["AWS_ACCESS_KEY_ID"],
+            aws_secret_access_key=KEYS["AWS_SECRET_ACCESS_KEY"],
+        )
+        self.client.create_bucket(Bucket=name)
+
+    def uri(self, key: str = "") -> str:
+        return f"s3://{self.name}/{key}"
+
+    def put(self, key: str, data: bytes) -> str:
+        self.client.put_object(Bucket=self.name, Key=key, Body=data)
+        return self.uri(key)
+
+    def objects(self) -> dict[str, bytes]:
+        pages = self.client.get_paginator("list_objects_v2").paginate(Bucket=self.name)
+        keys = [found["Key"] for page in pages for found in page.get("Contents", ())]
+        return {
+            key: self.client.get_object(Bucket=self.name, Key=key)["Body"].read() for key in keys
+        }
+
+
+@contextlib.contextmanager
+def s3_server() -> Iterator[str]:
+    """An S3 server; its address."""
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    try:
+        yield "http://{}:{}".format(*server.get_host_and_port())
+    finally:
+        server.stop()
+
+
+class Faults:
+    """A proxy before a server that answers some requests badly, each a few times only.
+
+    Attributes:
+        endpoint: its address.
+        seen: how often each method and path came.
+        fault: says for a method, a path and how often it came before what happens: ``"503"`` (or
+            another status), ``"cut"`` (half of the body comes), ``"drop"`` (nothing comes), None.
+    """
+
+    def __init__(self, behind: str) -> None:
+        self.behind = behind.removeprefix("http://")
+        self.seen: Counter[tuple[str, str]] = Counter()
+        self.fault: Callable[[str, str, int], str | None] = lambda *_: None
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def log_message(self, *_: object) -> None:
+                pass
+
+            def handle_any(self) -> None:
+                outer.answer(self)
+
+            do_GET = do_PUT = do_HEAD = do_POST = do_DELETE = handle_any  # noqa: N815
+
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self._server.daemon_threads = True
+        self.endpoint = f"http://127.0.0.1:{self._server.server_address[1]}"
+        threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
+
+    def close(self) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+    def answer(self, request: BaseHTTPRequestHandler) -> None:
+        body = request.rfile.read(int(request.headers.get("content-length", 0)))
+        place = request.command, request.path.partition("?")[0]
+        before = self.seen[place]
+        self.seen[place] += 1
+        fault = self.fault(*place, before)
+        if fault == "drop":
+            request.close_connection = True
+            return
+        if fault is not None and fault != "cut":
+            status, _, code = fault.partition(" ")
+            text = f"<Error><Code>{code}</Code><Message>no</Message></Error>".encode()
+            _send(request, int(status), {}, text, len(text))
+            return
+        behind = HTTPConnection(self.behind, timeout=30)
+        headers = {name: value for name, value in request.headers.items() if name.lower() != "host"}
+        behind.request(request.command, request.path, body, headers | {"Host": self.behind})
+        found = behind.getresponse()
+        data = found.read()
+        stated = len(data) or int(found.headers.get("content-length", 0))
+        kept = {k: v for k, v in found.getheaders() if k.lower() not in _HOP}
+        _send(request, found.status, kept, data[: len(data) // 2] if fault else data, stated)
+        request.close_connection = fault is not None
+        behind.close()
+
+
+def _send(
+    request: BaseHTTPRequestHandler, status: int, headers: dict[str, str], data: bytes, stated: int
+) -> None:
+    request.send_response(status)
+    for name, value in headers.items():
+        request.send_header(name, value)
+    request.send_header("Content-Length", str(stated))
+    request.end_headers()
+    if request.command != "HEAD":
+        request.wfile.write(data)
+        request.wfile.flush()
