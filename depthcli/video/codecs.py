@@ -1,7 +1,5 @@
 """How frames can be compressed, and which containers hold what."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -39,19 +37,13 @@ class PreviewCodec(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Encoding:
-    """How a codec is used.
+    """How a codec is used."""
 
-    Attributes:
-        encoder: FFmpeg's name.
-        pixel_format: FFmpeg's name of what the encoder takes.
-        options: of the encoder. The number of threads is fixed, because it can change the bytes.
-        is_all_key: whether each frame stands alone.
-    """
-
-    encoder: str
-    pixel_format: str
+    encoder: str  #: FFmpeg's name
+    pixel_format: str  #: FFmpeg's name of what the encoder takes
+    #: of the encoder. The number of threads is fixed, because it can change the bytes
     options: tuple[tuple[str, str], ...]
-    is_all_key: bool = False
+    is_all_key: bool = False  #: whether each frame stands alone
 
     def options_for(self, width: int, height: int) -> dict[str, str]:
         """The encoder's options for frames of a size."""

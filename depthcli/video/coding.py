@@ -1,19 +1,11 @@
 """Pixels in the form that a codec compresses."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+import numpy.typing as npt
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation
 
-from depthcli.video.codecs import DEPTH_PIXELS, ENCODINGS
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from depthcli.video.codecs import Codec
+from depthcli.video.codecs import DEPTH_PIXELS, ENCODINGS, Codec
 
 
 def coded(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Codec) -> VideoFrame:

@@ -1,21 +1,15 @@
 """Opening a video with FFmpeg's libraries, with one clear line if that fails."""
 
-from __future__ import annotations
-
 import os
 import stat
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import av
+from av.container import InputContainer
+from av.video.stream import VideoStream
 
 from depthcli.errors import InputError
 from depthcli.video.pipes import InputPipe
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from av.container import InputContainer
-    from av.video.stream import VideoStream
 
 # Playlists, which name other files and addresses, are not among them.
 _FORMATS = (

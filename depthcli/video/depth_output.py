@@ -1,31 +1,22 @@
 """A video's depth as one lossless file."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+import av
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.io.writers.facts import facts, step_unit
 from depthcli.io.writers.png16 import quantized
 from depthcli.video.codecs import Codec
 from depthcli.video.coding import coded
 from depthcli.video.depth import LABEL_PREFIX
-from depthcli.video.file import video_file
-from depthcli.video.rates import rate_text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    import av
-    import numpy.typing as npt
-
-    from depthcli.video.file import VideoFile
-    from depthcli.video.output import VideoFrame, VideoOutput
-    from depthcli.video.pipes import OutputPipe
-    from depthcli.video.rates import Timing
+from depthcli.video.file import VideoFile, video_file
+from depthcli.video.output import VideoFrame, VideoOutput
+from depthcli.video.pipes import OutputPipe
+from depthcli.video.rates import Timing, rate_text
 
 _TOP = 65535
 

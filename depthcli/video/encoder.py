@@ -1,25 +1,19 @@
 """A new video file with a stream for frames of one codec."""
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING, cast
+from collections.abc import Mapping
+from fractions import Fraction
+from pathlib import Path
+from typing import cast
 
 import av
+from av.container import OutputContainer
 from av.video.reformatter import ColorRange
+from av.video.stream import VideoStream
 
 from depthcli.video.codecs import DEPTH_PIXELS, ENCODINGS, Codec, container_format
 from depthcli.video.pipes import OutputPipe
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from fractions import Fraction
-    from pathlib import Path
-
-    from av.container import OutputContainer
-    from av.video.stream import VideoStream
-
-    from depthcli.video.rates import Timing
+from depthcli.video.rates import Timing
 
 _BT709 = 1
 _KEY_EVERY_S = 2

@@ -1,35 +1,32 @@
 """A video file that is being written, frame after frame, each with its own time."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import av
+from av.container import OutputContainer
+from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.video.codecs import check_encoder
+from depthcli.video.codecs import Codec, check_encoder
 from depthcli.video.encoder import add_video, new_container
 from depthcli.video.pipes import OutputPipe
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from av.container import OutputContainer
-    from av.video.frame import VideoFrame
-    from av.video.stream import VideoStream
-
-    from depthcli.video.codecs import Codec
-    from depthcli.video.rates import Timing
-    from depthcli.video.sound import Sound
+from depthcli.video.rates import Timing
+from depthcli.video.sound import Sound
 
 _LONGEST_STEP = 1 << 30
 
 
 class VideoFile:
     """Frames of one size with their times, and the sound beside them."""
+
+    _container: OutputContainer | None = None
+    _stream: VideoStream | None = None
+    _before: VideoFrame | None = None
+    _first_s = 0.0
 
     def __init__(
         self, target: Path | OutputPipe, codec: Codec, timing: Timing, sound: Sound | None = None
@@ -50,10 +47,6 @@ class VideoFile:
         self._codec = codec
         self._timing = timing
         self._sound = sound
-        self._container: OutputContainer | None = None
-        self._stream: VideoStream | None = None
-        self._before: VideoFrame | None = None
-        self._first_s = 0.0
 
     def write(self, frame: VideoFrame, time_s: float, labels: Mapping[str, str]) -> None:
         """Append a frame of :func:`coded`.

@@ -1,7 +1,5 @@
 """The table of formats for a video's depth; free of numpy, so that help texts can list it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import PurePath
@@ -35,23 +33,18 @@ class VideoFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class VideoFormatFacts:
-    """What is known of a format before anything of it is loaded.
+    """What is known of a format before anything of it is loaded."""
 
-    Attributes:
-        suffix: end of the default output name; of a file for each frame, with ``FRAME_NUMBER``.
-        ending: file suffix that chooses this format where the user names a file; None if none does.
-        picture: the format of pictures whose writer makes its frames; None if it has none.
-        counterpart: the format of pictures in whose place a batch writes this; None if it does not.
-        options: options of the command that it uses, by the names of their parameters.
-        use_bytes: memory of writing it, as for pictures.
-    """
-
-    suffix: str
+    suffix: str  #: end of the default output name; of a file for each frame, with ``FRAME_NUMBER``
+    #: file suffix that chooses this format where the user names a file; None if none does
     ending: str | None
+    #: the format of pictures whose writer makes its frames; None if it has none
     picture: Format | None
+    #: the format of pictures in whose place a batch writes this; None if it does not
     counterpart: Format | None
+    #: options of the command that it uses, by the names of their parameters
     options: tuple[str, ...]
-    use_bytes: int
+    use_bytes: int  #: memory of writing it, as for pictures
 
     @property
     def is_sequence(self) -> bool:

@@ -1,15 +1,10 @@
 """Which frames of a sequence are done, so that a run that was stopped goes on."""
 
-from __future__ import annotations
-
 import json
 import os
-from typing import TYPE_CHECKING, Self
-
-if TYPE_CHECKING:
-    from pathlib import Path
-    from types import TracebackType
-    from typing import TextIO
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TextIO
 
 _MODE = 0o666
 

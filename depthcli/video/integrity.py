@@ -1,19 +1,14 @@
 """Whether a video file is whole, by what it states and by the checksums that it holds."""
 
-from __future__ import annotations
-
 import os
 import zlib
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import BinaryIO
 
 import av
 from av import logging as av_logging
 
 from depthcli.video.container import open_video
-
-if TYPE_CHECKING:
-    from pathlib import Path
-    from typing import BinaryIO
 
 _EBML = b"\x1aE\xdf\xa3"
 _MATROSKA = "matroska,webm"

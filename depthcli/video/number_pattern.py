@@ -1,7 +1,5 @@
 """Names of numbered files: ``plate.%04d.exr`` stands for ``plate.1001.exr`` and the like."""
 
-from __future__ import annotations
-
 import re
 
 NUMBER = 12

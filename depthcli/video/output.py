@@ -11,19 +11,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class VideoFrame:
-    """One frame, ready to be written.
+    """One frame, ready to be written."""
 
-    Attributes:
-        picture: what is seen.
-        depth: its depth.
-        spread: low and high end of the preview's range.
-        is_kept: whether an earlier run wrote it.
-    """
-
-    picture: Frame
-    depth: DepthMap
-    spread: tuple[float, float]
-    is_kept: bool = False
+    picture: Frame  #: what is seen
+    depth: DepthMap  #: its depth
+    spread: tuple[float, float]  #: low and high end of the preview's range
+    is_kept: bool = False  #: whether an earlier run wrote it
 
     @property
     def time_s(self) -> float:

@@ -1,15 +1,8 @@
 """Videos that are read from a stream and written to one, front to back."""
 
-from __future__ import annotations
+from typing import BinaryIO
 
-from typing import TYPE_CHECKING, BinaryIO
-
-from depthcli.errors import InputError, OutputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from depthcli.errors import DepthcliError
+from depthcli.errors import DepthcliError, InputError, OutputError
 
 
 class _Pipe:
@@ -41,7 +34,7 @@ class InputPipe(_Pipe):
     def __init__(self, stream: BinaryIO) -> None:
         super().__init__(stream)
         # What is there at once, so that live video is not held back.
-        self._read: Callable[[int], bytes] = getattr(stream, "read1", stream.read)
+        self._read = getattr(stream, "read1", stream.read)
         self.seekable, self.seek, self.tell = stream.seekable, stream.seek, stream.tell
 
     def __str__(self) -> str:
@@ -50,7 +43,7 @@ class InputPipe(_Pipe):
     def read(self, size: int) -> bytes:
         """Up to ``size`` bytes; none at the end."""
         try:
-            return b"" if self._stopped else self._read(size)
+            return b"" if self._stopped else bytes(self._read(size))
         except BaseException as reason:  # noqa: BLE001 - raised by check
             self._stopped = reason
             return b""

@@ -1,17 +1,12 @@
 """The pixels of a decoded frame: red, green and blue at full precision, standing upright."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from av.sidedata.sidedata import Type
-from av.video.reformatter import ColorRange, Colorspace, Interpolation
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-    from av.video.frame import VideoFrame
-    from av.video.reformatter import VideoReformatter
+from av.video.frame import VideoFrame
+from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
 _EIGHT_BIT = 8
 _UNSTATED = 2

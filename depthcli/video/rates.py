@@ -1,7 +1,5 @@
 """Frame rates as the fractions that they are, and clocks that hold them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from fractions import Fraction
@@ -52,15 +50,10 @@ def _is_rounded(fps: float, rate: Fraction) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """When the frames of a video are shown.
+    """When the frames of a video are shown."""
 
-    Attributes:
-        rate: frames a second; the mean where frames are not evenly spaced.
-        tick_s: seconds of which the source's times are multiples.
-    """
-
-    rate: Fraction
-    tick_s: Fraction = Fraction(1, 1000)
+    rate: Fraction  #: frames a second; the mean where frames are not evenly spaced
+    tick_s: Fraction = Fraction(1, 1000)  #: seconds of which the source's times are multiples
 
     @property
     def clock(self) -> Fraction:

@@ -1,27 +1,19 @@
 """Numbered pictures as a video: ``plate.%04d.exr``, or a folder in the order of its names."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.read import read_image
 from depthcli.video.frames import FrameSource
 from depthcli.video.rates import FALLBACK_RATE, rate_text
-from depthcli.video.sequence_files import EXR, find_pictures
-from depthcli.video.spans import WHOLE
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from depthcli.core.picture_limit import PictureLimit
-    from depthcli.video.sequence_files import NumberedPicture
-    from depthcli.video.spans import Span
+from depthcli.video.sequence_files import EXR, NumberedPicture, find_pictures
+from depthcli.video.spans import WHOLE, Span
 
 
 class ImageSequence(FrameSource):

@@ -1,34 +1,25 @@
 """The files of an image sequence, in their order."""
 
-from __future__ import annotations
-
 import os
 import re
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 from depthcli.errors import InputError
 from depthcli.io.listing.folder import PICTURE_SUFFIXES
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.video.number_pattern import NUMBER, is_pattern, numbered
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 EXR = ".exr"
 _LAST_NUMBER = re.compile(r"(.*?)(\d+)\D*", re.ASCII)
 
 
 class NumberedPicture(NamedTuple):
-    """A picture of a sequence.
+    """A picture of a sequence."""
 
-    Attributes:
-        number: of the frame.
-        path: the file.
-    """
-
-    number: int
-    path: Path
+    number: int  #: of the frame
+    path: Path  #: the file
 
 
 def find_pictures(path: Path) -> list[NumberedPicture]:

@@ -1,19 +1,13 @@
 """A video's depth as a file for each frame."""
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from depthcli.io.writers.base import Writer
-    from depthcli.video.output import VideoFrame
+from depthcli.io.writers.base import Writer
+from depthcli.video.output import VideoFrame
 
 
 class SequenceOutput:

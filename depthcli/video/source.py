@@ -1,14 +1,15 @@
 """The frames of a video, one after the other, upright and with their times."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import av
+from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 
 from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import check_size
@@ -20,18 +21,9 @@ from depthcli.video.integrity import counts_frames, is_cut
 from depthcli.video.pipes import InputPipe
 from depthcli.video.pixels import orientation_of, rgb_pixels, transfer_warning
 from depthcli.video.rates import FALLBACK_RATE
-from depthcli.video.spans import WHOLE
+from depthcli.video.spans import WHOLE, Span
 from depthcli.video.stream_facts import stream_facts
 from depthcli.video.timeline import Timeline
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from fractions import Fraction
-
-    from av.video.frame import VideoFrame
-
-    from depthcli.core.picture_limit import PictureLimit
-    from depthcli.video.spans import Span
 
 _MISSING_SHARE = 200
 _TURNED = 5

@@ -1,41 +1,27 @@
 """Which frames of a video are wanted."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A place in a video, or a distance.
+    """A place in a video, or a distance."""
 
-    Attributes:
-        value: seconds from the first frame, or a frame number from 0; not negative.
-        in_frames: whether it is a frame number.
-    """
-
-    value: Fraction
-    in_frames: bool = False
+    value: Fraction  #: seconds from the first frame, or a frame number from 0; not negative
+    in_frames: bool = False  #: whether it is a frame number
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A part of a video.
+    """A part of a video."""
 
-    Attributes:
-        start: its first frame is the first at or after this point.
-        end: the first frame at or after this point is left out; None for the end of the video.
-        every: distance from one frame to the next; in seconds, the first frame at or after each
-            multiple is taken.
-    """
-
-    start: Point = Point(Fraction(0))
+    start: Point = Point(Fraction(0))  #: its first frame is the first at or after this point
+    #: the first frame at or after this point is left out; None for the end of the video
     end: Point | None = None
+    #: distance from one frame to the next; in seconds, the first frame at or after each multiple is
+    #: taken
     every: Point = Point(Fraction(1), in_frames=True)
 
     def rate(self, rate: Fraction) -> Fraction:

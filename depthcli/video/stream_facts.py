@@ -1,37 +1,24 @@
 """What a video file states of its frames' times, before any is decoded."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 import av
+from av.container import InputContainer
+from av.video.stream import VideoStream
 
 from depthcli.video.rates import FALLBACK_RATE, exact_rate
-
-if TYPE_CHECKING:
-    from av.container import InputContainer
-    from av.video.stream import VideoStream
 
 
 @dataclass(frozen=True, slots=True)
 class StreamFacts:
-    """Rate, clock and length.
+    """Rate, clock and length."""
 
-    Attributes:
-        rate: frames a second, exact; the mean where frames are not evenly spaced.
-        is_rate_stated: whether the file states it.
-        time_base: seconds a tick of the stream's times.
-        tick_s: seconds of which every frame's time is a multiple.
-        frames: how many there are; None if nothing is said.
-    """
-
-    rate: Fraction
-    is_rate_stated: bool
-    time_base: Fraction
-    tick_s: Fraction
-    frames: int | None
+    rate: Fraction  #: frames a second, exact; the mean where frames are not evenly spaced
+    is_rate_stated: bool  #: whether the file states it
+    time_base: Fraction  #: seconds a tick of the stream's times
+    tick_s: Fraction  #: seconds of which every frame's time is a multiple
+    frames: int | None  #: how many there are; None if nothing is said
 
 
 def stream_facts(container: InputContainer, stream: VideoStream) -> StreamFacts:

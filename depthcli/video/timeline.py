@@ -1,7 +1,5 @@
 """The numbers and times of a video's frames, also behind places that cannot be decoded."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 

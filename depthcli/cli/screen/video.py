@@ -1,16 +1,10 @@
 """What is said of a video, as text and as JSON."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from depthcli.cli.screen import console
 from depthcli.cli.screen.predict import tell_failed
 from depthcli.core.text import one_line
 from depthcli.jobs.failed import Failed
-
-if TYPE_CHECKING:
-    from depthcli.jobs.video.result import VideoDone
+from depthcli.jobs.video.result import VideoDone
 
 
 def tell(result: VideoDone | Failed, *, as_json: bool, quiet: bool, to_stderr: bool) -> None:

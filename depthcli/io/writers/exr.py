@@ -1,19 +1,13 @@
 """OpenEXR: floating-point depth, for compositing."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
+from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.exr import write_exr
 from depthcli.io.writers.facts import facts
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.core.types import DepthMap, Frame
 
 
 @dataclass(frozen=True, slots=True)

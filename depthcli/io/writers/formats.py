@@ -1,15 +1,12 @@
 """The table of output formats; free of numpy, so that help texts can list it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
-if TYPE_CHECKING:
-    from depthcli.io.writers.base import Writer
+from depthcli.io.writers.base import Writer
 
 MILLIMETRES = 1000.0
 """Steps per metre of 16-bit depth, where nothing else is said."""

@@ -1,16 +1,11 @@
 """NumPy's own format: float32, bit for bit."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Frame
 
 
 @dataclass(frozen=True, slots=True)

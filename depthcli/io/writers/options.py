@@ -1,15 +1,10 @@
 """How outputs are written, whatever their format."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from depthcli.io.writers.formats import FORMATS, MILLIMETRES, writer_class
-
-if TYPE_CHECKING:
-    from depthcli.io.writers.base import Writer
-    from depthcli.io.writers.formats import Format
+from depthcli.io.writers.base import Writer
+from depthcli.io.writers.formats import FORMATS, MILLIMETRES, Format, writer_class
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,24 +1,15 @@
 """A coloured point cloud, as binary PLY."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core import scaling
-from depthcli.core.point_cloud import point_cloud
-from depthcli.core.types import CameraSource, Provenance
+from depthcli.core.point_cloud import PointCloud, point_cloud
+from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    from depthcli.core.point_cloud import PointCloud
-    from depthcli.core.types import DepthMap, Frame
 
 _NYU_HFOV_DEG = 63.3
 _POINT = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]

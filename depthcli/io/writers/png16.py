@@ -1,23 +1,16 @@
 """16-bit PNG, by default in millimetres; 0 means no depth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
+from depthcli.core.types import DepthMap, Frame
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.facts import facts, step_unit
 from depthcli.io.writers.formats import MILLIMETRES
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    from depthcli.core.types import DepthMap, Frame
 
 _TOP = 65535
 

@@ -1,26 +1,19 @@
 """A picture of a depth map for people: a colormap over inverse depth, near is warm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
-from depthcli.core.types import DepthKind
+from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import MARK
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.facts import SOFTWARE
 from depthcli.visual.colormaps import colour_table
 from depthcli.visual.legend import with_legend
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    from depthcli.core.types import DepthMap, Frame
 
 _NEAREST_M = 1e-6
 _CLIPPED_SHARE = 0.02

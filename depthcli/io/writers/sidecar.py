@@ -1,21 +1,14 @@
 """A JSON file that says what the numbers of the other outputs mean."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
-from depthcli.core.types import Provenance
+from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.io.writers.facts import SOFTWARE, Facts
 from depthcli.io.writers.formats import MILLIMETRES
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.core.types import DepthMap, Frame
 
 
 @dataclass(frozen=True, slots=True)

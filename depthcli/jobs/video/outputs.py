@@ -1,29 +1,22 @@
 """The outputs of a planned video, open."""
 
-from __future__ import annotations
-
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
+from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING
 
+from depthcli.io.writers.options import WriterOptions
 from depthcli.io.writers.preview import PreviewWriter
+from depthcli.jobs.video.plan import VideoPlan
 from depthcli.video.codecs import preview_codec
 from depthcli.video.depth_output import depth_video
 from depthcli.video.formats import VIDEO_FORMATS, VideoFormat
+from depthcli.video.frames import FrameSource
 from depthcli.video.number_pattern import number_name
+from depthcli.video.output import VideoOutput
 from depthcli.video.preview_output import preview_video
 from depthcli.video.rates import Timing
 from depthcli.video.sequence_output import SequenceOutput
 from depthcli.video.sound import Sound
-
-if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-    from fractions import Fraction
-
-    from depthcli.io.writers.options import WriterOptions
-    from depthcli.jobs.video.plan import VideoPlan
-    from depthcli.video.frames import FrameSource
-    from depthcli.video.output import VideoOutput
 
 
 def open_output(

@@ -1,10 +1,9 @@
 """Which files ``depthcli video`` writes."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import BinaryIO
 
 from depthcli.errors import UsageError
 from depthcli.jobs.naming import is_folder, output_bases
@@ -20,36 +19,23 @@ from depthcli.video.frame_source import is_sequence
 from depthcli.video.number_pattern import is_pattern, without_number
 from depthcli.video.pipes import InputPipe, OutputPipe
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import BinaryIO
-
 STANDARD = "-"
 DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
 
 
 @dataclass(frozen=True, slots=True)
 class VideoPlan:
-    """One video and its outputs.
+    """One video and its outputs."""
 
-    Attributes:
-        name: the video as the user wrote it.
-        source: the file, or standard input.
-        folder: where the outputs go.
-        names: file name of each format; a sequence's is a pattern with ``%06d`` or the like, and
-            ``-`` is standard output.
-        codecs: of the previews.
-        has_sound: whether previews are heard.
-        stdout: what ``-`` stands for.
-    """
-
-    name: str
-    source: Path | InputPipe
-    folder: Path
+    name: str  #: the video as the user wrote it
+    source: Path | InputPipe  #: the file, or standard input
+    folder: Path  #: where the outputs go
+    #: file name of each format; a sequence's is a pattern with ``%06d`` or the like, and ``-`` is
+    #: standard output
     names: Mapping[VideoFormat, str]
-    codecs: Mapping[VideoFormat, Codec] = field(default_factory=dict)
-    has_sound: bool = True
-    stdout: BinaryIO | None = None
+    codecs: Mapping[VideoFormat, Codec] = field(default_factory=dict)  #: of the previews
+    has_sound: bool = True  #: whether previews are heard
+    stdout: BinaryIO | None = None  #: what ``-`` stands for
 
     def path(self, which: VideoFormat) -> Path:
         """Where a format goes."""

@@ -1,64 +1,39 @@
 """What became of a video."""
 
-from __future__ import annotations
-
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from fractions import Fraction
 
+from depthcli.core.types import DepthMap, Frame
 from depthcli.io.writers.facts import SOFTWARE, Facts
 from depthcli.video.rates import rate_text
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from fractions import Fraction
-
-    from depthcli.core.types import DepthMap, Frame
 
 
 @dataclass(frozen=True, slots=True)
 class VideoDone:
-    """A video whose outputs are all written.
+    """A video whose outputs are all written."""
 
-    Attributes:
-        name: the video, as the user wrote it.
-        outputs: the files written; a sequence's with ``%06d`` for the frame's number.
-        numbers: those of the frames written, from 0 for the first of the file.
-        rate: frames a second of the outputs, exact.
-        source_rate: frames a second of the video.
-        is_regular: whether all frames stand on the rate's grid.
-        first: first frame written, without its pixels.
-        depth: its depth, for kind and model.
-        flicker: of the depth written, see ``FlickerMeter``; None without two alike frames.
-        flicker_unsmoothed: of the depth before smoothing; None without smoothing.
-        scenes: how many scenes there are.
-        smooth_s: time constant of the smoothing.
-        lock_s: time constant of the preview's range.
-        scale: steps a metre in 16-bit outputs; None where each is stretched.
-        provider: what ran the model.
-        seconds: from opening the video to the last output.
-        warnings: one-line texts.
-        problem: why frames are missing at the end; None if none are.
-    """
-
-    name: str
+    name: str  #: the video, as the user wrote it
+    #: the files written; a sequence's with ``%06d`` for the frame's number
     outputs: tuple[str, ...]
-    numbers: Sequence[int]
-    rate: Fraction
-    source_rate: Fraction
-    is_regular: bool
-    first: Frame
-    depth: DepthMap
+    numbers: Sequence[int]  #: those of the frames written, from 0 for the first of the file
+    rate: Fraction  #: frames a second of the outputs, exact
+    source_rate: Fraction  #: frames a second of the video
+    is_regular: bool  #: whether all frames stand on the rate's grid
+    first: Frame  #: first frame written, without its pixels
+    depth: DepthMap  #: its depth, for kind and model
+    #: of the depth written, see ``FlickerMeter``; None without two alike frames
     flicker: float | None
-    flicker_unsmoothed: float | None
-    scenes: int
-    smooth_s: float
-    lock_s: float
-    scale: float | None
-    provider: str
-    seconds: float
-    warnings: tuple[str, ...]
-    problem: str | None
+    flicker_unsmoothed: float | None  #: of the depth before smoothing; None without smoothing
+    scenes: int  #: how many scenes there are
+    smooth_s: float  #: time constant of the smoothing
+    lock_s: float  #: time constant of the preview's range
+    scale: float | None  #: steps a metre in 16-bit outputs; None where each is stretched
+    provider: str  #: what ran the model
+    seconds: float  #: from opening the video to the last output
+    warnings: tuple[str, ...]  #: one-line texts
+    problem: str | None  #: why frames are missing at the end; None if none are
 
     @property
     def frames(self) -> int:

@@ -1,58 +1,40 @@
 """What ``depthcli video`` does: a video through the model and into its files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import BinaryIO
 
 from depthcli.core.parallel.cores import share_cores
-from depthcli.core.progress import NO_PROGRESS
+from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.video.plan import plan_video, video_formats
+from depthcli.jobs.video.result import VideoDone
 from depthcli.jobs.video.settings import VideoSettings
-
-if TYPE_CHECKING:
-    from typing import BinaryIO
-
-    from depthcli.core.progress import Progress
-    from depthcli.jobs.video.result import VideoDone
-    from depthcli.video.codecs import PreviewCodec
-    from depthcli.video.formats import VideoFormat
+from depthcli.video.codecs import PreviewCodec
+from depthcli.video.formats import VideoFormat
 
 
 @dataclass(frozen=True, slots=True)
 class VideoRequest:
-    """A video, and what is to become of it.
+    """A video, and what is to become of it."""
 
-    Attributes:
-        video: a file, a folder of numbered pictures, a pattern such as ``plate.%04d.exr``, or
-            ``-``.
-        output: a file for one format, or a stem that several share; a folder, which exists, ends in
-            ``/`` or has no suffix; a pattern for numbered files; ``-``; None for the video's own
-            folder.
-        formats: what to write; empty for what the output's suffix says, else depth and a preview.
-        sidecar: write the JSON as well.
-        codec: of the preview; None for the usual one of its container.
-        has_sound: take the video's sound into the preview.
-        model: which model runs, and how; without a number of threads, with each worker's share of
-            the cores.
-        settings: how frames become depth, and which do.
-        workers: threads beside the one that decodes and writes; None for one a core.
-        stdin: where ``-`` is read.
-        stdout: where ``-`` is written.
-    """
-
+    #: a file, a folder of numbered pictures, a pattern such as ``plate.%04d.exr``, or ``-``
     video: str
+    #: a file for one format, or a stem that several share; a folder, which exists, ends in ``/`` or
+    #: has no suffix; a pattern for numbered files; ``-``; None for the video's own folder
     output: str | None = None
+    #: what to write; empty for what the output's suffix says, else depth and a preview
     formats: tuple[VideoFormat, ...] = ()
-    sidecar: bool = False
-    codec: PreviewCodec | None = None
-    has_sound: bool = True
+    sidecar: bool = False  #: write the JSON as well
+    codec: PreviewCodec | None = None  #: of the preview; None for the usual one of its container
+    has_sound: bool = True  #: take the video's sound into the preview
+    #: which model runs, and how; without a number of threads, with each worker's share of the cores
     model: SessionLoader = field(default_factory=SessionLoader)
+    #: how frames become depth, and which do
     settings: VideoSettings = field(default_factory=VideoSettings)
+    #: threads beside the one that decodes and writes; None for one a core
     workers: int | None = None
-    stdin: BinaryIO | None = None
-    stdout: BinaryIO | None = None
+    stdin: BinaryIO | None = None  #: where ``-`` is read
+    stdout: BinaryIO | None = None  #: where ``-`` is written
 
 
 def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoDone:

@@ -35,25 +35,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PredictedFrame:
-    """A frame after the network, before anything that needs the frames around it.
+    """A frame after the network, before anything that needs the frames around it."""
 
-    Attributes:
-        picture: what is seen.
-        depth: its depth.
-        guide: its brightness at a small size, (h, w) float32.
-        steps: depth for smoothing, (H, W) float32 of ``to_steps``; None without smoothing.
-        sampled: depth for the flicker figure, (h, w) float32 of ``to_steps``.
-        spread: the percentiles of its depth.
-        is_kept: whether an earlier run wrote it.
-    """
-
-    picture: Frame
-    depth: DepthMap
-    guide: npt.NDArray[np.float32]
+    picture: Frame  #: what is seen
+    depth: DepthMap  #: its depth
+    guide: npt.NDArray[np.float32]  #: its brightness at a small size, (h, w) float32
+    #: depth for smoothing, (H, W) float32 of ``to_steps``; None without smoothing
     steps: npt.NDArray[np.float32] | None
+    #: depth for the flicker figure, (h, w) float32 of ``to_steps``
     sampled: npt.NDArray[np.float32]
-    spread: tuple[float, float]
-    is_kept: bool = False
+    spread: tuple[float, float]  #: the percentiles of its depth
+    is_kept: bool = False  #: whether an earlier run wrote it
 
 
 class FrameStages:
