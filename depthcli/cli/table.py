@@ -7,6 +7,10 @@ COMMANDS = {
         "Depth maps from pictures: 16-bit PNG, EXR, NPY, preview, PLY.",
     ),
     "batch": ("depthcli.cli.commands.batch", "Depth maps for a folder tree; can be resumed."),
+    "manifest": (
+        "depthcli.cli.commands.manifest",
+        "Sum up, search and merge the manifests of a batch.",
+    ),
     "video": (
         "depthcli.cli.commands.video",
         "Depth video: lossless 16-bit, preview, or image sequence.",

@@ -2,18 +2,116 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate, chain, count, islice
+from typing import TYPE_CHECKING, Any
 
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
 INSTALL_PYARROW = "pip install pyarrow"
 _USUAL = "path"
+_GROUP_ROWS = 8192
+_PART_GROUPS = 128
+_BLOCK_ROWS = 64
+
+
+def check_pyarrow() -> None:
+    """See that Parquet files can be read and written.
+
+    Raises:
+        UsageError: pyarrow is missing.
+    """
+    try:
+        import pyarrow.parquet  # noqa: F401, PLC0415 - an extra
+    except ImportError:
+        raise UsageError(f"Parquet files need pyarrow; {INSTALL_PYARROW}") from None
+
+
+class Table:
+    """A table in the Parquet files of a folder, of which a few rows at a time are in memory."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open the files, in the order of their names.
+
+        Raises:
+            UsageError: pyarrow is missing, or one is no Parquet file.
+            OSError: one cannot be read.
+        """
+        self._files = [open_parquet(path) for path in sorted(folder.glob("*.parquet"))]
+        self._groups = [(file, n) for file in self._files for n in range(file.num_row_groups)]
+        sizes = (file.metadata.row_group(n).num_rows for file, n in self._groups)
+        self._starts = list(accumulate(sizes, initial=0))
+        self._group: tuple[int, pa.Table] | None = None
+        self._block: tuple[int, list[dict[str, Any]]] | None = None
+
+    def column(self, name: str) -> Iterator[Any]:
+        """All values of a column; none if the files have no such column."""
+        for file in self._files:
+            if name in file.schema_arrow.names:
+                for batch in file.iter_batches(columns=[name]):
+                    yield from batch.column(0).to_pylist()
+
+    def row(self, number: int) -> dict[str, Any]:
+        """A row by its number in the whole table; cheap next to the one that was asked for last."""
+        group = bisect_right(self._starts, number) - 1
+        first = self._starts[group]
+        start = number - (number - first) % _BLOCK_ROWS
+        if self._group is None or self._group[0] != group:
+            file, index = self._groups[group]
+            self._group = (group, file.read_row_group(index))
+        if self._block is None or self._block[0] != start:
+            self._block = (start, self._group[1].slice(start - first, _BLOCK_ROWS).to_pylist())
+        row: dict[str, Any] = self._block[1][number - start]
+        return row
+
+    def close(self) -> None:
+        """Close the files."""
+        for file in self._files:
+            file.close()
+
+
+def write_table(
+    folder: Path, columns: Mapping[str, object], rows: Iterable[Mapping[str, object]]
+) -> None:
+    """Write a table as one or more Parquet files in a folder that is there.
+
+    Args:
+        folder: where.
+        columns: type of each column by its name: ``str``, ``int`` or ``float``; a list with
+            the type of its entries; a mapping of names to types.
+        rows: values by the names of the columns.
+    """
+    import pyarrow as pa  # noqa: PLC0415 - an extra
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    schema = pa.schema([(name, _arrow_type(kind)) for name, kind in columns.items()])
+    rows = iter(rows)
+    groups = iter(lambda: list(islice(rows, _GROUP_ROWS)), [])
+    for number in count():
+        part = list(islice(groups, 1))
+        if not part and number:
+            return
+        path = folder / f"part-{number:05}.parquet"
+        with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+            for group in chain(part, islice(groups, _PART_GROUPS - 1)):
+                writer.write_table(pa.Table.from_pylist(group, schema))
+
+
+def _arrow_type(kind: object) -> pa.DataType:
+    import pyarrow as pa  # noqa: PLC0415 - an extra
+
+    if isinstance(kind, list):
+        return pa.list_(_arrow_type(kind[0]))
+    if isinstance(kind, Mapping):
+        return pa.struct([(name, _arrow_type(part)) for name, part in kind.items()])
+    return pa.string() if kind is str else pa.int64() if kind is int else pa.float64()
 
 
 def column_texts(path: Path, column: str | None) -> Iterator[str]:
@@ -43,11 +141,10 @@ def open_parquet(path: Path) -> pq.ParquetFile:
         UsageError: pyarrow is missing, or it is no Parquet file.
         OSError: it cannot be read.
     """
-    try:
-        import pyarrow as pa  # noqa: PLC0415 - an extra
-        import pyarrow.parquet as pq  # noqa: PLC0415
-    except ImportError:
-        raise UsageError(f"Parquet files need pyarrow; {INSTALL_PYARROW}") from None
+    check_pyarrow()
+    import pyarrow as pa  # noqa: PLC0415 - an extra
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
     path.open("rb").close()  # pyarrow's own words for what is missing are of several lines
     try:
         return pq.ParquetFile(path)

@@ -12,6 +12,7 @@ from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.core.choices import MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.manifest import ManifestFormat
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -99,6 +100,13 @@ def batch(
             "providers.",
         ),
     ] = None,
+    manifest: Annotated[
+        ManifestFormat | None,
+        typer.Option(
+            help="Format of the manifest: JSON lines, or Parquet for millions of inputs. Default: "
+            "that of the manifest in OUT, else jsonl."
+        ),
+    ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
     exr_channel: options.ExrChannelOption = ExrChannel.Y,
@@ -146,7 +154,7 @@ def batch(
     from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 
     wanted = BatchOptions(tuple(dict.fromkeys(chosen)), writing, camera, detail, max_pixels)
-    request = BatchRequest(plan, wanted, loader, at_once, batch_size)
+    request = BatchRequest(plan, wanted, loader, at_once, batch_size, manifest)
     if dry_run:
         from depthcli.jobs.batch.forecast import forecast
 

@@ -10,19 +10,24 @@ import os
 import shutil
 import sys
 import threading
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.parquet import check_pyarrow
 from depthcli.io.storage.lock import lock, open_locked
+from depthcli.jobs.batch.manifest import ManifestFormat, Row
 from depthcli.jobs.batch.row_files import (
     JsonLines,
+    RowFile,
     is_journal,
+    is_of,
     journal_name,
     manifest_name,
+    open_rows,
     row_files,
     to_read,
+    write_manifest,
 )
 from depthcli.jobs.batch.row_index import Place, RowIndex
 from depthcli.jobs.batch.shard import WHOLE, Shard
@@ -31,13 +36,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from depthcli.jobs.batch.manifest import Row
-
 
 class Rows:
     """Rows by input as files have them; the last one of an input counts. Safe for threads."""
 
-    def __init__(self, files: Sequence[JsonLines], shard: Shard) -> None:
+    def __init__(self, files: Sequence[RowFile], shard: Shard) -> None:
         """Index the rows of a shard's inputs."""
         self._files = files
         self._lock = threading.Lock()
@@ -55,6 +58,10 @@ class Rows:
             place = self._index.find(name)
             return None if place is None else self._at(place)
 
+    def __iter__(self) -> Iterator[Row]:
+        """All rows, as they stand in the files."""
+        return filter(None, map(self._at, self._index.as_they_stand()))
+
     def _at(self, place: Place) -> Row | None:
         return self._files[place.source].row(place.position)
 
@@ -66,7 +73,7 @@ def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
         OutputError: it cannot be read.
     """
     with _explained(folder):
-        return Rows([JsonLines(to_read(path)) for path in row_files(folder, shard)], shard)
+        return Rows([open_rows(path) for path in row_files(folder, shard)], shard)
 
 
 class Journal(Rows):
@@ -77,15 +84,26 @@ class Journal(Rows):
         was_cut_short: whether an earlier batch was killed and nobody else writes here.
     """
 
-    def __init__(self, folder: Path, shard: Shard = WHOLE) -> None:
+    def __init__(
+        self, folder: Path, shard: Shard = WHOLE, form: ManifestFormat | None = None
+    ) -> None:
         """Open or begin the journal of an output folder, which is made if it is missing.
+
+        Args:
+            folder: the output folder.
+            shard: the part of a batch whose rows these are.
+            form: of the manifest; None for that of the manifest that is there, or JSON lines.
 
         Raises:
             OutputError: the folder cannot be written, or something that is no file is in the way.
             UsageError: another batch is writing there; another shard of a divided one may.
         """
         self._path = folder / journal_name(shard)
-        self.manifest = folder / manifest_name(shard)
+        there = (folder / manifest_name(shard, ManifestFormat.PARQUET)).exists()
+        form = form or (ManifestFormat.PARQUET if there else ManifestFormat.JSONL)
+        if form == ManifestFormat.PARQUET:
+            check_pyarrow()
+        self.manifest = folder / manifest_name(shard, form)
         with ExitStack() as opened, _explained(self._path):
             folder.mkdir(parents=True, exist_ok=True)
             _keep_others_out(folder, opened, shard)
@@ -97,9 +115,9 @@ class Journal(Rows):
             if handle is None:
                 raise _taken(folder)
             end = opened.enter_context(os.fdopen(handle, "ab", buffering=0))
-            files = [opened.enter_context(to_read(p)) for p in (*self._earlier, self._path)]
-            self._own = JsonLines(files.pop(), end)
-            super().__init__([*map(JsonLines, files), self._own], shard)
+            files = [opened.enter_context(closing(open_rows(path))) for path in self._earlier]
+            self._own = JsonLines(opened.enter_context(to_read(self._path)), end)
+            super().__init__([*files, self._own], shard)
             if not self._own.ends_whole:  # the batch was killed in the middle of a line
                 self._own.append(b"\n")
             self._opened = opened.pop_all()
@@ -115,7 +133,7 @@ class Journal(Rows):
             place = Place(len(self._files) - 1, self._own.append(row.as_line()))
             self._index.add([(row.input, place)])
 
-    def finish(self, names: Iterable[str]) -> None:
+    def finish(self, names: Iterable[str] | None) -> None:
         """Write the manifest and remove the journal.
 
         Inputs of earlier batches come last, as long as they have outputs here: a batch of other
@@ -123,32 +141,32 @@ class Journal(Rows):
         part of the manifest of a batch that is not divided.
 
         Args:
-            names: the inputs in the manifest's order; those without a row are left out.
+            names: the inputs in the manifest's order, those without a row are left out; None for
+                all that there are, in the order of their names.
 
         Raises:
             OutputError: the manifest cannot be written; the journal stays.
         """
-        with atomic_path(self.manifest) as temporary, temporary.open("wb") as manifest:
-            manifest.writelines(row.as_line() for row in self._rows(names))
+        write_manifest(self.manifest, self._rows(names))
         with _explained(self._path):
             if sys.platform == "win32":  # which removes nothing that is open
                 self._opened.close()
             self._path.unlink(missing_ok=True)  # before another batch can lock it
-            for path in self._earlier if self._shard == WHOLE else ():
-                if path != self.manifest:
-                    path.unlink(missing_ok=True)
+            for path in self._earlier:
+                if path != self.manifest and is_of(path, self._shard):
+                    remove(path)
             self._opened.close()
 
-    def _rows(self, names: Iterable[str]) -> Iterator[Row]:
+    def _rows(self, names: Iterable[str] | None) -> Iterator[Row]:
         """Those of the names, in their order and each once, then the others with outputs."""
-        for name in names:
+        for name in names or ():
             row = self.row(name)
             if row is not None:
                 yield row
                 self._index.remove(name)
         for place in self._index:
             row = self._at(place)
-            if row is not None and row.outputs:
+            if row is not None and (row.outputs or names is None):
                 yield row
 
 
@@ -161,14 +179,20 @@ def _explained(path: Path) -> Iterator[None]:
         raise OutputError(f"cannot write {path}: {reason}; choose another --out") from error
 
 
+def remove(path: Path) -> None:
+    """Remove a file or a folder."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
 def remove_leftovers(folders: Iterable[Path]) -> None:
     """Remove the temporary files that a killed batch left in these folders."""
     for folder in folders:
         for path in folder.glob(".depthcli-*"):
-            if path.is_dir():
-                shutil.rmtree(path, ignore_errors=True)
-            elif not is_journal(path):
-                path.unlink(missing_ok=True)
+            if not is_journal(path):
+                remove(path)
 
 
 def _keep_others_out(folder: Path, opened: ExitStack, shard: Shard) -> None:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from depthcli.errors import OutputError
@@ -16,6 +17,13 @@ if TYPE_CHECKING:
 
 OK = "ok"
 FAILED = "failed"
+
+
+class ManifestFormat(StrEnum):
+    """How the rows of a batch that is over are kept; the value is their suffix."""
+
+    JSONL = "jsonl"
+    PARQUET = "parquet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +119,14 @@ class Row:
 def parse_row(line: bytes) -> Row | None:
     """A row from its line; None if it is cut short or somebody else's."""
     try:
-        fields: dict[str, Any] = json.loads(line)
+        return row_of(json.loads(line))
+    except ValueError:
+        return None
+
+
+def row_of(fields: Any) -> Row | None:  # noqa: ANN401 - what JSON can hold
+    """A row from its fields, which are used up; None if they are somebody else's."""
+    try:
         origin = Origin(**{name: str(fields.pop(name)) for name in Origin.__slots__})
         outputs = tuple(OutputFile(**file) for file in fields.pop("outputs"))
         warnings = tuple(fields.pop("warnings"))

@@ -13,6 +13,7 @@ from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 
 if TYPE_CHECKING:
+    from depthcli.jobs.batch.manifest import ManifestFormat
     from depthcli.jobs.batch.plan import Plan
 
 
@@ -51,6 +52,7 @@ class BatchRequest:
             the cores.
         workers: pictures, or chunks of them, at the same time; None for one a core.
         batch_size: pictures in one run of the network; None for what suits the provider.
+        manifest: its format; None for that of the manifest that is there, or JSON lines.
     """
 
     plan: Plan
@@ -58,3 +60,4 @@ class BatchRequest:
     model: SessionLoader = field(default_factory=SessionLoader)
     workers: int | None = None
     batch_size: int | None = None
+    manifest: ManifestFormat | None = None

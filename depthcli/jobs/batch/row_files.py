@@ -5,20 +5,22 @@ from __future__ import annotations
 import os
 import re
 from contextlib import suppress
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, Protocol
 
+from depthcli.io.parquet import Table
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.regular import regular_size
-from depthcli.jobs.batch.manifest import parse_row
+from depthcli.jobs.batch.manifest import ManifestFormat, Row, parse_row
+from depthcli.jobs.batch.manifest_table import parsed_table_row, plain_text, write_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from io import FileIO
     from pathlib import Path
 
-    from depthcli.jobs.batch.manifest import Row
     from depthcli.jobs.batch.shard import Shard
 
-_NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.jsonl")
+_NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.(jsonl|parquet)")
 
 
 def journal_name(shard: Shard) -> str:
@@ -26,9 +28,15 @@ def journal_name(shard: Shard) -> str:
     return f".depthcli-batch{shard.tag}.jsonl"
 
 
-def manifest_name(shard: Shard) -> str:
+def manifest_name(shard: Shard, form: ManifestFormat) -> str:
     """What the rows of a batch that is over are in."""
-    return f"manifest{shard.tag}.jsonl"
+    return f"manifest{shard.tag}.{form}"
+
+
+def is_of(path: Path, shard: Shard) -> bool:
+    """Whether all rows of a file are of a shard's inputs."""
+    found = _NAME.fullmatch(path.name)
+    return found is not None and (shard.count == 1 or found[2] == shard.tag)
 
 
 def is_journal(path: Path) -> bool:
@@ -59,6 +67,64 @@ def to_read(path: Path) -> BinaryIO:
     """
     regular_size(path)
     return path.open("rb")
+
+
+def write_manifest(path: Path, rows: Iterable[Row]) -> None:
+    """Write a manifest, which appears whole; its suffix says how.
+
+    Raises:
+        OutputError: it cannot be written; what was there stays.
+    """
+    if path.suffix == f".{ManifestFormat.PARQUET}":
+        write_rows(path, rows)
+        return
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        file.writelines(row.as_line() for row in rows)
+
+
+class RowFile(Protocol):
+    """A file or folder of rows."""
+
+    def rows(self) -> Iterator[tuple[str, int]]:
+        """Input and position of each row, in their order; other lines are passed over."""
+
+    def row(self, position: int) -> Row | None:
+        """The row at a position."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+def open_rows(path: Path) -> RowFile:
+    """Rows to be read.
+
+    Raises:
+        OSError: they cannot be read.
+        UsageError: they are in Parquet, and pyarrow is missing or a file is damaged.
+    """
+    return (
+        TableRows(path) if path.suffix == f".{ManifestFormat.PARQUET}" else JsonLines(to_read(path))
+    )
+
+
+class TableRows:
+    """Rows in Parquet files."""
+
+    def __init__(self, folder: Path) -> None:
+        self._table = Table(folder)
+
+    def rows(self) -> Iterator[tuple[str, int]]:
+        """Input and position of each row, in their order."""
+        for position, name in enumerate(self._table.column("input")):
+            yield plain_text(name), position
+
+    def row(self, position: int) -> Row | None:
+        """The row at a position."""
+        return parsed_table_row(self._table.row(position))
+
+    def close(self) -> None:
+        """Close the files."""
+        self._table.close()
 
 
 class JsonLines:
@@ -103,3 +169,7 @@ class JsonLines:
                 self._end.truncate(position)
             raise
         return position
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()

@@ -65,6 +65,11 @@ class RowIndex:
         """Forget an input."""
         self._database.execute("DELETE FROM rows WHERE name = ?", (_key(name),))
 
+    def as_they_stand(self) -> Iterator[Place]:
+        """All places, source by source and from its beginning to its end."""
+        found = self._database.execute("SELECT source, position FROM rows ORDER BY 1, 2")
+        return (Place(*place) for place in found)
+
     def __iter__(self) -> Iterator[Place]:
         """All places, in the order of the names' bytes."""
         found = self._database.execute("SELECT source, position FROM rows ORDER BY name")

@@ -72,7 +72,7 @@ class Batch(Iterator[Result]):
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan, self._outputs = plan, OutputMap(plan, options.formats)
         self._outputs.check_apart()
-        self._journal: Journal | None = Journal(plan.out, plan.shard)
+        self._journal: Journal | None = Journal(plan.out, plan.shard, request.manifest)
         self.manifest = self._journal.manifest
         if self._journal.was_cut_short:
             remove_leftovers(plan.folders())

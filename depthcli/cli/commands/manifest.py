@@ -1,0 +1,84 @@
+"""``depthcli manifest``: what became of the inputs of a batch."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from depthcli.cli.screen import console
+from depthcli.core.text import one_line
+from depthcli.errors import ExitCode
+from depthcli.jobs.batch.manifest import ManifestFormat
+
+app = typer.Typer(
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="Sum up, search and merge the manifests of a batch.",
+)
+
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+_Manifest = Annotated[
+    str,
+    typer.Argument(metavar="OUT", help="Output folder of a batch, or a manifest in it."),
+]
+
+
+@app.command("summary")
+def show_summary(out: _Manifest, as_json: _Json = False) -> int:
+    """Count inputs, failures and outputs, those of all shards together."""
+    from pathlib import Path
+
+    from depthcli.jobs.batch.account import rows_of, summary
+
+    found = summary(rows_of(Path(out)))
+    if as_json:
+        console.out_json(asdict(found))
+        return ExitCode.OK
+    console.out(f"{found.inputs} inputs: {found.inputs - found.failed} ok, {found.failed} failed")
+    console.out(f"{found.outputs} outputs, {found.output_bytes / 1e6:.1f} MB")
+    console.out(f"{found.seconds:.1f} s of work")
+    for model, count in found.models.items():
+        console.out(one_line(f"{count} by {model}"))
+    return ExitCode.OK
+
+
+@app.command("failed")
+def list_failed(out: _Manifest, as_json: _Json = False) -> int:
+    """List the inputs that failed, each with the reason."""
+    from pathlib import Path
+
+    from depthcli.jobs.batch.account import failed, rows_of
+
+    for row in failed(rows_of(Path(out))):
+        if as_json:
+            console.out_json(row.as_json())
+        else:
+            console.out(f"{one_line(row.input)}\t{one_line(row.error or '')}")
+    return ExitCode.OK
+
+
+@app.command("merge")
+def merge_parts(
+    out: Annotated[str, typer.Argument(metavar="OUT", help="Output folder of a batch.")],
+    form: Annotated[
+        ManifestFormat | None,
+        typer.Option(
+            "--format",
+            help="Format of the result. Default: that of the manifest in OUT, else jsonl.",
+        ),
+    ] = None,
+    as_json: _Json = False,
+) -> int:
+    """Make one manifest of those of all shards, which are removed."""
+    from pathlib import Path
+
+    from depthcli.jobs.batch.account import merge
+
+    path = str(merge(Path(out), form))
+    if as_json:
+        console.out_json({"manifest": path})
+    else:
+        console.out(one_line(f"manifest: {path}"))
+    return ExitCode.OK

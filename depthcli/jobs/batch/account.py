@@ -1,0 +1,96 @@
+"""What manifests tell: how many inputs failed, which, and why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from depthcli.errors import UsageError
+from depthcli.jobs.batch.journal import Journal, Rows, known_rows
+from depthcli.jobs.batch.manifest import FAILED, ManifestFormat, Row
+from depthcli.jobs.batch.row_files import open_rows, row_files
+from depthcli.jobs.batch.shard import WHOLE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The rows of a manifest, added up."""
+
+    inputs: int
+    failed: int
+    outputs: int  #: files
+    output_bytes: int
+    seconds: float  #: from opening each input to its last output, in all
+    models: dict[str, int]  #: inputs by ``name sha256 version of depthcli``
+
+
+def rows_of(path: Path) -> Rows:
+    """The latest row of each input.
+
+    Args:
+        path: an output folder, with all that its shards left; or one manifest.
+
+    Raises:
+        UsageError: there is no manifest.
+    """
+    if path.is_dir() and path.suffix != f".{ManifestFormat.PARQUET}":
+        if not row_files(path, WHOLE):
+            raise UsageError(f"no manifest in {path}; name the output folder of a batch")
+        return known_rows(path)
+    try:
+        return Rows([open_rows(path)], WHOLE)
+    except OSError as error:
+        raise UsageError(f"cannot read the manifest {path}: {error.strerror}") from error
+
+
+def summary(rows: Rows) -> Summary:
+    """The sums of all rows."""
+    counts: Counter[str] = Counter()
+    models: Counter[str] = Counter()
+    seconds = 0.0
+    for row in rows:
+        counts["inputs"] += 1
+        counts["failed"] += row.status == FAILED
+        counts["outputs"] += len(row.outputs)
+        counts["bytes"] += sum(file.bytes for file in row.outputs)
+        seconds += row.seconds
+        models[f"{row.origin.model} {row.origin.model_sha256} {row.origin.version}"] += 1
+    return Summary(
+        inputs=counts["inputs"],
+        failed=counts["failed"],
+        outputs=counts["outputs"],
+        output_bytes=counts["bytes"],
+        seconds=seconds,
+        models=dict(models),
+    )
+
+
+def failed(rows: Rows) -> Iterator[Row]:
+    """The rows of inputs that failed."""
+    return (row for row in rows if row.status == FAILED)
+
+
+def merge(folder: Path, form: ManifestFormat | None = None) -> Path:
+    """Make one manifest of all that shards and killed batches left in an output folder.
+
+    Args:
+        folder: the output folder.
+        form: of the manifest; None for that of the one that is there, or JSON lines.
+
+    Returns:
+        The manifest.
+
+    Raises:
+        UsageError: there is none, or a batch is at work there.
+        OutputError: it cannot be written; what was there stays.
+    """
+    if not row_files(folder, WHOLE):
+        raise UsageError(f"no manifest in {folder}; name the output folder of a batch")
+    journal = Journal(folder, form=form)
+    journal.finish(None)
+    return journal.manifest

@@ -1,0 +1,50 @@
+"""``depthcli manifest``, as a user runs it."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+from folders import contents, printed, tree
+
+if TYPE_CHECKING:
+    from command_line import Cli
+
+
+@pytest.mark.parametrize("form", ["jsonl", "parquet"])
+def test_shards_are_summed_up_listed_and_merged(inside: Cli, form: str) -> None:
+    tree(inside, "a.png", "hall/b.png")
+    (inside.folder / "in" / "bad\tname.png").touch()
+    codes = [
+        inside("batch", "in", "-o", "out", "--shard", f"{n}/2", "--manifest", form).returncode
+        for n in (1, 2)
+    ]
+    assert sorted(codes) == [0, 1]
+    said = inside("manifest", "summary", "out").stdout.decode().splitlines()
+    assert said[0] == "3 inputs: 2 ok, 1 failed"
+    assert said[1].startswith("2 outputs, ")
+    (found,) = printed(inside("manifest", "summary", "out", "--json"))
+    assert (found["inputs"], found["failed"], found["outputs"]) == (3, 1, 2)
+    assert sum(found["models"].values()) == 3
+    failed = inside("manifest", "failed", "out")
+    assert failed.stdout.decode().count("\n") == 1
+    assert "is empty" in failed.stdout.decode()
+    (row,) = printed(inside("manifest", "failed", "out", "--json"))
+    assert (row["input"], row["status"]) == ("bad\tname.png", "failed")
+    merged = printed(inside("manifest", "merge", "out", "--format", form, "--json"))
+    assert merged == [{"manifest": f"out/manifest.{form}"}]
+    left = {name.split("/")[0] for name in contents(inside, "out")}
+    assert left == {"a.depth.png", "hall", f"manifest.{form}"}
+    assert json.loads(inside("manifest", "summary", "out", "--json").stdout) == found
+
+
+def test_a_folder_without_a_manifest_is_one_line(inside: Cli) -> None:
+    (inside.folder / "out").mkdir()
+    for command in ("summary", "failed", "merge"):
+        done = inside("manifest", command, "out")
+        assert done.returncode == 2
+        assert (
+            done.stderr
+            == b"depthcli: error: no manifest in out; name the output folder of a batch\n"
+        )
