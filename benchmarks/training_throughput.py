@@ -33,7 +33,7 @@ from depthcli.training.data.pair_store import PairStore
 from depthcli.training.loop import Limits, train
 from depthcli.training.methods.registry import default_config
 from depthcli.training.run import Run
-from depthcli.training.watchers import Both, Silent
+from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,7 +68,7 @@ class Noise:
         return np.roll(self._depth_m, i, 1)
 
 
-class Stopwatch(Silent):
+class Stopwatch(Watcher):
     """Notes when each step of the loop ends."""
 
     def __init__(self) -> None:
@@ -101,10 +101,11 @@ def bare(run: Run, batches: list[TrainingBatch], steps: int) -> list[float]:
 
 def loop(config: TrainConfig, dataset: DepthDataset, out: Path, steps: int) -> list[float]:
     """Seconds of each step of a run that is continued, the ends of epochs included."""
-    watch, board = Stopwatch(), Board(out, config)
+    watch = Stopwatch()
+    board = Board(watch, out, config)
     fabric = Fabric(accelerator="auto", devices=1, precision=config.precision)
     data = TrainingData(dataset, "a benchmark's pairs", None)
-    train(config, data, out, fabric, Both(watch, board), Limits(steps=steps + 1))
+    train(config, data, out, fabric, board, Limits(steps=steps + 1))
     board.close()
     return [after - before for before, after in pairwise(watch.ends)]
 

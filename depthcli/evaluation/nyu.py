@@ -93,7 +93,6 @@ def evaluate_nyu(
     rows = score_nyu(task, predictors, options, progress)
     comparable = task.split.name is SplitName.PAPER and options.protocol.is_headline
     return EvalReport(
-        dataset="NYU Depth v2",
         split=task.split.name,
         image_count=len(task.test),
         split_count=task.split.test_count,

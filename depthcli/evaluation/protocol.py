@@ -41,14 +41,14 @@ class EvalProtocol:
     #: (width, height) to which truth and prediction are resized before they are compared; None for
     #: the truth's own size
     compare_px: tuple[int, int] | None = None
-    #: (width, height) that the truth must have; None for any
-    full_size_px: tuple[int, int] | None = FULL_SIZE_PX
-    min_m: float = MIN_DEPTH_M  #: nearest depth that counts, metres; predictions are clamped to it
-    max_m: float = MAX_DEPTH_M  #: farthest depth that counts, metres; predictions are clamped to it
     #: how the models' depth gets to the picture's size
     upsampling: Upsampling = Upsampling.BILINEAR
     #: width of the models' tiles in pixels; None for no tiles, 0 for 3/4 of the width
     tile_px: int | None = None
+    #: (width, height) that the truth must have; None for any
+    full_size_px: tuple[int, int] | None = FULL_SIZE_PX
+    min_m: float = MIN_DEPTH_M  #: nearest depth that counts, metres; predictions are clamped to it
+    max_m: float = MAX_DEPTH_M  #: farthest depth that counts, metres; predictions are clamped to it
     #: score edges too. No other number changes by it, so neither does the name
     boundary: bool = field(default=False, compare=False)
 

@@ -4,7 +4,8 @@ import csv
 import io
 import json
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from depthcli.datasets.splits import SplitName
@@ -47,26 +48,50 @@ class ReportRow:
         return (*self.scores.items(), *((self.boundary or NO_BOUNDARY).items() if boundary else ()))
 
 
-@dataclass(frozen=True, slots=True)
-class EvalReport:
-    """A table with the protocol and the split that its numbers belong to."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """What the numbers of a table belong to."""
 
-    dataset: str  #: name of the data set
-    split: SplitName  #: which division of it
+    split: SplitName  #: which division of the data set
     image_count: int  #: test images that were compared
     split_count: int  #: test images of the complete split
-    train_count: int  #: training pairs that the trivial rows were computed from; 0 without them
+    train_count: int  #: training pairs behind the trivial rows; 0 without them
     protocol: EvalProtocol  #: how prediction and truth were compared
-    rows: tuple[ReportRow, ...]  #: the lines
     notes: tuple[str, ...] = ()  #: what a reader has to know besides
+    dataset: str = "NYU Depth v2"  #: name of the data set
+
+    def titled(self, split: str) -> str:
+        """Data set, split in words, number of images and protocol in one line."""
+        count = f"{self.image_count} images"
+        if self.image_count != self.split_count:
+            count = f"{self.image_count} of {self.split_count} images"
+        return f"{self.dataset} · {split}, {count} · {self.protocol.name} protocol"
+
+    def document(self, rows: list[dict[str, Any]], **more: object) -> str:
+        """The table as JSON."""
+        split = {
+            "name": self.split,
+            "images": self.image_count,
+            "images_of_complete_split": self.split_count,
+            "training_pairs_of_trivial_rows": self.train_count,
+        }
+        names = {"name": self.protocol.name, "description": self.protocol.description}
+        protocol = names | asdict(self.protocol)
+        del protocol["boundary"]
+        document = {"schema": 1, "dataset": self.dataset, "split": split, "protocol": protocol}
+        return json.dumps(document | {"rows": rows, "notes": self.notes} | more, indent=2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvalReport(Comparison):
+    """A table with the protocol and the split that its numbers belong to."""
+
+    rows: tuple[ReportRow, ...]  #: the lines
 
     @property
     def title(self) -> str:
         """Data set, split, number of images and protocol in one line."""
-        count = f"{self.image_count} images"
-        if self.image_count != self.split_count:
-            count = f"{self.image_count} of {self.split_count} images"
-        return f"{self.dataset} · {self.split} split, {count} · {self.protocol.name} protocol"
+        return self.titled(f"{self.split} split")
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -75,52 +100,31 @@ class EvalReport:
 
     def to_json(self) -> str:
         """The report as JSON; values that do not exist are null."""
-        document = {
-            "schema": 1,
-            "dataset": self.dataset,
-            "split": {
-                "name": self.split,
-                "images": self.image_count,
-                "images_of_complete_split": self.split_count,
-                "training_pairs_of_trivial_rows": self.train_count,
-            },
-            "protocol": protocol_json(self.protocol),
-            "rows": [row_json(row) for row in self.rows],
-            "notes": self.notes,
-        }
-        return json.dumps(document, indent=2)
+        return self.document([row_json(row) for row in self.rows])
 
     def to_csv(self) -> str:
         """One line per row; split, protocol and number of images in each."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
         origin = ["dataset", "split", "images", "trained_on", "protocol"]
-        writer.writerow(["name", "source", "align", *origin, *self.columns])
+        lines = [["name", "source", "align", *origin, *self.columns]]
         for row in self.rows:
             values = row.items(boundary=self.protocol.boundary)
-            scores = ["" if math.isnan(value) else repr(value) for _, value in values]
-            align = row.alignment or ""
             learned = "" if row.learned_count is None else str(row.learned_count)
             facts = [self.dataset, self.split, str(row.image_count), learned, self.protocol.name]
-            writer.writerow([row.name, row.source, align, *facts, *scores])
-        return text.getvalue()
+            scores = [csv_cell(value) for _, value in values]
+            lines.append([row.name, row.source, row.alignment or "", *facts, *scores])
+        return csv_text(lines)
 
 
-def protocol_json(protocol: EvalProtocol) -> dict[str, Any]:
-    """A protocol with all its choices."""
-    return {
-        "name": protocol.name,
-        "description": protocol.description,
-        "averaging": protocol.averaging,
-        "crop": protocol.crop,
-        "mask": protocol.mask,
-        "compare_px": protocol.compare_px,
-        "upsampling": protocol.upsampling,
-        "tile_px": protocol.tile_px,
-        "full_size_px": protocol.full_size_px,
-        "min_m": protocol.min_m,
-        "max_m": protocol.max_m,
-    }
+def csv_text(lines: Iterable[Sequence[object]]) -> str:
+    """Rows of cells as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    return text.getvalue()
+
+
+def csv_cell(value: float) -> str:
+    """A score with all its digits; empty if it does not exist."""
+    return "" if math.isnan(value) else repr(value)
 
 
 def row_json(row: ReportRow) -> dict[str, Any]:
@@ -149,6 +153,6 @@ def _all_scores_json(scored: ReportRow | ImageScores) -> dict[str, float | None]
     return scores_json(scored.scores) | boundary
 
 
-def scores_json(scores: Scores | BoundaryScores) -> dict[str, float | None]:
+def scores_json(scores: Scores | BoundaryScores | Mapping[str, float]) -> dict[str, float | None]:
     """Scores by name; a value that does not exist is null."""
     return {name: None if math.isnan(value) else value for name, value in scores.items()}

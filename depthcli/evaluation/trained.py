@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,81 +17,23 @@ if TYPE_CHECKING:
 
     from depthcli.datasets.base import DepthDataset
     from depthcli.evaluation.predictors.model import ModelPredictor
+    from depthcli.training.trained_run import TrainedRun
 
 _SEED = re.compile(r"-seed\d+$")
-
-
-class RunFacts(Protocol):
-    """What is known of a run besides its model."""
-
-    @property
-    def name(self) -> str:
-        """Name of its folder."""
-        ...
-
-    @property
-    def seed(self) -> int:
-        """Seed of weights, order and augmentation."""
-        ...
-
-    @property
-    def settings(self) -> str:
-        """All settings but the seed; equal text, equal settings."""
-        ...
-
-    @property
-    def paired(self) -> bool:
-        """Whether pictures and depth maps of one scene point were shown together."""
-        ...
-
-    @property
-    def parameters(self) -> int:
-        """Weights of the generator."""
-        ...
-
-    @property
-    def epochs(self) -> int:
-        """Whole epochs done."""
-        ...
-
-    @property
-    def epochs_planned(self) -> int:
-        """Epochs of the whole schedule."""
-        ...
-
-    @property
-    def steps(self) -> int:
-        """Optimisation steps done."""
-        ...
-
-    @property
-    def minutes(self) -> float:
-        """Training time."""
-        ...
-
-    @property
-    def train_ids(self) -> tuple[str, ...]:
-        """Pairs that it was trained on."""
-        ...
-
-    @property
-    def held_out_ids(self) -> tuple[str, ...]:
-        """Pairs that it was validated on."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
 class TrainedModel:
     """A run and its model."""
 
-    run: RunFacts  #: how it came to be
+    run: TrainedRun  #: how it came to be
     predictor: ModelPredictor  #: its model, named as the run
     latency_ms: float  #: median time of the network alone for one picture, milliseconds
 
 
 def plan_comparison(
     dataset: DepthDataset,
-    runs: Sequence[RunFacts],
+    runs: Sequence[TrainedRun],
     split: SplitName = SplitName.VAL,
     limit: int | None = None,
 ) -> EvalTask:
@@ -119,7 +61,7 @@ def plan_comparison(
     return task
 
 
-def _held_out(dataset: DepthDataset, runs: Sequence[RunFacts]) -> EvalTask:
+def _held_out(dataset: DepthDataset, runs: Sequence[TrainedRun]) -> EvalTask:
     first = runs[0]
     for run in runs:
         if (run.held_out_ids, run.train_ids) != (first.held_out_ids, first.train_ids):
@@ -141,7 +83,7 @@ def _held_out(dataset: DepthDataset, runs: Sequence[RunFacts]) -> EvalTask:
     return EvalTask(dataset, Split(SplitName.VAL, train, test, len(train), len(test)), test)
 
 
-def grouped(runs: Sequence[RunFacts]) -> dict[str, tuple[RunFacts, ...]]:
+def grouped(runs: Sequence[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:
     """Runs that differ in their seed alone, by the name that they share.
 
     ``cut-seed0`` and ``cut-seed1`` are seeds of ``cut``.
@@ -149,7 +91,7 @@ def grouped(runs: Sequence[RunFacts]) -> dict[str, tuple[RunFacts, ...]]:
     Raises:
         UsageError: runs of one name differ in more than the seed, or not even in that.
     """
-    groups: dict[str, list[RunFacts]] = {}
+    groups: dict[str, list[TrainedRun]] = {}
     for run in runs:
         groups.setdefault(_SEED.sub("", run.name), []).append(run)
     for members in groups.values():

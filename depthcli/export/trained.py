@@ -3,7 +3,6 @@
 import dataclasses
 import hashlib
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.core.choices import Weights
@@ -14,31 +13,10 @@ from depthcli.models.catalog import read_model
 from depthcli.models.places import Place
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.folder import CHECKPOINT
+from depthcli.training.trained_run import TrainedRun
 
 CACHE_NAMES = {Weights.AVERAGED: "evaluated.onnx", Weights.RAW: "evaluated-raw.onnx"}
 _HASH_LENGTH = 16
-
-
-@dataclass(frozen=True, slots=True)
-class TrainedRun:
-    """What a run's checkpoint says; see :class:`depthcli.evaluation.trained.RunFacts`."""
-
-    folder: Path  #: where it lives
-    seed: int  #: of weights, order and augmentation
-    settings: str  #: all settings but the seed, as JSON
-    paired: bool  #: whether the configuration shows pictures and depth of one scene point together
-    parameters: int  #: weights of the generator
-    epochs: int  #: whole epochs done
-    epochs_planned: int  #: epochs of the whole schedule
-    steps: int  #: optimisation steps done
-    minutes: float  #: training time
-    train_ids: tuple[str, ...]  #: pairs it was trained on
-    held_out_ids: tuple[str, ...]  #: pairs it was validated on
-
-    @property
-    def name(self) -> str:
-        """Name of its folder."""
-        return self.folder.resolve().name
 
 
 def find_runs(folder: Path) -> tuple[Path, ...]:

@@ -12,6 +12,7 @@ from depthcli.errors import TrainingError
 from depthcli.training.folder import writing
 from depthcli.training.samples import sample_path
 from depthcli.training.schedule import factor
+from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,12 +25,13 @@ if TYPE_CHECKING:
 FOLDER = "tensorboard"
 
 
-class Board:
+class Board(Watcher):
     """A watcher that writes event files to ``tensorboard/`` in the folder of a run.
 
     Steps that a continued run repeats replace those of before.
 
     Args:
+        watcher: who is told as well.
         folder: of the run.
         config: of the run.
 
@@ -37,19 +39,20 @@ class Board:
         TrainingError: the package ``tensorboard`` is not installed.
     """
 
-    def __init__(self, folder: Path, config: TrainConfig) -> None:
+    def __init__(self, watcher: Watcher, folder: Path, config: TrainConfig) -> None:
         try:
             from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - optional, slow
         except ImportError as error:
             raise TrainingError(
                 f"--tensorboard needs tensorboard: {INSTALL_TENSORBOARD}"
             ) from error
-        self._open = SummaryWriter
+        self._open, self._watcher = SummaryWriter, watcher
         self._folder, self._config = folder, config
         self._writer: SummaryWriter | None = None
 
     def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """Losses and learning rate of a step."""
+        self._watcher.step(progress, steps, losses)
         optim = self._config.optim
         share = factor(optim, progress.step - 1, steps // optim.epochs)
         values = {f"loss/{name}": value for name, value in losses.items()}
@@ -63,6 +66,7 @@ class Board:
 
     def epoch(self, progress: RunProgress) -> None:
         """Scores and sample pictures of an epoch that was validated."""
+        self._watcher.epoch(progress)
         path = sample_path(self._folder, progress.epoch)
         if self._writer is None or not path.is_file():
             return

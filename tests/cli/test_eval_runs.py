@@ -30,6 +30,7 @@ from depthcli.training.config.changes import updated
 from depthcli.training.loop import Limits, train
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
+from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
@@ -44,11 +45,6 @@ HELD_OUT = ["0002", "0005"]
 COLUMNS = ("abs_rel", "sq_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3", "silog")
 
 
-class Silent:
-    def step(self, *_: object) -> None: ...
-    def epoch(self, *_: object) -> None: ...
-
-
 def _config(method: str, seed: int = 0) -> TrainConfig:
     return replace(updated(default_config(method), SMALL), seed=seed)
 
@@ -56,7 +52,7 @@ def _config(method: str, seed: int = 0) -> TrainConfig:
 def _train(config: TrainConfig, data: DepthDataset, folder: Path, steps: float = math.inf) -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
     opened = TrainingData(data, "rooms", None)
-    train(config, opened, folder, fabric, Silent(), Limits(steps=steps))
+    train(config, opened, folder, fabric, Watcher(), Limits(steps=steps))
 
 
 def _large() -> Rooms:

@@ -15,9 +15,9 @@ from videos import write_mp4
 
 from depthcli.cli.screen import console, progress
 from depthcli.cli.screen.training import Lines
-from depthcli.jobs.train.run import TrainStart
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.threads import Threads
+from depthcli.training.watchers import TrainStart
 
 if TYPE_CHECKING:
     from command_line import Cli

@@ -14,14 +14,14 @@ from rooms import EFFICIENT, write_rooms
 from depthcli.errors import DatasetError
 from depthcli.jobs.train.run import TrainRequest, train
 from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.watchers import Silent
+from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
-    from depthcli.jobs.train.run import TrainStart
     from depthcli.training.checkpoint import RunProgress
+    from depthcli.training.watchers import TrainStart
 
 
-class Notes(Silent):
+class Notes(Watcher):
     """Remembers what it is told."""
 
     def __init__(self) -> None:

@@ -55,7 +55,10 @@ def test_shapes_and_ranges() -> None:
 def test_an_epoch_shows_every_pair_once_in_an_order_of_its_own() -> None:
     batches = _batches(size=1)
     assert batches.steps_per_epoch == 5
-    orders = [[int(batches._rows(e, i, stream=2)) for i in range(5)] for e in range(4)]
+    orders = [
+        [int(batches._rows(batches.store, 5 * e + i, 1, stream=2)) for i in range(5)]
+        for e in range(4)
+    ]
     assert all(sorted(order) == list(range(5)) for order in orders)
     assert len({tuple(order) for order in orders}) > 1
 

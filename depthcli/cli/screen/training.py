@@ -12,25 +12,26 @@ from typing import TYPE_CHECKING
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import drawn
 from depthcli.training.metrics_log import finite_or_none
-from depthcli.training.watchers import Silent
+from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
     from depthcli.cli.screen.progress import Drawing, Stage
-    from depthcli.jobs.train.run import RunWatcher, TrainResult, TrainStart
+    from depthcli.jobs.train.run import TrainResult
     from depthcli.training.checkpoint import RunProgress
     from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.watchers import TrainStart
 
 _SHOWN = ("abs_rel", "rmse", "d1")
 
 
 @contextmanager
-def watcher_for(*, as_json: bool, quiet: bool) -> Iterator[RunWatcher]:
+def watcher_for(*, as_json: bool, quiet: bool) -> Iterator[Watcher]:
     """The watcher that fits options and terminal."""
     with ExitStack() as stack:
-        yield Quiet() if quiet else JsonLines() if as_json else Lines(stack)
+        yield Watcher() if quiet else JsonLines() if as_json else Lines(stack)
 
 
 def show_config(config: TrainConfig) -> None:
@@ -54,14 +55,7 @@ def summary(result: TrainResult, out: Path) -> None:
     console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")
 
 
-class Quiet(Silent):
-    """Shows nothing."""
-
-    def begin(self, start: TrainStart) -> None:
-        """Nothing."""
-
-
-class JsonLines(Silent):
+class JsonLines(Watcher):
     """One JSON object an epoch on standard output."""
 
     def __init__(self) -> None:

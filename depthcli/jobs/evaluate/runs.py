@@ -16,9 +16,10 @@ from depthcli.evaluation.reports.figures import Figure, choose, draw_figures
 from depthcli.evaluation.runs_report import RunsReport
 from depthcli.evaluation.runs_table import evaluate_runs
 from depthcli.evaluation.trained import TrainedModel, grouped, plan_comparison
-from depthcli.export.trained import TrainedRun, export_run, find_runs, open_run
+from depthcli.export.trained import export_run, find_runs, open_run
 from depthcli.inference.latency import measure_ms
 from depthcli.inference.loading import SessionLoader
+from depthcli.training.trained_run import TrainedRun
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,21 +2,21 @@
 
 import math
 import signal
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.training_data import TrainingData, open_training_data
 from depthcli.training import loop
+from depthcli.training.board import Board
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.interrupt import Interrupt
 from depthcli.training.launch import launched, open_fabric
 from depthcli.training.setup import divide
-from depthcli.training.threads import Threads, set_threads
-from depthcli.training.watchers import Watcher, with_board
+from depthcli.training.threads import set_threads
+from depthcli.training.watchers import TrainStart, Watcher
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +39,6 @@ class TrainRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class TrainStart:
-    """What is known of a run before its first step."""
-
-    threads: Threads  #: CPU threads that it uses
-    lacks_scenes: bool  #: whether pairs were to be held out and there are too few scenes for that
-
-
-@dataclass(frozen=True, slots=True)
 class TrainResult:
     """How a sitting ended."""
 
@@ -55,14 +47,7 @@ class TrainResult:
     is_first: bool  #: whether this process speaks for the run; of several, only the first does
 
 
-class RunWatcher(Watcher, Protocol):
-    """Who is told how a run goes; with several processes, the first one's."""
-
-    def begin(self, start: TrainStart) -> None:
-        """The run is about to begin, or to go on."""
-
-
-def train(request: TrainRequest, watcher: RunWatcher) -> TrainResult:
+def train(request: TrainRequest, watcher: Watcher) -> TrainResult:
     """Train until the schedule, the time limit or a signal ends it.
 
     With several devices this same command is started again for each of them.
@@ -81,9 +66,9 @@ def train(request: TrainRequest, watcher: RunWatcher) -> TrainResult:
         threads = set_threads(request.threads, config, out, fabric)
         if first:
             watcher.begin(TrainStart(threads, _lacks_scenes(config, data)))
-        board = with_board(watcher, out, config) if request.tensorboard and first else None
+        board = Board(watcher, out, config) if request.tensorboard and first else None
         interrupt = Interrupt(*request.signals)
-        with board or nullcontext(watcher) as told:
+        with closing(board) if board else nullcontext(watcher) as told:
             limits = loop.Limits(minutes=request.minutes)
             done = loop.train(config, data, out, fabric, told, limits, interrupt, request.start)
     return TrainResult(done, interrupt.number, first)

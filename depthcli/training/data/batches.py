@@ -80,16 +80,18 @@ class Batches:
 
     def __getitem__(self, step: int) -> TrainingBatch:
         """Batch of a step, counted from 0 over the whole run."""
-        epoch, index = divmod(step, self.steps_per_epoch)
         random = torch.Generator().manual_seed(_mixed(self.seed, step, 1))
         size = view_size(self.data, random)
-        views = self._augmented(self.store, self._rows(epoch, index, stream=2), size, random)
+        rows = self._rows(self.store, step, self.batch_size, stream=2)
+        views = self._augmented(self.store, rows, size, random)
         if not self.data.paired:
-            others = self._augmented(self.store, self._rows(epoch, index, stream=3), size, random)
+            rows = self._rows(self.store, step, self.batch_size, stream=3)
+            others = self._augmented(self.store, rows, size, random)
             views = Views(views.gray, others.depth_m, others.known)
         if self.extra is None:
             return self._part(TrainingBatch(*views))
-        more = self._augmented(self.extra, self._extra_rows(self.extra, step), size, random)
+        extra_rows = self._rows(self.extra, step, self._extra_size, stream=4)
+        more = self._augmented(self.extra, extra_rows, size, random)
         return _joined(views, more)
 
     def _part(self, whole: TrainingBatch) -> TrainingBatch:
@@ -97,16 +99,12 @@ class Batches:
         known = None if whole.known is None else whole.known[self._own]
         return TrainingBatch(whole.gray[self._own], whole.depth_m[self._own], known)
 
-    def _rows(self, epoch: int, index: int, stream: int) -> Tensor:
+    def _rows(self, store: PairStore, step: int, size: int, stream: int) -> Tensor:
+        """The ``size`` pairs of a step, in an order of the store that each epoch draws anew."""
+        epoch, index = divmod(step, len(store) // size)
         random = torch.Generator().manual_seed(_mixed(self.seed, epoch, stream))
-        order = torch.randperm(len(self.store), generator=random)
-        return order[index * self.batch_size : (index + 1) * self.batch_size]
-
-    def _extra_rows(self, extra: PairStore, step: int) -> Tensor:
-        epoch, index = divmod(step, len(extra) // self._extra_size)
-        random = torch.Generator().manual_seed(_mixed(self.seed, epoch, 4))
-        order = torch.randperm(len(extra), generator=random)
-        return order[index * self._extra_size : (index + 1) * self._extra_size]
+        order = torch.randperm(len(store), generator=random)
+        return order[index * size : (index + 1) * size]
 
     def _augmented(
         self, store: PairStore, rows: Tensor, size: tuple[int, int], random: torch.Generator

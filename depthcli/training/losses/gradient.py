@@ -4,6 +4,8 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
+from depthcli.training.losses.regularised_l1 import mean_of_known
+
 SCALES = 4
 
 
@@ -17,30 +19,16 @@ def gradient_loss(prediction: Tensor, truth: Tensor, known: Tensor | None = None
         known: (B, 1, H, W) bool; the means are of differences between known pixels, and a pixel
             of a coarser scale is known if all that it covers are. None for all.
     """
-    if known is not None:
-        return _of_known(prediction - truth, known)
-    error = prediction - truth
-    terms = []
-    for _ in range(SCALES):
-        along_x = (error[..., 1:] - error[..., :-1]).abs().mean()
-        along_y = (error[..., 1:, :] - error[..., :-1, :]).abs().mean()
-        terms.append(along_x + along_y)
-        error = F.avg_pool2d(error, 2)
-    return torch.stack(terms).mean()
-
-
-def _of_known(error: Tensor, known: Tensor) -> Tensor:
-    terms = []
+    error, terms = prediction - truth, []
     for _ in range(SCALES):
         along_x = (error[..., 1:] - error[..., :-1]).abs()
         along_y = (error[..., 1:, :] - error[..., :-1, :]).abs()
-        both_x = known[..., 1:] & known[..., :-1]
-        both_y = known[..., 1:, :] & known[..., :-1, :]
-        terms.append(_mean(along_x, both_x) + _mean(along_y, both_y))
+        if known is None:
+            terms.append(along_x.mean() + along_y.mean())
+        else:
+            both_x = known[..., 1:] & known[..., :-1]
+            both_y = known[..., 1:, :] & known[..., :-1, :]
+            terms.append(mean_of_known(along_x, both_x) + mean_of_known(along_y, both_y))
+            known = F.avg_pool2d(known.float(), 2) == 1
         error = F.avg_pool2d(error, 2)
-        known = F.avg_pool2d(known.float(), 2) == 1
     return torch.stack(terms).mean()
-
-
-def _mean(values: Tensor, known: Tensor) -> Tensor:
-    return (values * known).sum() / known.sum().clamp(min=1)

@@ -21,14 +21,18 @@ def regularised_l1(
         penalty: λ of eq. 1; zero leaves the sum out.
         known: (B, 1, H, W) bool, the pixels that the mean is of; None for all.
     """
-    distance = F.l1_loss(prediction, truth) if known is None else _l1(prediction, truth, known)
+    if known is None:
+        distance = F.l1_loss(prediction, truth)
+    else:
+        distance = mean_of_known((prediction - truth).abs(), known)
     if not penalty:
         return distance
     return distance + penalty * torch.stack([(w**2).sum() for w in conv_weights(generator)]).sum()
 
 
-def _l1(prediction: Tensor, truth: Tensor, known: Tensor) -> Tensor:
-    return ((prediction - truth).abs() * known).sum() / known.sum().clamp(min=1)
+def mean_of_known(values: Tensor, known: Tensor) -> Tensor:
+    """Mean of the values (B, 1, H, W) where ``known`` (bool, the same shape); 0 for none."""
+    return (values * known).sum() / known.sum().clamp(min=1)
 
 
 def conv_weights(network: nn.Module) -> list[Tensor]:

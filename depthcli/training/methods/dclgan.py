@@ -21,17 +21,8 @@ class Fakes(NamedTuple):
     x: Tensor
 
 
-class Maps(NamedTuple):
-    """Feature maps (B, C, H, W) of each tap, of both pictures and both translations."""
-
-    real_x: list[Tensor]
-    fake_y: list[Tensor]
-    real_y: list[Tensor]
-    fake_x: list[Tensor]
-
-
-class Vectors(NamedTuple):
-    """Patch vectors (B, P, dim) of each tap, of both pictures and both translations."""
+class Sides(NamedTuple):
+    """Maps (B, C, H, W) or patch vectors (B, P, dim) of each tap, of both pictures and fakes."""
 
     real_x: list[Tensor]
     fake_y: list[Tensor]
@@ -113,17 +104,17 @@ class DclGan(Method):
         same_x = F.l1_loss(translated(self.backward_generator, x), x)
         return {"identity": self.weights.identity * (same_y + same_x)}
 
-    def _maps(self, x: Tensor, y: Tensor, fakes: Fakes) -> Maps:
+    def _maps(self, x: Tensor, y: Tensor, fakes: Fakes) -> Sides:
         of_gray, of_depth = self.generator.features, self.backward_generator.features
         taps = self.taps
-        return Maps(
+        return Sides(
             of_gray(x, taps), of_depth(fakes.y, taps), of_depth(y, taps), of_gray(fakes.x, taps)
         )
 
-    def _compared(self, maps: Maps) -> dict[str, Tensor]:
+    def _compared(self, maps: Sides) -> dict[str, Tensor]:
         return self._contrast(self._vectors(maps))
 
-    def _contrast(self, vectors: Vectors) -> dict[str, Tensor]:
+    def _contrast(self, vectors: Sides) -> dict[str, Tensor]:
         weights, terms = self.weights, {}
         if weights.contrast_x:
             there = mean_over_taps(patch_nce, vectors.fake_y, vectors.real_x)
@@ -133,11 +124,11 @@ class DclGan(Method):
             terms["contrast_y"] = weights.contrast_y * back
         return terms
 
-    def _vectors(self, maps: Maps) -> Vectors:
+    def _vectors(self, maps: Sides) -> Sides:
         """The same positions for a picture and its translation."""
         of_gray, of_depth = present(self.sampler_gray), present(self.sampler_depth)
         real_x, positions_x = of_gray(maps.real_x)
         real_y, positions_y = of_depth(maps.real_y)
         fake_y, _ = of_depth(maps.fake_y, positions_x)
         fake_x, _ = of_gray(maps.fake_x, positions_y)
-        return Vectors(real_x, fake_y, real_y, fake_x)
+        return Sides(real_x, fake_y, real_y, fake_x)

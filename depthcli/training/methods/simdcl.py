@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.losses.similarity import similarity
 from depthcli.training.methods.base import built, present
-from depthcli.training.methods.dclgan import DclGan, Maps
+from depthcli.training.methods.dclgan import DclGan, Sides
 from depthcli.training.networks.similarity_map import SimilarityMap
 
 
@@ -29,7 +29,7 @@ class SimDcl(DclGan):
         maps = built(self.map_real_x, self.map_fake_y, self.map_real_y, self.map_fake_x)
         return super().heads() + maps
 
-    def _compared(self, maps: Maps) -> dict[str, Tensor]:
+    def _compared(self, maps: Sides) -> dict[str, Tensor]:
         vectors = self._vectors(maps)
         if not self.weights.similarity:
             return self._contrast(vectors)

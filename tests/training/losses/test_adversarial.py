@@ -7,10 +7,16 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
-from depthcli.training.losses.hinge import hinge_discriminator, hinge_generator
-from depthcli.training.losses.lsgan import lsgan_discriminator, lsgan_generator
-from depthcli.training.losses.ralsgan import ralsgan_discriminator, ralsgan_generator
+from depthcli.training.losses.adversarial import (
+    discriminator_loss,
+    generator_loss,
+    hinge_discriminator,
+    hinge_generator,
+    lsgan_discriminator,
+    lsgan_generator,
+    ralsgan_discriminator,
+    ralsgan_generator,
+)
 
 FORMS = ("lsgan", "hinge", "ralsgan")
 
