@@ -11,11 +11,6 @@ def as_array(
 ) -> npt.NDArray[Any]:
     """The answer of ``__array__``, by the protocol of NumPy 2.
 
-    Args:
-        values: the array that the object stands for.
-        dtype: the type that is wanted; None for its own.
-        copy: whether to copy; None for only where the type asks for it.
-
     Raises:
         ValueError: a copy is needed and forbidden.
     """

@@ -26,14 +26,8 @@ def shrink_bands(
 ) -> npt.NDArray[np.float32]:
     """What ``resize_area(plane(pixels), width, height)`` gives, up to rounding.
 
-    Args:
-        pixels: (H, W) or (H, W, 3), of a frame.
-        plane: what to take of the pixels, each by itself, as in :mod:`depthcli.core.colour`.
-        width: columns of the result, px.
-        height: rows of the result, px.
-
-    Returns:
-        (height, width) or (height, width, C) float32, as ``plane`` gives.
+    Pixels are (H, W) or (H, W, 3), of a frame; ``plane`` takes something of each by itself, as in
+    :mod:`depthcli.core.colour`. The result is (height, width) or (height, width, C) float32.
     """
     rows, columns = pixels.shape[:2]
     narrow = [

@@ -8,13 +8,9 @@ _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
 
 
 def value_channel(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
-    """V of HSV, the largest of R, G and B; gray is its own V.
+    """V of HSV, the largest of R, G and B, (H, W) float32 in [0, 1]; gray is its own V.
 
-    Args:
-        pixels: (H, W) or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
-
-    Returns:
-        (H, W) float32 in [0, 1].
+    Pixels are (H, W) or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
     """
     if pixels.ndim == 2:  # noqa: PLR2004
         return unit(pixels)

@@ -12,9 +12,8 @@ from pathlib import PurePath
 def fingerprint(*facts: object) -> str:
     """What results follow from, in 64 hex digits: other facts give other digits.
 
-    Args:
-        facts: numbers, texts, enumerations, fractions and paths; tuples, lists, mappings and
-            dataclasses of them, whose fields count with their names.
+    Facts are numbers, texts, enumerations, fractions and paths; tuples, lists, mappings and
+    dataclasses of them, whose fields count with their names.
 
     Raises:
         TypeError: something else, which could look different the next time.

@@ -61,15 +61,10 @@ class GuidedMap:
     def rows(
         self, guide: npt.NDArray[np.float32], rows: slice, height: int
     ) -> npt.NDArray[np.float32]:
-        """Some rows of the map at the picture's size.
+        """Some rows, (n, W) float32, of the map at the picture's size, ``height`` rows in all.
 
-        Args:
-            guide: (n, W) float32 in [0, 1], brightness of these rows of the picture.
-            rows: which rows these are.
-            height: rows of the whole picture.
-
-        Returns:
-            (n, W) float32, within the range of the coarse map near each pixel.
+        Of their brightness (n, W) float32 in [0, 1]; within the range of the coarse map near each
+        pixel.
         """
         width = guide.shape[1]
         slope, offset, low, high = (

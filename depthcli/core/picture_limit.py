@@ -47,12 +47,7 @@ def bytes_needed(
 ) -> int:
     """What a picture takes without tiles: its pixels, a band, and the most of what comes in turn.
 
-    Args:
-        width: columns.
-        height: rows.
-        detail: what is done with the depth.
-        picture_bytes: the pixels.
-        input_bytes: what becomes the network's input, at the picture's size.
+    ``input_bytes`` is what becomes the network's input, at the picture's size.
     """
     count = width * height
     band = min(count, max(BAND_PIXELS, width)) * _BYTES_A_BAND_PIXEL

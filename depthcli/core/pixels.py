@@ -14,10 +14,7 @@ _CHANNELS = (1, 3, 4)
 
 
 def check_pixels(pixels: npt.NDArray[Any]) -> None:
-    """Refuse an array that is no picture.
-
-    Args:
-        pixels: (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
+    """Refuse what is not (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
 
     Raises:
         InputError: another shape or type, or floats that are not in [0, 1].

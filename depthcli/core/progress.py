@@ -8,15 +8,10 @@ class Progress(Protocol):
     """Somebody who watches work that has one stage or several."""
 
     def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
-        """Announce a stage.
+        """Announce a stage; what is returned is told of each number of units more that are done.
 
-        Args:
-            what: its name; empty where it is all that there is.
-            total: units in all; None if that is not known.
-            unit: what is counted, in the plural: ``frames``.
-
-        Returns:
-            What to call with how many units more are done.
+        The name is empty where it is all that there is, ``total`` is None if it is not known, and
+        the unit is in the plural: ``frames``.
         """
 
 

@@ -10,13 +10,8 @@ def resize_bilinear(
 ) -> npt.NDArray[np.float32]:
     """Bilinear, half-pixel centres, edges repeated, no antialiasing: how depth is resized.
 
-    Args:
-        values: (H, W) or (H, W, C) float32.
-        width: columns of the result, px.
-        height: rows of the result, px.
-
-    Returns:
-        (height, width) or (height, width, C) float32; a copy only if the size changes.
+    Of (H, W) or (H, W, C) float32 to (height, width) or (height, width, C) px; a copy only if the
+    size changes.
     """
     if values.shape[:2] == (height, width):
         return values
@@ -28,14 +23,7 @@ def resize_rows(
 ) -> npt.NDArray[np.float32]:
     """Some rows of what :func:`resize_bilinear` gives, up to rounding, without the others.
 
-    Args:
-        values: (H, W) float32.
-        width: columns of the result, px.
-        height: rows of the whole result, px.
-        rows: which of them.
-
-    Returns:
-        (number of rows, width) float32, never a view of ``values``.
+    Of (H, W) float32; ``height`` counts the rows of the whole result. Never a view of ``values``.
     """
     last = values.shape[0] - 1
     numbers = np.arange(rows.start, rows.stop, dtype=np.float64)
@@ -52,13 +40,7 @@ def resize_area(
 ) -> npt.NDArray[np.float32]:
     """Mean over each output pixel's area where it shrinks, bilinear where it grows: pictures.
 
-    Args:
-        values: (H, W) or (H, W, C) float32.
-        width: columns of the result, px.
-        height: rows of the result, px.
-
-    Returns:
-        (height, width) or (height, width, C) float32; a copy only if the size changes.
+    Shapes and types as of :func:`resize_bilinear`.
     """
     if values.shape[:2] == (height, width):
         return values
@@ -75,13 +57,7 @@ def resize_cubic(
 ) -> npt.NDArray[np.float32]:
     """Bicubic, half-pixel centres, edges repeated, no antialiasing; it may overshoot.
 
-    Args:
-        values: (H, W) or (H, W, C) float32.
-        width: columns of the result, px.
-        height: rows of the result, px.
-
-    Returns:
-        (height, width) or (height, width, C) float32; a copy only if the size changes.
+    Shapes and types as of :func:`resize_bilinear`.
     """
     if values.shape[:2] == (height, width):
         return values

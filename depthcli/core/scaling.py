@@ -20,11 +20,7 @@ _STRAIGHT_ANGLE_DEG = 180.0
 
 
 def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
-    """Refuse a camera that cannot be.
-
-    Args:
-        focal_px: focal length in pixels, above 0; None if it is not known.
-        hfov_deg: horizontal field of view, degrees, inside (0, 180), in its place; None likewise.
+    """Refuse a camera that cannot be: pixels above 0, or in their place degrees inside (0, 180).
 
     Raises:
         UsageError: one is out of range, or both are given.
@@ -38,14 +34,10 @@ def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
 
 
 def focal_px(hfov_deg: float, width: int) -> float:
-    """Focal length in pixels of a picture ``width`` pixels wide.
-
-    Args:
-        hfov_deg: horizontal field of view, degrees, inside (0, 180).
-        width: columns of the picture.
+    """Focal length in pixels of a picture ``width`` pixels wide, of a field of view in degrees.
 
     Raises:
-        UsageError: the field of view is out of range.
+        UsageError: the field of view is not inside (0, 180).
     """
     check_camera(None, hfov_deg)
     return width / 2 / math.tan(math.radians(hfov_deg) / 2)

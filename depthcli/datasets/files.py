@@ -93,12 +93,7 @@ def _decode(path: Path, flags: int) -> npt.NDArray[np.integer]:
 def check_plausible(
     medians_m: Iterable[float], plausible_m: tuple[float, float], where: Path | str
 ) -> None:
-    """Refuse a data set whose depth is clearly in another unit.
-
-    Args:
-        medians_m: median depth of some of its images, metres.
-        plausible_m: the range that the typical one must be in.
-        where: what to call the data set.
+    """Refuse a data set whose depth is clearly in another unit, by the medians of some images.
 
     Raises:
         DatasetError: the median of the medians is outside the range.

@@ -7,10 +7,7 @@ _DIGITS = 4
 
 
 def compact(ids: Iterable[str]) -> str:
-    """Ids as ranges.
-
-    Args:
-        ids: whole numbers, as NYU Depth v2's.
+    """Ids, whole numbers as NYU Depth v2's, as ranges.
 
     >>> compact(["0001", "0000", "0002", "0007"])
     '0000-0002,0007'

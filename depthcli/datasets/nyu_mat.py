@@ -75,11 +75,7 @@ class NyuMat:
 
 
 def open_mat(path: Path, plausible_m: tuple[float, float]) -> NyuMat:
-    """Open the file and check its layout.
-
-    Args:
-        path: the .mat file.
-        plausible_m: range in which the median depth must be.
+    """Open the file and check its layout, and that the median depth is plausible.
 
     Raises:
         DatasetError: h5py is not installed, or the file is damaged or has another layout.

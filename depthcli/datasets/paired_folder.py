@@ -88,12 +88,9 @@ def open_paired_folder(
     units_per_metre: float = MILLIMETRES,
     plausible_m: tuple[float, float] = PLAUSIBLE_M,
 ) -> PairedFolder:
-    """Pair the files of ``rgb/`` and ``depth/`` by name.
+    """Pair the files of ``rgb/`` and ``depth/`` by name; the median depth has to be plausible.
 
-    Args:
-        path: the folder that holds both.
-        units_per_metre: what one metre is in the depth images: 1000 for millimetres.
-        plausible_m: range in which the median depth must be.
+    One metre is ``units_per_metre`` in the depth images: 1000 for millimetres.
 
     Raises:
         DatasetError: the folder is missing or empty, a file has no partner, depth is not 16-bit

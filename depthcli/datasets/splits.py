@@ -42,11 +42,6 @@ def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> f
 
     Names begin with the type of the scene, so the choice is spread over all types.
 
-    Args:
-        scenes: the scene of each pair, repeated as often as it occurs.
-        every: distance between two held-out scenes.
-        offset: position of the first one.
-
     >>> sorted(held_out_scenes(["a", "b", "b", "c", "d", "e"], every=2, offset=1))
     ['b', 'd']
     """

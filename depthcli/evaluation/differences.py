@@ -46,9 +46,7 @@ class Difference:
 def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> Interval:
     """The mean over pictures, and its interval when scenes are drawn with replacement.
 
-    Args:
-        values: (N,) one of each picture; NaN where a picture has none.
-        scenes: that of each picture.
+    One value (N,) of each picture, NaN where a picture has none, and its scene.
     """
     known = np.isfinite(values)
     _, scene = np.unique(np.asarray(scenes)[known], return_inverse=True)
@@ -65,13 +63,10 @@ def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> In
 def differences_from(
     name: str, groups: Mapping[str, Sequence[ReportRow]], scenes: Mapping[str, str]
 ) -> tuple[Difference, ...]:
-    """One row against every other of the same alignment.
+    """One row against every other of the same alignment, picture by picture.
 
-    Args:
-        name: the row, one of the groups.
-        groups: the rows of each name with their images' scores; several seeds are averaged
-            picture by picture.
-        scenes: that of each image id.
+    The groups are rows of one name with their images' scores, whose seeds are averaged; ``scenes``
+    has that of each image id.
     """
     found = []
     for alignment in dict.fromkeys(row.alignment for row in groups[name]):

@@ -44,12 +44,7 @@ def learned_count(predictor: object, dataset: DepthDataset, ids: Iterable[str]) 
 def learned_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | None:
     """Label numbers of the pairs that a model has learned, or whose scenes it has.
 
-    Args:
-        card: of the model.
-        dataset: tells which pairs a split's training part has.
-
-    Returns:
-        None where the card says nothing of it.
+    None where the card says nothing of it; the data set tells which pairs a split's training has.
     """
     stated = card.training.get(TRAIN_IDS)
     if isinstance(stated, str):

@@ -58,12 +58,7 @@ class EvalTask:
 
 
 def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) -> EvalTask:
-    """Choose the images.
-
-    Args:
-        dataset: the labelled set or a part of it.
-        split: which division.
-        limit: at most so many images, evenly over the split.
+    """Choose the images: a split's, or at most ``limit`` of them, evenly over it.
 
     Raises:
         DatasetError: the split has no test image here.
@@ -79,12 +74,6 @@ def evaluate_nyu(
     progress: Progress = NO_PROGRESS,
 ) -> EvalReport:
     """Make the table.
-
-    Args:
-        task: the images.
-        predictors: what to score on them.
-        options: how.
-        progress: told of two stages.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.

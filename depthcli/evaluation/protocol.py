@@ -87,11 +87,9 @@ class EvalProtocol:
         depth_m: npt.NDArray[np.float32],
         raw_depth_m: npt.NDArray[np.float32] | None = None,
     ) -> Truth:
-        """Choose the pixels of one image that count.
+        """Choose the pixels of one image that count, of depth (H, W) float32 metres, 0 = none.
 
-        Args:
-            depth_m: (H, W) float32 metres, 0 = none.
-            raw_depth_m: (H, W) float32 metres, 0 = none; needed for the raw-valid mask.
+        Raw depth, likewise, is needed for the raw-valid mask.
 
         Raises:
             DatasetError: the depth has not the size that the protocol is about.
@@ -113,13 +111,7 @@ class EvalProtocol:
         return Truth(valid, _chosen(depth_m, valid))
 
     def compare(self, depth: DepthMap, truth: Truth, alignment: Alignment) -> DepthPixels:
-        """Resize, take the pixels that count, align, clamp.
-
-        Args:
-            depth: the prediction, any size.
-            truth: of the same image.
-            alignment: what is fitted before the comparison.
-        """
+        """Resize a prediction of any size, take the pixels that count, align, clamp."""
         height, width = truth.valid.shape
         values = depth.values
         if values.shape != truth.valid.shape:

@@ -119,16 +119,8 @@ def evaluate(
     """Score every entry on the same images; each depth is read once, each picture at most once.
 
     Every worker takes an image all the way, from reading to the sums of its pixels; those are added
-    up in the images' order, so that no digit depends on the number of workers.
-
-    Args:
-        dataset: where the pairs are.
-        test: positions of the images to compare.
-        entries: what to score.
-        protocol: how to compare.
-        per_image: keep the scores of each image in the rows.
-        progress: told of each image.
-        workers: images at the same time; 0 works in the calling thread.
+    up in the images' order, so that no digit depends on the number of workers. With 0 of them the
+    calling thread works.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.

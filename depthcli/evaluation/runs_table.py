@@ -30,16 +30,9 @@ def evaluate_runs(
     weights: Weights = Weights.AVERAGED,
     against: str | None = None,
 ) -> RunsReport:
-    """Make the table.
+    """Make the table, of a task from ``plan_comparison``: pictures that no run was trained on.
 
-    Args:
-        task: pictures that no run was trained on, from ``plan_comparison``.
-        models: the runs.
-        options: how.
-        progress: told of two stages.
-        published: include the paper's rows.
-        weights: which weights of the runs the models have, for the notes.
-        against: also compare this trained row with every other, picture by picture.
+    With ``against``, this trained row is also compared with every other, picture by picture.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.

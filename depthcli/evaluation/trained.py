@@ -37,13 +37,9 @@ def plan_comparison(
     split: SplitName = SplitName.VAL,
     limit: int | None = None,
 ) -> EvalTask:
-    """Choose pictures that none of the runs was trained on.
+    """Choose pictures that no run was trained on, at most ``limit``, evenly over the split.
 
-    Args:
-        dataset: the labelled set or a part of it.
-        runs: what is compared.
-        split: ``val`` stands for the pairs that the runs themselves held out.
-        limit: at most so many images, evenly over the split.
+    ``val`` stands for the pairs that the runs themselves held out.
 
     Raises:
         DatasetError: a pair that the runs name is not here, or the split has no test image.

@@ -24,15 +24,11 @@ _SMALLEST_HALVED = 64  # small tensors, such as biases, gain nothing from half p
 def build_graph(
     generator: nn.Module, *, opset: int = OPSET, mirror: bool = False
 ) -> onnx.ModelProto:
-    """Export a generator.
-
-    Args:
-        generator: (B, 1, H, W) in [-1, 1] to raw (B, 1, h, w).
-        opset: ONNX operator set.
-        mirror: average with the prediction of the mirrored picture, at twice the cost.
+    """Export a generator, (B, 1, H, W) in [-1, 1] to raw (B, 1, h, w).
 
     Returns:
-        A checked model with dynamic batch, height and width, and IR version 8.
+        A checked model with dynamic batch, height and width, and IR version 8. With ``mirror`` it
+        averages with the prediction of the mirrored picture, at twice the cost.
     """
     network = folded(generator)
     if mirror:

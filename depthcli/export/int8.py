@@ -29,11 +29,8 @@ def quantize(model: onnx.ModelProto, batches: Sequence[npt.NDArray[np.float32]])
     """Weights and activations as int8, in the portable QDQ form, weights per channel.
 
     Weights keep to 7 of their 8 bits: processors with AVX2 alone add products in 16 bits, which
-    whole ones would overflow.
-
-    Args:
-        model: a float32 graph with one input.
-        batches: network inputs (1, C, H, W) that show the range of each activation.
+    whole ones would overflow. The batches, network inputs (1, C, H, W), show the range of each
+    activation.
     """
     name = model.graph.input[0].name
     with TemporaryDirectory() as folder:

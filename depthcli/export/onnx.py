@@ -41,13 +41,7 @@ class Exported:
 
 
 def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Exported:
-    """Export the generator of a checkpoint.
-
-    Args:
-        checkpoint: written by training.
-        out: the ONNX file; its card is written beside it, see
-            :func:`depthcli.export.card.card_path`.
-        options: what to export.
+    """Export the generator of a checkpoint to an ONNX file, with its card beside it.
 
     Raises:
         CheckpointError: the checkpoint cannot be used.

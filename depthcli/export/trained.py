@@ -59,10 +59,8 @@ def open_run(folder: Path) -> TrainedRun:
 def export_run(run: TrainedRun, spare: Path, weights: Weights = Weights.AVERAGED) -> Path:
     """The run's model, exported unless that was done already for the same checkpoint.
 
-    Args:
-        run: its folder receives the model under a name of its own.
-        spare: receives it where that folder cannot be written.
-        weights: the average, where the run keeps one, or those of the last step.
+    It lies in the run's folder under a name of its own, or in ``spare`` where that cannot be
+    written.
 
     Raises:
         CheckpointError: the checkpoint cannot be used.

@@ -36,18 +36,10 @@ def gives_metres(card: ModelCard) -> bool:
 def camera_of(
     card: ModelCard, frame: Frame, place: Layout, focal_px: float | None, hfov_deg: float | None
 ) -> PictureCamera | None:
-    """The camera that a picture is taken to come from.
+    """The camera that a picture is taken to come from; None if none is known.
 
-    Args:
-        card: of the model.
-        frame: the picture.
-        place: where it lies in the network's input.
-        focal_px: focal length in pixels of the picture, if it was given.
-        hfov_deg: horizontal field of view in degrees, if that was given.
-
-    Returns:
-        The one given, else the one in the picture's EXIF, else that of the card; None if none of
-        them is known.
+    The one given, as focal length in pixels or as horizontal field of view in degrees, else the
+    one in its EXIF, else that of the card.
     """
     known = _known(frame, focal_px, hfov_deg)
     if card.camera is None or not gives_metres(card):

@@ -20,15 +20,9 @@ _FLOAT_PLANES = 2  # the plane and its scaled copy
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
-    """Width of the tiles of one picture, within the limit of memory.
+    """Width of the tiles of one picture in its pixels, within the limit of memory.
 
-    Args:
-        spec: the card's input.
-        frame: the picture.
-        detail: what was asked for.
-
-    Returns:
-        Pixels of the picture; None if it goes through the network in one piece.
+    None if it goes through the network in one piece.
 
     Raises:
         InputError: the limit is too low for this picture or these tiles.

@@ -14,16 +14,9 @@ from depthcli.models.card_specs import OutputSpec
 def coarse_depth(
     spec: OutputSpec, raw: npt.NDArray[np.float32], place: Layout
 ) -> npt.NDArray[np.float32]:
-    """Depth of one picture at the network's size.
+    """Depth of one picture, (h, w) float32 of the card's kind, of the network's raw output (h, w).
 
-    Args:
-        spec: the card's output.
-        raw: (h, w) float32, the network's output for the whole input.
-        place: where the picture lies in that input.
-
-    Returns:
-        (h, w) float32 of the card's kind, the picture alone. Without infinities, which a resize
-        would turn into NaN.
+    Without infinities, which a resize would turn into NaN.
     """
     depth = _finite(spec, spec.codec.decode(raw))
     return _crop(depth, place) if place.is_padded else depth

@@ -58,14 +58,9 @@ def layout(spec: InputSpec, width: int, height: int) -> Layout:
 
 
 def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Layout]:
-    """The network's input for one picture.
+    """The network's input for one picture, and where the picture lies in it.
 
-    Args:
-        spec: the card's input.
-        frame: the picture.
-
-    Returns:
-        (1, C, H, W) float32, normalised, and where the picture lies in it.
+    It is (1, C, H, W) float32, normalised.
     """
     place = layout(spec, frame.width, frame.height)
     small = _shrunk(spec, frame, place)

@@ -44,10 +44,7 @@ def check_name(provider: str) -> None:
 
 
 def wanted_providers(provider: str) -> tuple[str, ...]:
-    """What to try, best first.
-
-    Args:
-        provider: ``auto`` or a name of ``PROVIDERS``.
+    """What to try, best first, for ``auto`` or a name of ``PROVIDERS``.
 
     Raises:
         ProviderError: this onnxruntime has it not.
@@ -79,12 +76,7 @@ def check_options(provider: str, options: Mapping[str, str]) -> None:
 
 
 def settled(asked: str, best: str, active: str) -> tuple[str, ...]:
-    """Warnings, one line each, about a provider that is not the best one.
-
-    Args:
-        asked: ``auto`` or a name.
-        best: the one that was tried first.
-        active: the one that runs.
+    """Warnings, one line each, where the active provider is not the best, which was tried first.
 
     Raises:
         ProviderError: another one than was asked for by name runs.

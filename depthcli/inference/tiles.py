@@ -39,10 +39,7 @@ class TileGrid:
     def plan(cls, frame_width: int, tile_px: int, coarse_shape: tuple[int, ...]) -> Self:
         """Tiles of the picture's own aspect, so that the network sees them as it sees pictures.
 
-        Args:
-            frame_width: columns of the picture, px.
-            tile_px: columns of a tile in pixels of the picture, at most ``frame_width``.
-            coarse_shape: (h, w) of the network's depth for one picture.
+        Widths are in the picture's pixels; the network's depth of one picture is ``coarse_shape``.
         """
         rows, columns = coarse_shape
         zoom = frame_width / tile_px

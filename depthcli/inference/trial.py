@@ -13,14 +13,7 @@ _GRAY = 128
 
 
 def try_model(model: Model, *, provider: str = AUTO) -> Session:
-    """Load a model and run it on a gray picture of its own size.
-
-    Args:
-        model: from the catalog.
-        provider: as for :class:`Session`.
-
-    Returns:
-        The session, to ask it for its provider.
+    """Load a model and run it on a gray picture of its own size; the session, to be asked.
 
     Raises:
         ModelError: it does not load or run, or gives no finite depth.

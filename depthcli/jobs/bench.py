@@ -64,11 +64,7 @@ class BenchResult:
 def run_bench(
     request: BenchRequest, warn: Callable[[str], object] = lambda _text: None
 ) -> BenchResult:
-    """Measure a model on this machine.
-
-    Args:
-        request: what is wanted.
-        warn: told in one line where the model does not run as it should.
+    """Measure a model on this machine; ``warn`` is told in one line what is not as it should be.
 
     Raises:
         InputError: the picture cannot be read.
@@ -91,14 +87,9 @@ def run_bench(
 def measure_speed(
     alone: Pipeline, shared: Pipeline, picture: bytes, *, workers: int, seconds: float
 ) -> Speed:
-    """Measure a model.
+    """Measure a model on a picture file's content; each of three measurements lasts ``seconds``.
 
-    Args:
-        alone: the model with all the threads that one picture may take.
-        shared: the same model with the threads of one worker.
-        picture: a picture file's content.
-        workers: pictures at the same time, for the throughput.
-        seconds: how long each of the three measurements lasts, at least.
+    ``alone`` has all the threads that one picture may take, ``shared`` those of one worker.
 
     Raises:
         InputError: the picture cannot be read.

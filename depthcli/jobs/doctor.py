@@ -18,9 +18,7 @@ from depthcli.jobs.doctor_packages import (
 def check_installation(model: str | None = None, provider: str = "auto") -> Iterator[Check]:
     """Look at versions, packages, a model, the providers and the codecs.
 
-    Args:
-        model: name or path of the model to run; None for the default.
-        provider: ``auto``, or the name of one that has to work.
+    The provider is ``auto``, or one that has to work; None is the default model.
     """
     yield from check_versions()
     yield from check_modules()

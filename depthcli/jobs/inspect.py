@@ -56,9 +56,7 @@ class VideoFacts:
 def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts:
     """Unit, scale, size, range and model of a depth file; all of it is read.
 
-    Args:
-        file: its name.
-        scale: steps a metre of a PNG or a video; None for what the file states.
+    ``scale`` is in steps a metre of a PNG or a video; None for what the file states.
 
     Raises:
         InputError: missing, damaged or without depth.
@@ -85,12 +83,9 @@ def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts
 
 
 def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> DepthMap:
-    """A depth map from any file that depthcli writes.
+    """A depth map from any file that depthcli writes, or the frame of that number in a video.
 
-    Args:
-        path: the file.
-        scale: steps a metre of a PNG or a video; None for what the file states.
-        frame: number of the frame in a video, counted in this file; None for other files.
+    ``scale`` is in steps a metre of a PNG or a video; None for what the file states.
 
     Raises:
         InputError: missing, damaged, without depth, or shorter than that.

@@ -71,11 +71,7 @@ class ModelCard:
 
     @classmethod
     def from_json(cls, text: str | bytes, *, where: str = "card") -> "ModelCard":
-        """Read a card.
-
-        Args:
-            text: the JSON.
-            where: what messages call it, a path say.
+        """Read a card's JSON, which messages call ``where``.
 
         Raises:
             ModelError: not JSON, or a field is missing, unknown, ill-typed or out of range.

@@ -118,13 +118,7 @@ def _read(path: Path, max_bytes: int) -> bytes:
 
 
 def check_file(card: ModelCard, path: Path, size: int, sha256: str) -> None:
-    """Compare a file with what its card promises.
-
-    Args:
-        card: promises of size and checksum count, if it makes them.
-        path: what messages call the file.
-        size: in bytes.
-        sha256: 64 hex digits.
+    """Compare a file's size in bytes and checksum in hex with what its card promises, if it does.
 
     Raises:
         ModelError: it is another file.

@@ -13,17 +13,10 @@ _NEEDS_DYNAMIC = {Fit.LOWER_BOUND, Fit.UPPER_BOUND}
 def fit_to_graph(
     card: ModelCard, fixed_size: tuple[int | None, int | None], path: Path, *, adapt: bool
 ) -> ModelCard:
-    """Compare a card with the size that the graph states.
+    """Compare a card with the input's (height, width) in the graph; None where that is dynamic.
 
-    Args:
-        card: what is said of the input.
-        fixed_size: (height, width) of the graph's input in pixels; None where it is dynamic.
-        path: what messages call the file.
-        adapt: take the graph's size in place of the card's, for a network that people export at
-            several sizes. One that took pictures of any size is then stretched to the one.
-
-    Returns:
-        The card, with the graph's size if it was adapted.
+    With ``adapt`` the graph's size takes the place of the card's, for a network that people export
+    at several sizes. One that took pictures of any size is then stretched to the one.
 
     Raises:
         ModelError: the card states another size.

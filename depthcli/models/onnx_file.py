@@ -30,11 +30,7 @@ _HOLDS = {
 
 
 def metadata(data: bytes, where: str) -> dict[str, str]:
-    """The key/value metadata of an ONNX file.
-
-    Args:
-        data: the whole file.
-        where: what messages call it.
+    """The key/value metadata of an ONNX file's bytes, which messages call ``where``.
 
     Raises:
         ModelError: the bytes are not a complete ONNX file.
@@ -57,11 +53,7 @@ def metadata(data: bytes, where: str) -> dict[str, str]:
 
 
 def versions(data: bytes, where: str) -> tuple[int, int]:
-    """Opset of the standard operators and IR version of an ONNX file.
-
-    Args:
-        data: the whole file.
-        where: what messages call it.
+    """Opset of the standard operators and IR version of an ONNX file's bytes.
 
     Raises:
         ModelError: the bytes are not a complete ONNX file, or it states neither.

@@ -9,13 +9,8 @@ from torch import nn
 class WeightAverage:
     """A smoothed copy of a network, often better than any single step of it.
 
-    Args:
-        network: what is averaged; copied here.
-        decay: share of the old average kept at each step; less at first, so that the first
-            weights are forgotten soon.
-
-    Attributes:
-        network: the average, in evaluation mode.
+    Each step keeps the share ``decay`` of the old average; less at first, so that the first weights
+    are forgotten soon. ``network`` is the average, in evaluation mode.
     """
 
     def __init__(self, network: nn.Module, decay: float) -> None:

@@ -26,14 +26,9 @@ FOLDER = "tensorboard"
 
 
 class Board(Watcher):
-    """A watcher that writes event files to ``tensorboard/`` in the folder of a run.
+    """A watcher that also writes event files to ``tensorboard/`` in the folder of a run.
 
-    Steps that a continued run repeats replace those of before.
-
-    Args:
-        watcher: who is told as well.
-        folder: of the run.
-        config: of the run.
+    Steps that a continued run repeats replace those of before; ``watcher`` is told as well.
 
     Raises:
         TrainingError: the package ``tensorboard`` is not installed.

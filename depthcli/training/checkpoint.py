@@ -140,11 +140,7 @@ def _reach_disk(path: Path) -> None:
 
 
 def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:
-    """The generator that a checkpoint stands for, to evaluate.
-
-    Args:
-        path: the checkpoint.
-        weights: the average, where there is one, or those of the last step.
+    """The generator of a checkpoint, to evaluate: averaged, where the run keeps an average, or raw.
 
     Raises:
         CheckpointError: the checkpoint cannot be read or does not fit its configuration.

@@ -75,11 +75,7 @@ def check_progress(progress: Mapping[str, object]) -> None:
 
 
 def check_state(name: str, state: object) -> None:
-    """Accept the weights of a checkpoint.
-
-    Args:
-        name: what messages call them.
-        state: tensors by name.
+    """Accept the weights of a checkpoint, tensors by name, which messages call ``name``.
 
     Raises:
         ValueError: they are something else, or a number among them is not finite.

@@ -19,10 +19,6 @@ if TYPE_CHECKING:
 def differences(saved: TrainConfig, given: TrainConfig) -> tuple[str, ...]:
     """Each setting with both of its values; empty for equal configurations.
 
-    Args:
-        saved: of a run that exists.
-        given: what was asked for.
-
     >>> from depthcli.training.config.schema import TrainConfig
     >>> differences(TrainConfig(seed=0), TrainConfig(seed=1))
     ('seed is 0 there, 1 here',)
@@ -46,9 +42,7 @@ def _flat(config: TrainConfig) -> Iterator[tuple[str, Any]]:
 def data_differences(saved: RunProgress, given: RunProgress) -> tuple[str, ...]:
     """What a run learned from, and what was asked for, where they differ.
 
-    Args:
-        saved: of a run that exists.
-        given: of a fresh one; without weights to start from it takes up the saved ones.
+    A fresh run without weights to start from takes up the saved ones.
     """
     strange = []
     if saved.train_ids != given.train_ids:

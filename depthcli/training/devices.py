@@ -42,9 +42,7 @@ def first_process_first(fabric: Fabric) -> Iterator[None]:
 def average_gradients(fabric: Fabric, weights: Iterable[Tensor]) -> None:
     """Replace the gradients of every process by their mean, in one collective.
 
-    Args:
-        fabric: knows the processes; with one of them nothing happens.
-        weights: those that have a gradient must be the same in every process.
+    The weights that have a gradient must be the same in every process.
     """
     if fabric.world_size == 1:
         return
@@ -66,9 +64,7 @@ def any_process(fabric: Fabric, said: bool) -> bool:
 def of_others(fabric: Fabric, state: dict[str, Any]) -> list[dict[str, Any]]:
     """What the processes after the first hand over, by rank; called by all of them.
 
-    Args:
-        fabric: knows the processes.
-        state: tensors and containers of them, on the CPU.
+    The state is tensors and containers of them, on the CPU.
     """
     if fabric.world_size == 1:
         return []

@@ -31,14 +31,10 @@ def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]
 
 
 def check_weights(method: nn.Module, step: int) -> None:
-    """Accept networks to be saved: a finite loss can have a gradient that is not.
-
-    Args:
-        method: networks by name.
-        step: the last one done.
+    """Accept networks, by name, to be saved: a finite loss can have a gradient that is not.
 
     Raises:
-        TrainingError: a weight is not finite; the message names its network.
+        TrainingError: a weight is not finite; the message names its network and the step.
     """
     for name, network in method.named_children():
         whole = [weight.isfinite().all() for weight in network.parameters()]

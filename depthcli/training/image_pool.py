@@ -7,8 +7,7 @@ from torch import Tensor
 class ImagePool:
     """Fill, then with probability one half swap each new image for a random stored one.
 
-    Args:
-        size: images kept; 0 hands every image straight through.
+    A size of 0 hands every image straight through.
     """
 
     def __init__(self, size: int) -> None:

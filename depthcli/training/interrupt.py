@@ -12,11 +12,7 @@ Handler = Callable[[int, FrameType | None], object] | int | None
 class Interrupt:
     """Notes a signal while it is entered; a second one acts as it would have without us.
 
-    Args:
-        signals: those that are noted; none, and outside the main thread none is.
-
-    Attributes:
-        number: the signal that came, or None.
+    ``number`` is the signal that came, or None; outside the main thread none is noted.
     """
 
     def __init__(self, *signals: signal.Signals) -> None:

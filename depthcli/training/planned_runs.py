@@ -47,16 +47,10 @@ def plan_runs(configs: Sequence[TrainConfig], out: Path) -> tuple[PlannedRun, ..
 
 
 def fair_shares_s(spent_s: Sequence[float], budget_s: float) -> tuple[float, ...]:
-    """Divide a budget so that those who had least catch up first.
+    """Divide a budget, in seconds, so that those who had least catch up first.
 
-    All who get something end at the same total; who is beyond it already gets nothing.
-
-    Args:
-        spent_s: what each has had, seconds.
-        budget_s: what is there for all, seconds; may be infinite.
-
-    Returns:
-        What each gets, seconds; their sum is the budget.
+    All who get something end at the same total; who is beyond it already gets nothing. The budget
+    may be infinite; the shares add up to it.
 
     >>> fair_shares_s([0, 60, 300], 100)
     (80.0, 20.0, 0.0)
@@ -70,15 +64,10 @@ def fair_shares_s(spent_s: Sequence[float], budget_s: float) -> tuple[float, ...
 
 
 def next_share_s(spent_s: Sequence[float], left_s: float, overhead_s: float) -> float:
-    """What the first of some waiting runs may train.
+    """What the first of some waiting runs may train, in seconds; 0 if nothing is left.
 
-    Args:
-        spent_s: what each has had, seconds.
-        left_s: what is left of the budget, seconds; may be infinite.
-        overhead_s: what a run costs besides its training (starting, reading data), seconds.
-
-    Returns:
-        Its share in seconds, such that all the others still get theirs; 0 if nothing is left.
+    All the others still get theirs. A run costs ``overhead_s`` besides its training: starting,
+    reading data.
 
     >>> next_share_s([0, 0], left_s=100, overhead_s=10)
     40.0

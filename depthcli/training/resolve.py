@@ -20,14 +20,9 @@ def resolve_config(
     settings: Sequence[str] = (),
     folder: Path | None = None,
 ) -> TrainConfig:
-    """The configuration that a method, a preset, files and settings stand for.
+    """The configuration that a method, a preset, files of differences and settings stand for.
 
-    Args:
-        method: name of the method.
-        preset: name of a preset, which comes before the files.
-        files: of differences.
-        settings: ``a.b=c``, which come last.
-        folder: of a run, whose own configuration counts if there is one.
+    They count in this order, settings are ``a.b=c``; a run in ``folder`` has its own.
 
     Raises:
         UsageError: a name or a value is wrong.

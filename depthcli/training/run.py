@@ -27,14 +27,7 @@ _RANK_STRIDE = 1_000_003  # seeds of further processes, far from those that peop
 class Run:
     """Networks, optimisers and average of one run.
 
-    Args:
-        config: the run.
-        fabric: device and precision.
-        steps_per_epoch: how long an epoch is.
-
-    Attributes:
-        steps: optimisation steps of the whole schedule.
-        progress: how far it has come.
+    ``steps`` are those of the whole schedule, ``progress`` says how far it has come.
     """
 
     optimizers: dict[Phase, torch.optim.Optimizer]

@@ -45,13 +45,7 @@ def set_threads(asked: int | None, config: TrainConfig, folder: Path, fabric: Fa
 
 
 def default_threads(config: TrainConfig, fabric: Fabric, cores: int) -> int:
-    """The number of threads for a new run.
-
-    Args:
-        config: of the run.
-        fabric: its device and processes.
-        cores: that this process may use.
-    """
+    """The number of threads for a new run, of the cores that this process may use."""
     if fabric.world_size > 1:
         return max(1, cores // fabric.world_size)
     if fabric.device.type != "cpu" or cores == 1:
@@ -71,9 +65,6 @@ def candidates(cores: int) -> tuple[int, ...]:
 
 def fastest(seconds: Mapping[int, float]) -> int:
     """The fewest threads that no larger number beats by more than a few per cent.
-
-    Args:
-        seconds: what the same work took, by number of threads.
 
     >>> fastest({1: 1.0, 2: 0.97}), fastest({1: 1.0, 2: 0.6}), fastest({1: 1.0, 2: 4.0})
     (1, 2, 1)

@@ -16,13 +16,7 @@ _PICTURES_AT_ONCE = 16
 
 
 class Validation:
-    """Held-out pairs, ready to be predicted again and again.
-
-    Args:
-        dataset: where truth is read, at full size.
-        positions: the held-out pairs.
-        config: gives size, colour and output coding.
-    """
+    """Held-out pairs, ready to be predicted again and again; truth is read at full size."""
 
     def __init__(
         self, dataset: DepthDataset, positions: Sequence[int], config: TrainConfig

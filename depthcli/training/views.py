@@ -45,14 +45,7 @@ def view_size(data: DataConfig, random: torch.Generator) -> tuple[int, int]:
 def draw_views(
     count: int, size: tuple[int, int], data: DataConfig, random: torch.Generator
 ) -> Geometry:
-    """Random views of pictures that have the shape of the network's input.
-
-    Args:
-        count: how many.
-        size: width and height of the views, px.
-        data: the network's size and the strengths.
-        random: the only source of chance.
-    """
+    """Random views, ``size`` wide and high (px), of pictures that have the network's shape."""
     cover = torch.tensor([size[0] / data.width, size[1] / data.height])
     least = max(1.0, float(cover.max()))  # zoom at which the view fits into the picture
     zoom = _zooms(count, data, random) * least

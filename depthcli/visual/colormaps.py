@@ -20,11 +20,9 @@ _LEVELS = 256
 
 
 def colour_table(name: str, near: str = "warm") -> npt.NDArray[np.uint8]:
-    """(256, 3) RGB uint8, the far colour first.
+    """(256, 3) RGB uint8, the far colour first, of one of ``NAMES``.
 
-    Args:
-        name: one of ``NAMES``.
-        near: ``warm`` and ``white`` put the bright or red end near, ``black`` the other.
+    ``warm`` and ``white`` put the bright or red end near, ``black`` the other.
     """
     levels = np.arange(_LEVELS, dtype=np.uint8)
     colours: npt.NDArray[np.generic]

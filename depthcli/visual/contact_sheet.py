@@ -15,15 +15,10 @@ _FONT, _SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.5
 def contact_sheet(
     rows: Sequence[Sequence[npt.NDArray[np.uint8]]], titles: Sequence[str]
 ) -> npt.NDArray[np.uint8]:
-    """Put pictures on white paper.
+    """Put pictures (H, W, 3) RGB uint8 on white paper, (H', W', 3) RGB uint8.
 
-    Args:
-        rows: (H, W, 3) RGB uint8, one a column; a column is as wide as its widest picture, a row
-            as high as its highest.
-        titles: one a column; characters beyond ASCII become "?".
-
-    Returns:
-        (H', W', 3) RGB uint8.
+    A column is as wide as its widest picture, a row as high as its highest. In the titles of the
+    columns, characters beyond ASCII become "?".
     """
     widths = [max(p.shape[1] for p in column) for column in zip(*rows, strict=True)]
     heights = [max(picture.shape[0] for picture in row) for row in rows]

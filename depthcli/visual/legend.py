@@ -21,14 +21,9 @@ def with_legend(
     far: float,
     kind: DepthKind,
 ) -> npt.NDArray[np.uint8]:
-    """The image with a colour bar at its right, near at the top.
+    """The image (H, W, 3) RGB uint8 with a colour bar at its right, near at the top.
 
-    Args:
-        image: (H, W, 3) RGB uint8.
-        colours: (256, 3) RGB uint8, far first.
-        near: value at the near end.
-        far: value at the far end.
-        kind: metric maps are labelled in metres.
+    Colours are (256, 3) RGB uint8, far first; metric maps are labelled in metres.
     """
     height = image.shape[0]
     size = float(np.clip(height / _REFERENCE_HEIGHT, _LEAST_SIZE, 4))
@@ -47,11 +42,9 @@ def with_legend(
 
 
 def _ticks(room: float, *, flat: bool) -> npt.NDArray[np.float64]:
-    """Where numbers stand, 0 at the near end: as many as fit, one if all are the same.
+    """Where the numbers that fit stand, 0 at the near end; one if both ends are the same.
 
-    Args:
-        room: how many numbers fit below the first one, at a comfortable distance.
-        flat: both ends are the same.
+    At a comfortable distance, ``room`` of them fit below the first one.
     """
     if flat or room < _LEAST_ROOM:
         return np.array([0.5])

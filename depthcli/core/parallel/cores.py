@@ -13,9 +13,7 @@ def usable_cores() -> int:
 def share_cores(workers: int | None = None, threads: int | None = None) -> tuple[int, int]:
     """How many work at the same time, and how many threads each of them has.
 
-    Args:
-        workers: so many; None for one a core.
-        threads: so many; None for each worker's share of the cores.
+    None is for one worker a core, and for each worker's share of the cores.
     """
     cores = usable_cores()
     workers = workers or cores

@@ -8,11 +8,7 @@ import cv2
 
 @contextmanager
 def one_thread_each(workers: int) -> Iterator[None]:
-    """Let OpenCV work in the calling thread alone while several workers call it.
-
-    Args:
-        workers: how many there are; OpenCV keeps its threads for fewer than two.
-    """
+    """Let OpenCV work in the calling thread alone while two workers or more call it."""
     threads = cv2.getNumThreads()
     if workers > 1:
         cv2.setNumThreads(1)

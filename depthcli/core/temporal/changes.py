@@ -55,11 +55,7 @@ class Changes:
         self._usual = 0.0
 
     def step(self, guide: npt.NDArray[np.float32]) -> Change:
-        """The change to the next picture; the first picture of all is a cut.
-
-        Args:
-            guide: (h, w) float32 in [0, 1], of :func:`guide`.
-        """
+        """The change to the next picture's :func:`guide`; the first picture of all is a cut."""
         blurred = box_mean(guide)
         before, self._blurred = self._blurred, blurred
         if before is None or before.shape != blurred.shape:
@@ -74,11 +70,8 @@ class Changes:
 def guide(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     """A picture's brightness at a size at which changes are looked for.
 
-    Args:
-        pixels: (H, W) or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
-
-    Returns:
-        (h, w) float32 in [0, 1], the long side at most 192 pixels.
+    Of (H, W) or (H, W, 3) RGB, uint8, uint16, or float32 in [0, 1]; (h, w) float32 in [0, 1], the
+    long side at most 192 pixels.
     """
     height, width = pixels.shape[:2]
     scale = min(1.0, GUIDE_PX / max(height, width))

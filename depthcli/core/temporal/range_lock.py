@@ -17,16 +17,10 @@ class RangeLock:
     def step(
         self, low: float, high: float, kept: float, *, is_cut: bool = False
     ) -> tuple[float, float]:
-        """The range of the next frame.
+        """The low and the high end for the next frame, of its own ends.
 
-        Args:
-            low: the frame's own low end.
-            high: the frame's own high end, at least ``low``.
-            kept: the past's share, 0 to 1, as ``exp(-interval / time constant)``.
-            is_cut: whether another scene begins, for which the past means nothing.
-
-        Returns:
-            The low and the high end.
+        ``kept`` is the past's share, 0 to 1, as ``exp(-interval / time constant)``; in another
+        scene, which begins with a cut, the past means nothing.
         """
         if self._ends is None or is_cut:
             self._ends = (low, high)

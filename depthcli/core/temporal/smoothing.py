@@ -45,15 +45,10 @@ class Smoother:
     def step(
         self, values: npt.NDArray[np.float32], change: Change, kept: float
     ) -> npt.NDArray[np.float32]:
-        """The smoothed values of the next frame.
+        """The smoothed values (H, W) float32 of the next frame, both as of :func:`to_steps`.
 
-        Args:
-            values: (H, W) float32 of :func:`to_steps`; NaN where there is no depth stays so.
-            change: of the picture.
-            kept: the past's share where nothing moves, 0 to 1, of :func:`kept_share`.
-
-        Returns:
-            (H, W) float32.
+        NaN where there is no depth stays so. ``kept``, of :func:`kept_share`, is the past's share
+        where nothing moves, 0 to 1.
         """
         before = self._before
         if before is None or change.is_cut or before.shape != values.shape:
@@ -82,12 +77,7 @@ class FlickerMeter:
         self._count = 0
 
     def step(self, values: npt.NDArray[np.float32], change: Change) -> None:
-        """Count a frame.
-
-        Args:
-            values: (h, w) float32 of :func:`to_steps`, at the size of the guide.
-            change: of the picture.
-        """
+        """Count a frame: (h, w) float32 of :func:`to_steps`, at the size of the guide."""
         before, self._before = self._before, values
         if before is None or change.is_cut:
             return

@@ -46,12 +46,9 @@ class FilePredictor:
 def open_predictions(
     folder: Path, ids: Sequence[str], kind: DepthKind | None = None
 ) -> FilePredictor:
-    """Check that there is a prediction for every image.
+    """Check that a folder has ``ID.npy``, ``ID.exr`` or ``ID.png`` for every image.
 
-    Args:
-        folder: holds ``ID.npy``, ``ID.exr`` or ``ID.png``, or the same with ``.depth`` in between.
-        ids: the images that will be compared.
-        kind: what the numbers mean; None to believe the first file.
+    The same with ``.depth`` in between will do. Without a kind, the first file is believed.
 
     Raises:
         DatasetError: the folder or a prediction is missing, or the first file is damaged.

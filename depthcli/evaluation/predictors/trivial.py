@@ -43,13 +43,7 @@ def fit_trivial(
 ) -> tuple[TrivialPredictor, TrivialPredictor]:
     """Constant mean and per-pixel mean of the training depth, read once, in constant memory.
 
-    Args:
-        dataset: where the training pairs are.
-        train: their positions.
-        min_m: only depth farther than this counts.
-        max_m: only depth nearer than this counts.
-        progress: told of each pair.
-        workers: depth images read at the same time; 0 reads in the calling thread.
+    Only depth inside (``min_m``, ``max_m``) counts; 0 workers read in the calling thread.
 
     Raises:
         DatasetError: no training pair, no valid pixel, or pairs of different sizes.

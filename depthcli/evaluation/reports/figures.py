@@ -39,12 +39,7 @@ class Figure:
 
 
 def choose(task: EvalTask, ids: Sequence[str] = (), count: int = PICTURES) -> tuple[int, ...]:
-    """Positions of the pictures to show: those named, or some of every type of scene.
-
-    Args:
-        task: what is compared; only its test pictures are shown.
-        ids: the wanted ones, in their order.
-        count: how many, if none is named.
+    """Positions of the pictures to show: those named, or ``count`` of every type of scene.
 
     Raises:
         UsageError: a named picture is not among those that are compared.
@@ -106,16 +101,9 @@ def draw_figures(
     *,
     progress: Progress = NO_PROGRESS,
 ) -> tuple[Figure, Figure]:
-    """Draw a sheet in gray and one in colour: input, one column a predictor, truth.
+    """Draw a sheet in gray and one in colour: input, a titled column a predictor, truth.
 
     Every row has the range of its truth. What has no metres is fitted to the truth first.
-
-    Args:
-        task: where the pictures are.
-        positions: which of them, see :func:`choose`.
-        predictors: what is shown.
-        titles: of their columns.
-        progress: told of each picture.
 
     Raises:
         DatasetError: a pair cannot be read.

@@ -29,12 +29,7 @@ figcaption { color: #444; }"""
 
 
 def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
-    """The file.
-
-    Args:
-        page: what it says.
-        figures: sheets of sample pictures; they become part of the file.
-    """
+    """The file; figures become part of it."""
     header, *rows = page.table
     lines = [
         "<!doctype html>",

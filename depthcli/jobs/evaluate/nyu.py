@@ -56,12 +56,7 @@ def compare_on_nyu(
     progress: Progress = NO_PROGRESS,
     warn: Callable[[str], object] = lambda _text: None,
 ) -> NyuResult:
-    """Make the table.
-
-    Args:
-        request: what is wanted.
-        progress: told of each stage.
-        warn: told at once, in one line, where a model does not run as it should.
+    """Make the table; ``warn`` is told, in one line, where a model does not run as it should.
 
     Raises:
         UsageError: there is nothing to compare, an id to show is not compared, or no alignment

@@ -49,12 +49,7 @@ class QueueRequest:
 class Queue:
     """Trains runs one after another, those that were trained least first, as it is iterated over.
 
-    Args:
-        request: what is trained.
-
-    Attributes:
-        sittings: what became of every run so far, in the order of the request.
-        signal_number: the signal that ended it, or None.
+    ``signal_number`` is the signal that ended it, or None.
 
     Raises:
         UsageError: a method or setting is wrong, or ``torchrun`` started this process.

@@ -7,16 +7,10 @@ from typing import Any, Self
 
 
 class SignalRelay:
-    """While entered, signals go to a process, which decides when it ends.
+    """While entered, signals go to a process, which decides when it ends; ``number`` is the first.
 
     The process has a process group of its own: a terminal would tell it too, and a second signal
     means something else than the first.
-
-    Args:
-        signals: those that are handed on.
-
-    Attributes:
-        number: the first signal that came, or None.
     """
 
     def __init__(self, signals: Iterable[signal.Signals]) -> None:

@@ -9,9 +9,8 @@ _TERM = "term"
 def _weighs(loss: str = "") -> dict[str, str]:
     """What marks the weight of a term.
 
-    Args:
-        loss: ``module:function`` of ``depthcli/training/losses/`` where the term is no more than a
-            comparison of a depth map with its truth; see :mod:`~depthcli.training.losses.paired`.
+    ``loss`` is ``module:function`` of ``depthcli/training/losses/`` where the term is no more than
+    a comparison of a depth map with its truth; see :mod:`~depthcli.training.losses.paired`.
     """
     return {_TERM: loss}
 

@@ -18,13 +18,8 @@ _SIDES = (0.25, 0.75)  # of the rectangle, as shares of the view's
 def cutmix(maps: list[Tensor], share: float, random: torch.Generator) -> list[Tensor]:
     """Paste a rectangle of each view's neighbour in the batch into some of the views.
 
-    Args:
-        maps: each (B, C, H, W), of the same views; all get the same rectangles.
-        share: probability in [0, 1] that a view gets one.
-        random: the only source of chance.
-
-    Returns:
-        New maps of the same shapes and types.
+    Each of the maps is (B, C, H, W), of the same views, and gets the same rectangles, a view with
+    the probability ``share``; the new maps have the same shapes and types.
     """
     count, _, height, width = maps[0].shape
     chosen = torch.rand(count, generator=random) < share

@@ -21,12 +21,8 @@ class Measured(NamedTuple):
 def shrink(depth_m: npt.NDArray[np.float32], size: tuple[int, int]) -> Measured | None:
     """Resize depth by the mean of what was measured in the area of each new pixel.
 
-    Args:
-        depth_m: (H, W) float32 metres; 0, NaN and infinity are holes.
-        size: width and height, px.
-
-    Returns:
-        A new pixel is measured if half of its area is; None if no new pixel is.
+    Of (H, W) float32 metres, in which 0, NaN and infinity are holes, to a width and height in px. A
+    new pixel is measured if half of its area is; None if no new pixel is.
     """
     known = np.isfinite(depth_m) & (depth_m > 0)
     if known.all():

@@ -33,12 +33,8 @@ def hdce(query: Tensor, key: Tensor, gamma: float, temperature: float = TEMPERAT
 def negative_weights(key: Tensor, gamma: float) -> Tensor:
     """w_ij: softmax over j ≠ i of k_i·k_j/γ, divided by its row's maximum, detached.
 
-    Args:
-        key: (B, P, C), unit vectors, fp32.
-        gamma: γ; larger is more even.
-
-    Returns:
-        (B, P, P) in [0, 1]; zero on the diagonal.
+    Of unit vectors (B, P, C), fp32, to (B, P, P) in [0, 1] with a diagonal of zeros; a larger γ is
+    more even.
     """
     key = key.detach()
     relations = torch.bmm(key, key.transpose(1, 2)) / gamma

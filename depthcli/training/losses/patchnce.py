@@ -30,15 +30,8 @@ def patch_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> T
 def cfl_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> Tensor:
     """The paired form (Andonian et al. 2021): other patches of prediction and truth repel.
 
-    Chance level is ln(2P − 1).
-
-    Args:
-        query: (B, P, C), unit vectors from the prediction.
-        key: (B, P, C), unit vectors from the paired truth, detached here.
-        temperature: τ of eq. 4.
-
-    Returns:
-        Mean over all patches, a scalar, fp32.
+    Chance level is ln(2P − 1). Arguments and result as of :func:`patch_nce`, with keys from the
+    paired truth.
     """
     with full_precision(query):
         query, key = query.float(), key.detach().float()

@@ -7,14 +7,8 @@ from torch import Tensor
 def similarity(*, real_x: Tensor, fake_x: Tensor, real_y: Tensor, fake_y: Tensor) -> Tensor:
     """Mean |m(real x) − m(fake x)| + mean |m(real y) − m(fake y)| (Han et al. 2021, SimDCL).
 
-    Args:
-        real_x: (B, D), one unit vector an image, of a ``SimilarityMap``.
-        fake_x: (B, D).
-        real_y: (B, D).
-        fake_y: (B, D).
-
-    Returns:
-        A scalar, fp32; zero where real and fake agree.
+    All are (B, D), one unit vector an image, of a ``SimilarityMap``; a scalar, fp32, which is zero
+    where real and fake agree.
     """
     x = F.l1_loss(fake_x.float(), real_x.float())
     return x + F.l1_loss(fake_y.float(), real_y.float())

@@ -11,14 +11,8 @@ from depthcli.training.losses.precision import full_precision
 def semantic_relation(query: Tensor, key: Tensor) -> Tensor:
     """Σ_i JSD(softmax(QQᵀ)_i ‖ softmax(KKᵀ)_i), mean over images (Jung et al. 2022).
 
-    Zero if and only if all relations agree; at most P ln 2.
-
-    Args:
-        query: (B, P, C), unit vectors from the prediction.
-        key: (B, P, C), unit vectors from the input, detached here.
-
-    Returns:
-        A scalar, fp32.
+    A scalar, fp32: zero if and only if all relations agree, at most P ln 2. Queries of the
+    prediction and keys of the input, which are detached here, are unit vectors (B, P, C).
     """
     with full_precision(query):
         ours, theirs = _log_relations(query.float()), _log_relations(key.detach().float())

@@ -31,15 +31,10 @@ class PatchSampler(nn.Module):
     def forward(
         self, maps: Sequence[Tensor], positions: Sequence[Tensor] | None = None
     ) -> tuple[list[Tensor], list[Tensor]]:
-        """Unit patch vectors of each tap.
+        """Unit patch vectors (B, P, dim) of each tap's map (B, C, H, W), and the positions used.
 
-        Args:
-            maps: (B, C, H, W) of each tap.
-            positions: flat positions (P,) of each tap, from the call that made the keys; None
-                draws new ones without replacement.
-
-        Returns:
-            (B, P, dim) of each tap, and the positions used.
+        The flat positions (P,) of each tap are those of the call that made the keys; None draws new
+        ones without replacement.
         """
         if positions is None:
             positions = [self._draw(m) for m in maps]

@@ -13,10 +13,8 @@ _SLOPE = 0.2
 class PatchGan(nn.Module):
     """One judgement, without sigmoid, for every 70×70 patch of an image.
 
-    Args:
-        channels: of the image.
-        width: channels of the first layer; doubled three times.
-        antialias: blur after stride-1 convolutions instead of strides (the CUT family).
+    ``width``, the channels of the first layer, is doubled three times. ``antialias`` blurs after
+    stride-1 convolutions in place of strides (the CUT family).
     """
 
     def __init__(self, channels: int = 1, width: int = 64, *, antialias: bool = False) -> None:

@@ -13,12 +13,8 @@ from depthcli.training.networks.weights import init_xavier
 class SimilarityMap(nn.Module):
     """Convolution, ReLU, global average, Linear, ReLU, Linear, L2-normalise.
 
-    Its first weights are as small as those of all networks of the CUT family, so its vector is too
-    short for half precision before it is normalised.
-
-    Args:
-        taps: feature maps whose patch vectors are stacked.
-        dim: length of the result.
+    Its first weights are as small as those of all networks of the CUT family, so its vector, of
+    length ``dim``, is too short for half precision before it is normalised.
     """
 
     def __init__(self, taps: int = 4, dim: int = 64) -> None:
@@ -28,11 +24,10 @@ class SimilarityMap(nn.Module):
         init_xavier(self)
 
     def forward(self, vectors: Sequence[Tensor]) -> Tensor:
-        """One unit vector (B, dim) an image, fp32.
+        """One unit vector (B, dim) an image, fp32, of the vectors (B, P, C) fp32 of each tap.
 
-        Args:
-            vectors: (B, P, C) fp32 of each tap, P and C at least 3. Where maps have fewer positions
-                than others, as many are used of each.
+        P and C are at least 3. Where maps have fewer positions than others, as many are used of
+        each.
         """
         patches = min(v.shape[1] for v in vectors)
         with full_precision(vectors[0]):
