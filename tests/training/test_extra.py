@@ -63,7 +63,9 @@ def test_a_batch_has_its_share_of_extra_pairs() -> None:
         assert torch.equal(darkness, batch.extra)
         again = batches[step]
         assert torch.equal(again.gray, batch.gray)
-    seen = torch.cat([batches._rows(dark, step, batches._extra_size, stream=4) for step in range(5)])
+    seen = torch.cat(
+        [batches._rows(dark, step, batches._extra_size, stream=4) for step in range(5)]
+    )
     assert sorted(seen.tolist()) == list(range(5))
 
 
