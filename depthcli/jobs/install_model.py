@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from depthcli.errors import ModelError, OutputError, UsageError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
-from depthcli.io.storage.atomic_folder import folder_in_place, moved_away
+from depthcli.io.storage.atomic_folder import put_folder, workspace
 from depthcli.io.storage.remote import path_of, shown
 from depthcli.models import catalog, onnx_file, places
 from depthcli.models.card import METADATA_KEY, ModelCard
@@ -55,8 +55,12 @@ def add_model(
     draft = _draft(path, data, card)
     complete = _complete(draft, path, data, name)
     target = _target(complete.name, force=force)
-    with folder_in_place(target) as temporary:
-        (temporary / _FILE_NAME).write_bytes(data)
+    if (target / _FILE_NAME).exists():  # the old one stays until the new card is there
+        complete = replace(complete, file=f"model-{hashlib.sha256(data).hexdigest()[:12]}.onnx")
+    with workspace(target.parent) as work:
+        temporary = work / target.name
+        temporary.mkdir()
+        (temporary / (complete.file or _FILE_NAME)).write_bytes(data)
         (temporary / places.CARD_NAME).write_text(complete.to_json(), "utf-8")
         model = catalog.find_model(temporary)
         session = Session(model, provider="cpu")
@@ -64,6 +68,7 @@ def add_model(
         session.model = replace(model, card=fitted)
         try_session(session)
         (temporary / places.CARD_NAME).write_text(fitted.to_json(), "utf-8")
+        put_folder(temporary, target, last=places.CARD_NAME)
     return catalog.find_model(target)
 
 
@@ -90,8 +95,8 @@ def remove_model(name: str) -> Path:
         if folder.is_symlink():
             folder.unlink()
         elif folder.is_dir():
-            with moved_away(folder):
-                pass
+            with workspace(folder.parent) as work:
+                folder.rename(work / folder.name)
         else:
             for file in (place.onnx, place.card):
                 if file is not None:
@@ -163,4 +168,6 @@ def _target(name: str, *, force: bool) -> Path:
         raise UsageError(
             f"a model named {name!r} already exists ({taken.path}); give another --name, or --force"
         )
+    if target.is_symlink():
+        raise UsageError(f"{target} is a link; remove it first: depthcli models remove {name}")
     return target

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +15,7 @@ from onnx import external_data_helper
 from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
-from depthcli.io.storage.atomic_folder import moved_away
+from depthcli.io.storage.atomic_folder import put_folder, workspace
 from depthcli.jobs.install_model import add_model, remove_model
 from depthcli.models import places
 from depthcli.models.catalog import find_model
@@ -196,16 +198,59 @@ def test_a_folder_that_cannot_be_made_is_an_error(
         add_model(file, write_card(tmp_path / "c.json"))
 
 
-def test_an_old_model_stays_if_the_new_one_cannot_take_its_place(
+def killed_at(count: int, made: Path, target: Path) -> bool:
+    """Whether a process that is killed at its so manieth rename was killed while it replaced."""
+    child = os.fork()
+    if not child:
+        left = [None] * count
+
+        def hook(event: str, _: object) -> None:
+            if event == "os.rename":
+                left.pop() if left else os._exit(9)
+
+        sys.addaudithook(hook)
+        put_folder(made, target, "card.json")
+        os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+
+
+def test_a_killed_replacement_leaves_one_of_the_two(own: Path, file: Path, tmp_path: Path) -> None:
+    card = write_card(tmp_path / "c.json")
+    old = add_model(file, card)
+    file.write_bytes(tiny_onnx(stride=2))
+    seen, count = set(), 0
+    while True:
+        made = write_model(tmp_path / f"made-{count}", file.read_bytes(), file="model-new.onnx")
+        (made / "model.onnx").rename(made / "model-new.onnx")
+        if not killed_at(count, made, own / "tiny"):
+            break
+        seen.add(find_model("tiny").sha256)
+        count += 1
+    new = find_model("tiny").sha256
+    assert seen == {old.sha256, new}
+    assert sorted(path.name for path in (own / "tiny").iterdir()) == ["card.json", "model-new.onnx"]
+
+
+def test_what_a_killed_process_left_is_gone_after_the_next(
     own: Path, file: Path, tmp_path: Path
 ) -> None:
-    card = write_card(tmp_path / "c.json")
-    before = add_model(file, card).sha256
-    with pytest.raises(OutputError), moved_away(own / "tiny"):  # noqa: PT012
-        assert not (own / "tiny").exists()
-        raise OutputError("full")
-    assert find_model("tiny").sha256 == before
-    assert [p.name for p in own.iterdir()] == ["tiny"]
+    write_model(own / ".depthcli-work" / "tiny")
+    add_model(file, write_card(tmp_path / "c.json"))
+    assert [path.name for path in own.iterdir()] == ["tiny"]
+    with workspace(own), pytest.raises(UsageError, match="another depthcli is changing"):
+        remove_model("tiny")
+    write_model(own / ".depthcli-work" / "tiny")
+    remove_model("tiny")
+    assert not list(own.iterdir())
+
+
+def test_a_link_is_not_replaced(own: Path, file: Path, tmp_path: Path) -> None:
+    elsewhere = write_model(tmp_path / "elsewhere")
+    own.mkdir()
+    (own / "tiny").symlink_to(elsewhere)
+    with pytest.raises(UsageError, match="is a link; remove it first: depthcli models remove tiny"):
+        add_model(file, write_card(tmp_path / "c.json"), force=True)
+    assert (own / "tiny").is_symlink()
 
 
 def test_only_own_models_are_removed(own: Path, tmp_path: Path) -> None:

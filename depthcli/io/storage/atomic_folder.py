@@ -1,4 +1,4 @@
-"""Folders that appear whole or not at all, and those that are gone wholly or not at all."""
+"""Folders that are made, replaced and removed by steps each of which leaves a whole one."""
 
 from __future__ import annotations
 
@@ -7,46 +7,58 @@ import shutil
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from depthcli.errors import OutputError
+from depthcli.errors import OutputError, UsageError
+from depthcli.io.storage.lock import folder_lock
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+_WORK = ".depthcli-work"
+
 
 @contextmanager
-def folder_in_place(target: Path) -> Iterator[Path]:
-    """A temporary folder that takes the target's place when the block succeeds.
+def workspace(root: Path) -> Iterator[Path]:
+    """An empty hidden folder in ``root``, of one process at a time, that is gone afterwards.
+
+    What is made there is put in its place by a rename, and what is renamed to there is removed. A
+    killed process leaves it to the next one.
 
     Raises:
-        OutputError: the folder cannot be made or replaced; what was there stays.
+        OutputError: the folder, or what the block writes, cannot be written.
+        UsageError: another process is at work there.
     """
-    temporary = target.with_name(f".depthcli-{os.urandom(8).hex()}")
+    work = root / _WORK
     try:
-        temporary.mkdir(parents=True)
-        yield temporary
-        if target.is_symlink():
-            target.unlink()
-        with moved_away(target):
-            temporary.rename(target)
+        root.mkdir(parents=True, exist_ok=True)
+        with folder_lock(root) as is_free:
+            if not is_free:
+                raise UsageError(f"another depthcli is changing {root}; wait for it")
+            shutil.rmtree(work, ignore_errors=True)
+            work.mkdir()
+            try:
+                yield work
+            finally:
+                shutil.rmtree(work, ignore_errors=True)
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"cannot write {target}: {reason}") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        raise OutputError(f"cannot write {root}: {error.strerror or error}") from error
 
 
-@contextmanager
-def moved_away(folder: Path) -> Iterator[None]:
-    """Rename a folder, delete it if the block succeeds, else put it back."""
-    if not folder.is_dir():
-        yield
+def put_folder(made: Path, target: Path, last: str) -> None:
+    """Let a folder take the place of another, if there is one.
+
+    Args:
+        made: the folder.
+        target: where it goes.
+        last: the file that says which of the others count. Those of the old folder stay until it
+            is replaced; so no other file of both may have one name, unless it is the same.
+    """
+    if not target.is_dir():
+        made.rename(target)
         return
-    aside = folder.with_name(f".depthcli-{os.urandom(8).hex()}")
-    folder.rename(aside)
-    try:
-        yield
-    except BaseException:
-        aside.rename(folder)
-        raise
-    shutil.rmtree(aside, ignore_errors=True)
+    names = {path.name for path in made.iterdir()}
+    for name in sorted(names, key=last.__eq__):
+        os.replace(made / name, target / name)  # noqa: PTH105 - as in the other files here
+    for path in target.iterdir():
+        if path.name not in names:
+            path.rename(made / path.name)

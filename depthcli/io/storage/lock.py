@@ -5,9 +5,11 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND
@@ -33,6 +35,20 @@ def lock(handle: int, *, shared: bool = False) -> bool:
     except OSError:
         return True
     return True
+
+
+@contextmanager
+def folder_lock(folder: Path, *, shared: bool = False) -> Iterator[bool]:
+    """Lock a folder meanwhile, alone or with others that share it; whether it was free."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except PermissionError:  # Windows opens no folders
+        yield True
+        return
+    try:
+        yield lock(handle, shared=shared)
+    finally:
+        os.close(handle)
 
 
 def open_locked(path: Path) -> int | None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.parquet import check_pyarrow
-from depthcli.io.storage.lock import lock, open_locked
+from depthcli.io.storage.lock import folder_lock, open_locked
 from depthcli.jobs.batch.manifest import ManifestFormat, Row
 from depthcli.jobs.batch.row_files import (
     JsonLines,
@@ -106,7 +106,8 @@ class Journal(Rows):
         self.manifest = folder / manifest_name(shard, form)
         with ExitStack() as opened, _explained(self._path):
             folder.mkdir(parents=True, exist_ok=True)
-            _keep_others_out(folder, opened, shard)
+            if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
+                raise _taken(folder)
             self._earlier = [path for path in row_files(folder, shard) if path != self._path]
             self.was_cut_short = shard == WHOLE and any(
                 map(is_journal, (*self._earlier, *([self._path] if self._path.exists() else [])))
@@ -193,17 +194,6 @@ def remove_leftovers(folders: Iterable[Path]) -> None:
         for path in folder.glob(".depthcli-*"):
             if not is_journal(path):
                 remove(path)
-
-
-def _keep_others_out(folder: Path, opened: ExitStack, shard: Shard) -> None:
-    """Lock the output folder itself; other shards may be at work in it."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # Windows opens no folders
-        return
-    opened.callback(os.close, handle)
-    if not lock(handle, shared=shard != WHOLE):
-        raise _taken(folder)
 
 
 def _taken(folder: Path) -> UsageError:
