@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.atomic_folder import folder_in_place, put_back
 from depthcli.io.storage.lock import open_locked
 
 if TYPE_CHECKING:
@@ -70,3 +72,19 @@ def test_only_files_are_locked(tmp_path: Path) -> None:
     for name in ("pipe", "link"):
         with pytest.raises(OSError, match="remove it"):
             open_locked(tmp_path / name)
+
+
+def test_a_folder_that_a_killed_process_moved_away_is_put_back(tmp_path: Path) -> None:
+    target = tmp_path / "rows"
+    for name in ("one", "two"):
+        with folder_in_place(target) as made:
+            (made / name).touch()
+        assert [path.name for path in target.iterdir()] == [name]
+    assert [path.name for path in tmp_path.iterdir()] == ["rows"]
+    target.rename(tmp_path / ".depthcli-old-rows")
+    put_back(target)
+    assert [path.name for path in target.iterdir()] == ["two"]
+    with pytest.raises(OutputError), folder_in_place(target) as made:
+        raise OutputError("full")
+    assert [path.name for path in target.iterdir()] == ["two"]
+    assert [path.name for path in tmp_path.iterdir()] == ["rows"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError, UsageError
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-_WORK = ".depthcli-work"
+_WORK, _NEW, _OLD = ".depthcli-work", ".depthcli-new-", ".depthcli-old-"
 
 
 @contextmanager
@@ -42,6 +42,44 @@ def workspace(root: Path) -> Iterator[Path]:
                 shutil.rmtree(work, ignore_errors=True)
     except OSError as error:
         raise OutputError(f"cannot write {root}: {error.strerror or error}") from error
+
+
+@contextmanager
+def folder_in_place(target: Path) -> Iterator[Path]:
+    """A temporary folder that takes the target's place when the block succeeds.
+
+    One process at a time, which calls :func:`put_back` before it looks for the target.
+
+    Raises:
+        OutputError: the folder cannot be made or replaced; what was there stays.
+    """
+    temporary = target.with_name(f"{_NEW}{target.name}")
+    try:
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
+        yield temporary
+        if target.exists():
+            target.rename(_old(target))
+        temporary.rename(target)
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {error.strerror or error}") from error
+    finally:
+        put_back(target)
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def put_back(target: Path) -> None:
+    """Put a folder back that was moved away for one that did not come, or remove it."""
+    old = _old(target)
+    if old.is_dir() and not target.exists():
+        with suppress(OSError):  # it stays for the next one to put back
+            old.rename(target)
+    elif old.is_dir():
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _old(target: Path) -> Path:
+    return target.with_name(f"{_OLD}{target.name}")
 
 
 def put_folder(made: Path, target: Path, last: str) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.parquet import check_pyarrow
+from depthcli.io.storage.atomic_folder import put_back
 from depthcli.io.storage.lock import folder_lock, open_locked
 from depthcli.jobs.batch.manifest import ManifestFormat, Row
 from depthcli.jobs.batch.row_files import (
@@ -108,6 +109,7 @@ class Journal(Rows):
             folder.mkdir(parents=True, exist_ok=True)
             if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
                 raise _taken(folder)
+            put_back(self.manifest)
             self._earlier = [path for path in row_files(folder, shard) if path != self._path]
             self.was_cut_short = shard == WHOLE and any(
                 map(is_journal, (*self._earlier, *([self._path] if self._path.exists() else [])))
