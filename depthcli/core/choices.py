@@ -24,6 +24,15 @@ class Weights(StrEnum):
     """Those of the last step."""
 
 
+class Sensor(StrEnum):
+    """How depth of rendered rooms is measured."""
+
+    NONE = "none"
+    """It is exact."""
+    KINECT = "kinect"
+    """With the noise and the holes of a structured-light sensor."""
+
+
 AUTO_TILE = 0
 """Width of tiles that stands for three quarters of the picture's; see docs/sharpness.md."""
 MAX_PIXELS = 250_000_000

@@ -1,11 +1,14 @@
 """A folder with ``rgb/`` and ``depth/``: pictures and 16-bit depth images of the same names.
 
 Subfolders are kept and become the scene: ``rgb/kitchen/01.jpg`` belongs to
-``depth/kitchen/01.png`` and to the scene "kitchen". ``raw_depth/`` is optional.
+``depth/kitchen/01.png`` and to the scene "kitchen". ``raw_depth/`` and ``cameras.csv``, which has
+the focal length of each picture, are optional.
 """
 
+import csv
+import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +29,8 @@ from depthcli.errors import DatasetError
 MILLIMETRES = 1000.0
 PREDICTED = ".depth"
 """What ``predict`` and ``batch`` add to names: ``depth/a.depth.png`` belongs to ``a``."""
+CAMERAS = "cameras.csv"
+"""``id,focal_px``: focal length of each picture, in its own pixels."""
 PLAUSIBLE_M = (0.1, 100.0)
 
 
@@ -40,6 +45,8 @@ class PairedFolder:
     images: tuple[Path, ...]  #: file of each picture
     depths: tuple[Path, ...]  #: file of each depth image
     units_per_metre: float = MILLIMETRES  #: what one metre is in the depth images
+    focal_px: tuple[float, ...] = ()  #: focal length of each picture; empty if they are not known
+    scales: tuple[float, ...] = ()  #: what the metres of each pair are multiplied by; empty for 1
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -65,7 +72,28 @@ class PairedFolder:
         Raises:
             DatasetError: it cannot be read.
         """
-        return read_depth_m(self.depths[i], self.units_per_metre)
+        scale = self.scales[i] if self.scales else 1.0
+        return read_depth_m(self.depths[i], self.units_per_metre / scale)
+
+    def for_camera(self, hfov_deg: float, aspect: float) -> "PairedFolder":
+        """The metres that a network which learns one camera is to give for these pictures.
+
+        It cannot see the focal length: what a lens of twice that brings near is half as far away
+        for it. So depth is divided by the ratio of focal lengths; predictions for such a camera are
+        multiplied by it again (docs/cameras.md).
+
+        Args:
+            hfov_deg: horizontal field of view of that camera, degrees.
+            aspect: width over height of its pictures; all are stretched to one input.
+
+        Raises:
+            DatasetError: a depth image cannot be read.
+        """
+        headers = (read_depth_header(file) for file in self.depths)
+        widths = (math.sqrt(aspect * header.width * header.height) for header in headers)
+        angle = 2 * math.tan(math.radians(hfov_deg) / 2)
+        ratios = zip(widths, self.focal_px, strict=False)
+        return replace(self, scales=tuple(width / angle / focal for width, focal in ratios))
 
     def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
         """Measured depth of pair ``i`` from ``raw_depth/``: (H, W) float32 metres, 0 = none.
@@ -108,9 +136,27 @@ def open_paired_folder(
         images=tuple(images[pair_id] for pair_id in ids),
         depths=tuple(depths[pair_id] for pair_id in ids),
         units_per_metre=units_per_metre,
+        focal_px=_focal_lengths(path / CAMERAS, ids),
     )
     check_samples(dataset, plausible_m)
     return dataset
+
+
+def _focal_lengths(path: Path, ids: tuple[str, ...]) -> tuple[float, ...]:
+    """Of each pair, in pixels; empty if there is no such file."""
+    if not path.is_file():
+        return ()
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            of_id = {row["id"]: float(row["focal_px"]) for row in csv.DictReader(file)}
+        found = tuple(of_id[pair_id] for pair_id in ids)
+    except KeyError as error:
+        raise DatasetError(f"{path} has no {error}: it needs id,focal_px and each pair") from error
+    except (OSError, ValueError, TypeError, csv.Error) as error:
+        raise DatasetError(f"{path} cannot be read: {error}") from error
+    if not all(0 < focal_px < math.inf for focal_px in found):
+        raise DatasetError(f"{path}: a focal length is not a number of pixels above 0")
+    return found
 
 
 def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Path]:

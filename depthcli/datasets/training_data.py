@@ -42,6 +42,12 @@ class TrainingData(NamedTuple):
     #: pairs whose metres are less sure, such as predicted ones; None if there are none
     extra: PairedFolder | None = None
 
+    def with_extra(self, extra: PairedFolder) -> "TrainingData":
+        """Together with further pairs, in the metres of this data's camera if theirs is known."""
+        if extra.focal_px:
+            extra = extra.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
+        return self._replace(extra=extra)
+
     @property
     def extra_title(self) -> str:
         """What a model's card calls the extra pairs; "" if there are none."""
@@ -92,7 +98,11 @@ def open_training_data(
         lists = open_unpaired_folder(path, units_per_metre=units_per_metre)
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
     pairs = open_paired_folder(path, units_per_metre=units_per_metre)
-    return TrainingData(pairs, f"own pairs ({title})", None)
+    data = TrainingData(pairs, f"own pairs ({title})", None)
+    if not pairs.focal_px:
+        return data
+    pairs = pairs.for_camera(NYU_HFOV_DEG, data.aspect)
+    return data._replace(dataset=pairs, hfov_deg=NYU_HFOV_DEG)
 
 
 def _is_label(name: str) -> bool:

@@ -4,7 +4,10 @@ import math
 
 import typer
 
+from depthcli.errors import UsageError
+
 _STRAIGHT_ANGLE_DEG = 180.0
+_LARGEST_PX = 20_000
 
 
 def finite(value: float | None) -> float | None:
@@ -33,3 +36,33 @@ def field_of_view(value: float | None) -> float | None:
     if value is not None and not 0 < value < _STRAIGHT_ANGLE_DEG:
         raise typer.BadParameter("must be between 0 and 180 degrees")
     return value
+
+
+def picture_size(word: str) -> tuple[int, int]:
+    """Width and height of ``640x480``.
+
+    Raises:
+        UsageError: it is not like that, or too large.
+    """
+    width, _, height = word.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise UsageError(f"--size {word!r} is not WIDTHxHEIGHT; for example 640x480")
+    if not (0 < int(width) <= _LARGEST_PX and 0 < int(height) <= _LARGEST_PX):
+        raise UsageError(f"--size {word!r}: each side is 1 to {_LARGEST_PX} pixels")
+    return int(width), int(height)
+
+
+def field_of_view_range(word: str) -> tuple[float, float]:
+    """Narrowest and widest of ``30-110``, or twice the same of ``63.3``, degrees.
+
+    Raises:
+        UsageError: it is not like that, or no angle between 0 and 180 degrees.
+    """
+    low, dash, high = word.partition("-")
+    try:
+        angles = float(low), float(high if dash else low)
+    except ValueError:
+        raise UsageError(f"--hfov {word!r} is not LOW-HIGH; for example 50-80") from None
+    if not 0 < angles[0] <= angles[1] < _STRAIGHT_ANGLE_DEG:
+        raise UsageError(f"--hfov {word!r}: angles rise from above 0 to below 180 degrees")
+    return angles

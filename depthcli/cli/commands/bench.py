@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import options
+from depthcli.cli.arguments.numbers import picture_size
 from depthcli.cli.screen import console
 from depthcli.core.choices import Upsampling
-from depthcli.errors import ExitCode, UsageError
+from depthcli.errors import ExitCode
 
 if TYPE_CHECKING:
     from depthcli.inference.latency import Latency
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer(rich_markup_mode=None)
 
-_LARGEST_PX = 20_000
 _MEASUREMENTS = 3  # network, whole picture, throughput
 
 
@@ -61,7 +61,7 @@ def bench(
     from depthcli.jobs.bench import BenchRequest, run_bench
 
     loader = session_loader(model, provider, threads, provider_option)
-    request = BenchRequest(loader, image, _pixels(size), upsample, workers, seconds)
+    request = BenchRequest(loader, image, picture_size(size), upsample, workers, seconds)
     if sys.stderr.isatty() and not as_json:
         console.note(f"measuring for about {_MEASUREMENTS * seconds:.0f} s")
     done = run_bench(request, console.warn)
@@ -71,15 +71,6 @@ def bench(
     else:
         _tell(done)
     return ExitCode.OK
-
-
-def _pixels(size: str) -> tuple[int, int]:
-    width, _, height = size.partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise UsageError(f"--size {size!r} is not WIDTHxHEIGHT; for example 640x480")
-    if not (0 < int(width) <= _LARGEST_PX and 0 < int(height) <= _LARGEST_PX):
-        raise UsageError(f"--size {size!r}: each side is 1 to {_LARGEST_PX} pixels")
-    return int(width), int(height)
 
 
 def _tell(done: BenchResult) -> None:

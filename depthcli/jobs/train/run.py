@@ -82,7 +82,7 @@ def _data(request: TrainRequest) -> TrainingData:
         split=wanted.split,
         units_per_metre=wanted.units_per_metre,
     )
-    return data._replace(extra=None if request.extra is None else open_paired_folder(request.extra))
+    return data if request.extra is None else data.with_extra(open_paired_folder(request.extra))
 
 
 def _lacks_scenes(config: TrainConfig, data: TrainingData) -> bool:

@@ -1,0 +1,65 @@
+"""``depthcli render``: training data that is made here."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from depthcli.cli.arguments.numbers import field_of_view_range, picture_size
+from depthcli.cli.arguments.options import QuietOption
+from depthcli.core.choices import Sensor
+from depthcli.errors import ExitCode
+
+app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Render training data.")
+
+
+@app.callback()
+def _group() -> None:
+    """Render training data."""
+
+
+@app.command()
+def rooms(
+    out: Annotated[
+        Path, typer.Option(help="Folder for rgb/, depth/, cameras.csv; rooms in it are kept.")
+    ],
+    count: Annotated[int, typer.Option(min=1, help="Number of rooms in all.")] = 1000,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Size of the pictures.")] = "256x192",
+    hfov: Annotated[
+        str,
+        typer.Option(
+            metavar="LOW-HIGH",
+            help="Horizontal field of view in degrees: a range, or one value for all cameras.",
+        ),
+    ] = "30-110",
+    sensor: Annotated[
+        Sensor,
+        typer.Option(help="none: exact depth. kinect: noise, holes and frayed edges."),
+    ] = Sensor.NONE,
+    seed: Annotated[int, typer.Option(min=0, help="Other seeds give other rooms.")] = 0,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes. Default: one per core.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Render furnished rooms with their depth, as 'depthcli train --data' and '--extra' read them.
+
+    The same seed and options give the same files, whatever the count and the workers. A run that
+    was interrupted goes on where it stopped.
+    """
+    from depthcli.cli.screen import console
+    from depthcli.cli.screen.progress import drawn
+    from depthcli.core.parallel.cores import share_cores
+    from depthcli.datasets.rooms.pair import Recipe
+    from depthcli.jobs.render import RenderRequest, render
+
+    recipe = Recipe(seed, picture_size(size), field_of_view_range(hfov), sensor)
+    request = RenderRequest(out, count, recipe, share_cores(workers)[0])
+    with drawn(silent=quiet or as_json) as progress:
+        done = render(request, progress)
+    if as_json:
+        console.out_json({"out": str(done.out), "rooms": done.count, "rendered": done.made})
+    elif not quiet:
+        console.out(f"{done.out}: {done.count} rooms, {done.made} rendered now")
+    return ExitCode.OK

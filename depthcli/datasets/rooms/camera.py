@@ -1,0 +1,122 @@
+"""Cameras: where they stand in a room, and their rays."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from depthcli.datasets.rooms.furnish import Room
+from depthcli.datasets.rooms.looks import Floats
+from depthcli.datasets.rooms.solids import Solids, Vector, rotation
+
+_CLOSE_SHARE = 0.2
+_TRIES = 60
+_LOOK = (16, 12)  # rays of a first look
+_LEAST_M, _FREE_M = 0.3, 0.15
+_TOO_NEAR = 20.0
+_ENOUGH = 5
+
+
+class Camera(NamedTuple):
+    """A pinhole camera.
+
+    Attributes:
+        eye: metres.
+        turn: (3, 3) from its frame (x right, y up, z ahead) to the room's.
+        focal_px: focal length in pixels of the picture.
+        width: columns.
+        height: rows.
+    """
+
+    eye: Vector
+    turn: Floats
+    focal_px: float
+    width: int
+    height: int
+
+    def rays(self, shift_px: tuple[float, float] = (0.0, 0.0)) -> Floats:
+        """(3, H·W) rays through the middles of the pixels; their length along z ahead is 1."""
+        x = (np.arange(self.width) + 0.5 - self.width / 2 + shift_px[0]) / self.focal_px
+        y = (np.arange(self.height) + 0.5 - self.height / 2 + shift_px[1]) / self.focal_px
+        columns, rows = np.meshgrid(x, -y)
+        ahead = np.stack([columns.ravel(), rows.ravel(), np.ones(columns.size)])
+        turned: Floats = np.einsum("ij,jn->in", self.turn, ahead)
+        return turned.astype(np.float32)
+
+    @property
+    def origin(self) -> Floats:
+        """The eye as (3, 1)."""
+        return np.array(self.eye, np.float32)[:, None]
+
+
+def place_camera(
+    random: np.random.Generator, room: Room, solids: Solids, focal_px: float, size: tuple[int, int]
+) -> Camera:
+    """The best of a few cameras that somebody might hold there."""
+    middle = (room.shell.width * 0.45, 1.6, room.shell.depth * 0.45)
+    best, score, seen = Camera(middle, _turn(0, 8, 0), focal_px, *size), -math.inf, 0
+    close = bool(room.tops) and random.random() < _CLOSE_SHARE
+    for _ in range(_TRIES):
+        eye, yaw, pitch = _at_table(random, room) if close else _standing(random, room)
+        roll = random.normal(0, random.choice([1.0, 5.0]))
+        camera = Camera(eye, _turn(yaw, pitch, roll), focal_px, *size)
+        if not _is_free(camera, room, solids):
+            continue
+        found = _score(camera, solids, close=close)
+        if found > score:
+            best, score = camera, found
+        seen += 1
+        if seen == _ENOUGH:
+            break
+    return best
+
+
+def _turn(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Floats:
+    turn = rotation(yaw_deg, 1) @ rotation(pitch_deg, 0) @ rotation(roll_deg, 2)
+    return turn.astype(np.float32)
+
+
+def _standing(random: np.random.Generator, room: Room) -> tuple[Vector, float, float]:
+    shell = room.shell
+    y = min(random.triangular(0.5, 1.45, 2.2), shell.height - 0.2)
+    eye = (random.uniform(0.2, shell.width - 0.2), y, random.uniform(0.2, shell.depth - 0.2))
+    return eye, random.uniform(0, 360), random.normal(10 * (y - 0.6), 9)
+
+
+def _at_table(random: np.random.Generator, room: Room) -> tuple[Vector, float, float]:
+    """Near a surface with things on it, looking down at it."""
+    x, y, z = room.tops[random.integers(len(room.tops))]
+    yaw, pitch, away = random.uniform(0, 360), random.uniform(12, 55), random.uniform(0.5, 1.4)
+    across, down = away * math.cos(math.radians(pitch)), away * math.sin(math.radians(pitch))
+    eye = (
+        x - across * math.sin(math.radians(yaw)),
+        min(y + down, 2.2),
+        z - across * math.cos(math.radians(yaw)),
+    )
+    return eye, yaw + random.normal(0, 8), pitch + random.normal(0, 5)
+
+
+def _is_free(camera: Camera, room: Room, solids: Solids) -> bool:
+    """Whether the eye is in the room, and nothing touches it."""
+    x, _, z = camera.eye
+    shell = room.shell
+    inside = 0 < x < shell.width and 0 < z < shell.depth
+    if not inside or (shell.corner and x > shell.corner[0] and z > shell.corner[1]):
+        return False
+    around = np.hstack([np.eye(3), -np.eye(3)]).astype(np.float32)
+    return bool(solids.cast(camera.origin, around, _FREE_M).solid.max() < 0)
+
+
+def _score(camera: Camera, solids: Solids, *, close: bool) -> float:
+    """Higher for many things in view, some way off, and nothing right before the lens."""
+    focal_px = camera.focal_px * _LOOK[0] / camera.width
+    small = camera._replace(width=_LOOK[0], height=_LOOK[1], focal_px=focal_px)
+    hits = solids.cast(camera.origin, small.rays())
+    seen_m = hits.distance[hits.solid >= 0]
+    if not seen_m.size or seen_m.min() < _LEAST_M:
+        return -_TOO_NEAR
+    near_share = float((seen_m < (0.4 if close else 0.8)).mean())
+    things = min(len(np.unique(hits.solid)), 20) / 8
+    way_m = 0.0 if close else min(float(np.median(seen_m)), 3.0) / 1.5
+    lost_share = 1 - seen_m.size / hits.solid.size
+    return things + way_m - _TOO_NEAR * max(0.0, near_share - 0.05) - 3 * lost_share

@@ -1,0 +1,65 @@
+"""What a camera makes of light, and a Kinect of depth."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.datasets.rooms.looks import Floats
+from depthcli.datasets.rooms.render import View
+
+_BASELINE_M, _KINECT_HFOV_HALF = 0.075, 0.617
+_RANGE_M = (0.5, 9.5)
+
+
+def photograph(light: Floats, random: np.random.Generator) -> npt.NDArray[np.uint8]:
+    """A picture (H, W, 3) RGB uint8 of linear light: exposure, blur, tint, noise, gamma."""
+    luma = np.einsum("hwc,c->hw", light, np.array([0.3, 0.6, 0.1], np.float32))
+    middle = float(np.exp(np.log(luma + 1e-3).mean()))
+    exposed = light * (random.triangular(0.05, 0.15, 0.32) / middle)
+    exposed *= random.uniform(0.88, 1.12, 3).astype(np.float32)
+    height, width = luma.shape
+    sigma = min(random.exponential(0.25), 1.0) * width / 256
+    if sigma > 0.15:
+        exposed = np.asarray(cv2.GaussianBlur(exposed, (0, 0), sigma), np.float32)
+    y, x = np.ogrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
+    exposed *= (1 - random.uniform(0, 0.3) * (x * x + y * y) / 2)[..., None].astype(np.float32)
+    grain = random.exponential(0.012)
+    noise = random.standard_normal(exposed.shape, np.float32)
+    exposed += noise * grain * np.sqrt(np.maximum(exposed, 0) * 0.6 + 0.02)
+    # Film and phones bend bright light rather than cut it off.
+    knee = np.clip(exposed, 0, None)
+    knee = np.where(knee > 0.7, 0.7 + 0.3 * np.tanh((knee - 0.7) / 0.3), knee)
+    encoded = knee ** (1 / random.uniform(1.9, 2.4))
+    levels: npt.NDArray[np.uint8] = np.rint(np.clip(encoded, 0, 1) * 255).astype(np.uint8)
+    return levels
+
+
+def kinect(view: View, random: np.random.Generator) -> Floats:
+    """Depth (H, W) in metres as a structured-light sensor gives it, 0 where it measures nothing.
+
+    Noise grows with the square of the distance, distance is in steps of disparity, edges fray, and
+    nothing is known beside near things (the projector stands 7.5 cm aside), of mirrors, black
+    screens, grazing surfaces, and out of range. Source: Khoshelham and Elberink, Sensors 2012.
+    """
+    height, width = view.depth_m.shape
+    rows, columns = np.mgrid[:height, :width]
+    fray = random.normal(0, 0.6, (2, height, width)).round().astype(int)
+    depth = view.depth_m[
+        np.clip(rows + fray[0], 0, height - 1), np.clip(columns + fray[1], 0, width - 1)
+    ]
+    focal_px = width / 2 / _KINECT_HFOV_HALF
+    with np.errstate(divide="ignore"):
+        disparity = (
+            _BASELINE_M * focal_px / depth + random.normal(0, 0.05, depth.shape) * width / 640
+        )
+        step = width / 640 / 8
+        measured = _BASELINE_M * focal_px / (np.round(disparity / step) * step)
+    # A point is in shadow if the projector has one further right on its left.
+    position = columns - _BASELINE_M * focal_px / np.maximum(view.depth_m, 0.1)
+    leftmost = np.minimum.accumulate(position[:, ::-1], axis=1)[:, ::-1]
+    shadow = leftmost < position - 0.5
+    smooth = cv2.GaussianBlur(random.standard_normal((height, width)), (0, 0), 3) * 10
+    weak = view.slant + 0.1 * smooth < 0.16
+    shiny = (view.gloss > 0.5) | ((view.gloss > 0.03) & (smooth > 0))
+    out = ~((measured >= _RANGE_M[0]) & (measured <= _RANGE_M[1])) | (view.depth_m == 0)
+    return np.where(shadow | weak | shiny | out, 0, measured).astype(np.float32)

@@ -1,0 +1,112 @@
+"""A folder of rendered rooms: pictures, depth and cameras, as training reads them."""
+
+import json
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from depthcli.core.parallel.process_map import process_map
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.datasets.paired_folder import CAMERAS, MILLIMETRES
+from depthcli.datasets.rooms.pair import VERSION, Recipe, focal_px, render_pair
+from depthcli.errors import OutputError, UsageError
+from depthcli.io.png.encode import encode_png
+from depthcli.io.storage.atomic import atomic_path, write_text
+from depthcli.io.writers.png16 import quantized
+
+RECIPE = "rooms.json"
+_PER_FOLDER = 100
+_JPEG_QUALITY = 95
+
+
+@dataclass(frozen=True, slots=True)
+class RenderRequest:
+    """What is to be rendered."""
+
+    out: Path  #: receives ``rgb/``, ``depth/``, ``cameras.csv`` and ``rooms.json``
+    count: int  #: rooms in all, with those that are there
+    recipe: Recipe
+    workers: int = 1  #: processes
+
+
+@dataclass(frozen=True, slots=True)
+class Rendered:
+    """What is in the folder now."""
+
+    out: Path
+    count: int  #: rooms that were asked for, all there
+    made: int  #: of them, those rendered by this run
+
+
+def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> Rendered:
+    """Render the rooms that are not there yet.
+
+    The same numbers and options give the same bytes, whatever the count and the workers were.
+
+    Raises:
+        UsageError: the folder holds something else, or rooms of other options.
+        OutputError: a file cannot be written.
+    """
+    _claim(request)
+    missing = [
+        i for i in range(request.count) if not all(f.exists() for f in _files(request.out, i))
+    ]
+    done = progress.begin("", len(missing), "rooms")
+    write = partial(_write, request.out, request.recipe)
+    for _ in process_map(write, missing, workers=min(request.workers, len(missing))):
+        done(1)
+    return Rendered(request.out, request.count, len(missing))
+
+
+def _claim(request: RenderRequest) -> None:
+    """Make sure that the folder is for this recipe, and name the camera of every room."""
+    out, path = request.out, request.out / RECIPE
+    recipe = {"version": VERSION, **request.recipe._asdict()}
+    wanted = json.dumps(recipe)
+    try:
+        held = json.dumps(json.loads(path.read_text("utf-8")))
+    except FileNotFoundError:
+        if any((out / name).exists() for name in ("rgb", "depth", CAMERAS)):
+            raise UsageError(f"{out} holds other pictures; give another --out") from None
+    except (OSError, ValueError) as error:
+        raise OutputError(
+            f"cannot read {path}: {error}; remove it or give another --out"
+        ) from error
+    else:
+        if held != wanted:
+            raise UsageError(
+                f"{out} holds rooms of other options: {held}; give these or another --out"
+            )
+    write_text(wanted + "\n", path)
+    count = max(request.count, _named(out / CAMERAS))
+    rows = (f"{_name(i)},{focal_px(request.recipe, i):.6f}\n" for i in range(count))
+    write_text("id,focal_px\n" + "".join(rows), out / CAMERAS)
+
+
+def _named(cameras: Path) -> int:
+    """How many rooms an earlier run was asked for."""
+    return len(cameras.read_text("utf-8").splitlines()) - 1 if cameras.exists() else 0
+
+
+def _name(index: int) -> str:
+    """A folder for every hundred is a scene, so that some can be held out for validation."""
+    return f"{index // _PER_FOLDER:04}/{index:06}"
+
+
+def _files(out: Path, index: int) -> tuple[Path, Path]:
+    name = _name(index)
+    return out / "rgb" / f"{name}.jpg", out / "depth" / f"{name}.png"
+
+
+def _write(out: Path, recipe: Recipe, index: int) -> None:
+    pair = render_pair(recipe, index)
+    picture, depth = _files(out, index)
+    quality = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY)
+    encoded = cv2.imencode(".jpg", cv2.cvtColor(pair.rgb, cv2.COLOR_RGB2BGR), quality)[1]
+    steps, _ = quantized(pair.depth_m.astype(np.float32), MILLIMETRES)
+    for path, data in ((picture, encoded.tobytes()), (depth, encode_png(steps))):
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(data)

@@ -1,0 +1,184 @@
+"""Rendered rooms: what is in them, that they never change, and what a sensor makes of them."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from depthcli.core.choices import Sensor
+from depthcli.datasets.rooms.camera import Camera
+from depthcli.datasets.rooms.furnish import Light, Room, make_room
+from depthcli.datasets.rooms.furniture import PIECES
+from depthcli.datasets.rooms.layout import KINDS
+from depthcli.datasets.rooms.looks import Looks
+from depthcli.datasets.rooms.pair import Recipe, focal_px, render_pair
+from depthcli.datasets.rooms.render import Renderer, View
+from depthcli.datasets.rooms.sensor import kinect
+from depthcli.datasets.rooms.solids import BALL, Part, Solids, box
+
+SMALL = Recipe(size=(64, 48))
+
+
+@pytest.fixture(scope="module")
+def rooms() -> list[Room]:
+    return [make_room(np.random.default_rng([5, i])) for i in range(70)]
+
+
+def test_every_sort_of_room_and_of_furniture_appears(rooms: list[Room]) -> None:
+    assert {room.kind for room in rooms} == set(KINDS)
+    assert {name for room in rooms for name in room.names} == set(PIECES)
+
+
+def test_layouts_are_of_all_shapes(rooms: list[Room]) -> None:
+    shells = [room.shell for room in rooms]
+    assert any(shell.corner for shell in shells)
+    assert any(not shell.windows for shell in shells)
+    assert {room.is_day for room in rooms} == {False, True}
+    long = [max(shell.width, shell.depth) for shell in shells]
+    assert min(long) < 4
+    assert 8 < max(long) <= 12
+    looks = [part.look for room in rooms for part in room.solids.parts]
+    assert any(look.gloss > 0.9 for look in looks)
+    assert any(look.glow for look in looks)
+
+
+@pytest.mark.parametrize("name", PIECES)
+def test_furniture_stands_in_its_footprint(name: str) -> None:
+    random = np.random.default_rng(8)
+    looks = Looks(random)
+    for _ in range(4):
+        piece = PIECES[name](random, looks)
+        reach = [np.abs(part.axes.T) @ part.half for part in piece.parts]
+        low = np.min([np.array(p.centre) - r for p, r in zip(piece.parts, reach, strict=True)], 0)
+        high = np.max([np.array(p.centre) + r for p, r in zip(piece.parts, reach, strict=True)], 0)
+        assert low[1] > -0.03
+        assert np.abs([low[0], high[0]]).max() < piece.width / 2 + 0.25
+        assert -0.25 < low[2] < high[2] < piece.depth + 0.25
+        assert piece.top <= high[1] + 1e-6
+
+
+def test_things_stand_on_the_floor_inside_the_walls(rooms: list[Room]) -> None:
+    for room in rooms:
+        for low_x, high_x, low_z, high_z in room.taken:
+            assert low_x >= 0 <= low_z
+            assert high_x <= room.shell.width
+            assert high_z <= room.shell.depth
+
+
+def test_a_picture_follows_from_seed_and_number_alone() -> None:
+    first, again = render_pair(SMALL, 3), render_pair(SMALL, 3)
+    render_pair(SMALL, 2)
+    for other in (again, render_pair(SMALL, 3)):
+        np.testing.assert_array_equal(first.rgb, other.rgb)
+        np.testing.assert_array_equal(first.depth_m, other.depth_m)
+    assert (first.rgb != render_pair(SMALL._replace(seed=1), 3).rgb).any()
+    assert first.rgb.shape == (48, 64, 3)
+    assert first.depth_m.shape == (48, 64)
+
+
+def test_pictures_have_light_and_depth() -> None:
+    pairs = [render_pair(SMALL, i) for i in range(12)]
+    medians = [float(np.median(pair.depth_m[pair.depth_m > 0])) for pair in pairs]
+    assert 0.4 < min(medians) < 1.8 < max(medians) < 8
+    assert all(40 < pair.rgb.max(-1).mean() < 220 for pair in pairs)
+    assert all(pair.rgb.max(-1).std() > 8 for pair in pairs)
+
+
+def test_focal_lengths_are_in_the_range_that_is_asked_for() -> None:
+    angles = [2 * math.degrees(math.atan(32 / focal_px(SMALL, i))) for i in range(200)]
+    assert 30 <= min(angles) < 40
+    assert 100 < max(angles) <= 110
+    exact = SMALL._replace(hfov_deg=(63.3, 63.3))
+    assert focal_px(exact, 7) == pytest.approx(32 / math.tan(math.radians(31.65)))
+
+
+def scene(*things: Part) -> tuple[Renderer, Room]:
+    """What stands before a camera at the origin that looks along z, in a lamp's light."""
+    random = np.random.default_rng(0)
+    room = make_room(random, "office")
+    room.is_day = True
+    room.lights[:] = [Light((0, 3, 0), ((0.1, 0, 0), (0, 0, 0.1)), 20.0, (1, 1, 1))]
+    camera = Camera((0, 0, 0), np.eye(3, dtype=np.float32), 32.0, 64, 48)
+    return Renderer(room, Solids([list(things)]), camera, random), room
+
+
+def test_a_mirror_shows_what_is_before_it_and_has_the_depth_of_its_glass() -> None:
+    looks = Looks(np.random.default_rng(0))
+    black = looks.black._replace(dark=(0, 0, 0), light=(0, 0, 0))
+    mirror = box((-2, 2), (-2, 2), (3, 3.1), black._replace(gloss=1.0))
+    shining = Part((0, 0, -2), (1, 1, 0.1), looks.lamp, BALL)
+    view = scene(mirror, shining)[0].view()
+    np.testing.assert_allclose(view.depth_m[8:-8, 12:-12], 3, rtol=1e-5)
+    shown = view.light.max(-1) > 2
+    assert shown[24, 32]
+    assert 0 < shown[:, :20].mean() < shown[16:32, 24:40].mean()
+
+
+def test_the_outdoors_is_bright_and_has_no_depth() -> None:
+    wall = scene(box((-9, 0), (-9, 9), (3, 3.1), Looks(np.random.default_rng(0)).white))[0].view()
+    assert (wall.depth_m[:, 33:] == 0).all()
+    assert (wall.depth_m[:, :31] > 2.9).all()
+    assert wall.light[:20, 40:].mean() > wall.light[:20, :20].mean()
+
+
+def test_things_throw_shadows() -> None:
+    looks = Looks(np.random.default_rng(0))
+    floor = box((-9, 9), (-1.2, -1), (0, 9), looks.white)
+    roof = box((-0.6, 0.6), (0.5, 0.6), (1, 3), looks.white)
+    light = scene(floor, roof)[0].view().light[-8, :, 1]
+    assert light[32] < 0.7 * light[4]
+
+
+def test_walls_are_calm() -> None:
+    """Samples of light leave no grain: neighbours on one plain wall are alike."""
+    looks = Looks(np.random.default_rng(0))
+    plain = looks.white._replace(dark=looks.white.light)
+    light = scene(box((-9, 9), (-9, 9), (3, 3.1), plain))[0].view().light[..., 1]
+    assert np.abs(np.diff(light, axis=1)).mean() < 0.02 * light.mean()
+
+
+def flat(depth_m: float, **facts: float) -> View:
+    shape = (240, 320)
+    of = {"gloss": 0.0, "slant": 1.0} | facts
+    return View(
+        np.zeros((*shape, 3), np.float32),
+        np.full(shape, depth_m, np.float32),
+        *(np.full(shape, of[name], np.float32) for name in ("gloss", "slant")),
+    )
+
+
+def measured(view: View) -> npt.NDArray[np.float32]:
+    return kinect(view, np.random.default_rng(1))
+
+
+def test_the_noise_of_a_kinect_grows_with_the_square_of_the_distance() -> None:
+    near, far = (measured(flat(z)) for z in (1.5, 4.5))
+    assert np.median(near) == pytest.approx(1.5, rel=0.01)
+    assert np.median(far) == pytest.approx(4.5, rel=0.01)
+    assert 5 < far[far > 0].std() / near[near > 0].std() < 14
+    assert 0.004 < far[far > 0].std() < 0.08
+
+
+@pytest.mark.parametrize("view", [flat(0.3), flat(12), flat(2, gloss=0.9), flat(2, slant=0.05)])
+def test_a_kinect_does_not_see_what_is_near_far_shiny_or_grazing(view: View) -> None:
+    assert (measured(view) == 0).mean() > 0.6
+
+
+def test_beside_near_things_a_kinect_sees_nothing() -> None:
+    view = flat(4.0)
+    view.depth_m[:, 100:200] = 1.0
+    holes = measured(view) == 0
+    beside = [holes[:, columns].mean() for columns in (slice(85, 97), slice(203, 215))]
+    assert max(beside) > 0.6
+    assert min(beside) < 0.3
+    assert holes[:, 120:180].mean() < 0.1
+
+
+def test_the_sensor_changes_depth_alone() -> None:
+    exact, noisy = (render_pair(SMALL._replace(sensor=s), 1) for s in Sensor)
+    np.testing.assert_array_equal(exact.rgb, noisy.rgb)
+    both = (exact.depth_m > 0) & (noisy.depth_m > 0)
+    assert (noisy.depth_m == 0).sum() > (exact.depth_m == 0).sum()
+    off = np.abs(noisy.depth_m - exact.depth_m)[both]
+    assert 0 < np.median(off) < 0.05

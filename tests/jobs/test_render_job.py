@@ -1,0 +1,159 @@
+"""A folder of rendered rooms: the same bytes however it came to be, as training reads it."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from depthcli.cli.shell import run
+from depthcli.core.types import Frame
+from depthcli.datasets.paired_folder import open_paired_folder
+from depthcli.datasets.rooms.pair import Recipe, focal_px, render_pair
+from depthcli.datasets.training_data import open_training_data
+from depthcli.errors import DatasetError, UsageError
+from depthcli.inference.camera import camera_of
+from depthcli.inference.preprocess import layout
+from depthcli.jobs.render import RenderRequest, render
+from depthcli.models.catalog import find_model
+from depthcli.training.config.schema import DataConfig
+from depthcli.training.data.pair_store import PairStore
+
+ROOT = Path(__file__).parents[2]
+RECIPE = Recipe(seed=4, size=(32, 24))
+COUNT = 4
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("rendered") / "rooms"
+    render(RenderRequest(out, COUNT, RECIPE))
+    return out
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def test_workers_count_and_interruptions_change_no_byte(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "again"
+    assert render(RenderRequest(out, 1, RECIPE)).made == 1
+    assert render(RenderRequest(out, COUNT, RECIPE, workers=2)).made == COUNT - 1
+    (out / "depth/0000/000002.png").unlink()
+    assert render(RenderRequest(out, COUNT, RECIPE)).made == 1
+    assert render(RenderRequest(out, 2, RECIPE)).made == 0
+    assert contents(out) == contents(folder)
+
+
+def test_files_hold_what_was_rendered(folder: Path) -> None:
+    pair, pairs = render_pair(RECIPE, 3), open_paired_folder(folder)
+    assert pairs.ids == tuple(f"0000/{i:06}" for i in range(COUNT))
+    np.testing.assert_allclose(pairs.depth_m(3), pair.depth_m, atol=0.00051)
+    assert np.abs(pairs.image(3).astype(int) - pair.rgb).mean() < 6
+    assert pairs.focal_px == pytest.approx([focal_px(RECIPE, i) for i in range(COUNT)])
+
+
+@pytest.mark.parametrize("other", [RECIPE._replace(seed=5), RECIPE._replace(size=(16, 12))])
+def test_rooms_of_other_options_are_not_mixed(folder: Path, other: Recipe) -> None:
+    before = contents(folder)
+    with pytest.raises(UsageError, match="other options"):
+        render(RenderRequest(folder, COUNT, other))
+    assert contents(folder) == before
+
+
+def test_other_pictures_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "rgb").mkdir()
+    with pytest.raises(UsageError, match="holds other pictures"):
+        render(RenderRequest(tmp_path, 1, RECIPE))
+
+
+def test_a_model_that_learns_the_rooms_gives_their_metres(folder: Path) -> None:
+    """What it is taught, multiplied as its predictions are, is the depth that was rendered."""
+    card = find_model(ROOT / "models/default").card
+    data = open_training_data(folder, paired=True)
+    truth = open_paired_folder(folder)
+    assert card.camera is not None
+    assert data.hfov_deg == card.camera.hfov_deg
+    place = layout(card.input, *RECIPE.size)
+    for i in range(COUNT):
+        camera = camera_of(card, Frame(truth.image(i)), place, truth.focal_px[i], None)
+        assert camera is not None
+        there = truth.depth_m(i)
+        np.testing.assert_allclose(data.dataset.depth_m(i) * camera.scale, there, rtol=2e-3)
+    extra = open_training_data(folder, paired=True).with_extra(truth).extra
+    assert extra is not None
+    np.testing.assert_array_equal(extra.depth_m(1), data.dataset.depth_m(1))
+
+
+def test_training_reads_them(folder: Path) -> None:
+    data = open_training_data(folder, paired=True)
+    store = PairStore(data.dataset, range(COUNT), DataConfig(width=32, height=24))
+    first = data.dataset.depth_m(0)
+    np.testing.assert_allclose(store.depth_m[0, 0][first > 0], first[first > 0], rtol=1e-3)
+    assert set(data.dataset.scenes) == {"0000"}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("id,focal_px\na,30\n", "has no 'b'"),
+        ("id,mm\na,30\nb,30\n", "has no 'focal_px'"),
+        ("id,focal_px\na,30\nb,long\n", "cannot be read"),
+        ("id,focal_px\na,30\nb\n", "cannot be read"),
+        ("id,focal_px\na,30\nb,0\n", "above 0"),
+        ("id,focal_px\na,30\nb,nan\n", "above 0"),
+    ],
+)
+def test_cameras_of_ones_own_have_to_be_whole(tmp_path: Path, text: str, message: str) -> None:
+    for kind, pixels in (("rgb", np.zeros((4, 4, 3), np.uint8)), ("depth", np.uint16([[2000]]))):
+        (tmp_path / kind).mkdir()
+        for name in "ab":
+            cv2.imwrite(
+                str(tmp_path / kind / f"{name}.png"),
+                np.broadcast_to(pixels, (4, 4, *pixels.shape[2:])).copy(),
+            )
+    assert open_paired_folder(tmp_path).focal_px == ()
+    (tmp_path / "cameras.csv").write_text(text)
+    with pytest.raises(DatasetError, match=message):
+        open_paired_folder(tmp_path)
+
+
+def test_the_command_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["render", "rooms", "--out", str(tmp_path / "r"), "--count", "1", "--size", "24x16"]
+    words += ["--hfov", "63.3", "--sensor", "kinect", "--seed", "2", "--workers", "1"]
+    assert run([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"out": str(tmp_path / "r"), "rooms": 1, "rendered": 1}
+    assert run(words) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'r'}: 1 rooms, 0 rendered now\n"
+    assert run([*words, "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--hfov", "80-40"),
+        ("--hfov", "wide"),
+        ("--hfov", "0-50"),
+        ("--hfov", "nan"),
+        ("--size", "9"),
+        ("--count", "0"),
+    ],
+)
+def test_options_that_mean_nothing_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, str]
+) -> None:
+    assert run(["render", "rooms", "--out", str(tmp_path / "r"), *words]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "r").exists()
+
+
+def test_a_recipe_that_is_damaged_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "rooms.json").write_text("{")
+    assert run(["render", "rooms", "--out", str(tmp_path)]) == 1
+    assert "rooms.json" in capsys.readouterr().err
