@@ -51,6 +51,7 @@ def test_a_uri_stays_what_it_is(uri: str) -> None:
     assert str(path.parent / "other.png") == f"{uri.rpartition('/')[0]}/other.png"
     assert isinstance(path.with_suffix(".json"), RemotePath)
     assert path.relative_to(path.parent).as_posix() == path.name
+    assert (path / "x/y").relative_to(path).as_posix() == "x/y"
     assert path.absolute() == path.resolve() == path
 
 

@@ -8,9 +8,11 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.parquet import column_texts, only_column
+from depthcli.io.storage.remote import RemotePath, is_remote, join, path_of
+from depthcli.io.storage.transfer import local_copy
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -30,6 +32,8 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
     Raises:
         UsageError: the list cannot be read, or has no such column.
     """
+    if is_remote(source):
+        return _of_store(source, column)
     suffix = Path(source).suffix.lower()
     try:
         if suffix == ".parquet":
@@ -41,6 +45,14 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
         return parse_list(Path(source).read_bytes())
     except OSError as error:
         raise UsageError(f"cannot read the list {source}: {error.strerror or error}") from error
+
+
+def _of_store(source: str, column: str | None) -> Iterator[str]:
+    try:
+        with local_copy(path_of(source)) as copy:
+            yield from read_list(str(copy), column)
+    except InputError as error:
+        raise UsageError(f"the list {error}") from error
 
 
 def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
@@ -83,8 +95,24 @@ def listed_inputs(words: Iterable[str], root: str) -> Iterator[InputFile]:
     base = os.path.abspath(root)  # noqa: PTH100 - links stay as named
     start = max((root, ""), key=lambda folder: _existing(first, folder))
     for word in chain(first, words):
-        path = os.path.join(start, word)  # noqa: PTH118 - keeps "./" and names with any byte
-        yield InputFile(_name(os.path.abspath(path), base), path)  # noqa: PTH100
+        path = join(start, word)
+        yield _listed_uri(path, root) or InputFile(_name(os.path.abspath(path), base), path)  # noqa: PTH100
+
+
+def _listed_uri(uri: str, root: str) -> InputFile | None:
+    """An input that is not on this machine; None if it is."""
+    if "://" not in uri:
+        return None
+    try:
+        path = path_of(uri)
+        if not isinstance(path, RemotePath):
+            return None
+        folder = path_of(root)
+        if path.is_relative_to(folder):
+            return InputFile(path.relative_to(folder).as_posix(), uri)
+        return InputFile(str(path).partition("://")[2], uri)
+    except UsageError as error:
+        return InputFile(uri.replace("://", "/"), uri, str(error))
 
 
 def _existing(words: Iterable[str], folder: str) -> int:

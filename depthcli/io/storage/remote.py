@@ -119,6 +119,8 @@ class RemotePath(Path, PurePosixPath):
         return self.parts[0].startswith("http")
 
     def __str__(self) -> str:
+        if not self.parts or not self.parts[0].endswith(":"):  # relative to a folder
+            return "/".join(self.parts) or "."
         host = self.base.rpartition("@")
         base = f"{self.parts[0]}//{host[2]}" if self.is_http and host[1] else self.base
         return f"{base}/{self.key}".rstrip("/")

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Literal
 from depthcli.errors import InputError
 from depthcli.io.listing.folder import is_video
 from depthcli.io.pictures.decode import check
+from depthcli.io.storage.remote import path_of, shown
+from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.batch.journal import known_rows
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.pictures import read_input
@@ -68,11 +70,12 @@ def _forecast(
     try:
         if is_video(file.name):
             video = outputs.video(file, rows)
-            sha256 = checked_video(video, request.options.camera)
+            with local_copy(path_of(file.path)) as source:
+                sha256 = checked_video(video, source, request.options.camera)
             kept = video.kept(request.plan.out, sha256, origin)
         else:
             data = read_input(file)
-            check(data, file.path, request.options.limit)
+            check(data, shown(file.path), request.options.limit)
             sha256 = hashlib.sha256(data).hexdigest()
             kept = outputs.picture(file, rows).kept(request.plan.out, sha256, origin)
     except InputError as error:

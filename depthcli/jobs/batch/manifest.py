@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.regular import regular_size
+from depthcli.io.storage.remote import RemotePath
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -137,6 +138,8 @@ def row_of(fields: Any) -> Row | None:  # noqa: ANN401 - what JSON can hold
 
 def checksum(path: Path) -> OutputFile | None:
     """Size and checksum of a file as it is on disk, under its own path; None if there is none."""
+    if isinstance(path, RemotePath):
+        return _noted(path)
     try:
         regular_size(path)  # a pipe or a device in its place may never end
         with path.open("rb") as file:
@@ -144,6 +147,16 @@ def checksum(path: Path) -> OutputFile | None:
             return OutputFile(os.fspath(path), file.tell(), digest)
     except OSError:
         return None
+
+
+def _noted(path: RemotePath) -> OutputFile | None:
+    from depthcli.io.storage.transfer import noted_checksum  # noqa: PLC0415 - for those who need it
+
+    try:
+        found = noted_checksum(path)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be checked: {error.strerror}") from error
+    return found and OutputFile(str(path), *found)
 
 
 def is_intact(folder: Path, file: OutputFile) -> bool:

@@ -7,13 +7,13 @@ import os
 import stat
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from depthcli.core.scaling import fitted
 from depthcli.errors import InputError, UsageError
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
+from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.facts import camera_words
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.manifest import OK, Row, written
@@ -22,6 +22,7 @@ from depthcli.jobs.outputs import write_output
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from depthcli.core.types import DepthMap, Frame
     from depthcli.inference.pipeline import Pipeline
@@ -84,7 +85,7 @@ class PictureWorker:
             row = task.kept(self.out, sha256, self.origin)
             if row is not None:
                 return Result(row, is_kept=True)
-            frame = read_image(Path(task.input.path), data, max_pixels=self.options.limit)
+            frame = read_image(path_of(task.input.path), data, max_pixels=self.options.limit)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
         return _Opened(task, frame, sha256, time.perf_counter() - start_s)
@@ -157,4 +158,4 @@ def read_input(file: InputFile) -> bytes:
         mode = stat.S_IFREG  # reading it says what is wrong
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         raise InputError(f"{file.path} is not a file but a pipe or a device; copy it to a file")
-    return read_bytes(Path(file.path))
+    return read_bytes(path_of(file.path))

@@ -20,6 +20,8 @@ from depthcli.io.listing.skipped import (
     counted,
     to_convert,
 )
+from depthcli.io.listing.store import list_objects, walk_order
+from depthcli.io.storage.remote import RemotePath, check_writable, path_of, shown
 from depthcli.jobs.batch.places import Places
 from depthcli.jobs.batch.shard import WHOLE, Shard
 from depthcli.jobs.tree_names import TreeNames
@@ -84,11 +86,19 @@ def plan_folder(root: str, out: str, wanted: NameFilter = ANY, shard: Shard = WH
             nothing.
         InputError: there are files, but no picture or video that can be read.
     """
-    if not Path(root).is_dir():
-        raise UsageError(f"{root} is not a folder; name one, or give --files with a list")
+    if not path_of(root).is_dir():
+        raise UsageError(f"{shown(root)} is not a folder; name one, or give --files with a list")
     _check_apart(root, out)
+    place, sorting = path_of(root), _Sorting(out, wanted, shard)
+    if isinstance(place, RemotePath):
+        objects = list_objects(place, path_of(out), wanted.excludes, sorting.skip)
+        plan = sorting.plan(objects, shown(root))
+        # As a folder of this machine would be walked, whatever the store's order.
+        inputs = sorted(plan.inputs, key=lambda one: walk_order(one.name))
+        plan = replace(plan, inputs=tuple(inputs))
+        _check_outside(plan, root)
+        return plan
     listing = list_folder(root, leave_out=out, skip=wanted.excludes)
-    sorting = _Sorting(out, wanted, shard)
     for file in listing.skipped:
         sorting.skip(file)
     plan = sorting.plan(listing.media, root, loops=listing.loops)
@@ -136,6 +146,7 @@ class _Sorting:
     """Tells inputs of a shard from others and from files that are skipped, one by one."""
 
     def __init__(self, out: str, wanted: NameFilter, shard: Shard) -> None:
+        check_writable(path_of(out))
         self._out, self._wanted, self._shard = out, wanted, shard
         self._inputs: dict[str, InputFile] = {}
         self._skipped: dict[Skipped, None] = {}
@@ -153,7 +164,7 @@ class _Sorting:
         # Names are decided over all that is there, so that they do not depend on what is wanted.
         names = TreeNames(self._names(media))
         plan = Plan(
-            Path(self._out),
+            path_of(self._out),
             tuple(self._inputs.values()),
             names,
             tuple(self._skipped),

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from depthcli.errors import InputError
+from depthcli.io.storage.remote import path_of
+from depthcli.io.storage.transfer import local_copy
 from depthcli.io.writers.facts import camera_words
 from depthcli.jobs.batch.manifest import FAILED, OK, Row, written
 from depthcli.jobs.batch.task import Result, Task, check_network
@@ -19,6 +20,7 @@ from depthcli.video.formats import SEQUENCES, VideoFormat
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from depthcli.core.camera import Camera
     from depthcli.jobs.batch.pictures import PictureWorker
@@ -48,20 +50,21 @@ class VideoWorker:
         sha256 = None
         origin = self.pictures.origin
         try:
-            sha256 = checked_video(task, self.pictures.options.camera)
-            row = task.kept(self.pictures.out, sha256, origin)
-            if row is not None:
-                return Result(row, is_kept=True)
-            return Result(self._row(task, sha256))
+            with local_copy(path_of(task.input.path)) as source:
+                sha256 = checked_video(task, source, self.pictures.options.camera)
+                row = task.kept(self.pictures.out, sha256, origin)
+                if row is not None:
+                    return Result(row, is_kept=True)
+                return Result(self._row(task, source, sha256))
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             check_network(error, self.pictures.pipeline.session)
             return task.failed(error, origin, start_s, sha256)
 
-    def _row(self, task: VideoTask, sha256: str) -> Row:
+    def _row(self, task: VideoTask, source: Path, sha256: str) -> Row:
         options, out = self.pictures.options, self.pictures.out
         name = task.input.name
         names = {which: path.name for which, path in task.outputs.items()}
-        plan = VideoPlan(name, Path(task.input.path), (out / name).parent, names)
+        plan = VideoPlan(name, source, (out / name).parent, names)
         settings = VideoSettings(
             writing=options.writing,
             camera=options.camera,
@@ -92,13 +95,12 @@ def _files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -> Itera
             yield path.with_name(f"{start}{number:06d}{end}")
 
 
-def checked_video(task: VideoTask, camera: Camera) -> str:
+def checked_video(task: VideoTask, path: Path, camera: Camera) -> str:
     """Checksum of a video, which may not fit into memory.
 
     Raises:
         InputError: it cannot be read, or the options do not apply to videos.
     """
-    path = Path(task.input.path)
     if not set(task.outputs) - {VideoFormat.JSON}:
         raise InputError(f"{path} is a video, which this format cannot hold; add --format png16")
     if camera.anchors:

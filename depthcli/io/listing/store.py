@@ -1,0 +1,65 @@
+"""The pictures and videos below a prefix of an object store."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from depthcli.errors import UsageError
+from depthcli.io.listing.folder import InputFile, why_skipped
+from depthcli.io.listing.skipped import Skipped
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from depthcli.io.storage.remote import RemotePath
+
+
+def list_objects(
+    root: RemotePath,
+    leave_out: Path,
+    skip: Callable[[str], bool],
+    aside: Callable[[Skipped], None],
+) -> Iterator[InputFile]:
+    """Pictures and videos, in the order of the store, page by page.
+
+    Args:
+        root: the folder.
+        leave_out: a folder that is not entered.
+        skip: whether a folder of this name (from the root, with ``/``) is not entered.
+        aside: told of each object that is no input.
+
+    Raises:
+        UsageError: the store cannot be listed.
+    """
+    out = f"{leave_out.relative_to(root)}/" if leave_out.is_relative_to(root) else None
+    start, folder, is_entered = f"{root.base}/{root.key}".rstrip("/"), "", True
+    try:
+        for name in root.walk_names():
+            above = name.rpartition("/")[0]
+            if above != folder:  # names come folder by folder
+                folder, is_entered = above, not _is_skipped(above, skip)
+            if name.endswith("/") or not is_entered or (out and name.startswith(out)):
+                continue
+            path = f"{start}/{name}"
+            reason = why_skipped(path)
+            if reason is None:
+                yield InputFile(name, path)
+            else:
+                aside(Skipped(name, reason))
+    except OSError as error:
+        raise UsageError(f"{root} cannot be listed: {error.strerror}") from error
+
+
+def walk_order(name: str) -> list[tuple[bool, bytes]]:
+    """What names are sorted by to stand as a walk of folders has them: files before folders."""
+    *above, last = name.encode("utf-8", "surrogateescape").split(b"/")
+    return [*((True, part) for part in above), (False, last)]
+
+
+def _is_skipped(folder: str, skip: Callable[[str], bool]) -> bool:
+    parts = folder.split("/") if folder else []
+    return any(
+        part.startswith(".") or skip("/".join(parts[: depth + 1]))
+        for depth, part in enumerate(parts)
+    )
