@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+import json
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from batches import outputs, pictures
 from tiny import write_model, write_picture
+from videos import flat_frames, write_video
 
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.listing.path_list import read_list
+from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.account import merge, rows_of, summary
+from depthcli.jobs.batch.forecast import forecast
+from depthcli.jobs.batch.options import BatchOptions, BatchRequest
+from depthcli.jobs.batch.plan import plan_files, plan_folder
+from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.shard import WHOLE, Shard
 from depthcli.jobs.failed import Failed
 from depthcli.jobs.predict.pictures import Done
 from depthcli.jobs.predict.request import PredictRequest
@@ -67,3 +82,122 @@ def test_without_output_results_lie_beside_the_object(
     assert set(bucket.objects()) == {"in/a.png", "in/a.depth.npy"}
     with pytest.raises(UsageError, match="is behind HTTP, where nothing is written"):
         predict(PredictRequest(("http://127.0.0.1:9/a.png",), model=loader))
+
+
+def batch(folder: Path, source: str, out: str, shard: Shard = WHOLE) -> BatchRequest:
+    loader = SessionLoader(write_model(folder / "model", camera={"hfov_deg": 60.0}), "cpu")
+    plan = plan_folder(source, out, shard=shard)
+    return BatchRequest(plan, BatchOptions((Format.PNG16, Format.NPY)), loader, workers=2)
+
+
+@pytest.fixture
+def tree(tmp_path: Path, bucket: Bucket) -> dict[str, bytes]:
+    """A folder with pictures and other things, and a copy of it in the bucket; its outputs."""
+    pictures(tmp_path)
+    clip = tmp_path / "in" / "hall" / "clip.avi"
+    write_video(clip, flat_frames([40, 120, 200]))
+    (tmp_path / "in" / "notes.txt").write_text("no picture")
+    (tmp_path / "in" / ".hidden").mkdir()
+    write_picture(tmp_path / "in" / ".hidden" / "a.png")
+    (tmp_path / "in" / "bad.jpg").write_bytes(b"no picture either")
+    for path in (tmp_path / "in").rglob("*"):
+        if path.is_file():
+            bucket.put(f"in/{path.relative_to(tmp_path / 'in').as_posix()}", path.read_bytes())
+    bucket.put("in/hall/", b"")  # as some tools mark a folder
+    list(Batch(batch(tmp_path, str(tmp_path / "in"), str(tmp_path / "out"))))
+    return outputs(tmp_path / "out")
+
+
+def results_in(bucket: Bucket, folder: str = "out/") -> dict[str, bytes]:
+    found = bucket.objects()
+    return {k.removeprefix(folder): v for k, v in found.items() if k.startswith(folder)}
+
+
+def rows(data: bytes) -> list[dict[str, object]]:
+    """Rows of a manifest without what differs from run to run."""
+    return [json.loads(line) | {"seconds": 0, "error": None} for line in data.splitlines()]
+
+
+def test_a_batch_goes_from_bucket_to_bucket(
+    tmp_path: Path, bucket: Bucket, tree: dict[str, bytes], once_each: Callable[[], Faults]
+) -> None:
+    once_each()
+    job = Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("in/out/")))
+    assert [result.row.input for result in job] == [
+        *("a.png", "bad.jpg", "z.png", "hall/b.png", "hall/clip.avi")
+    ]
+    assert [name for name, _ in job.tally.failures] == ["bad.jpg"]
+    assert str(job.manifest) == bucket.uri("in/out/manifest.jsonl")
+    found = results_in(bucket, "in/out/")
+    manifest = found.pop("manifest.jsonl")
+    assert found == tree
+    assert rows(manifest) == rows((tmp_path / "out" / "manifest.jsonl").read_bytes())
+    # The same again keeps all but what failed, and what lies in the folder is no input.
+    again = list(Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("in/out/"))))
+    assert [r.row.input for r in again if not r.is_kept] == ["bad.jpg"]
+    assert results_in(bucket, "in/out/").keys() == found.keys() | {"manifest.jsonl"}
+
+
+def test_a_batch_that_was_killed_goes_on_elsewhere(
+    tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]
+) -> None:
+    killed = """
+import os, signal, sys
+from pathlib import Path
+from depthcli.jobs.batch import rows_folder
+from test_remote_jobs import Batch, batch
+rows_folder._SEND_EVERY_S = 0
+job = Batch(batch(Path(sys.argv[1]), sys.argv[2], sys.argv[3]))
+for _ in range(3):
+    next(job)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    words = [sys.executable, "-c", killed, str(tmp_path), bucket.uri("in"), bucket.uri("out")]
+    here = Path(__file__).parent
+    python_path = os.pathsep.join(map(str, (here, here.parent, here.parents[1])))
+    done = subprocess.run(words, env={**os.environ, "PYTHONPATH": python_path}, check=False)
+    assert done.returncode == -signal.SIGKILL
+    left = results_in(bucket)
+    assert any(name.startswith(".depthcli-batch.jsonl.") for name in left)
+    assert "manifest.jsonl" not in left
+    job = Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("out")))
+    kept = [result.row.input for result in job if result.is_kept]
+    assert {"a.png", "z.png"} <= set(kept)
+    found = results_in(bucket)
+    assert rows(found.pop("manifest.jsonl"))
+    assert found == tree
+
+
+def test_shards_into_a_bucket_become_one_manifest(
+    tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]
+) -> None:
+    source, out = bucket.uri("in"), bucket.uri("out")
+    for number in (1, 2):
+        list(Batch(batch(tmp_path, source, out, Shard(number, 2))))
+    assert {"manifest-1-of-2.jsonl", "manifest-2-of-2.jsonl"} <= results_in(bucket).keys()
+    assert summary(rows_of(path_of(out))).inputs == 5
+    assert str(merge(path_of(out))) == f"{out}/manifest.jsonl"
+    found = results_in(bucket)
+    assert len(rows(found.pop("manifest.jsonl"))) == 5
+    assert found == tree
+    request = batch(tmp_path, source, out)
+    would = {one.input: one.would for one in forecast(request, request.model.load())}
+    assert would == dict.fromkeys(("a.png", "z.png", "hall/b.png", "hall/clip.avi"), "keep") | {
+        "bad.jpg": "fail"
+    }
+
+
+def test_lists_name_objects(tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]) -> None:
+    local = str(tmp_path / "in" / "a.png")
+    words = [bucket.uri("in/z.png"), bucket.uri("in/hall/b.png"), local, "hdfs://x/y.jpg"]
+    listed = bucket.put("lists/some.txt", "\n".join(words).encode())
+    plan = plan_files(read_list(listed), listed, bucket.uri("in"), bucket.uri("out"))
+    names = [found.name for found in plan.inputs]
+    assert names == sorted(["z.png", "hall/b.png", local.lstrip("/"), "hdfs/x/y.jpg"])
+    plan = plan_files(words[:1], "the test", ".", str(tmp_path / "o"))
+    assert [found.name for found in plan.inputs] == [f"{bucket.name}/in/z.png"]
+    loader = SessionLoader(write_model(tmp_path / "model", camera={"hfov_deg": 60.0}), "cpu")
+    (result,) = Batch(BatchRequest(plan, BatchOptions((Format.NPY,)), loader))
+    assert (tmp_path / "o" / result.row.outputs[0].path).read_bytes() == tree["z.depth.npy"]
+    with pytest.raises(UsageError, match=r"the list .*none.txt cannot be read: no such object"):
+        list(read_list(bucket.uri("none.txt")))

@@ -28,11 +28,10 @@ _Manifest = Annotated[
 @app.command("summary")
 def show_summary(out: _Manifest, as_json: _Json = False) -> int:
     """Count inputs, failures and outputs, those of all shards together."""
-    from pathlib import Path
-
+    from depthcli.io.storage.remote import path_of
     from depthcli.jobs.batch.account import rows_of, summary
 
-    found = summary(rows_of(Path(out)))
+    found = summary(rows_of(path_of(out)))
     if as_json:
         console.out_json(asdict(found))
         return ExitCode.OK
@@ -47,11 +46,10 @@ def show_summary(out: _Manifest, as_json: _Json = False) -> int:
 @app.command("failed")
 def list_failed(out: _Manifest, as_json: _Json = False) -> int:
     """List the inputs that failed, each with the reason."""
-    from pathlib import Path
-
+    from depthcli.io.storage.remote import path_of
     from depthcli.jobs.batch.account import failed, rows_of
 
-    for row in failed(rows_of(Path(out))):
+    for row in failed(rows_of(path_of(out))):
         if as_json:
             console.out_json(row.as_json())
         else:
@@ -72,11 +70,10 @@ def merge_parts(
     as_json: _Json = False,
 ) -> int:
     """Make one manifest of those of all shards, which are removed."""
-    from pathlib import Path
-
+    from depthcli.io.storage.remote import path_of
     from depthcli.jobs.batch.account import merge
 
-    path = str(merge(Path(out), form))
+    path = str(merge(path_of(out), form))
     if as_json:
         console.out_json({"manifest": path})
     else:

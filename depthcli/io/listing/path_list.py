@@ -108,7 +108,7 @@ def _listed_uri(uri: str, root: str) -> InputFile | None:
         if not isinstance(path, RemotePath):
             return None
         folder = path_of(root)
-        if path.is_relative_to(folder):
+        if isinstance(folder, RemotePath) and path.is_relative_to(folder):
             return InputFile(path.relative_to(folder).as_posix(), uri)
         return InputFile(str(path).partition("://")[2], uri)
     except UsageError as error:

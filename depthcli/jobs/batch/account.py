@@ -10,6 +10,7 @@ from depthcli.errors import UsageError
 from depthcli.jobs.batch.journal import Journal, Rows, known_rows
 from depthcli.jobs.batch.manifest import FAILED, ManifestFormat, Row
 from depthcli.jobs.batch.row_files import open_rows, row_files
+from depthcli.jobs.batch.rows_folder import rows_folder
 from depthcli.jobs.batch.shard import WHOLE
 
 if TYPE_CHECKING:
@@ -39,9 +40,10 @@ def rows_of(path: Path) -> Rows:
         UsageError: there is no manifest.
     """
     if path.is_dir() and path.suffix != f".{ManifestFormat.PARQUET}":
-        if not row_files(path, WHOLE):
+        rows = known_rows(path)
+        if not rows.is_there:
             raise UsageError(f"no manifest in {path}; name the output folder of a batch")
-        return known_rows(path)
+        return rows
     try:
         return Rows([open_rows(path)], WHOLE)
     except OSError as error:
@@ -89,8 +91,10 @@ def merge(folder: Path, form: ManifestFormat | None = None) -> Path:
         UsageError: there is none, or a batch is at work there.
         OutputError: it cannot be written; what was there stays.
     """
-    if not row_files(folder, WHOLE):
+    place = rows_folder(folder)
+    if not row_files(place.path, WHOLE):
         raise UsageError(f"no manifest in {folder}; name the output folder of a batch")
-    journal = Journal(folder, form=form)
+    journal = Journal(place.path, form=form)
     journal.finish(None)
-    return journal.manifest
+    place.finish()
+    return folder / journal.manifest.name

@@ -31,6 +31,7 @@ from depthcli.jobs.batch.row_files import (
     write_manifest,
 )
 from depthcli.jobs.batch.row_index import Place, RowIndex
+from depthcli.jobs.batch.rows_folder import RowsFolder, rows_folder
 from depthcli.jobs.batch.shard import WHOLE, Shard
 
 if TYPE_CHECKING:
@@ -41,9 +42,18 @@ if TYPE_CHECKING:
 class Rows:
     """Rows by input as files have them; the last one of an input counts. Safe for threads."""
 
-    def __init__(self, files: Sequence[RowFile], shard: Shard) -> None:
-        """Index the rows of a shard's inputs."""
+    def __init__(
+        self, files: Sequence[RowFile], shard: Shard, place: RowsFolder | None = None
+    ) -> None:
+        """Index the rows of a shard's inputs.
+
+        Args:
+            files: where they are.
+            shard: whose they are.
+            place: the folder of the files, if that shall not go before them.
+        """
         self._files = files
+        self._place = place
         self._lock = threading.Lock()
         self._index = RowIndex()
         for source, file in enumerate(files):
@@ -52,6 +62,11 @@ class Rows:
                 for name, position in file.rows()
                 if shard.holds(name)
             )
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there is a file of rows at all."""
+        return bool(self._files)
 
     def row(self, name: str) -> Row | None:
         """The row of an input, if it has one."""
@@ -73,8 +88,9 @@ def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
     Raises:
         OutputError: it cannot be read.
     """
+    place = rows_folder(folder)
     with _explained(folder):
-        return Rows([open_rows(path) for path in row_files(folder, shard)], shard)
+        return Rows([open_rows(path) for path in row_files(place.path, shard)], shard, place)
 
 
 class Journal(Rows):

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 from depthcli.core.parallel.cores import share_cores
 from depthcli.inference.providers import CPU
 from depthcli.io.opencv_log import silent_opencv
+from depthcli.io.storage.remote import RemotePath
 from depthcli.jobs.batch.engines.threads import ThreadEngine
 from depthcli.jobs.batch.journal import Journal, remove_leftovers
 from depthcli.jobs.batch.output_map import OutputMap
+from depthcli.jobs.batch.rows_folder import rows_folder
 from depthcli.jobs.batch.tally import Tally
 from depthcli.jobs.batch.task import Result
 from depthcli.jobs.batch.worker_spec import WorkerSpec
@@ -72,9 +74,10 @@ class Batch(Iterator[Result]):
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan, self._outputs = plan, OutputMap(plan, options.formats)
         self._outputs.check_apart()
-        self._journal: Journal | None = Journal(plan.out, plan.shard, request.manifest)
-        self.manifest = self._journal.manifest
-        if self._journal.was_cut_short:
+        self._rows = rows_folder(plan.out)
+        self._journal: Journal | None = Journal(self._rows.path, plan.shard, request.manifest)
+        self.manifest = plan.out / self._journal.manifest.name
+        if self._journal.was_cut_short and not isinstance(plan.out, RemotePath):
             remove_leftovers(plan.folders())
         self.warnings = (*plan.warnings, *session.warnings)
         self.tally = Tally(len(plan.inputs))
@@ -130,6 +133,7 @@ class Batch(Iterator[Result]):
             if not result.is_kept and self._journal is not None:
                 self._journal.add(result.row)
             self._recorded[result.row.input] = result
+        self._rows.keep()
 
     def _taken(self, result: Result) -> Result:
         del self._recorded[result.row.input]
@@ -143,12 +147,14 @@ class Batch(Iterator[Result]):
         if journal is None:
             return
         names = [file.name for file in self._plan.inputs]
-        for name in names:
-            self._check(journal, name)
+        if not isinstance(self._plan.out, RemotePath):  # each output costs a request there
+            for name in names:
+                self._check(journal, name)
         self.late = tuple(self._recorded[name] for name in names if name in self._recorded)
         for result in self.late:
             self.tally.add(result)
         journal.finish(names)
+        self._rows.finish()
 
     def _check(self, journal: Journal, name: str) -> None:
         """An input is not done where somebody has removed its outputs again meanwhile."""

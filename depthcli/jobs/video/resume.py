@@ -9,6 +9,7 @@ from depthcli._version import __version__
 from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_depth
+from depthcli.io.storage.remote import RemotePath
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frame_journal import FrameJournal
 from depthcli.video.number_pattern import number_name, without_number
@@ -70,7 +71,8 @@ def earlier_frames(
         OutputError: the folder cannot be written to.
     """
     is_all_numbered = not set(plan.names) - {*SEQUENCES, VideoFormat.JSON}
-    if not (is_all_numbered and source.paths) or settings.smooth_s:
+    is_remote = isinstance(plan.folder, RemotePath)  # where nothing is appended to
+    if not (is_all_numbered and source.paths) or settings.smooth_s or is_remote:
         yield EarlierFrames(plan, None)
         return
     name = without_number(next(plan.names[which] for which in SEQUENCES if which in plan.names))
