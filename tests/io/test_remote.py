@@ -21,7 +21,7 @@ from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.regular import read_regular
-from depthcli.io.storage.remote import RemotePath, join, masked, path_of, shown
+from depthcli.io.storage.remote import RemotePath, join, path_of, shown
 from depthcli.io.storage.transfer import local_copy, noted_checksum
 from depthcli.io.writers.by_suffix import write_depth
 
@@ -78,7 +78,7 @@ def test_passwords_and_signatures_are_not_shown() -> None:
     assert path.query == "X-Signature=secret/x&y=z"
     assert pickle.loads(pickle.dumps(path)).query == path.query  # noqa: S301
     assert not (path.parent / "c.jpg").query  # a signature is for one object
-    assert masked(f"error at {SIGNED}: no") == "error at https://host/a/b.jpg no"
+    assert objects.masked(f"error at {SIGNED}: no") == "error at https://host/a/b.jpg no"
     assert shown("what?.jpg") == "what?.jpg"
 
 

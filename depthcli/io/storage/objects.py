@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import errno
 import os
-import random
+import re
 import time
-from base64 import b64encode
 from contextlib import contextmanager
-from datetime import timedelta
 from functools import cache
 from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,7 +18,6 @@ from urllib.parse import unquote, urlsplit
 
 from depthcli.core.extras import INSTALL_CLOUD
 from depthcli.errors import UsageError
-from depthcli.io.storage.remote import masked
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -28,9 +25,8 @@ if TYPE_CHECKING:
 
     from obstore.store import ClientConfig, ObjectStore, RetryConfig
 
-    from depthcli.io.storage.remote import RemotePath
-
 RETRIES_VARIABLE = "DEPTHCLI_RETRIES"
+_HTTP_URI = re.compile(r"(https?://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?", re.IGNORECASE)
 _PART_BYTES = 8 << 20
 _PAGE = 1000
 _MOST_PARTS = 9_000  # S3 takes 10 000
@@ -59,6 +55,15 @@ _REASONS = {
 }
 
 
+class Address(NamedTuple):
+    """Where an object or a folder is."""
+
+    base: str  #: scheme and bucket, or server: ``s3://bucket``
+    key: str  #: name in it, without a slash at its beginning
+    query: str  #: of an HTTP address
+    name: str  #: what messages call it
+
+
 class Facts(NamedTuple):
     """What a store knows of an object.
 
@@ -73,55 +78,55 @@ class Facts(NamedTuple):
     notes: Mapping[str, str]
 
 
-def facts(path: RemotePath) -> Facts:
+def facts(place: Address) -> Facts:
     """What there is to know of an object without its content."""
-    found = _ask("get", path, options={"head": True})
+    found = _ask("get", place, options={"head": True})
     time_s = int(found.meta["last_modified"].timestamp())
     return Facts(found.meta["size"], time_s, dict(found.attributes))
 
 
-def read(path: RemotePath, max_bytes: int | None = None) -> bytes:
+def read(place: Address, max_bytes: int | None = None) -> bytes:
     """An object's content, by one request."""
-    found = _ask("get", path)
+    found = _ask("get", place)
     if max_bytes is not None and found.meta["size"] > max_bytes:
-        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
-    with _explained(path):
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", place.name)
+    with _explained(place):
         return bytes(found.bytes())
 
 
-def read_first(path: RemotePath, length: int) -> bytes:
+def read_first(place: Address, length: int) -> bytes:
     """The first so many bytes of an object, and no more of it."""
     try:
-        return bytes(_ask("get_range", path, start=0, length=length))
+        return bytes(_ask("get_range", place, start=0, length=length))
     except OSError as error:
         if error.errno == errno.ERANGE:  # of nothing, there is no first byte
             return b""
         raise
 
 
-def parts(path: RemotePath) -> Iterator[bytes]:
+def parts(place: Address) -> Iterator[bytes]:
     """An object's content, a few megabytes at a time; the first item is its size in decimals."""
-    found = _ask("get", path)
+    found = _ask("get", place)
     yield str(found.meta["size"]).encode()
-    with _explained(path):
+    with _explained(place):
         for part in found.stream(min_chunk_size=_PART_BYTES):
             yield bytes(part)
 
 
-def write(path: RemotePath, file: Path, notes: Mapping[str, str] | None = None) -> None:
+def write(place: Address, file: Path, notes: Mapping[str, str] | None = None) -> None:
     """Send a file; large ones in parts. The object appears, or is replaced, when all is there."""
     part_bytes = max(_PART_BYTES, file.stat().st_size // _MOST_PARTS)
-    _ask("put", path, file, chunk_size=part_bytes, attributes=dict(notes or {}))
+    _ask("put", place, file, chunk_size=part_bytes, attributes=dict(notes or {}))
 
 
-def delete(path: RemotePath) -> None:
+def delete(place: Address) -> None:
     """Delete an object; that it is gone already is no error."""
-    _ask("delete", path)
+    _ask("delete", place)
 
 
-def names(path: RemotePath, after: str = "") -> Iterator[str]:
+def names(place: Address, after: str = "") -> Iterator[str]:
     """Names below a folder, as they come, behind one of them."""
-    start = f"{path.key}/" if path.key else ""
+    start = f"{place.key}/" if place.key else ""
     pages: Iterator[Any] | None = None
 
     def page() -> Any:  # noqa: ANN401 - a list of the library's
@@ -129,38 +134,45 @@ def names(path: RemotePath, after: str = "") -> Iterator[str]:
         if pages is None:  # at the beginning, and where the last one broke off
             offset = start + after if after else None
             pages = _library().list(
-                _address(path)[0], start or None, offset=offset, chunk_size=_PAGE
+                _address(place)[0], start or None, offset=offset, chunk_size=_PAGE
             )
         waiting, pages = pages, None
         found = next(waiting, ())
         pages = waiting
         return found
 
-    while found := _tried(path, page):
+    while found := _tried(place, page):
         for one in found:
             after = one["path"][len(start) :]
             yield after
 
 
-def _ask(verb: str, path: RemotePath, *words: Any, **options: Any) -> Any:  # noqa: ANN401
+def masked(text: str) -> str:
+    """A text without the passwords and signatures that addresses in it carry."""
+    return _HTTP_URI.sub(lambda found: found[1] + found[2], text)
+
+
+def _ask(verb: str, place: Address, *words: Any, **options: Any) -> Any:  # noqa: ANN401
     """Make a request."""
-    return _tried(path, lambda: getattr(_library(), verb)(*_address(path), *words, **options))
+    return _tried(place, lambda: getattr(_library(), verb)(*_address(place), *words, **options))
 
 
-def _tried(path: RemotePath, request: Callable[[], Any]) -> Any:  # noqa: ANN401
+def _tried(place: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
     """Make a request, again where its answer breaks off: the library reads on in objects only.
 
     Raises:
         OSError: it failed.
     """
+    from random import uniform  # noqa: PLC0415 - little used, and slow to load
+
     for tries in count():
-        with _explained(path):
+        with _explained(place):
             try:
                 return request()
             except _library().exceptions.BaseError as error:
                 if "body error" not in str(error) or tries >= _retries():
                     raise
-        time.sleep(random.uniform(0.5, 1) * min(15, 0.1 * 2**tries))  # noqa: S311 - jitter
+        time.sleep(uniform(0.5, 1) * min(15, 0.1 * 2**tries))  # noqa: S311 - jitter
     return None
 
 
@@ -186,10 +198,10 @@ def _library() -> Any:  # noqa: ANN401 - a module
     return obstore
 
 
-def _address(path: RemotePath) -> tuple[ObjectStore, str]:
-    if path.query:  # a signed address is one object
-        return _store(f"{path.base}/{path.key}?{path.query}"), ""
-    return _store(path.base), path.key
+def _address(place: Address) -> tuple[ObjectStore, str]:
+    if place.query:  # a signed address is one object
+        return _store(f"{place.base}/{place.key}?{place.query}"), ""
+    return _store(place.base), place.key
 
 
 @cache
@@ -199,9 +211,9 @@ def _store(uri: str) -> ObjectStore:
 
     client: ClientConfig = {
         "allow_http": True,  # whoever names an http:// address or endpoint wants it
-        "connect_timeout": timedelta(seconds=10),
-        "read_timeout": timedelta(seconds=60),
-        "timeout": timedelta(days=1),  # of the whole body: a video may take long
+        "connect_timeout": "10s",
+        "read_timeout": "60s",
+        "timeout": "1d",  # of the whole body: a video may take long
     }
     retry: RetryConfig = {"max_retries": _retries()}
     parts = urlsplit(uri)
@@ -213,6 +225,8 @@ def _store(uri: str) -> ObjectStore:
     if not parts.scheme.startswith("http"):
         return from_url(uri, client_options=client, retry_config=retry)
     if parts.username is not None:
+        from base64 import b64encode  # noqa: PLC0415 - little used
+
         words = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
         client["default_headers"] = {"authorization": f"Basic {b64encode(words.encode()).decode()}"}
         uri = uri.replace(f"{parts.netloc.rpartition('@')[0]}@", "", 1)
@@ -238,7 +252,7 @@ def _aws_credentials() -> Any:  # noqa: ANN401 - boto3 has no types
 
 
 @contextmanager
-def _explained(path: RemotePath) -> Iterator[None]:
+def _explained(place: Address) -> Iterator[None]:
     """The library's errors as those of files, one line each."""
     library = _library()
     try:
@@ -249,6 +263,6 @@ def _explained(path: RemotePath) -> Iterator[None]:
         text = str(error)
         for sign, (number, reason) in _REASONS.items():
             if sign in text:
-                raise OSError(number, reason, str(path)) from error
+                raise OSError(number, reason, str(place)) from error
         first = masked(text.partition("\n")[0])
-        raise OSError(errno.EIO, first, str(path)) from error
+        raise OSError(errno.EIO, first, str(place)) from error

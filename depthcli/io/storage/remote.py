@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote, urlsplit
 
 from depthcli.errors import UsageError
+from depthcli.io.storage import objects
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 SCHEMES = ("s3", "gs", "az", "http", "https")
 _HTTP = ("http", "https")
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
-_HTTP_URI = re.compile(r"(https?://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?", re.IGNORECASE)
 
 
 def path_of(name: str | os.PathLike[str]) -> Path:
@@ -45,13 +45,13 @@ def path_of(name: str | os.PathLike[str]) -> Path:
         return Path(unquote(parts.path))
     if scheme not in SCHEMES:
         raise UsageError(
-            f"{masked(text)}: unknown scheme {found[1]}://; use {'://, '.join(SCHEMES)}:// or "
-            "file://, or copy it to a local folder"
+            f"{objects.masked(text)}: unknown scheme {found[1]}://; use "
+            f"{'://, '.join(SCHEMES)}:// or file://, or copy it to a local folder"
         )
     rest, _, query = text[found.end() :].partition("?" if scheme in _HTTP else "\0")
     if rest.startswith("/") or not rest:
         where = "host" if scheme in _HTTP else "bucket"
-        raise UsageError(f"{masked(text)} has no {where}; write {scheme}://{where}/name")
+        raise UsageError(f"{objects.masked(text)} has no {where}; write {scheme}://{where}/name")
     path = RemotePath(f"{scheme}://{rest}")
     path.query = query
     return path
@@ -74,11 +74,6 @@ def join(folder: str, name: str) -> str:
 def shown(name: str) -> str:
     """A name as messages and reports give it: a URI without its password and its signature."""
     return str(path_of(name)) if _SCHEME.match(name) else name
-
-
-def masked(text: str) -> str:
-    """A text without the passwords and signatures that addresses in it carry."""
-    return _HTTP_URI.sub(lambda found: found[1] + found[2], text)
 
 
 def check_writable(path: Path) -> None:
@@ -114,6 +109,11 @@ class RemotePath(Path, PurePosixPath):
         return "/".join(self.parts[2:])
 
     @property
+    def address(self) -> objects.Address:
+        """What requests are made of."""
+        return objects.Address(self.base, self.key, self.query, str(self))
+
+    @property
     def is_http(self) -> bool:
         """Whether a server of files is meant, which takes and lists none."""
         return self.parts[0].startswith("http")
@@ -139,10 +139,8 @@ class RemotePath(Path, PurePosixPath):
             OSError: there is neither, or the store cannot be asked.
         """
         del follow_symlinks
-        from depthcli.io.storage import objects  # noqa: PLC0415 - loads what local files do not need
-
         try:
-            known = objects.facts(self)
+            known = objects.facts(self.address)
         except FileNotFoundError:
             if not self.is_dir():
                 raise
@@ -160,12 +158,10 @@ class RemotePath(Path, PurePosixPath):
 
     def is_file(self, **_: Any) -> bool:  # noqa: ANN401
         """Whether there is such an object."""
-        from depthcli.io.storage import objects  # noqa: PLC0415
-
         try:
             # What a signed address is good for is reading; S3 has no right to list as the same
             # answer as an object that is missing.
-            return bool(self.query or objects.facts(self))
+            return bool(self.query or objects.facts(self.address))
         except (FileNotFoundError, PermissionError):
             return False
 
@@ -195,10 +191,8 @@ class RemotePath(Path, PurePosixPath):
 
     def unlink(self, missing_ok: bool = False) -> None:
         """Delete the object."""
-        from depthcli.io.storage import objects  # noqa: PLC0415
-
         del missing_ok
-        objects.delete(self)
+        objects.delete(self.address)
 
     def read_bytes(self) -> bytes:
         """The whole object.
@@ -214,9 +208,11 @@ class RemotePath(Path, PurePosixPath):
         Raises:
             OSError: it cannot be read, or is too large.
         """
-        from depthcli.io.storage import objects  # noqa: PLC0415
-
-        return objects.read(self, max_bytes) if first < 0 else objects.read_first(self, first)
+        return (
+            objects.read(self.address, max_bytes)
+            if first < 0
+            else objects.read_first(self.address, first)
+        )
 
     def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
         """The content, to be read.
@@ -251,6 +247,4 @@ class RemotePath(Path, PurePosixPath):
         Raises:
             OSError: the store cannot be asked.
         """
-        from depthcli.io.storage import objects  # noqa: PLC0415
-
-        return objects.names(self, after)
+        return objects.names(self.address, after)

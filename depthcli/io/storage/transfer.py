@@ -57,7 +57,7 @@ def download(path: RemotePath, file: Path, progress: Progress = NO_PROGRESS) -> 
     Raises:
         OSError: it cannot be read, or the file not be written.
     """
-    content = objects.parts(path)
+    content = objects.parts(path.address)
     advance = progress.begin(path.name, int(next(content)), "bytes")
     with file.open("wb") as target:
         for part in content:
@@ -77,7 +77,7 @@ def uploaded(path: RemotePath) -> Iterator[Path]:
         yield file
         with file.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()
-        objects.write(path, file, {SHA256_NOTE: digest})
+        objects.write(path.address, file, {SHA256_NOTE: digest})
 
 
 def noted_checksum(path: RemotePath) -> tuple[int, str] | None:
@@ -89,7 +89,7 @@ def noted_checksum(path: RemotePath) -> tuple[int, str] | None:
         OSError: the store cannot be asked.
     """
     try:
-        known = objects.facts(path)
+        known = objects.facts(path.address)
         digest = known.notes.get(SHA256_NOTE) or hashlib.sha256(path.read_bytes()).hexdigest()
     except FileNotFoundError:
         return None
