@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
+import signal
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _GC_THRESHOLD = 50_000
-_LEAVE_AT_ONCE = frozenset({"predict", "batch"})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,20 +32,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code, see :class:`depthcli.errors.ExitCode`.
     """
-    if arguments is not None:
-        return _run(list(arguments))
+    if arguments is None:
+        _leave(_process())
+    return _run(list(arguments))
+
+
+def _process() -> int:
+    """Run the command that this process was started for."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback, until there is more to do
     # Collecting garbage among a hundred thousand objects that all stay, while modules load and
     # again at exit, would be a tenth of the time of one picture.
     gc.set_threshold(_GC_THRESHOLD)
     # numpy's OpenBLAS starts a thread a core, which spin for 60 ms before they sleep, while the
     # model is loaded on these same cores. This lets them sleep at once.
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
-    words = sys.argv[1:]
-    code = _run(words)
-    if words and words[0] in _LEAVE_AT_ONCE:
-        _leave(code)
-    gc.freeze()
-    return code
+    return _run(sys.argv[1:], is_process=True)
 
 
 def _leave(code: int) -> NoReturn:
@@ -61,13 +63,17 @@ def _leave(code: int) -> NoReturn:
     os._exit(code)
 
 
-def _run(words: list[str]) -> int:
+def _run(words: list[str], *, is_process: bool = False) -> int:
     text = None if f"_{PROGRAM.upper()}_COMPLETE" in os.environ else _plain_text(words)
     try:
         if text is not None:
             sys.stdout.write(text)
             sys.stdout.flush()
             return ExitCode.OK
+        if is_process:
+            from depthcli.cli.signals import end_on_signals
+
+            end_on_signals()
         from depthcli.cli.shell import run
 
         return run(words)

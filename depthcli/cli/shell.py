@@ -13,7 +13,6 @@ from depthcli._version import __version__
 from depthcli.cli.arguments import completion
 from depthcli.cli.loading import plain_command
 from depthcli.cli.screen import console
-from depthcli.cli.signals import exit_on_signals
 from depthcli.cli.table import COMMANDS, PROFILED, PROGRAM, help_text
 from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
@@ -70,7 +69,6 @@ def _root(
 def run(arguments: Sequence[str]) -> int:
     """Run a command and turn whatever happens into text and an exit code."""
     state = console.State()
-    exit_on_signals()
     try:
         result = get_command(app)(
             args=list(arguments), prog_name=PROGRAM, standalone_mode=False, obj=state

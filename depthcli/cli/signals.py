@@ -1,28 +1,84 @@
-"""The signals that ask a process to end."""
+"""The signals that ask a process to end, and how they end it at any moment.
+
+An exception out of a signal handler could come anywhere: within an import, a library's callback or
+what cleans up. So a signal removes temporary files and ends the process where it is, but for
+commands that note it and finish what they are at.
+"""
 
 from __future__ import annotations
 
+import os
+import select
 import signal
-from typing import NoReturn
+import sys
+import threading
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, NoReturn
+
+from depthcli.core.ending import prepare_to_end
+from depthcli.core.interrupt import Interrupt
+from depthcli.io.storage.temporaries import remove_own
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 SIGNAL_BASE = 128
 """Shells report a signal as this plus its number."""
-_NAMES = ("SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+
+_PATIENCE_S = 0.5
+_patience_s = [_PATIENCE_S]
+"""How long the main thread may take to obey, in the innermost block of :func:`finishing` last."""
 
 
 def ending_signals() -> tuple[signal.Signals, ...]:
-    """SIGTERM and SIGHUP, without those that whoever started us ignores, as nohup does."""
+    """Those that whoever started us does not ignore, as nohup does."""
     known = (getattr(signal, name) for name in _NAMES if hasattr(signal, name))
     return tuple(number for number in known if signal.getsignal(number) is not signal.SIG_IGN)
 
 
-def exit_on_signals() -> None:
-    """Let these signals unwind the program, so that it removes its temporary files."""
+def end_on_signals() -> None:
+    """Let these signals end the process, also while its main thread is in a library's code."""
+    read_end, write_end = os.pipe()
+    if sys.platform != "win32":
+        os.set_blocking(write_end, False)
     for number in ending_signals():
-        signal.signal(number, _exit)
+        signal.signal(number, _end)
+    signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(read_end,), daemon=True).start()
 
 
-def _exit(number: int, _frame: object) -> NoReturn:
-    for other in ending_signals():  # a second one would cut the cleaning up short
-        signal.signal(other, signal.SIG_IGN)
-    raise SystemExit(SIGNAL_BASE + number)
+@contextmanager
+def finishing(patience_s: float) -> Iterator[Interrupt]:
+    """Note a signal within the block, which is to end then, and is given so long to do so.
+
+    A second signal ends the process at once.
+    """
+    with Interrupt(*ending_signals()) as interrupt:
+        _patience_s.append(patience_s)
+        try:
+            yield interrupt
+        finally:
+            _patience_s.pop()
+
+
+def _watch(read_end: int) -> None:
+    """See to it that signals are obeyed where the main thread does not come to that."""
+    while True:
+        (number,) = os.read(read_end, 1)
+        if signal.getsignal(number) is _end or len(_patience_s) > 1:
+            select.select([read_end], (), (), _patience_s[-1])
+            _leave_nothing()
+            os._exit(SIGNAL_BASE + number)
+
+
+def _end(number: int, _frame: object) -> NoReturn:
+    _leave_nothing()
+    with suppress(Exception):  # nobody listens, or it was interrupted in the middle of a line
+        sys.stdout.flush()
+    os._exit(SIGNAL_BASE + number)
+
+
+def _leave_nothing() -> None:
+    prepare_to_end()
+    remove_own()

@@ -11,6 +11,7 @@ from torch import nn
 from depthcli.core.choices import Weights
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
+from depthcli.io.storage.temporaries import temporary_beside
 from depthcli.training.checkpoint_check import check_progress, check_state
 from depthcli.training.config.changes import updated
 from depthcli.training.config.ranges import check_range
@@ -67,13 +68,10 @@ class Checkpoint:
         content["progress"] = dataclasses.asdict(self.progress)
         content |= {"format": _FORMAT, "version": _VERSION}
         try:
-            temporary = path.with_name(f".{path.name}.{os.urandom(8).hex()}")
-            try:
+            with temporary_beside(path) as temporary:
                 torch.save(content, temporary)
                 _reach_disk(temporary)  # before the one that it replaces is gone
                 temporary.replace(path)
-            finally:
-                temporary.unlink(missing_ok=True)
         except (OSError, RuntimeError) as error:
             reason = str(error).partition("\n")[0]
             raise CheckpointError(

@@ -10,6 +10,7 @@ from typing import Literal
 from lightning_fabric import Fabric
 from lightning_fabric.utilities.exceptions import MisconfigurationException
 
+from depthcli.core.ending import before_ending
 from depthcli.errors import TrainingError, UsageError
 from depthcli.training.devices import AveragingStrategy, leave
 
@@ -50,7 +51,8 @@ def launched(fabric: Fabric) -> Iterator[None]:
     others: list[subprocess.Popen[bytes]] = getattr(fabric.strategy.launcher, "procs", [])
     started, others[:] = list(others), []  # else Fabric would kill us as soon as one ends
     try:
-        yield
+        with before_ending(lambda: _kill(started)):
+            yield
     except RuntimeError as error:
         if fabric.is_global_zero and _one_ended(started):
             raise TrainingError(
@@ -66,8 +68,12 @@ def launched(fabric: Fabric) -> Iterator[None]:
         for process in started:
             process.wait()
     finally:
-        for process in started:
-            process.kill()  # it writes nothing
+        _kill(started)
+
+
+def _kill(processes: list[subprocess.Popen[bytes]]) -> None:
+    for process in processes:
+        process.kill()  # it writes nothing
 
 
 def _one_ended(processes: list[subprocess.Popen[bytes]]) -> bool:

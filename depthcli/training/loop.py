@@ -7,13 +7,13 @@ from pathlib import Path
 
 from lightning_fabric import Fabric
 
+from depthcli.core.interrupt import Interrupt
 from depthcli.datasets.training_data import TrainingData
 from depthcli.training import metrics_log
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.devices import any_process, first_process_first
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, writing
-from depthcli.training.interrupt import Interrupt
 from depthcli.training.samples import write_samples
 from depthcli.training.setup import Prepared, set_up
 from depthcli.training.watchers import Watcher

@@ -6,6 +6,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
 
+from depthcli.core.ending import before_ending
+
 _MODE = 0o666
 
 
@@ -32,6 +34,7 @@ class FrameJournal:
         self._fingerprint = fingerprint
         self.earlier = self._read()
         self._count = len(self.earlier)
+        self._ending = before_ending(self._drop_empty)
         self._file = self._begun()
 
     def add(self, number: int) -> None:
@@ -42,6 +45,7 @@ class FrameJournal:
             self._count += 1
 
     def __enter__(self) -> Self:
+        self._ending.__enter__()
         return self
 
     def __exit__(
@@ -50,8 +54,14 @@ class FrameJournal:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._ending.__exit__(None, None, None)
         self._file.close()
-        if kind is None or not self._count:
+        if kind is None:
+            self._path.unlink(missing_ok=True)
+        self._drop_empty()
+
+    def _drop_empty(self) -> None:
+        if not self._count:
             self._path.unlink(missing_ok=True)
 
     def _read(self) -> frozenset[int]:

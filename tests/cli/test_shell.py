@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -169,24 +168,6 @@ def test_shells_can_complete(cli: Cli, shell: str) -> None:
     done = cli(_DEPTHCLI_COMPLETE=f"complete_{shell}", **words)
     assert b"models" in done.stdout
     assert b"predict" not in done.stdout
-
-
-def test_signals_that_the_caller_ignores_stay_ignored() -> None:
-    from depthcli.cli.signals import ending_signals, exit_on_signals  # noqa: PLC0415
-
-    before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM)}
-    try:
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what nohup does
-        exit_on_signals()
-        assert ending_signals() == (signal.SIGTERM,)
-        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-        with pytest.raises(SystemExit) as stop:
-            signal.raise_signal(signal.SIGTERM)
-        assert stop.value.code == 143
-        signal.raise_signal(signal.SIGTERM)  # would interrupt the cleaning up
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @pytest.mark.parametrize(

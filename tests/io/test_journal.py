@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.jobs.batch.journal import Journal, known_rows, remove_leftovers
+from depthcli.jobs.batch.journal import Journal, known_rows
 from depthcli.jobs.batch.manifest import (
     FAILED,
     OK,
@@ -151,13 +151,3 @@ def test_threads_lose_no_row(tmp_path: Path) -> None:
         thread.join()
     journal.finish(map(str, range(200)))
     assert (tmp_path / MANIFEST_NAME).read_bytes().count(b"\n") == 200
-
-
-def test_leftovers_are_removed_and_nothing_else(tmp_path: Path) -> None:
-    (tmp_path / ".depthcli-0123.png").touch()
-    (tmp_path / ".depthcli-frames").mkdir()
-    (tmp_path / ".depthcli-frames" / "0.png").touch()
-    for name in (JOURNAL_NAME, "a.depth.png", ".other"):
-        (tmp_path / name).touch()
-    remove_leftovers([tmp_path, tmp_path / "missing"])
-    assert {path.name for path in tmp_path.iterdir()} == {JOURNAL_NAME, "a.depth.png", ".other"}

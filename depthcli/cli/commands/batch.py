@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(rich_markup_mode=None)
 
+_PATIENCE_S = 2.0
+"""After a signal, pictures at work may come to their end."""
+
 STANDARD = "-"
 
 
@@ -150,7 +153,8 @@ def batch(
     at_once, threads = share_cores(workers, threads)
     loader = session_loader(model, provider, threads, provider_option)
     loading = loader.start()
-    from depthcli.cli.screen.batch import Report, tell_forecasts
+    from depthcli.cli.screen.batch import Report, Stopping, tell_forecasts
+    from depthcli.cli.signals import finishing
     from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 
     wanted = BatchOptions(tuple(dict.fromkeys(chosen)), writing, camera, detail, max_pixels)
@@ -162,8 +166,11 @@ def batch(
         return ExitCode.OK
     from depthcli.jobs.batch.run import Batch
 
-    job = Batch(request, loading.result())
-    Report(as_json=as_json, quiet=quiet).follow(job, plan)
+    session = loading.result()
+    with finishing(_PATIENCE_S) as interrupt:
+        stopping = Stopping(interrupt)
+        job = Batch(request, session, progress=stopping)
+        Report(as_json=as_json, quiet=quiet).follow(job, plan, stopping)
     return ExitCode.SOME_FAILED if job.tally.failures else ExitCode.OK
 
 

@@ -1,7 +1,6 @@
 """``depthcli train``: a method on a folder of pairs."""
 
 import math
-import signal
 from pathlib import Path
 from typing import Annotated
 
@@ -151,7 +150,7 @@ def train(
         devices=devices,
         threads=threads,
         tensorboard=tensorboard,
-        signals=(signal.SIGINT, *ending_signals()),
+        signals=ending_signals(),
     )
     with screen.watcher_for(as_json=as_json, quiet=quiet) as watcher:
         result = run.train(request, watcher)

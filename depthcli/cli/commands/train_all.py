@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,7 +60,7 @@ def _request(context: typer.Context) -> QueueRequest:
         minutes=math.inf if minutes is None else minutes,
         options=tuple(_handed_on(context)),
         tells_epochs=options["as_json"],
-        signals=(signal.SIGINT, *ending_signals()),
+        signals=ending_signals(),
     )
 
 

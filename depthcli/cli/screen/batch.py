@@ -8,17 +8,40 @@ from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import drawn
+from depthcli.cli.signals import SIGNAL_BASE
 from depthcli.core.text import one_line
 from depthcli.io.listing.skipped import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
+    from depthcli.core.interrupt import Interrupt
     from depthcli.jobs.batch.forecast import Forecast
     from depthcli.jobs.batch.plan import Plan
     from depthcli.jobs.batch.run import Batch
     from depthcli.jobs.batch.tally import Tally
     from depthcli.jobs.batch.task import Result
+
+
+@dataclass(frozen=True, slots=True)
+class Stopping:
+    """A :class:`depthcli.core.progress.Progress` that ends the work when a signal came.
+
+    Attributes:
+        interrupt: notes the signal.
+    """
+
+    interrupt: Interrupt
+
+    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
+        """A stage that is asked after each unit."""
+        del what, total, unit
+        return lambda _count: self.check()
+
+    def check(self) -> None:
+        """Raise SystemExit if a signal came."""
+        if self.interrupt.number is not None:
+            raise SystemExit(SIGNAL_BASE + self.interrupt.number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +51,7 @@ class Report:
     as_json: bool  #: one JSON object a line for each input, on standard output
     quiet: bool  #: errors only
 
-    def follow(self, batch: Batch, plan: Plan) -> None:
+    def follow(self, batch: Batch, plan: Plan, stopping: Stopping) -> None:
         """Let a batch work, and tell what becomes of its inputs."""
         for warning in () if self.quiet else batch.warnings:
             console.warn(warning)
@@ -40,6 +63,7 @@ class Report:
                     failed = len(batch.tally.failures)
                     stage.note = f"{failed} failed" if failed else ""
                     (stage.skip if result.is_kept else stage)(1)
+                    stopping.check()
         finally:
             for result in batch.late:
                 self._tell(result)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, cast
 
+from depthcli.core.ending import before_ending
 from depthcli.core.text import one_line
 
 if TYPE_CHECKING:
@@ -52,9 +54,15 @@ def bar(*columns: ProgressColumn) -> Iterator[Progress]:
     ) as shown:
         _bars.append(shown)
         try:
-            yield shown
+            with before_ending(_clear_bar):
+                yield shown
         finally:
             _bars.remove(shown)
+
+
+def _clear_bar() -> None:
+    """Leave the terminal with an empty line and its cursor, without waiting for Rich's lock."""
+    os.write(sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")
 
 
 def out(text: str) -> None:

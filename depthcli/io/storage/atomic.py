@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import stat
-import sys
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError
-from depthcli.io.storage.lock import open_locked
 from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.temporaries import temporary_beside
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -43,37 +41,12 @@ def atomic_path(path: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         raise OutputError(f"{path} is a device or a pipe and is not replaced; choose another -o")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _temporary(path) as temporary:
+        with temporary_beside(path) as temporary:
             yield temporary
             os.replace(temporary, path)  # noqa: PTH105 - names with bytes that are not UTF-8 pass
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"cannot write {path}: {reason}; choose another -o") from error
-
-
-@contextmanager
-def _temporary(path: Path) -> Iterator[Path]:
-    """A name in the same folder, and nothing under it when the block fails.
-
-    It follows from the path's, so that what a killed process left is written over by the next; and
-    it is locked, so that of two processes at the same output one takes a name of its own.
-    """
-    name = hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16]
-    temporary = path.with_name(f".depthcli-{name}{path.suffix}")
-    lock = None
-    if sys.platform != "win32":  # which does not rename what is open
-        with suppress(OSError):  # another user's, say
-            lock = open_locked(temporary)
-    if lock is None:
-        temporary = path.with_name(f".depthcli-{os.urandom(8).hex()}{path.suffix}")
-    try:
-        yield temporary
-    except BaseException:
-        _remove(temporary)
-        raise
-    finally:
-        if lock is not None:
-            os.close(lock)
 
 
 @contextmanager
@@ -113,10 +86,3 @@ def _is_special(path: Path) -> bool:
     except (OSError, ValueError):
         return False  # writing says what is wrong
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
-
-
-def _remove(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError:
-        return  # the folder is gone or read-only: there is nothing to remove

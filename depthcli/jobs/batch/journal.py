@@ -206,13 +206,5 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def remove_leftovers(folders: Iterable[Path]) -> None:
-    """Remove the temporary files that a killed batch left in these folders."""
-    for folder in folders:
-        for path in folder.glob(".depthcli-*"):
-            if not is_journal(path):
-                remove(path)
-
-
 def _taken(folder: Path) -> UsageError:
     return UsageError(f"another batch is writing to {folder}; wait for it, or choose another --out")

@@ -9,11 +9,13 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from depthcli.core.parallel.cores import share_cores
+from depthcli.core.progress import NO_PROGRESS
 from depthcli.inference.providers import CPU
 from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.temporaries import remove_stale
 from depthcli.jobs.batch.engines.threads import ThreadEngine
-from depthcli.jobs.batch.journal import Journal, remove_leftovers
+from depthcli.jobs.batch.journal import Journal
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.rows_folder import rows_folder
 from depthcli.jobs.batch.tally import Tally
@@ -23,6 +25,7 @@ from depthcli.jobs.batch.worker_spec import WorkerSpec
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
 
+    from depthcli.core.progress import Progress
     from depthcli.inference.session import Session
     from depthcli.jobs.batch.engines.engine import Engine
     from depthcli.jobs.batch.options import BatchRequest
@@ -49,6 +52,7 @@ class Batch(Iterator[Result]):
         request: BatchRequest,
         session: Session | None = None,
         engine: Engine | None = None,
+        progress: Progress = NO_PROGRESS,
     ) -> None:
         """Load the model and take the output folder.
 
@@ -56,6 +60,7 @@ class Batch(Iterator[Result]):
             request: what to do.
             session: the request's model, where that is loaded already.
             engine: what works off the pictures; None for threads of this process.
+            progress: told of each frame of a video.
 
         Raises:
             ModelError: the model cannot be used.
@@ -74,11 +79,13 @@ class Batch(Iterator[Result]):
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan, self._outputs = plan, OutputMap(plan, options.formats)
         self._outputs.check_apart()
+        self._progress = progress
         self._rows = rows_folder(plan.out)
         self._journal: Journal | None = Journal(self._rows.path, plan.shard, request.manifest)
         self.manifest = plan.out / self._journal.manifest.name
         if self._journal.was_cut_short and not isinstance(plan.out, RemotePath):
-            remove_leftovers(plan.folders())
+            for folder in plan.folders():
+                remove_stale(folder)
         self.warnings = (*plan.warnings, *session.warnings)
         self.tally = Tally(len(plan.inputs))
         self.late: tuple[Result, ...] = ()
@@ -122,7 +129,7 @@ class Batch(Iterator[Result]):
             return
         from depthcli.jobs.batch.videos import VideoWorker  # noqa: PLC0415 - it loads PyAV
 
-        worker = VideoWorker(self._worker, self._workers)
+        worker = VideoWorker(self._worker, self._workers, self._progress)
         for file in files:
             result = worker.work(self._outputs.video(file, journal))
             self._record((result,))

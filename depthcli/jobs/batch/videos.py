@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from depthcli.core.camera import Camera
+    from depthcli.core.progress import Progress
     from depthcli.jobs.batch.pictures import PictureWorker
 
 VideoTask: TypeAlias = Task[VideoFormat]
@@ -35,10 +36,12 @@ class VideoWorker:
     Attributes:
         pictures: the worker that does pictures with the same model and options.
         workers: frames at the same time.
+        progress: told of each frame.
     """
 
     pictures: PictureWorker
     workers: int
+    progress: Progress
 
     def work(self, task: VideoTask) -> Result:
         """Do one video.
@@ -71,7 +74,7 @@ class VideoWorker:
             detail=options.detail,
             max_pixels=options.max_pixels,
         )
-        done = write_video(plan, self.pictures.pipeline, settings, self.workers)
+        done = write_video(plan, self.pictures.pipeline, settings, self.workers, self.progress)
         return Row(
             input=name,
             status=FAILED if done.problem else OK,

@@ -6,13 +6,13 @@ from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+from depthcli.core.interrupt import Interrupt
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.training_data import TrainingData, open_training_data
 from depthcli.training import loop
 from depthcli.training.board import Board
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.interrupt import Interrupt
 from depthcli.training.launch import launched, open_fabric
 from depthcli.training.setup import divide
 from depthcli.training.threads import set_threads

@@ -1,4 +1,4 @@
-"""Ending a run on a signal, after the step at hand."""
+"""Ending work on a signal, at a place where it can be ended."""
 
 import signal
 import threading

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from depthcli.training.interrupt import Interrupt
+from depthcli.core.interrupt import Interrupt
 
 
 def test_first_signal_is_noted_and_the_second_acts() -> None:

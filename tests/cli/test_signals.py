@@ -1,0 +1,95 @@
+"""Signals end a command at any moment, and leave nothing."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from onnx import TensorProto, helper
+from tiny import write_model, write_picture
+
+from depthcli.cli.signals import ending_signals, finishing
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "robustness"))
+import killed
+
+if TYPE_CHECKING:
+    from command_line import Cli
+
+
+def endless_onnx() -> bytes:
+    """A network that counts to 2^63 before it gives its input back."""
+    body = helper.make_graph(
+        [
+            helper.make_node("Identity", ["go"], ["on"]),
+            helper.make_node("Add", ["sum", "one"], ["next"]),
+        ],
+        "body",
+        [
+            helper.make_tensor_value_info("i", TensorProto.INT64, []),
+            helper.make_tensor_value_info("go", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("sum", TensorProto.FLOAT, None),
+        ],
+        [
+            helper.make_tensor_value_info("on", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("next", TensorProto.FLOAT, None),
+        ],
+        [helper.make_tensor("one", TensorProto.FLOAT, [], [1.0])],
+    )
+    graph = helper.make_graph(
+        [helper.make_node("Loop", ["times", "true", "image"], ["depth"], body=body)],
+        "endless",
+        [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["n", 1, "height", "width"])],
+        [helper.make_tensor_value_info("depth", TensorProto.FLOAT, None)],
+        [
+            helper.make_tensor("times", TensorProto.INT64, [], [2**63 - 1]),
+            helper.make_tensor("true", TensorProto.BOOL, [], [True]),
+        ],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    return model.SerializeToString()
+
+
+@pytest.mark.parametrize("command", ["predict", "batch"])
+def test_a_network_that_never_ends_does_not_outlive_ctrl_c(cli: Cli, command: str) -> None:
+    write_model(cli.models / "default", endless_onnx())
+    write_picture(cli.folder / "in" / "a.png")
+    words = ("predict", "in/a.png", "-o", "out/") if command == "predict" else ("batch", "in")
+    process = subprocess.Popen(
+        cli.command(*words, *(("--out", "out") if command == "batch" else ())),
+        cwd=cli.folder,
+        env=cli.environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(1.5)  # it has begun by then, or is about to
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=20)
+    assert (process.returncode, said) == (130, "")
+    assert not list(cli.folder.glob("out/*.png"))
+
+
+def test_signals_that_the_caller_ignores_stay_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what nohup does
+    try:
+        assert signal.SIGHUP not in ending_signals()
+        with finishing(60.0) as interrupt:
+            signal.raise_signal(signal.SIGHUP)
+            assert interrupt.number is None
+            signal.raise_signal(signal.SIGTERM)
+            assert interrupt.number == signal.SIGTERM
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_at_some_moments_nothing_is_left_and_the_next_run_gives_the_same_bytes(
+    tmp_path: Path,
+) -> None:
+    """A sample of the long command tests/robustness/killed.py."""
+    names = ("batch", "frames")
+    assert killed.attack(killed.room(tmp_path, names), names, moments=3, seed=3) == []

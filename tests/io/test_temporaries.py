@@ -1,0 +1,107 @@
+"""Temporary files: what a killed process left goes, what a live one writes stays."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from depthcli.io.storage.temporaries import remove_stale, temporary_beside
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pytest
+
+WRITER = """
+import os, sys, threading
+from pathlib import Path
+from depthcli.io.storage.temporaries import remove_own, temporary_beside
+def write(name):
+    while True:
+        with temporary_beside(Path(name)) as path:
+            path.write_bytes(b"whole")
+            path.rename(name)
+with temporary_beside(Path("kept")) as path:
+    path.touch()
+    print(path.name, flush=True)
+    for name in sys.argv[1:]:
+        threading.Thread(target=write, args=(name,), daemon=True).start()
+    sys.stdin.readline()
+    remove_own()
+    os._exit(0)
+"""
+
+
+def writer(folder: Path, *names: str) -> subprocess.Popen[str]:
+    """A process that has a temporary file, and writes others, until it gets a line."""
+    return subprocess.Popen(
+        [sys.executable, "-c", WRITER, *names],
+        cwd=folder,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_of_a_live_process_nothing_is_removed_and_of_a_killed_one_all(tmp_path: Path) -> None:
+    with writer(tmp_path) as process:
+        assert process.stdout is not None
+        name = process.stdout.readline().strip()
+        remove_stale(tmp_path)
+        assert names(tmp_path) == [name]
+        process.kill()
+        process.wait()
+        remove_stale(tmp_path)
+        assert names(tmp_path) == []
+
+
+def test_when_the_process_ends_its_files_go_whatever_its_threads_do(tmp_path: Path) -> None:
+    with writer(tmp_path, "a.png", "b.exr", "c.npy") as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        while len(list(tmp_path.glob("*.*"))) < 4:
+            time.sleep(0.001)
+        process.communicate("\n")
+    assert names(tmp_path) == ["a.png", "b.exr", "c.npy"]
+
+
+def test_what_killed_runs_left_goes_with_the_next_output_and_nothing_else(tmp_path: Path) -> None:
+    left = tmp_path / f".depthcli-{'a' * 16}.png"
+    others = [".depthcli-batch.jsonl", ".depthcli-mine", "a.depth.png"]
+    for name in (left.name, *others):
+        (tmp_path / name).touch()
+    with temporary_beside(tmp_path / "a.png") as path:
+        path.touch()
+        remove_stale(tmp_path)  # our own is in use
+        assert names(tmp_path) == sorted([path.name, *others])
+        path.unlink()
+    assert names(tmp_path) == others
+
+
+def test_links_and_folders_are_nobody_s_temporary_files(tmp_path: Path) -> None:
+    (tmp_path / "precious").write_bytes(b"x")
+    (tmp_path / f".depthcli-{'a' * 16}").symlink_to("precious")
+    (tmp_path / f".depthcli-{'b' * 16}").mkdir()
+    remove_stale(tmp_path)
+    assert len(names(tmp_path)) == 3
+    remove_stale(tmp_path / "missing")
+
+
+def test_without_locks_what_was_written_to_today_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("depthcli.io.storage.lock.lock", lambda *_, **__: True)
+    old, new = (tmp_path / f".depthcli-{letter * 16}.png" for letter in "ab")
+    for path in (old, new):
+        path.touch()
+    yesterday_s = time.time() - 2 * 86_400
+    os.utime(old, (yesterday_s, yesterday_s))
+    remove_stale(tmp_path)
+    assert names(tmp_path) == [new.name]

@@ -1,0 +1,260 @@
+"""Commands that a signal ends at any moment, and what the next run makes of what they left.
+
+    python tests/robustness/killed.py                           # 200 moments, about half an hour
+    python tests/robustness/killed.py --moments 20 --jobs batch --seed 7
+
+Each job is run once without a break. Then it is started again and again, and gets SIGINT, SIGTERM,
+SIGHUP or SIGKILL at a moment that is drawn from the time it took. It must end at once with the
+signal's exit code, without a word of Python's or a library's, and without temporary files unless
+it was killed; the same command must then give the bytes of the unbroken run, and leave nothing
+hidden. Prints a line for each job and signal; exits with 1 if anything fell short.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "training"))
+from command_line import Cli
+from tiny import synthetic_picture, write_model, write_picture
+from videos import flat_frames, write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+TESTS = Path(__file__).resolve().parents[1]
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
+LONGEST_END_S = 10.0
+"""Where a whole machine is busy; the command itself is given two seconds."""
+NOISE = ("Traceback", "terminate called", "Exception ignored", "Error", "Fatal", "dumped")
+JOURNALS = (".depthcli-batch.jsonl", ".depthcli-frames")
+SMALL = """
+validate_every = 1
+[generator]
+width = 8
+blocks = 1
+[data]
+width = 32
+height = 32
+holdout_every = 4
+holdout_offset = 1
+[optim]
+epochs_constant = 4
+epochs_decay = 4
+width_discriminator = 4
+pool_size = 2
+"""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A command, and what there is to compare of what it writes.
+
+    Attributes:
+        words: of the command; its outputs go to ``out``.
+        share: how often it is chosen.
+        content: what a file says; times that it took are left out.
+        may_finish: whether it comes to the end of a step before it ends.
+    """
+
+    words: tuple[str, ...]
+    share: int
+    content: Callable[[Path], object] = Path.read_bytes
+    may_finish: bool = False
+
+
+def _rows(path: Path) -> object:
+    """Lines of JSON without times; a checkpoint's values; other files' bytes."""
+    if path.suffix == ".jsonl":
+        rows = [json.loads(line) for line in path.read_text().splitlines()]
+        return [{name: row[name] for name in row if name != "seconds"} for row in rows]
+    if path.suffix == ".ckpt":
+        import torch  # noqa: PLC0415 - the other jobs need none
+
+        state = torch.load(path, weights_only=True)
+        state["progress"].pop("seconds")
+        return _plain(state)
+    return path.read_bytes()
+
+
+def _plain(value: Any) -> Any:
+    """Tensors as bytes, so that states can be compared."""
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return value.numpy().tobytes() if hasattr(value, "numpy") else value
+
+
+_VIDEO = ("video", "clip.mkv", "--workers", "2", "--threads", "1")
+_TRAIN = ("train", "proposed", "--data", "data", "--out", "out", "--config", "small.toml")
+JOBS = {
+    "predict": Job(("predict", "pictures", "-o", "out/", "--format", "exr"), 2),
+    "batch": Job(("batch", "in", "--out", "out", "--format", "png16", "--format", "exr"), 6, _rows),
+    "frames": Job((*_VIDEO, "--out", "out/", "--format", "png16", "--format", "npy"), 4),
+    "mkv": Job((*_VIDEO, "--out", "out/", "--format", "mkv", "--format", "mp4"), 3),
+    "train": Job((*_TRAIN, "--accelerator", "cpu", "--threads", "1"), 4, _rows, may_finish=True),
+    "export": Job(("export-onnx", "last.ckpt", "-o", "out/model.onnx"), 1),
+}
+
+
+def room(folder: Path, names: tuple[str, ...]) -> Cli:
+    """A folder with what the jobs read."""
+    cli = Cli(TESTS.parent, folder, folder / "models")
+    write_model(cli.models / "default")
+    for i in range(40):
+        write_picture(folder / "in" / f"{i % 3}" / f"{i:02}.png", synthetic_picture(96, 128))
+    write_video(folder / "in" / "short.mkv", flat_frames(range(20, 240, 20), 60, 80))
+    write_video(folder / "clip.mkv", flat_frames(range(10, 250, 3), 240, 320))
+    if {"train", "export"} & {*names}:
+        from rooms import write_rooms  # noqa: PLC0415 - it loads torch
+
+        write_rooms(folder / "data")
+        (folder / "small.toml").write_text(SMALL)
+    return cli
+
+
+def command(cli: Cli, job: Job) -> list[str]:
+    """The words, with all pictures where there are to be some."""
+    pictures = sorted(str(path.relative_to(cli.folder)) for path in cli.folder.glob("in/*/*.png"))
+    words = [one for word in job.words for one in (pictures if word == "pictures" else [word])]
+    return cli.command(*words)
+
+
+def content(cli: Cli, job: Job) -> dict[str, object]:
+    """All files of the outputs, hidden ones too."""
+    out = cli.folder / "out"
+    return {str(path.relative_to(out)): job.content(path) for path in _files(out)}
+
+
+def _files(out: Path) -> Iterator[Path]:
+    return (path for path in sorted(out.rglob("*")) if path.is_file())
+
+
+def hidden(cli: Cli) -> list[str]:
+    """Temporary files that are there."""
+    names = (path.name for path in _files(cli.folder / "out") if path.name.startswith("."))
+    return [name for name in names if not name.endswith(JOURNALS)]
+
+
+def ended(cli: Cli, job: Job, number: signal.Signals, delay_s: float) -> tuple[str, list[str]]:
+    """How a run ends that gets a signal, and where it falls short."""
+    process = subprocess.Popen(
+        command(cli, job),
+        cwd=cli.folder,
+        env=cli.environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(delay_s)
+    sent_s = time.monotonic()
+    process.send_signal(number)
+    try:
+        _, said = process.communicate(timeout=60)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        return "never", [f"did not end on {number.name}"]
+    code, faults = process.returncode, []
+    if code not in {0, 128 + number, -number}:
+        faults.append(f"exit code {code}")
+    if time.monotonic() - sent_s > LONGEST_END_S:
+        faults.append(f"took {time.monotonic() - sent_s:.1f} s to end")
+    if any(word in said for word in NOISE):
+        faults.append(f"said {said.strip()!r}")
+    if number is not signal.SIGKILL and hidden(cli):
+        faults.append(f"left {hidden(cli)}")
+    return str(code), faults
+
+
+def resumed(cli: Cli, job: Job, wanted: dict[str, object]) -> list[str]:
+    """Where the next run of the same command falls short."""
+    done = subprocess.run(
+        command(cli, job), cwd=cli.folder, env=cli.environment, capture_output=True, check=False
+    )
+    if done.returncode:
+        return [f"next run: exit code {done.returncode}, {done.stderr.decode().strip()!r}"]
+    found = content(cli, job)
+    return [
+        f"next run: {name} {'differs' if name in found and name in wanted else 'is odd'}"
+        for name in sorted(found.keys() | wanted.keys())
+        if name not in found or name not in wanted or found[name] != wanted[name]
+    ]
+
+
+def fresh(cli: Cli) -> None:
+    """No outputs."""
+    shutil.rmtree(cli.folder / "out", ignore_errors=True)
+    (cli.folder / "out").mkdir()
+
+
+def unbroken(cli: Cli, job: Job) -> tuple[float, dict[str, object]]:
+    """How long a job takes, and what it writes."""
+    fresh(cli)
+    start_s = time.monotonic()
+    subprocess.run(
+        command(cli, job), cwd=cli.folder, env=cli.environment, check=True, capture_output=True
+    )
+    return time.monotonic() - start_s, content(cli, job)
+
+
+def attack(cli: Cli, names: tuple[str, ...], moments: int, seed: int) -> list[str]:
+    """End jobs at random moments.
+
+    Returns:
+        All that fell short, a line each.
+    """
+    rng = random.Random(seed)  # noqa: S311 - to be repeated, not to be secret
+    known: dict[str, tuple[float, dict[str, object]]] = {}
+    ends: Counter[tuple[str, str, str]] = Counter()
+    shortfalls = []
+    for _ in range(moments):
+        name = rng.choices(names, [JOBS[one].share for one in names])[0]
+        number, part, job = rng.choice(SIGNALS), rng.random(), JOBS[name]
+        if name == "export" and not (cli.folder / "last.ckpt").exists():
+            unbroken(cli, JOBS["train"])
+            shutil.copy(cli.folder / "out/last.ckpt", cli.folder)
+        if name not in known:
+            known[name] = unbroken(cli, job)
+        seconds, wanted = known[name]
+        fresh(cli)
+        code, faults = ended(cli, job, number, part * seconds)
+        ends[name, number.name, code] += 1
+        faults += resumed(cli, job, wanted)
+        shortfalls += [f"{name} {number.name} at {part * seconds:.3f} s: {one}" for one in faults]
+    for (name, number, code), count in sorted(ends.items()):
+        print(f"{name:8} {number:8} exit code {code:>4}: {count:4}")
+    return shortfalls
+
+
+def main() -> int:
+    """Attack, and print what fell short."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--moments", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", default=",".join(JOBS))
+    asked = parser.parse_args()
+    names = tuple(asked.jobs.split(","))
+    with tempfile.TemporaryDirectory() as folder:
+        shortfalls = attack(room(Path(folder), names), names, asked.moments, asked.seed)
+    print(*shortfalls, sep="\n")
+    print(f"{asked.moments} moments, {len(shortfalls)} shortfalls")
+    return 1 if shortfalls else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
