@@ -20,15 +20,15 @@ from depthcli.core.interrupt import Interrupt
 from depthcli.io.storage.temporaries import remove_own
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 SIGNAL_BASE = 128
 """Shells report a signal as this plus its number."""
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 
 _PATIENCE_S = 0.5
-_patience_s = [_PATIENCE_S]
-"""How long the main thread may take to obey, in the innermost block of :func:`finishing` last."""
+_finishing: list[tuple[float, Callable[[], object]]] = []
+"""How long a block of :func:`finishing` may take, and what hurries it; the innermost last."""
 
 
 def ending_signals() -> tuple[signal.Signals, ...]:
@@ -49,27 +49,35 @@ def end_on_signals() -> None:
 
 
 @contextmanager
-def finishing(patience_s: float) -> Iterator[Interrupt]:
-    """Note a signal within the block, which is to end then, and is given so long to do so.
+def finishing(patience_s: float, hurry: Callable[[], object]) -> Iterator[Interrupt]:
+    """Note a signal within the block, which is to end then; a second one ends the process.
 
-    A second signal ends the process at once.
+    Args:
+        patience_s: how long the block may take to end.
+        hurry: called from another thread when the signal comes.
     """
     with Interrupt(*ending_signals()) as interrupt:
-        _patience_s.append(patience_s)
+        _finishing.append((patience_s, hurry))
         try:
             yield interrupt
         finally:
-            _patience_s.pop()
+            _finishing.pop()
 
 
 def _watch(read_end: int) -> None:
     """See to it that signals are obeyed where the main thread does not come to that."""
     while True:
         (number,) = os.read(read_end, 1)
-        if signal.getsignal(number) is _end or len(_patience_s) > 1:
-            select.select([read_end], (), (), _patience_s[-1])
-            _leave_nothing()
-            os._exit(SIGNAL_BASE + number)
+        if signal.getsignal(number) is _end:
+            patience_s = _PATIENCE_S
+        elif _finishing:
+            patience_s, hurry = _finishing[-1]
+            hurry()
+        else:
+            continue
+        select.select([read_end], (), (), patience_s)
+        _leave_nothing()
+        os._exit(SIGNAL_BASE + number)
 
 
 def _end(number: int, _frame: object) -> NoReturn:

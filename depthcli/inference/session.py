@@ -57,6 +57,7 @@ class Session:
         options = provider_options or {}
         providers.check_options(provider, options)
         self._session = _start(model, wanted, threads, options)
+        self._running = ort.RunOptions()
         self.provider = providers.short_name(self._session.get_providers()[0])
         self.warnings = providers.settled(provider, wanted[0], self.provider)
         # DirectML allows one run at a time in a session:
@@ -82,12 +83,16 @@ class Session:
             batch = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         try:
             with self._turn:
-                raw = self._session.run(None, {self._input: batch})[0]
+                raw = self._session.run(None, {self._input: batch}, self._running)[0]
         except Exception as error:
             raise ModelError(
                 f"{self.model.path} failed on an input of {batch.shape}: {_first_line(error)}"
             ) from error
         return self._maps(raw, len(batch))
+
+    def stop(self) -> None:
+        """Let every run fail, those at work within the network too; from any thread."""
+        self._running.terminate = True
 
     def _maps(self, raw: npt.NDArray[Any], count: int) -> npt.NDArray[np.float32]:
         """An output of (N, h, w), (N, 1, h, w) or (N, h, w, 1) as (N, h, w) float32."""

@@ -70,7 +70,8 @@ def test_a_network_that_never_ends_does_not_outlive_ctrl_c(cli: Cli, command: st
     time.sleep(1.5)  # it has begun by then, or is about to
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=20)
-    assert (process.returncode, said) == (130, "")
+    assert process.returncode == 130
+    assert "resume" in said if command == "batch" else not said
     assert not list(cli.folder.glob("out/*.png"))
 
 
@@ -78,7 +79,7 @@ def test_signals_that_the_caller_ignores_stay_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what nohup does
     try:
         assert signal.SIGHUP not in ending_signals()
-        with finishing(60.0) as interrupt:
+        with finishing(60.0, bool) as interrupt:
             signal.raise_signal(signal.SIGHUP)
             assert interrupt.number is None
             signal.raise_signal(signal.SIGTERM)

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(rich_markup_mode=None)
 
-_PATIENCE_S = 2.0
-"""After a signal, pictures at work may come to their end."""
+_PATIENCE_S = 10.0
+"""After a signal, pictures that are read or written may come to their end."""
 
 STANDARD = "-"
 
@@ -167,7 +167,7 @@ def batch(
     from depthcli.jobs.batch.run import Batch
 
     session = loading.result()
-    with finishing(_PATIENCE_S) as interrupt:
+    with finishing(_PATIENCE_S, session.stop) as interrupt:
         stopping = Stopping(interrupt)
         job = Batch(request, session, progress=stopping)
         Report(as_json=as_json, quiet=quiet).follow(job, plan, stopping)

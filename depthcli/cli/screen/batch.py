@@ -10,6 +10,7 @@ from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import drawn
 from depthcli.cli.signals import SIGNAL_BASE
 from depthcli.core.text import one_line
+from depthcli.errors import ModelError
 from depthcli.io.listing.skipped import counted
 
 if TYPE_CHECKING:
@@ -64,6 +65,9 @@ class Report:
                     stage.note = f"{failed} failed" if failed else ""
                     (stage.skip if result.is_kept else stage)(1)
                     stopping.check()
+        except ModelError:
+            stopping.check()  # the network was stopped
+            raise
         finally:
             for result in batch.late:
                 self._tell(result)
