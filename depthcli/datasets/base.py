@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class DepthDataset(Protocol):
-    """Pairs of a picture and its depth, read one at a time."""
+    """Pairs of a picture and its depth, read one at a time; ``DatasetError`` if that fails."""
 
     @property
     def ids(self) -> Sequence[str]:
@@ -32,19 +32,11 @@ class DepthDataset(Protocol):
     def __len__(self) -> int: ...
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
-        """Picture of pair ``i``: (H, W, 3) RGB uint8.
-
-        Raises:
-            DatasetError: it cannot be read.
-        """
+        """Picture of pair ``i``: (H, W, 3) RGB uint8."""
         ...
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
-        """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none.
-
-        Raises:
-            DatasetError: it cannot be read.
-        """
+        """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
         ...
 
 

@@ -42,27 +42,15 @@ class NyuMat:
         return len(self.ids)
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
-        """Picture of pair ``i``: (H, W, 3) RGB uint8.
-
-        Raises:
-            DatasetError: the file is damaged there.
-        """
+        """Picture of pair ``i``: (H, W, 3) RGB uint8."""
         return np.ascontiguousarray(self._read("images", i).transpose(2, 1, 0), dtype=np.uint8)
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
-        """In-filled depth of pair ``i``: (H, W) float32 metres, 0 where there is none.
-
-        Raises:
-            DatasetError: the file is damaged there.
-        """
+        """In-filled depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
         return np.ascontiguousarray(self._read("depths", i).T, dtype=np.float32)
 
     def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
-        """Measured depth of pair ``i``: (H, W) float32 metres, 0 where nothing was measured.
-
-        Raises:
-            DatasetError: the file has no ``rawDepths`` or is damaged there.
-        """
+        """Measured depth: (H, W) float32 metres, 0 where nothing was measured."""
         if "rawDepths" not in self.file:
             raise DatasetError(f"{self.path} has no rawDepths: use the complete official file")
         return np.ascontiguousarray(self._read("rawDepths", i).T, dtype=np.float32)

@@ -41,17 +41,9 @@ class Subset:
         return tuple(parts[i] for i in self.positions)
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
-        """Picture of pair ``i``: (H, W, 3) RGB uint8.
-
-        Raises:
-            DatasetError: it cannot be read.
-        """
+        """Picture of pair ``i``: (H, W, 3) RGB uint8."""
         return self.whole.image(self.positions[i])
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
-        """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none.
-
-        Raises:
-            DatasetError: it cannot be read.
-        """
+        """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
         return self.whole.depth_m(self.positions[i])

@@ -52,19 +52,11 @@ class UnpairedFolder:
         return ("",) * len(self)
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
-        """Picture ``i``: (H, W, 3) RGB uint8.
-
-        Raises:
-            DatasetError: it cannot be read.
-        """
+        """Picture ``i``: (H, W, 3) RGB uint8."""
         return read_image_rgb(self._image(i))
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
-        """Depth image ``i``: (H, W) float32 metres, 0 where there is none.
-
-        Raises:
-            DatasetError: it cannot be read.
-        """
+        """Depth image ``i``: (H, W) float32 metres, 0 where there is none."""
         return read_depth_m(self._depth(i), self.units_per_metre)
 
     def _image(self, i: int) -> Path:
