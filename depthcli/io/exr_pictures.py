@@ -1,22 +1,15 @@
 """Pictures for the network from OpenEXR files, whose light is linear."""
 
-from __future__ import annotations
-
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import check_size
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    from depthcli.core.picture_limit import PictureLimit
 
 _LINEAR_UP_TO = 0.0031308
 

@@ -1,14 +1,9 @@
 """What OpenCV says about damaged files, which its user hears from us in one line."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 import cv2
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 @contextmanager

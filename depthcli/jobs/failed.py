@@ -7,12 +7,7 @@ from depthcli.errors import DepthcliError
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """An input that could not be used, or whose outputs could not be written.
+    """An input that could not be used, or whose outputs could not be written."""
 
-    Attributes:
-        name: the input, as the user wrote it.
-        error: why.
-    """
-
-    name: str
-    error: DepthcliError
+    name: str  #: the input, as the user wrote it
+    error: DepthcliError  #: why

@@ -1,20 +1,15 @@
 """Names for the outputs of a whole tree: no two alike, whatever the order of the inputs."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import unicodedata
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Iterable
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import NDArray
-
-_Hashes: TypeAlias = "NDArray[np.uint64]"
+_Hashes: TypeAlias = NDArray[np.uint64]
 _FIELDS = np.dtype([("name", np.uint64), ("whole", np.uint64), ("stem", np.uint64)])
 
 

@@ -1,15 +1,11 @@
 """The pictures and videos below a folder."""
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, TypeAlias
 
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.listing.skipped import HIDDEN, OWN, Skipped
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 PICTURE_SUFFIXES = (
     *(".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".avif"),
@@ -23,31 +19,21 @@ _Identity: TypeAlias = tuple[int, int] | None
 
 
 class InputFile(NamedTuple):
-    """Something below a folder.
+    """Something below a folder."""
 
-    Attributes:
-        name: path from the folder, with ``/`` between its parts.
-        path: where it is.
-        problem: why it cannot be read, if that is known already.
-    """
-
-    name: str
-    path: str
-    problem: str | None = None
+    name: str  #: path from the folder, with ``/`` between its parts
+    path: str  #: where it is
+    problem: str | None = None  #: why it cannot be read, if that is known already
 
 
 class Listing(NamedTuple):
-    """What is below a folder.
+    """What is below a folder."""
 
-    Attributes:
-        media: pictures, videos and unreadable folders, in an order that depends on names alone.
-        skipped: files that are neither picture nor video by their suffix, hidden, or outputs.
-        loops: folders left out because they lead back to a folder that they are in.
-    """
-
+    #: pictures, videos and unreadable folders, in an order that depends on names alone
     media: tuple[InputFile, ...]
+    #: files that are neither picture nor video by their suffix, hidden, or outputs
     skipped: tuple[Skipped, ...]
-    loops: tuple[str, ...]
+    loops: tuple[str, ...]  #: folders left out because they lead back to a folder that they are in
 
 
 def is_video(name: str) -> bool:

@@ -1,14 +1,10 @@
 """Which names are included and excluded, by patterns as shells and .gitignore have them."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, Self
 
 from depthcli.io.listing.skipped import EXCLUDED, NOT_INCLUDED
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 _TOKEN = re.compile(r"\*\*/|\*\*|\*|\?|\[!?\]?[^\]/]*\]|.", re.DOTALL)
 
@@ -18,19 +14,14 @@ class NameFilter(NamedTuple):
 
     A pattern without ``/`` is about the last part of a name, in any folder; one with ``/`` about
     the whole name. ``*`` and ``?`` stop at ``/``, ``**`` does not.
-
-    Attributes:
-        include: a file has to match one of these, if there are any.
-        exclude: a file or a folder must match none of these.
-        include_words: ``include`` as the user writes it.
     """
 
-    include: tuple[re.Pattern[str], ...]
-    exclude: tuple[re.Pattern[str], ...]
-    include_words: tuple[str, ...]
+    include: tuple[re.Pattern[str], ...]  #: a file has to match one of these, if there are any
+    exclude: tuple[re.Pattern[str], ...]  #: a file or a folder must match none of these
+    include_words: tuple[str, ...]  #: ``include`` as the user writes it
 
     @classmethod
-    def of(cls, include: Sequence[str], exclude: Sequence[str]) -> NameFilter:
+    def of(cls, include: Sequence[str], exclude: Sequence[str]) -> Self:
         """From patterns as the user writes them."""
         return cls(tuple(map(_compiled, include)), tuple(map(_compiled, exclude)), tuple(include))
 

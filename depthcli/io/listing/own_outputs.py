@@ -1,17 +1,12 @@
 """Telling what depthcli wrote from what it is to read."""
 
-from __future__ import annotations
-
 import os
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.io.png.chunks import SIGNATURE
 from depthcli.io.png.text import read_text
 from depthcli.io.storage.remote import RemotePath, is_remote, path_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 MARK = "depthcli:software"
 """Keyword of the text chunk that every PNG of ours has right behind its header."""

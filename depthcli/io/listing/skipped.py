@@ -1,12 +1,8 @@
 """Files that are no inputs, and why."""
 
-from __future__ import annotations
-
 from collections import Counter
-from typing import TYPE_CHECKING, NamedTuple
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 HIDDEN = "hidden"
 OWN = "written by depthcli"
@@ -22,15 +18,10 @@ _MOST_REASONS = 6
 
 
 class Skipped(NamedTuple):
-    """A file that is no input.
+    """A file that is no input."""
 
-    Attributes:
-        name: path from the folder, with ``/`` between its parts.
-        reason: one of the words above, or the file's suffix.
-    """
-
-    name: str
-    reason: str
+    name: str  #: path from the folder, with ``/`` between its parts
+    reason: str  #: one of the words above, or the file's suffix
 
 
 def counted(skipped: Sequence[Skipped]) -> str:

@@ -1,20 +1,16 @@
 """A picture as a program has it, a path, bytes, an array or a PIL picture, as a frame."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.read import read_image, upright
 from depthcli.io.storage.remote import path_of
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 _ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 _GRAY_MODES = ("1", "LA", "La")

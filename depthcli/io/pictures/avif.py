@@ -3,16 +3,11 @@
 Boxes are those of ISO/IEC 14496-12, the rest is the AV1 bitstream's section 5.5.1.
 """
 
-from __future__ import annotations
-
 import re
 import struct
+from collections.abc import Iterator
 from contextlib import suppress
 from itertools import islice
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _CLAIM = re.compile(rb"ispe")
 _CHUNKS = re.compile(rb"stco\0\0\0\0")

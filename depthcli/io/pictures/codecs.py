@@ -1,7 +1,5 @@
 """Which picture formats this build of OpenCV knows."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

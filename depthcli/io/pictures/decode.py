@@ -1,12 +1,11 @@
 """From a file to pixels: every check that a file from outside has to pass, then the decoder."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
@@ -17,11 +16,6 @@ from depthcli.io.pictures.ending import flaw
 from depthcli.io.pictures.size import picture_size
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 MAX_FILE_BYTES = 2**32
 """More than so many pixels take as float colours."""

@@ -1,7 +1,5 @@
 """The two EXIF facts that depth needs: how the camera was held and its focal length."""
 
-from __future__ import annotations
-
 import struct
 from typing import Literal, NamedTuple
 
@@ -17,15 +15,10 @@ _MIRRORED = (2, 5, 4, 7)  # and those that mirroring left to right and then such
 
 
 class Exif(NamedTuple):
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        orientation: 1-8; 1 is upright.
-        focal_35mm: 35-mm-equivalent focal length in millimetres, or None.
-    """
-
-    orientation: int = 1
-    focal_35mm: float | None = None
+    orientation: int = 1  #: 1-8; 1 is upright
+    focal_35mm: float | None = None  #: 35-mm-equivalent focal length in millimetres, or None
 
 
 def read_exif(data: bytes) -> Exif:

@@ -1,25 +1,19 @@
 """One picture, from a file or from bytes, to a frame that stands upright."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
 from depthcli.io.pictures.tiff import TIFF_STARTS
 from depthcli.io.storage.remote import path_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    from depthcli.core.picture_limit import PictureLimit
 
 _MIRRORED = {2, 4, 5, 7}
 _QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}

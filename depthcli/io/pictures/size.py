@@ -1,7 +1,5 @@
 """Size of a picture from its first bytes, so that a bomb is refused before it is decoded."""
 
-from __future__ import annotations
-
 import re
 import struct
 

@@ -1,12 +1,8 @@
 """Whole-number tags of a TIFF file's first picture (TIFF 6.0, and BigTIFF)."""
 
-from __future__ import annotations
-
 import struct
-from typing import TYPE_CHECKING, NamedTuple
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
+from collections.abc import Collection
+from typing import NamedTuple
 
 WIDTH, HEIGHT, COMPRESSION = 256, 257, 259
 

@@ -1,7 +1,5 @@
 """What a PNG file is made of (PNG specification, third edition, chapter 5)."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 

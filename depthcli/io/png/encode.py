@@ -1,25 +1,19 @@
 """Pixels to a PNG file, faster and smaller than OpenCV writes it; see docs/performance.md."""
 
-from __future__ import annotations
-
 import struct
 import zlib
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.errors import OutputError
 from depthcli.io.png.chunks import MAX_LENGTH, SIGNATURE, chunk
 from depthcli.io.png.text import text_chunk
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    import numpy.typing as npt
-
-    Compressor = Callable[[npt.NDArray[np.uint8]], bytes | bytearray]
+Compressor = Callable[[npt.NDArray[np.uint8]], bytes | bytearray]
 
 _GRAY, _RGB = 0, 2  # colour types of the header
 # Depth changes little from row to row: of the five filters this one is fastest and leaves least.

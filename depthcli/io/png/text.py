@@ -1,7 +1,5 @@
 """Text chunks of PNG files (PNG specification, third edition, 11.3.3)."""
 
-from __future__ import annotations
-
 import struct
 
 from depthcli.io.png.chunks import SIGNATURE, chunk

@@ -1,18 +1,13 @@
 """Folders that are made, replaced and removed by steps each of which leaves a whole one."""
 
-from __future__ import annotations
-
 import os
 import shutil
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage.lock import folder_lock
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 _WORK, _NEW, _OLD = ".depthcli-work", ".depthcli-new-", ".depthcli-old-"
 

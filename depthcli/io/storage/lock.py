@@ -1,16 +1,11 @@
 """Files and folders that one process has at a time; locks end with the process, however it ends."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
+from pathlib import Path
 
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND
 # No link is followed and no pipe waited for; Windows has neither, but changes line ends.

@@ -65,17 +65,11 @@ class Address(NamedTuple):
 
 
 class Facts(NamedTuple):
-    """What a store knows of an object.
+    """What a store knows of an object."""
 
-    Attributes:
-        size: in bytes.
-        time_s: when it was written, in seconds.
-        notes: what was noted when it was.
-    """
-
-    size: int
-    time_s: int
-    notes: Mapping[str, str]
+    size: int  #: in bytes
+    time_s: int  #: when it was written, in seconds
+    notes: Mapping[str, str]  #: what was noted when it was
 
 
 def facts(place: Address) -> Facts:

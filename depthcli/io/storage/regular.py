@@ -1,15 +1,10 @@
 """Reading files whole: only such as have an end, and not more than their reader can use."""
 
-from __future__ import annotations
-
 import errno
 import stat
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.io.storage.remote import RemotePath
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:

@@ -1,22 +1,15 @@
 """Whole files between this machine and a store."""
 
-from __future__ import annotations
-
 import hashlib
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
-from depthcli.core.progress import NO_PROGRESS
+from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, InputError
 from depthcli.io.storage import objects
 from depthcli.io.storage.remote import RemotePath
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from depthcli.core.progress import Progress
 
 SHA256_NOTE = "sha256"
 

@@ -1,7 +1,5 @@
 """Where a user's own models and profiles lie."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -12,15 +12,11 @@ from depthcli.io.writers.facts import facts
 
 @dataclass(frozen=True, slots=True)
 class ExrWriter:
-    """One channel, ZIP-compressed.
+    """One channel, ZIP-compressed."""
 
-    Attributes:
-        exr_channel: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``.
-        half: 16-bit instead of 32-bit floats.
-    """
-
+    #: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``
     exr_channel: str = "Y"
-    half: bool = False
+    half: bool = False  #: 16-bit instead of 32-bit floats
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""

@@ -1,16 +1,11 @@
 """What is said of a depth map in files and reports: one name for each fact, everywhere."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Self
 
 from depthcli._version import __version__
 from depthcli.core import scaling
-from depthcli.core.types import CameraSource, Provenance
+from depthcli.core.types import CameraSource, DepthMap, Provenance
 from depthcli.io.writers.formats import MILLIMETRES
-
-if TYPE_CHECKING:
-    from depthcli.core.types import DepthMap
 
 SOFTWARE = f"depthcli {__version__}"
 _UNKNOWN = Provenance()
@@ -22,28 +17,20 @@ _HOW_KNOWN = {
 
 
 class Facts(NamedTuple):
-    """The facts that hold for a map in any format; the names are those in JSON.
+    """The facts that hold for a map in any format; the names are those in JSON."""
 
-    Attributes:
-        kind: metric, relative or inverse.
-        unit: ``m``; None for relative and inverse maps.
-        model: name of the model; None if unknown.
-        model_sha256: checksum of its file; None if unknown.
-        focal_px: focal length that the metres belong to, in pixels of the map; None if unknown.
-        camera_source: ``option``, ``exif``, or ``card`` if it is assumed; None if unknown.
-        camera: both of them for people; None if unknown.
-    """
-
-    kind: str
-    unit: str | None
-    model: str | None
-    model_sha256: str | None
+    kind: str  #: metric, relative or inverse
+    unit: str | None  #: ``m``; None for relative and inverse maps
+    model: str | None  #: name of the model; None if unknown
+    model_sha256: str | None  #: checksum of its file; None if unknown
+    #: focal length that the metres belong to, in pixels of the map; None if unknown
     focal_px: float | None
+    #: ``option``, ``exif``, or ``card`` if it is assumed; None if unknown
     camera_source: str | None
-    camera: str | None
+    camera: str | None  #: both of them for people; None if unknown
 
     @classmethod
-    def of(cls, depth: DepthMap) -> Facts:
+    def of(cls, depth: DepthMap) -> Self:
         """What is known of a map."""
         source = depth.provenance or _UNKNOWN
         return cls(

@@ -14,24 +14,19 @@ MILLIMETRES = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class FormatFacts:
-    """What is known of a format before anything of it is loaded.
+    """What is known of a format before anything of it is loaded."""
 
-    Attributes:
-        writer: its class, as ``module:name``. Modules are loaded when a format is used: OpenEXR
-            costs start-up time that PNG need not pay.
-        suffix: end of the default output name, after the input's stem.
-        ending: file suffix that chooses this format where the user names a file; None if only
-            ``suffix`` does.
-        options: those of :class:`~depthcli.io.writers.options.WriterOptions` that the writer has,
-            under the same names.
-        use_bytes: memory of writing it, bytes a pixel beside picture and depth, measured with some
-            to spare.
-    """
-
+    #: its class, as ``module:name``. Modules are loaded when a format is used: OpenEXR costs start-
+    #: up time that PNG need not pay
     writer: str
-    suffix: str
+    suffix: str  #: end of the default output name, after the input's stem
+    #: file suffix that chooses this format where the user names a file; None if only ``suffix``
+    #: does
     ending: str | None
+    #: those of :class:`~depthcli.io.writers.options.WriterOptions` that the writer has, under the
+    #: same names
     options: tuple[str, ...] = ()
+    #: memory of writing it, bytes a pixel beside picture and depth, measured with some to spare
     use_bytes: int = 10
 
 

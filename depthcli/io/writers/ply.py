@@ -19,12 +19,9 @@ _TYPES = {"<f4": "float", "u1": "uchar"}
 
 @dataclass(frozen=True, slots=True)
 class PlyWriter:
-    """Metres: x right, y down, z along the camera axis; the principal point is the centre.
+    """Metres: x right, y down, z along the camera axis; the principal point is the centre."""
 
-    Attributes:
-        hfov_deg: horizontal field of view where the map itself states no focal length.
-    """
-
+    #: horizontal field of view where the map itself states no focal length
     hfov_deg: float = _NYU_HFOV_DEG
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:

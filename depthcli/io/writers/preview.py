@@ -22,24 +22,18 @@ _INVALID_RGB = (96, 96, 96)
 
 @dataclass(frozen=True, slots=True)
 class PreviewWriter:
-    """8-bit RGB PNG.
+    """8-bit RGB PNG."""
 
-    Attributes:
-        colormap: ``inferno``, ``turbo``, ``magma``, ``viridis``, ``spectral`` or ``gray``.
-        near: end of the colormap that is near: its warm end, or for gray ``white`` or ``black``.
-        vmin: least value with a colour of its own, in metres (or what the map holds); None for
-            percentile 2. It is the near end, or the far end of an inverse map.
-        vmax: largest such value; None for percentile 98.
-        legend: draw a scale at the right.
-        side_by_side: put the picture at the left.
-    """
-
+    #: ``inferno``, ``turbo``, ``magma``, ``viridis``, ``spectral`` or ``gray``
     colormap: str = "inferno"
+    #: end of the colormap that is near: its warm end, or for gray ``white`` or ``black``
     near: Literal["warm", "white", "black"] = "warm"
+    #: least value with a colour of its own, in metres (or what the map holds); None for percentile
+    #: 2. It is the near end, or the far end of an inverse map
     vmin: float | None = None
-    vmax: float | None = None
-    legend: bool = False
-    side_by_side: bool = False
+    vmax: float | None = None  #: largest such value; None for percentile 98
+    legend: bool = False  #: draw a scale at the right
+    side_by_side: bool = False  #: put the picture at the left
 
     def __post_init__(self) -> None:
         """Refuse limits that are the wrong way round.

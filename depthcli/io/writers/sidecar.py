@@ -13,15 +13,10 @@ from depthcli.io.writers.formats import MILLIMETRES
 
 @dataclass(frozen=True, slots=True)
 class SidecarWriter:
-    """Unit, scale, kind, orientation, model, resize, focal length, range and version.
+    """Unit, scale, kind, orientation, model, resize, focal length, range and version."""
 
-    Attributes:
-        png_scale: steps per metre of the 16-bit PNG beside it.
-        png_normalize: that is normalized instead.
-    """
-
-    png_scale: float = MILLIMETRES
-    png_normalize: bool = False
+    png_scale: float = MILLIMETRES  #: steps per metre of the 16-bit PNG beside it
+    png_normalize: bool = False  #: that is normalized instead
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""

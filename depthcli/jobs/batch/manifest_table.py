@@ -1,17 +1,13 @@
 """Rows of a manifest as rows of a table, whose texts are UTF-8 whatever bytes a name has."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from depthcli.io.parquet import write_table
 from depthcli.io.storage.atomic_folder import folder_in_place
 from depthcli.jobs.batch.manifest import Origin, Row, row_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 _COLUMNS = {
     "input": str,

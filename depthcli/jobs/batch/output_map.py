@@ -1,36 +1,24 @@
 """Where the outputs of each input go."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.io.listing.folder import is_video
+from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.writers.formats import FORMATS, Format
+from depthcli.jobs.batch.journal import Rows
 from depthcli.jobs.batch.places import Places
+from depthcli.jobs.batch.plan import Plan
 from depthcli.jobs.batch.task import Task
 from depthcli.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.io.listing.folder import InputFile
-    from depthcli.jobs.batch.journal import Rows
-    from depthcli.jobs.batch.plan import Plan
 
 
 @dataclass(frozen=True, slots=True)
 class OutputMap:
-    """The outputs that a batch is after.
+    """The outputs that a batch is after."""
 
-    Attributes:
-        plan: all inputs.
-        formats: what pictures get; videos get the counterparts.
-    """
-
-    plan: Plan
-    formats: tuple[Format, ...]
+    plan: Plan  #: all inputs
+    formats: tuple[Format, ...]  #: what pictures get; videos get the counterparts
 
     def check_apart(self) -> None:
         """Refuse outputs that would replace inputs, which can lie side by side in a list.

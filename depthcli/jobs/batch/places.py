@@ -1,13 +1,8 @@
 """Where files really are, so that two names of one file are seen to be one."""
 
-from __future__ import annotations
-
 import os
 from functools import cache
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from pathlib import Path
 
 
 class Places:

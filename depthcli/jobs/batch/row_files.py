@@ -1,24 +1,19 @@
 """The files of an output folder that hold rows: manifests, journals, and parts of both."""
 
-from __future__ import annotations
-
 import os
 import re
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, BinaryIO, Protocol
+from io import FileIO
+from pathlib import Path
+from typing import BinaryIO, Protocol
 
 from depthcli.io.parquet import Table
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.regular import regular_size
 from depthcli.jobs.batch.manifest import ManifestFormat, Row, parse_row
 from depthcli.jobs.batch.manifest_table import parsed_table_row, plain_text, write_rows
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-    from io import FileIO
-    from pathlib import Path
-
-    from depthcli.jobs.batch.shard import Shard
+from depthcli.jobs.batch.shard import Shard
 
 _NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.(jsonl|parquet)")
 

@@ -1,28 +1,19 @@
 """Where the row of each input stands; on disk beyond a few megabytes."""
 
-from __future__ import annotations
-
 import sqlite3
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 from depthcli.errors import OutputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
 
 _CACHE_KIB = 65536
 
 
 class Place(NamedTuple):
-    """Where a row stands.
+    """Where a row stands."""
 
-    Attributes:
-        source: number of the file.
-        position: of the row in it.
-    """
-
-    source: int
-    position: int
+    source: int  #: number of the file
+    position: int  #: of the row in it
 
 
 class RowIndex:

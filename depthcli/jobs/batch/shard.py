@@ -1,7 +1,5 @@
 """A part of a batch for one of several processes that know nothing of each other."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re
@@ -17,14 +15,10 @@ class Shard:
 
     The part is ``1 + H % count``, H being the first eight bytes of the SHA-256 of the input's name
     as a big-endian number: it depends on the name alone, on any machine and in any version.
-
-    Attributes:
-        number: 1 to ``count``.
-        count: how many parts there are; 1 for a batch that is not divided.
     """
 
-    number: int = 1
-    count: int = 1
+    number: int = 1  #: 1 to ``count``
+    count: int = 1  #: how many parts there are; 1 for a batch that is not divided
 
     @classmethod
     def parse(cls, word: str) -> Self:

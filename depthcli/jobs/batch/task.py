@@ -1,54 +1,37 @@
 """What is to be done for one input, and what became of it; both can go to another process."""
 
-from __future__ import annotations
-
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, TypeVar
+from pathlib import Path
+from typing import Generic, TypeVar
 
 from depthcli.errors import DepthcliError, ModelError, is_out_of_memory
+from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
+from depthcli.io.listing.folder import InputFile
 from depthcli.io.writers.formats import Format
-from depthcli.jobs.batch.manifest import FAILED, OK, Row, is_intact
+from depthcli.jobs.batch.manifest import FAILED, OK, Origin, Row, is_intact
 from depthcli.video.formats import VideoFormat
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from depthcli.inference.session import Session
-    from depthcli.io.listing.folder import InputFile
-    from depthcli.jobs.batch.manifest import Origin
 
 _Which = TypeVar("_Which", Format, VideoFormat)
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What became of an input.
+    """What became of an input."""
 
-    Attributes:
-        row: its row in the manifest.
-        is_kept: whether the outputs of an earlier run were still right.
-    """
-
-    row: Row
-    is_kept: bool = False
+    row: Row  #: its row in the manifest
+    is_kept: bool = False  #: whether the outputs of an earlier run were still right
 
 
 @dataclass(frozen=True, slots=True)
 class Task(Generic[_Which]):
-    """One input.
+    """One input."""
 
-    Attributes:
-        input: the file.
-        outputs: where each format goes; a sequence's name holds ``%06d``.
-        earlier: the row of an earlier run, if its outputs have these names.
-    """
-
-    input: InputFile
-    outputs: Mapping[_Which, Path]
-    earlier: Row | None = None
+    input: InputFile  #: the file
+    outputs: Mapping[_Which, Path]  #: where each format goes; a sequence's name holds ``%06d``
+    earlier: Row | None = None  #: the row of an earlier run, if its outputs have these names
 
     def kept(self, out: Path, sha256: str, origin: Origin) -> Row | None:
         """The earlier row, if doing the input again could only give the same.

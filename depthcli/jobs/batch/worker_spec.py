@@ -1,40 +1,27 @@
 """Everything that a worker is made of, in a form that can be sent anywhere."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli._version import __version__
 from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import ModelError
+from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.session import Session
 from depthcli.jobs.batch.manifest import Origin
+from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.pictures import PictureWorker
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.inference.loading import SessionLoader
-    from depthcli.inference.session import Session
-    from depthcli.jobs.batch.options import BatchOptions
 
 
 @dataclass(frozen=True, slots=True)
 class WorkerSpec:
-    """A worker to be: plain values that can be pickled.
+    """A worker to be: plain values that can be pickled."""
 
-    Attributes:
-        model: which model, and what runs it.
-        model_sha256: checksum of the model's file, 64 hex digits; another one is refused.
-        options: how each input becomes its outputs.
-        out: the output folder.
-    """
-
-    model: SessionLoader
-    model_sha256: str
-    options: BatchOptions
-    out: Path
+    model: SessionLoader  #: which model, and what runs it
+    model_sha256: str  #: checksum of the model's file, 64 hex digits; another one is refused
+    options: BatchOptions  #: how each input becomes its outputs
+    out: Path  #: the output folder
 
     def build(self, session: Session | None = None) -> PictureWorker:
         """The worker, in the process that calls this.
