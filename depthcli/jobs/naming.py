@@ -11,7 +11,6 @@ from depthcli.io.listing.folder import is_media
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.remote import RemotePath, check_writable, path_of
 from depthcli.io.writers.formats import stem_of
-from depthcli.jobs.tree_names import TreeNames
 
 STDIN_STEM = "stdin"
 
@@ -106,6 +105,8 @@ def output_bases(sources: Sequence[Path | None]) -> list[str]:
     for source in sources:
         if source is not None:
             inside.setdefault(source.parent, set()).add(source.name)
+    from depthcli.jobs.tree_names import TreeNames  # noqa: PLC0415 - only now is NumPy needed
+
     names = {folder: TreeNames(_with_namesakes(folder, own)) for folder, own in inside.items()}
     return [STDIN_STEM if s is None else names[s.parent].base(s.name) for s in sources]
 
