@@ -7,11 +7,13 @@ from pathlib import Path
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.user_folders import config_folder
 
 Scalar = str | int | float | bool
 Value = Scalar | list[Scalar]
 
+_MAX_BYTES = 2**20
 _SUFFIX = ".toml"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
@@ -50,7 +52,7 @@ def profile_text(name: str) -> str:
     """
     path = path_of(name)
     try:
-        return path.read_text("utf-8")
+        return read_regular(path, _MAX_BYTES).decode()
     except FileNotFoundError:
         there = ", ".join(names()) or "none yet"
         raise UsageError(f"no profile named {name!r}; there are: {there}") from None
@@ -69,7 +71,7 @@ def read_profile(name: str) -> dict[str, Value]:
     path = path_of(name)
     try:
         values = tomllib.loads(profile_text(name))
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise UsageError(f"profile {path} is not TOML: {error}; correct it") from error
     for key, value in values.items():
         parts = value if isinstance(value, list) else [value]

@@ -3,6 +3,11 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from depthcli.core.foreign import Rule
+
+HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004
+"""Horizontal fields of view; beyond, metres would be next to nothing or without end."""
+
 
 class Anchor(NamedTuple):
     """A pixel and its depth.

@@ -11,16 +11,15 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.camera import Anchor
+from depthcli.core.camera import HFOV_DEG, Anchor
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError, UsageError
 
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
-_STRAIGHT_ANGLE_DEG = 180.0
 
 
 def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
-    """Refuse a camera that cannot be: pixels above 0, or in their place degrees inside (0, 180).
+    """Refuse a camera that cannot be: pixels above 0, or in their place degrees from 0.1 to 179.9.
 
     Raises:
         UsageError: one is out of range, or both are given.
@@ -29,15 +28,15 @@ def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
         raise UsageError("give the focal length or the field of view, not both")
     if focal_px is not None and not 0 < focal_px < math.inf:
         raise UsageError(f"a focal length of {focal_px:g} pixels is not a number above 0")
-    if hfov_deg is not None and not 0 < hfov_deg < _STRAIGHT_ANGLE_DEG:
-        raise UsageError(f"a field of view of {hfov_deg:g}° is not between 0 and 180")
+    if hfov_deg is not None and not HFOV_DEG.holds(hfov_deg):
+        raise UsageError(f"a field of view of {hfov_deg:g}° is not {HFOV_DEG.what}")
 
 
 def focal_px(hfov_deg: float, width: int) -> float:
     """Focal length in pixels of a picture ``width`` pixels wide, of a field of view in degrees.
 
     Raises:
-        UsageError: the field of view is not inside (0, 180).
+        UsageError: the field of view is not from 0.1 to 179.9 degrees.
     """
     check_camera(None, hfov_deg)
     return width / 2 / math.tan(math.radians(hfov_deg) / 2)

@@ -15,5 +15,8 @@ def shown(value: object) -> str:
     """A value of foreign data for a message: short, and of printable ASCII alone."""
     if isinstance(value, int) and abs(value) >= _LARGEST:  # its digits can take for ever
         return "a number of more than 64 bits"
-    text = ascii(value)
+    try:
+        text = one_line(ascii(value))  # that of a tensor has lines
+    except (RecursionError, ValueError):  # a number within it is as long
+        return "something too deep or too long"
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 
+from depthcli.core.text import shown
 from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.nyu_mat import NyuMat, open_mat
 from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
@@ -110,5 +111,7 @@ def read_index(path: Path) -> dict[str, IndexRow]:
 def _index_row(path: Path, row: dict[str, str | None]) -> IndexRow:
     scene, part = row["scene"] or "", row["official_split"] or ""
     if part not in {"train", "test", ""}:
-        raise DatasetError(f"{path} has the official split {part!r}: it is train, test or empty")
+        raise DatasetError(
+            f"{path} has the official split {shown(part)}: it is train, test or empty"
+        )
     return IndexRow(scene, part)

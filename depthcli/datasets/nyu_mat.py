@@ -19,6 +19,7 @@ from depthcli.errors import DatasetError
 _OFFICIAL = "nyu_depth_v2_labeled.mat"
 _PARTS = {"images": "u", "depths": "f", "scenes": "O"}
 """What the file has to hold, and the kinds of NumPy types that it is stored as."""
+_DAMAGED = (KeyError, OSError, RuntimeError, TypeError, ValueError)
 _MAX_PAIRS = 100_000
 _MAX_PAIR_PIXELS = 2**24
 _MAX_CHUNK_BYTES = 2**28
@@ -58,7 +59,7 @@ class NyuMat:
     def _read(self, name: str, i: int) -> npt.NDArray[Any]:
         try:
             return np.asarray(self.file[name][i])
-        except (OSError, RuntimeError, TypeError, ValueError) as error:
+        except _DAMAGED as error:
             raise DatasetError(f"{self.path} is damaged at pair {i}: fetch it again") from error
 
 
@@ -74,11 +75,11 @@ def open_mat(path: Path, plausible_m: tuple[float, float]) -> NyuMat:
         raise DatasetError(f"reading a .mat file needs h5py: {INSTALL_H5PY}") from error
     try:
         file = h5py.File(path, "r")
-    except OSError as error:
+        count = _check_layout(path, file)
+    except _DAMAGED as error:
         raise DatasetError(
             f"{path} is not a complete MATLAB v7.3 file: fetch it again if it was cut short"
         ) from error
-    count = _check_layout(path, file)
     dataset = NyuMat(
         path=path,
         ids=tuple(f"{i:04d}" for i in range(count)),
@@ -131,7 +132,7 @@ def _scenes(path: Path, file: Any, count: int) -> tuple[str, ...]:  # noqa: ANN4
         raise DatasetError(f"{path} names {file['scenes'].size} scenes for {count} pairs")
     try:
         return tuple(_scene(file[reference]) for reference in np.ravel(file["scenes"][()]))
-    except (AttributeError, KeyError, OSError, OverflowError, TypeError, ValueError) as error:
+    except (AttributeError, OverflowError, *_DAMAGED) as error:
         raise DatasetError(f"{path} has unreadable scene names: fetch it again") from error
 
 

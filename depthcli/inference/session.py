@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
+from depthcli.core.text import one_line
 from depthcli.errors import ModelError, ProviderError
 from depthcli.inference import providers
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS
@@ -189,4 +190,4 @@ def _channels_problem(model: Model, shape: list[Any], channels: int | None) -> s
 
 def _first_line(error: Exception) -> str:
     """What happened, without the place in onnxruntime's source."""
-    return _SOURCE_PLACE.sub("", str(error).strip().partition("\n")[0])
+    return one_line(_SOURCE_PLACE.sub("", str(error).strip().partition("\n")[0]))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from depthcli.core.foreign import FieldError, built, parsed_json
 from depthcli.errors import ModelError, OutputError, UsageError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
@@ -125,12 +126,9 @@ def _draft(path: Path, data: bytes, card: str | None) -> CardDraft:
 
 def _object(text: str | bytes, where: str) -> dict[str, Any]:
     try:
-        fields = json.loads(text)
-    except ValueError as error:
-        raise ModelError(f"{where} is not valid JSON ({error}); correct it") from error
-    if not isinstance(fields, dict):
-        raise ModelError(f"{where} is not a JSON object; correct it")
-    return fields
+        return built(dict[str, Any], parsed_json(text))
+    except FieldError as refused:
+        raise ModelError(f"{where}: {refused}; correct it") from None
 
 
 def _complete(draft: CardDraft, path: Path, data: bytes, name: str | None) -> ModelCard:

@@ -4,15 +4,15 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
-from depthcli.core.codec import Transform
+from depthcli.core.foreign import FieldError, Rule, built, parsed_json
+from depthcli.core.text import shown
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError
-from depthcli.models.card_fields import Fields
 from depthcli.models.card_specs import (
     CameraSpec,
-    Colour,
+    Count,
     Fit,
     InputSpec,
     OnnxSpec,
@@ -24,13 +24,24 @@ from depthcli.models.card_specs import (
 SCHEMA = 1
 METADATA_KEY = "depthcli.card"
 """Key of the ONNX metadata under which a model carries its own card."""
-_MAX_HFOV_DEG = 180.0
-_MAX_SIDE = 2**15
 _MAX_INPUT_PIXELS = 2**24
 """Beyond, the first layers of a network take more memory than machines have."""
 _OPTIONAL_INPUT = {"resize": Resize.AREA, "layout": TensorLayout.NCHW, "pixel_aspect": 1.0}
 _UNPRINTABLE = re.compile("[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 _BOUNDS = frozenset({Fit.LOWER_BOUND, Fit.UPPER_BOUND})
+_MAX_TEXT = 1000
+_Text: TypeAlias = Annotated[
+    str,
+    Rule(
+        f"at most {_MAX_TEXT} printable characters, and not empty",
+        lambda text: text.isprintable() and bool(text.strip()) and len(text) <= _MAX_TEXT,
+    ),
+]
+_FileName: TypeAlias = Annotated[
+    str,  # a card never points outside its own folder
+    Rule("a file name without a folder", re.compile(r"(?!\.\.?$)[^/\\:\0]{1,255}").fullmatch),
+]
+_Sha256: TypeAlias = Annotated[str, Rule("64 hex digits", re.compile(r"[0-9a-f]{64}").fullmatch)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +65,17 @@ class ModelCard:
         latency: how fast it is on which machine; free.
     """
 
-    name: str
-    version: str
-    summary: str
-    license: str
+    name: _Text
+    version: _Text
+    summary: _Text
+    license: _Text
     input: InputSpec
     output: OutputSpec
     camera: CameraSpec | None
     onnx: OnnxSpec
-    file: str | None = None
-    sha256: str | None = None
-    size_bytes: int | None = None
+    file: _FileName | None = None
+    sha256: _Sha256 | None = None
+    size_bytes: Count | None = None
     training: Mapping[str, Any] = field(default_factory=dict)
     scores: Mapping[str, Any] = field(default_factory=dict)
     latency: Mapping[str, Any] = field(default_factory=dict)
@@ -77,16 +88,20 @@ class ModelCard:
             ModelError: not JSON, or a field is missing, unknown, ill-typed or out of range.
         """
         try:
-            parsed = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise ModelError(f"{where} is not valid JSON ({error}); restore the model") from error
-        fields = Fields(parsed, where)
-        schema = fields.integer("schema", minimum=1)
-        if schema != SCHEMA:
-            raise ModelError(
-                f"{where} has schema {schema}, this depthcli reads {SCHEMA}; upgrade depthcli"
-            )
-        return _card(fields)
+            parsed = parsed_json(text)
+            if not isinstance(parsed, dict):
+                raise FieldError.unless("a JSON object", parsed)
+            _check_schema(parsed.pop("schema", None))
+            if "bytes" in parsed:
+                parsed["size_bytes"] = parsed.pop("bytes")
+            if isinstance(parsed.get("sha256"), str):
+                parsed["sha256"] = parsed["sha256"].lower()
+            card = built(cls, parsed)
+            _check_input(card.input)
+            _check_output(card.output)
+        except FieldError as refused:
+            raise ModelError(f"{where}: {refused}; correct the card or restore the model") from None
+        return card
 
     def to_json(self) -> str:
         """The card as JSON text, readable by :meth:`from_json`."""
@@ -107,85 +122,38 @@ class ModelCard:
         return _UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
 
 
-def _card(fields: Fields) -> ModelCard:
-    card = ModelCard(
-        name=fields.text("name"),
-        version=fields.text("version"),
-        summary=fields.text("summary"),
-        license=fields.text("license"),
-        input=_input(fields.section("input")),
-        output=_output(fields.section("output")),
-        camera=_camera(fields.optional_section("camera")),
-        onnx=_onnx(fields.section("onnx")),
-        file=fields.file_name("file") if fields.has("file") else None,
-        sha256=fields.sha256("sha256") if fields.has("sha256") else None,
-        size_bytes=fields.integer("bytes", minimum=1) if fields.has("bytes") else None,
-        training=fields.free("training"),
-        scores=fields.free("scores"),
-        latency=fields.free("latency"),
-    )
-    fields.close()
-    return card
+def _check_schema(schema: object) -> None:
+    if schema != SCHEMA or schema is True:
+        problem = f"has schema {shown(schema)}, this depthcli reads {SCHEMA}: upgrade it"
+        raise FieldError(problem)
 
 
-def _input(fields: Fields) -> InputSpec:
-    colour = fields.choice("colour", Colour)
-    lengths = {1, colour.channels}
-    spec = InputSpec(
-        colour=colour,
-        width=fields.integer("width", minimum=1, maximum=_MAX_SIDE),
-        height=fields.integer("height", minimum=1, maximum=_MAX_SIDE),
-        dynamic=fields.flag("dynamic"),
-        multiple_of=fields.integer("multiple_of", minimum=1, maximum=_MAX_SIDE),
-        fit=fields.choice("fit", Fit),
-        mean=fields.numbers("mean", lengths),
-        std=fields.numbers("std", lengths),
-        resize=fields.optional_choice("resize", Resize.AREA),
-        layout=fields.optional_choice("layout", TensorLayout.NCHW),
-        pixel_aspect=fields.number("pixel_aspect") if fields.has("pixel_aspect") else 1.0,
-    )
+def _check_input(spec: InputSpec) -> None:
+    """Refuse fields that each are right, but not together.
+
+    Raises:
+        FieldError: they are not.
+    """
+    lengths = sorted({1, spec.colour.channels})
+    for name, numbers in (("mean", spec.mean), ("std", spec.std)):
+        if len(numbers) not in lengths:
+            many = " or ".join(map(str, lengths))
+            raise FieldError(f"has to be a list of {many} numbers", f"input.{name}")
     if spec.width * spec.height > _MAX_INPUT_PIXELS:
-        fields.fail("width", f"times height has to be at most {_MAX_INPUT_PIXELS:,} pixels")
-    if min(spec.std) <= 0:
-        fields.fail("std", "must be greater than 0")
+        most = f"times height has to be at most {_MAX_INPUT_PIXELS:,} pixels"
+        raise FieldError(most, "input.width")
     if spec.fit in _BOUNDS and not spec.dynamic:
-        fields.fail("fit", f"is {spec.fit}, which a network of one fixed size cannot have")
-    if spec.pixel_aspect <= 0:
-        fields.fail("pixel_aspect", "must be greater than 0")
+        fixed = f"is {spec.fit}, which a network of one fixed size cannot have"
+        raise FieldError(fixed, "input.fit")
     if spec.fit in _BOUNDS and spec.pixel_aspect != 1:
-        fields.fail("pixel_aspect", f"has to be 1, or left out, with a fit of {spec.fit}")
-    fields.close()
-    return spec
+        stretched = f"has to be 1, or left out, with a fit of {spec.fit}"
+        raise FieldError(stretched, "input.pixel_aspect")
 
 
-def _output(fields: Fields) -> OutputSpec:
-    kind = fields.choice("kind", DepthKind)
-    metric = kind is DepthKind.METRIC
-    spec = OutputSpec(
-        kind=kind,
-        transform=fields.choice("transform", Transform),
-        scale=fields.number("scale"),
-        shift=fields.number("shift"),
-        min_m=fields.number("min_m") if metric else fields.optional_number("min_m"),
-        max_m=fields.number("max_m") if metric else fields.optional_number("max_m"),
-    )
+def _check_output(spec: OutputSpec) -> None:
+    """As :func:`_check_input`."""
+    for name, metres in (("min_m", spec.min_m), ("max_m", spec.max_m)):
+        if metres is None and spec.kind is DepthKind.METRIC:
+            raise FieldError("has to be a number, as the kind is metric", f"output.{name}")
     if spec.min_m is not None and spec.max_m is not None and not 0 <= spec.min_m < spec.max_m:
-        fields.fail("min_m", "has to be at least 0 and below max_m")
-    fields.close()
-    return spec
-
-
-def _camera(fields: Fields | None) -> CameraSpec | None:
-    if fields is None:
-        return None
-    spec = CameraSpec(hfov_deg=fields.number("hfov_deg"))
-    if not 0 < spec.hfov_deg < _MAX_HFOV_DEG:
-        fields.fail("hfov_deg", "must be between 0 and 180")
-    fields.close()
-    return spec
-
-
-def _onnx(fields: Fields) -> OnnxSpec:
-    spec = OnnxSpec(opset=fields.integer("opset", minimum=1), ir=fields.integer("ir", minimum=1))
-    fields.close()
-    return spec
+        raise FieldError("has to be at least 0 and below max_m", "output.min_m")

@@ -2,9 +2,19 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated, TypeAlias
 
+from depthcli.core.camera import HFOV_DEG
 from depthcli.core.codec import DepthCodec, Transform
+from depthcli.core.foreign import Rule
 from depthcli.core.types import DepthKind
+
+_MAX_SIDE = 2**15
+_Side: TypeAlias = Annotated[
+    int, Rule(f"a whole number from 1 to {_MAX_SIDE}", lambda px: 1 <= px <= _MAX_SIDE)
+]
+Count: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda number: number >= 1)]
+_Ratio: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
 
 
 class Colour(StrEnum):
@@ -63,18 +73,18 @@ class InputSpec:
     """The network's input, float32: ``(colour in [0, 1] - mean) / std``."""
 
     colour: Colour  #: what is made of the picture's pixels
-    width: int  #: columns in pixels; the nominal size where it is dynamic
-    height: int  #: rows in pixels
+    width: _Side  #: columns in pixels; the nominal size where it is dynamic
+    height: _Side  #: rows in pixels
     dynamic: bool  #: whether any multiple of ``multiple_of`` is a valid width and height
-    multiple_of: int  #: granularity of a dynamic size, in pixels
+    multiple_of: _Side  #: granularity of a dynamic size, in pixels
     fit: Fit  #: how the picture is brought to this size
     mean: tuple[float, ...]  #: one number a channel, or one for all
-    std: tuple[float, ...]  #: one number a channel, or one for all
+    std: tuple[_Ratio, ...]  #: one number a channel, or one for all
     resize: Resize = Resize.AREA  #: how the picture is resized
     layout: TensorLayout = TensorLayout.NCHW  #: order of the axes
     #: width over height of the network's pixels as it learned them, in pixels of the picture: 4/3
     #: if it learned pictures of 4:3 stretched to a square. For ``stretch`` and ``keep-aspect``
-    pixel_aspect: float = 1.0
+    pixel_aspect: _Ratio = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +95,8 @@ class OutputSpec:
     transform: Transform  #: how depth follows from ``scale * raw + shift``
     scale: float  #: factor on the raw output
     shift: float  #: added after the factor
-    min_m: float | None  #: least depth in metres; None if the kind is not metric
-    max_m: float | None  #: largest depth in metres; None if the kind is not metric
+    min_m: float | None = None  #: least depth in metres; None if the kind is not metric
+    max_m: float | None = None  #: largest depth in metres; None if the kind is not metric
 
     @property
     def codec(self) -> DepthCodec:
@@ -98,12 +108,13 @@ class OutputSpec:
 class CameraSpec:
     """The camera whose metres the model learned."""
 
-    hfov_deg: float  #: horizontal field of view over the full picture width, in degrees
+    #: horizontal field of view over the full picture width, in degrees
+    hfov_deg: Annotated[float, HFOV_DEG]
 
 
 @dataclass(frozen=True, slots=True)
 class OnnxSpec:
     """Versions that decide which onnxruntime can load the file."""
 
-    opset: int
-    ir: int
+    opset: Count
+    ir: Count

@@ -2,45 +2,51 @@
 
 import dataclasses
 import os
+import warnings
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self, TypeAlias
 
 import torch
 from torch import nn
 
+from depthcli.core.camera import HFOV_DEG
 from depthcli.core.choices import Weights
+from depthcli.core.foreign import FieldError, Rule, built, merged
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.io.storage.temporaries import temporary_beside
-from depthcli.training.checkpoint_check import check_progress, check_state
-from depthcli.training.config.changes import updated
+from depthcli.training.checkpoint_check import check_finite, check_process, check_tensors
 from depthcli.training.config.ranges import check_range
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.networks.build import build_generator
 
 _FORMAT = "depthcli-checkpoint"
 _VERSION = 1
+_Count: TypeAlias = Annotated[int, Rule("a whole number from 0 up", lambda number: number >= 0)]
+_Score: TypeAlias = Annotated[float, Rule("a number", lambda _: True, is_finite=False)]
+_Seconds: TypeAlias = Annotated[float, Rule("a number from 0 up", lambda number: number >= 0)]
+_Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class RunProgress:
     """How far a run has come."""
 
-    step: int = 0  #: optimisation steps done
-    epoch: int = 0  #: whole epochs done
-    seconds: float = 0.0  #: training time so far, all sittings together
+    step: _Count = 0  #: optimisation steps done
+    epoch: _Count = 0  #: whole epochs done
+    seconds: _Seconds = 0.0  #: training time so far, all sittings together
     #: validation metrics of the last epoch by name; empty without held-out pairs
-    scores: dict[str, float] = dataclasses.field(default_factory=dict)
+    scores: dict[str, _Score] = dataclasses.field(default_factory=dict)
     train_ids: tuple[str, ...] = ()  #: pairs the networks were trained on
     held_out_ids: tuple[str, ...] = ()  #: pairs they were validated on
     data: str = NYU_PAPER  #: what they are pairs of, as a model's card says it
     #: horizontal field of view of their camera in degrees; None if it is not known
-    hfov_deg: float | None = NYU_HFOV_DEG
+    hfov_deg: Annotated[float, HFOV_DEG] | None = NYU_HFOV_DEG
     extra: str = ""  #: what the extra pairs are; "" if there are none
     start: str = ""  #: whose weights it started from; "" if they were drawn
-    aspect: float = NYU_ASPECT  #: width over height of their first picture
+    aspect: _Aspect = NYU_ASPECT  #: width over height of their first picture
     #: CPU threads of the last sitting, on which the last digits depend; 0 if unknown
-    threads: int = 0
+    threads: _Count = 0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -86,7 +92,9 @@ class Checkpoint:
             CheckpointError: missing, truncated, foreign, or of another version.
         """
         try:
-            content = torch.load(path, map_location="cpu", weights_only=True)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # what torch thinks of files that are not its own
+                content = torch.load(path, map_location="cpu", weights_only=True)
         except FileNotFoundError:
             raise CheckpointError(f"no checkpoint at {path}") from None
         except Exception as error:  # what is no pickle fails in any way
@@ -98,38 +106,38 @@ class Checkpoint:
         if content.pop("version", None) != _VERSION:
             raise CheckpointError(f"{path} is of another version; use the depthcli that made it")
         try:
-            config = updated(TrainConfig(), content.pop("config"))
-            progress = content.pop("progress")
-            _check(path, config, progress, content)
-            for name in ("train_ids", "held_out_ids"):
-                progress[name] = tuple(progress[name])
-            return cls(config=config, progress=RunProgress(**progress), **content)
-        except UsageError as error:
+            config = merged(TrainConfig(), content.pop("config", None))
+        except FieldError as error:
             raise CheckpointError(
                 f"{path} has a configuration of another version: {error}"
             ) from error
-        except (AttributeError, KeyError, OverflowError, RecursionError, TypeError) as error:
+        try:
+            check_range(config)
+            content["progress"] = built(RunProgress, content["progress"])
+            saved = cls(config=config, **content)
+            saved._check()
+        except (FieldError, UsageError) as error:
+            raise CheckpointError(f"{path} cannot be used: {error}; use an earlier one") from error
+        except (AttributeError, KeyError, RuntimeError, TypeError) as error:
             raise CheckpointError(
                 f"{path} lacks parts of a checkpoint; use an earlier one"
             ) from error
+        return saved
 
+    def _check(self) -> None:
+        """Accept what a run can have written; networks are not yet built.
 
-def _check(
-    path: Path, config: TrainConfig, progress: dict[str, Any], content: dict[str, Any]
-) -> None:
-    """Accept what a run can have written; networks are not yet built.
-
-    Raises:
-        CheckpointError: a value is of another type, out of range or not finite.
-    """
-    try:
-        check_range(config)
-        check_progress(progress)
-        check_state("the networks", content["method"])
-        if content["average"] is not None:
-            check_state("the average", content["average"])
-    except (UsageError, ValueError) as error:
-        raise CheckpointError(f"{path} cannot be used: {error}; use an earlier one") from error
+        Raises:
+            FieldError: a value is of another type or not finite.
+        """
+        check_tensors("the networks", self.method)
+        if self.average is not None:
+            check_tensors("the average", self.average)
+        check_finite("the optimisers", self.optimizers)
+        check_finite("the loss scaler", self.precision)
+        own = {"rng": self.rng, "device_rng": self.device_rng, "extra": self.extra}
+        for process in [own, *self.others]:
+            check_process(process)
 
 
 def _reach_disk(path: Path) -> None:

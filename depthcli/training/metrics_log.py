@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from depthcli.core.foreign import FieldError, built, parsed_json
 from depthcli.io.storage.atomic import atomic_path
 
 if TYPE_CHECKING:
@@ -44,8 +45,9 @@ def cut(path: Path, step: int) -> None:
 
 def _step(line: bytes) -> float:
     try:
-        return float(json.loads(line)["step"])
-    except (ValueError, TypeError, KeyError):
+        fields: Any = parsed_json(line)
+        return built(float, fields["step"])
+    except (FieldError, TypeError, KeyError):
         return math.inf
 
 

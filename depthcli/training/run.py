@@ -138,7 +138,7 @@ class Run:
             )
         try:
             self._take_up(saved)
-        except (KeyError, RuntimeError, ValueError) as error:
+        except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
             raise CheckpointError(
                 f"{path} does not fit the networks of its own configuration: give another --out"
             ) from error

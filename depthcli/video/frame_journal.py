@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
@@ -9,6 +10,7 @@ from typing import Self, TextIO
 from depthcli.core.ending import before_ending
 
 _MODE = 0o666
+_NUMBER = re.compile(r"[0-9]{1,18}")
 
 
 class FrameJournal:
@@ -71,7 +73,7 @@ class FrameJournal:
         head, *lines = self._path.read_text("utf-8", "replace").splitlines() or [""]
         if head != json.dumps(self._fingerprint):
             return frozenset()
-        return frozenset(int(line) for line in lines if line.isascii() and line.isdigit())
+        return frozenset(int(line) for line in lines if _NUMBER.fullmatch(line))
 
     def _begun(self) -> TextIO:
         """The file with what counts, in place of whatever has its name; no link is followed."""

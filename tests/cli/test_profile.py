@@ -108,7 +108,7 @@ def test_without_the_option_no_profile_is_read(home: Home, picture: Path) -> Non
         ("debug = true", "no option named 'debug'"),
         ("profile = 'q'", "no option named 'profile'"),
         ("focal_px = 60", "did you mean 'focal-px'?"),
-        ("hfov = 300", "hfov = 300: must be between 0 and 180"),
+        ("hfov = 300", "hfov = 300: must be an angle from 0.1 to 179.9"),
         ("hfov = 'wide'", "hfov = 'wide'"),
         ("colormap = 'jet'", "'jet' is not one of"),
         ("format = ['png16', 'jpg']", "'jpg' is not one of"),
@@ -149,7 +149,7 @@ def test_a_profile_can_be_a_file(home: Home, picture: Path) -> None:
     [
         (("save", "p"), "give the options to save"),
         (("save", "../p", "--half"), "is not a valid profile name"),
-        (("save", "p", "--hfov", "300"), "between 0 and 180"),
+        (("save", "p", "--hfov", "300"), "an angle from 0.1 to 179.9"),
         (("save", "p", "--format", "jpg"), "'jpg' is not one of"),
         (("save", "p", "--output", "x.png"), "--output"),
         (("save", "there", "--half"), "already exists"),

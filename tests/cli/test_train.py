@@ -117,7 +117,7 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
         (("pix2pix", "--data", "data"), "no method 'pix2pix'; choose from cyclegan, cut"),
         (("proposed",), "--data"),
         (("proposed", "--preset", "huge"), "no preset 'huge'"),
-        (("proposed", "--set", "optim.speed=1"), "unknown setting 'speed'"),
+        (("proposed", "--set", "optim.speed=1"), "optim.speed is unknown"),
         (("proposed", "--set", "optim.batch_size=0"), "optim.batch_size is at least 1"),
         (("cut", "--set", "method=proposed", "--data", "data"), "of method proposed, not cut"),
         (("proposed", "--config", "none.toml"), "none.toml"),

@@ -115,9 +115,9 @@ def test_foreign_checkpoints_are_refused(tmp_path: Path, content: object) -> Non
     [
         ({"version": 99}, "another version"),
         ({"version": None}, "another version"),
-        ({"config": {"no_such": 1}}, "another version: unknown setting 'no_such'"),
-        ({"config": None}, "lacks parts"),
-        ({"config": 3}, "lacks parts"),
+        ({"config": {"no_such": 1}}, "another version: no_such is unknown; choose from"),
+        ({"config": None}, "another version: has to be a group of .*, not None"),
+        ({"config": 3}, "another version: has to be a group of .*, not 3"),
         ({"progress": None}, "lacks parts"),
         ({"progress": {"step": 1}}, "lacks parts"),
         ({"method": None}, "lacks parts"),
@@ -150,23 +150,33 @@ _DEEP = {"name": "efficient", "depths": (10**9, 1, 1, 1)}
         ("method", {"generator.stem.0.weight": 3}, "has to be tensors by name"),
         ("method", {4: torch.ones(1)}, "has to be tensors by name"),
         ("average", {"stem.0.weight": torch.tensor([torch.inf])}, "the average: stem.*not finite"),
-        ("progress", {"hfov_deg": -63.3}, "hfov_deg has to be a number between 0 and 180"),
-        ("progress", {"hfov_deg": torch.nan}, "hfov_deg has to be a number between 0 and 180"),
+        ("progress", {"hfov_deg": -63.3}, "hfov_deg has to be an angle from 0.1 to 179.9"),
+        ("progress", {"hfov_deg": torch.nan}, "hfov_deg has to be an angle from 0.1 to 179.9"),
         ("progress", {"hfov_deg": "wide"}, "hfov_deg has to be .*, not 'wide'"),
         ("progress", {"hfov_deg": 10**40}, "hfov_deg has to be .*more than 64 bits"),
         ("progress", {"aspect": 0.0}, "aspect has to be a number above 0"),
         ("progress", {"step": -1}, "step has to be a whole number from 0 up, not -1"),
         ("progress", {"step": 1.5}, "step has to be a whole number"),
         ("progress", {"seconds": None}, "seconds has to be a number"),
-        ("progress", {"scores": [1]}, "scores has to be numbers by name"),
-        ("progress", {"train_ids": [1, 2]}, "train_ids has to be a list of texts"),
+        ("progress", {"scores": [1]}, "scores has to be an object, not "),
+        ("progress", {"train_ids": [1, 2]}, "train_ids.0 has to be text, not 1"),
         ("progress", {"data": _nested(50)}, r"data has to be text, not \[\[.*\.\.\."),
         ("config", {"output": {"min_m": -2.0, "max_m": -1.0}}, "output.min_m is above 0"),
-        ("config", {"output": {"max_m": torch.nan}}, "output.min_m is above 0 and below"),
+        ("config", {"output": {"max_m": torch.nan}}, "output.max_m has to be a number, not nan"),
         ("config", {"generator": {"name": "resnet", "blocks": 10**9}}, "blocks is at most 128"),
         ("config", {"generator": _DEEP}, "depths is at most 64"),
         ("config", {"generator": {"width": 10**9}}, "width is at most 1024"),
-        ("config", {"optim": {"learning_rate": 10**400}}, "learning_rate is of type float, not"),
+        ("config", {"optim": {"learning_rate": 10**400}}, "learning_rate has to be a number, not"),
+        ("optimizers", {"generator": {"state": {0: torch.tensor(torch.nan)}}}, "not finite"),
+        (
+            "optimizers",
+            {"generator": {"param_groups": [{"lr": torch.inf}]}},
+            "optimisers holds numbers that are not finite",
+        ),
+        ("optimizers", {"generator": _nested(50)}, "nested too deeply"),
+        ("extra", {"pool": torch.ones(1, 2, 2)}, "pool has to be a list of pictures"),
+        ("extra", {"pool": [torch.ones(2, 2)]}, "pool has to be a list of pictures"),
+        ("extra", {"pool": [torch.full((1, 2, 2), torch.nan)]}, "pool holds numbers that are not"),
     ],
 )
 def test_values_that_no_run_writes_are_refused(
@@ -178,6 +188,23 @@ def test_values_that_no_run_writes_are_refused(
     with pytest.raises(CheckpointError, match=reason) as caught:
         Checkpoint.load(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("rng", [3, torch.ones(4), torch.ones(2, 2, dtype=torch.uint8), [1]])
+def test_what_is_no_state_of_a_generator_is_refused(tmp_path: Path, rng: object) -> None:
+    for name, changes in (("rng", {"rng": rng}), ("device_rng", {"device_rng": rng})):
+        _checkpoint(average=True).save(tmp_path / "a.ckpt")
+        path = _changed(tmp_path / "a.ckpt", **changes)
+        with pytest.raises(CheckpointError, match=f"{name} has to be the state of a generator"):
+            Checkpoint.load(path)
+
+
+@pytest.mark.parametrize("others", [[3], [{}], [{"rng": 1, "device_rng": None, "extra": {}}], 3])
+def test_what_other_processes_cannot_have_left_is_refused(tmp_path: Path, others: object) -> None:
+    _checkpoint(average=True).save(tmp_path / "a.ckpt")
+    path = _changed(tmp_path / "a.ckpt", others=others)
+    with pytest.raises(CheckpointError, match=r"lacks parts|rng has to be"):
+        Checkpoint.load(path)
 
 
 def test_checkpoint_without_a_device_state_loads(tmp_path: Path) -> None:

@@ -4,9 +4,9 @@ import math
 
 import typer
 
+from depthcli.core.camera import HFOV_DEG
 from depthcli.errors import UsageError
 
-_STRAIGHT_ANGLE_DEG = 180.0
 _LARGEST_PX = 20_000
 
 
@@ -32,9 +32,9 @@ def not_negative(value: float | None) -> float | None:
 
 
 def field_of_view(value: float | None) -> float | None:
-    """Refuse what is not an angle between 0 and 180 degrees."""
-    if value is not None and not 0 < value < _STRAIGHT_ANGLE_DEG:
-        raise typer.BadParameter("must be between 0 and 180 degrees")
+    """Refuse an angle that no picture has."""
+    if value is not None and not HFOV_DEG.holds(value):
+        raise typer.BadParameter(f"must be {HFOV_DEG.what}")
     return value
 
 
@@ -56,13 +56,13 @@ def field_of_view_range(word: str) -> tuple[float, float]:
     """Narrowest and widest of ``30-110``, or twice the same of ``63.3``, degrees.
 
     Raises:
-        UsageError: it is not like that, or no angle between 0 and 180 degrees.
+        UsageError: it is not like that, or no angle that a picture has.
     """
     low, dash, high = word.partition("-")
     try:
         angles = float(low), float(high if dash else low)
     except ValueError:
         raise UsageError(f"--hfov {word!r} is not LOW-HIGH; for example 50-80") from None
-    if not 0 < angles[0] <= angles[1] < _STRAIGHT_ANGLE_DEG:
-        raise UsageError(f"--hfov {word!r}: angles rise from above 0 to below 180 degrees")
+    if angles[0] > angles[1] or not all(map(HFOV_DEG.holds, angles)):
+        raise UsageError(f"--hfov {word!r}: each is {HFOV_DEG.what}, and they rise")
     return angles

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import os
 import struct
-from contextlib import contextmanager
+import sys
+import threading
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import numpy as np
 import OpenEXR
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.errors import InputError
+from depthcli.io.pictures.complaints import complaints
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.transfer import local_copy
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 _FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20
+_ONE_AT_A_TIME = threading.Lock()  # standard output is led elsewhere meanwhile
 _DAMAGED = (RuntimeError, ValueError, TypeError, OSError, MemoryError)
 
 
@@ -93,7 +97,7 @@ def read_exr_header(path: Path) -> dict[str, Any]:
     """
     read_bytes(path)
     try:
-        with _plain_name(path) as name:
+        with _plain_name(path) as name, _silence():
             return dict(OpenEXR.File(name, header_only=True).header())
     except _DAMAGED as error:
         raise InputError(f"{path} is not an EXR file that can be read") from error
@@ -110,11 +114,13 @@ def read_exr_channels(path: Path) -> dict[str, npt.NDArray[np.float32]]:
     read_bytes(path)
     channels: dict[str, npt.NDArray[np.float32]] = {}
     try:
-        with _plain_name(path) as name:
+        with _plain_name(path) as name, _silence():
             for part in OpenEXR.File(name, header_only=True).parts:
                 _check_size(path, part.header)
             parts = OpenEXR.File(name, separate_channels=True).parts
         for part in parts:
+            if not part.channels:  # which is all that becomes of damage
+                raise InputError(f"{path} is damaged: its pixels cannot be read; copy it again")
             layer = f"{part.header['name']}." if len(parts) > 1 else ""
             for channel, content in part.channels.items():
                 channels[layer + channel] = _in_window(content.pixels, part.header)
@@ -148,6 +154,28 @@ def _in_window(pixels: npt.NDArray[Any], header: dict[str, Any]) -> npt.NDArray[
     columns = np.arange(max(left, 0), min(left + values.shape[1], width))
     frame[np.ix_(rows, columns)] = values[np.ix_(rows - top, columns - left)]
     return frame
+
+
+class _OtherThreads:
+    """Standard output without what one thread says."""
+
+    def __init__(self, output: TextIO) -> None:
+        self._output, self._thread = output, threading.get_ident()
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever else a stream has
+        return getattr(self._output, name)
+
+    def write(self, text: str) -> int:
+        """Pass on what another thread says."""
+        return len(text) if threading.get_ident() == self._thread else self._output.write(text)
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Keep OpenEXR from saying on standard output and error what it thinks of a file."""
+    others = cast("TextIO", _OtherThreads(sys.stdout))
+    with _ONE_AT_A_TIME, complaints(), redirect_stdout(others):
+        yield
 
 
 @contextmanager

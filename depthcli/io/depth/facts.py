@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import re
 from typing import TYPE_CHECKING
 
+from depthcli.core.foreign import FieldError, parsed_json
 from depthcli.core.types import CameraSource, Provenance
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.png.text import read_text
@@ -89,8 +89,8 @@ def sidecar_facts(path: Path) -> dict[str, object]:
 def _facts_in(path: Path) -> dict[str, object]:
     """Our own sidecar; empty if there is none."""
     try:
-        facts = json.loads(read_regular(path, _MAX_SIDECAR_BYTES))
-    except (OSError, ValueError, RecursionError):
+        facts = parsed_json(read_regular(path, _MAX_SIDECAR_BYTES))
+    except (OSError, FieldError):
         return {}
     if not (isinstance(facts, dict) and str(facts.get("software")).startswith("depthcli ")):
         return {}

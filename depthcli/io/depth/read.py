@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from io import BytesIO
 from typing import TYPE_CHECKING
 
@@ -77,7 +78,9 @@ def _png(path: Path, png_scale: float | None) -> DepthMap:
 def _npy(path: Path) -> DepthMap:
     data = read_bytes(path)
     try:
-        values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the header is read as Python, which may warn
+            values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
     except Exception as error:
         raise InputError(f"{path} is not a NumPy file that can be read") from error
     while values.ndim > _DIMENSIONS and 1 in values.shape:
@@ -85,7 +88,7 @@ def _npy(path: Path) -> DepthMap:
         values = values.squeeze(values.shape.index(1))
     if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu" or not values.size:
         raise InputError(f"{path} is {values.shape} {values.dtype}; depth is one (H, W) of numbers")
-    with np.errstate(over="ignore"):  # a double beyond float32 is infinitely far
+    with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is infinitely far
         depth = np.ascontiguousarray(values, np.float32)
     # The format cannot state its kind itself.
     kind = _kind(str(sidecar_facts(path).get("kind")))

@@ -36,7 +36,10 @@ def flaw(data: bytes) -> str | None:
     if data.startswith(_PNG):
         return _png_flaw(data)
     if data.startswith(TIFF_STARTS):
-        coding = tiff_tags(data, (COMPRESSION,)).get(COMPRESSION, 1)
+        try:
+            coding = tiff_tags(data, (COMPRESSION,)).get(COMPRESSION, 1)
+        except struct.error:
+            return "is truncated (the TIFF's directory has no end); copy it again"
         if coding not in _TIFF_CODINGS:
             return f"has the unknown TIFF compression {coding}; save it without one"
     return None

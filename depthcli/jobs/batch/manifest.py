@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
+from depthcli.core.foreign import FieldError, built, parsed_json
 from depthcli.errors import OutputError
 from depthcli.io.storage.regular import regular_size
 from depthcli.io.storage.remote import RemotePath
@@ -120,19 +121,17 @@ class Row:
 def parse_row(line: bytes) -> Row | None:
     """A row from its line; None if it is cut short or somebody else's."""
     try:
-        return row_of(json.loads(line))
-    except ValueError:
+        return row_of(parsed_json(line))
+    except FieldError:
         return None
 
 
 def row_of(fields: Any) -> Row | None:  # noqa: ANN401 - what JSON can hold
     """A row from its fields, which are used up; None if they are somebody else's."""
     try:
-        origin = Origin(**{name: str(fields.pop(name)) for name in Origin.__slots__})
-        outputs = tuple(OutputFile(**file) for file in fields.pop("outputs"))
-        warnings = tuple(fields.pop("warnings"))
-        return Row(**fields, origin=origin, outputs=outputs, warnings=warnings)
-    except (ValueError, TypeError, KeyError, AttributeError):
+        origin = {name: fields.pop(name) for name in Origin.__slots__}
+        return built(Row, {**fields, "origin": origin})
+    except (FieldError, TypeError, KeyError, AttributeError):
         return None
 
 

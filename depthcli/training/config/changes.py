@@ -6,24 +6,24 @@ Unknown names and ill-typed values are refused.
 from __future__ import annotations
 
 import ast
-import dataclasses
 import tomllib
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+import warnings
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from depthcli.core.foreign import FieldError, merged
 from depthcli.core.text import shown
 from depthcli.errors import UsageError
 from depthcli.io.storage.regular import read_regular
 from depthcli.training.config.ranges import check_range
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
     from pathlib import Path
 
     from depthcli.training.config.schema import TrainConfig
 
 T = TypeVar("T")
 _MAX_FILE_BYTES = 2**20
-_LARGEST = 2**63
 
 
 def resolve(base: TrainConfig, files: Iterable[Path], settings: Iterable[str]) -> TrainConfig:
@@ -50,31 +50,27 @@ def resolve(base: TrainConfig, files: Iterable[Path], settings: Iterable[str]) -
     return base
 
 
-def updated(config: T, changes: Mapping[str, Any]) -> T:
-    """A copy with some fields changed; nested mappings change nested configurations."""
-    hints = get_type_hints(type(config))
-    values: dict[str, Any] = {}
-    for name, value in changes.items():
-        if name not in hints:
-            known = ", ".join(hints)
-            raise UsageError(f"unknown setting {shown(name)}; choose from {known}")
-        old = getattr(config, name)
-        if dataclasses.is_dataclass(old):
-            if not isinstance(value, dict):
-                raise UsageError(f"'{name}' is a group; set {name}.SETTING=VALUE")
-            values[name] = updated(old, value)
-        else:
-            values[name] = _checked(name, value, hints[name])
-    return dataclasses.replace(config, **values)  # type: ignore[type-var]
+def updated(config: T, changes: object) -> T:
+    """A copy with some fields changed; nested mappings change nested configurations.
+
+    Raises:
+        UsageError: a name is unknown or a value has the wrong type.
+    """
+    try:
+        return merged(config, changes)
+    except FieldError as refused:
+        raise UsageError(str(refused)) from None
 
 
 def _nested(setting: str) -> dict[str, Any]:
     key, equals, text = setting.partition("=")
     if not equals:
-        raise UsageError(f"'{setting}' is not of the form a.b=value")
+        raise UsageError(f"{shown(setting)} is not of the form a.b=value")
     words = {"true": True, "false": False}
     try:
-        value = words[text.lower()] if text.lower() in words else ast.literal_eval(text)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # "1if", say, which is text
+            value = words[text.lower()] if text.lower() in words else ast.literal_eval(text)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
         value = text
     *outer, last = key.split(".")
@@ -82,26 +78,3 @@ def _nested(setting: str) -> dict[str, Any]:
     for part in reversed(outer):
         nested = {part: nested}
     return nested
-
-
-def _checked(name: str, value: Any, hint: Any) -> Any:  # noqa: ANN401
-    if get_origin(hint) is Literal:
-        if value not in get_args(hint):
-            raise UsageError(f"{name} is one of {', '.join(get_args(hint))}, not {shown(value)}")
-        return value
-    if get_origin(hint) is tuple:
-        kind, numbers = get_args(hint)[0], isinstance(value, (list, tuple))
-        if numbers and all(_is_number(item, kind) for item in value):
-            return tuple(kind(item) for item in value)
-        raise UsageError(
-            f"{name} is a list of {'whole ' if kind is int else ''}numbers, not {shown(value)}"
-        )
-    if hint is float and type(value) is int and abs(value) < _LARGEST:
-        return float(value)
-    if type(value) is not hint or (hint is int and abs(value) >= _LARGEST):
-        raise UsageError(f"{name} is of type {hint.__name__}, not {shown(value)}")
-    return value
-
-
-def _is_number(value: object, kind: type) -> bool:
-    return type(value) is kind or (type(value) is int and abs(value) < _LARGEST)

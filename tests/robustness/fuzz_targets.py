@@ -1,0 +1,422 @@
+"""Everything of depthcli that reads a file from outside, each with good files to begin with."""
+
+import dataclasses
+import io
+import json
+import os
+import re
+import struct
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import cv2
+import h5py
+import numpy as np
+import torch
+from command_line import ROOT, InProcess
+from PIL import Image
+from tiny import CARD, tiny_onnx, write_model
+from videos import encode, flat_frames
+
+from depthcli.core.types import DepthKind, DepthMap, Provenance
+from depthcli.datasets.files import read_depth_m, read_image_rgb
+from depthcli.datasets.nyu import read_index
+from depthcli.datasets.nyu_mat import open_mat
+from depthcli.inference.trial import try_model
+from depthcli.io.depth.facts import stated_facts
+from depthcli.io.depth.read import read_depth
+from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.listing.path_list import listed_inputs, parse_list
+from depthcli.io.pictures.ending import flaw
+from depthcli.io.pictures.exif import read_exif
+from depthcli.io.pictures.read import read_image
+from depthcli.io.pictures.size import picture_size
+from depthcli.io.writers.exr import ExrWriter
+from depthcli.io.writers.png16 import Png16Writer
+from depthcli.models import onnx_file
+from depthcli.models.card import ModelCard
+from depthcli.models.catalog import find_model
+from depthcli.training import metrics_log
+from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.config.changes import resolve
+from depthcli.training.config.schema import TrainConfig
+from depthcli.video.depth import DepthVideo
+from depthcli.video.frame_journal import FrameJournal
+from depthcli.video.integrity import slices_are_whole
+from depthcli.video.source import VideoSource
+
+UNEXPECTED = re.compile(r"unexpected [A-Z]\w+:|Traceback")
+_MAX_PIXELS = 2**22
+_MAX_FRAMES = 50
+
+
+class Target(NamedTuple):
+    """One reader.
+
+    Attributes:
+        file: name of the file that it is given, by which it may choose.
+        seeds: good files.
+        read: takes the file's path.
+        share: how many mutants it gets, by comparison.
+    """
+
+    file: str
+    seeds: Callable[[], list[bytes]]
+    read: Callable[[Path], object]
+    share: float = 1
+
+
+def _pixels() -> np.ndarray[Any, Any]:
+    noise = np.random.default_rng(11).integers(0, 256, (40, 56, 3), np.uint8)
+    return cv2.GaussianBlur(noise, (5, 5), 0)
+
+
+def _saved(kind: str, mode: str = "RGB", **options: object) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(_pixels()).convert(mode).save(file, kind, **options)
+    return file.getvalue()
+
+
+def _exif() -> bytes:
+    facts = Image.Exif()
+    facts[0x0112] = 6
+    facts.get_ifd(0x8769)[0xA405] = 28
+    return facts.tobytes()
+
+
+def _jpegs() -> list[bytes]:
+    return [
+        _saved("JPEG", exif=_exif()),
+        _saved("JPEG", "L", progressive=True),
+        _saved("JPEG", "CMYK", restart_marker_blocks=2),
+    ]
+
+
+def _pngs() -> list[bytes]:
+    deep = cv2.imencode(".png", _pixels().astype(np.uint16) * 257)[1].tobytes()
+    made = [_saved("PNG", mode) for mode in ("RGB", "RGBA", "P", "1", "LA")]
+    return [_saved("PNG", exif=_exif(), icc_profile=b"none"), deep, *made]
+
+
+def _tiffs() -> list[bytes]:
+    codings = ("raw", "tiff_lzw", "tiff_adobe_deflate", "packbits", "jpeg")
+    made = [_saved("TIFF", compression=coding) for coding in codings]
+    deep = [
+        cv2.imencode(".tiff", (_pixels() / 255).astype(kind))[1].tobytes()
+        for kind in (np.float32, np.uint16)
+    ]
+    return [*made, *deep, _saved("TIFF", "1", compression="group4"), _saved("TIFF", big_tiff=True)]
+
+
+def _webps() -> list[bytes]:
+    return [_saved("WEBP"), _saved("WEBP", lossless=True), _saved("WEBP", "RGBA", exif=_exif())]
+
+
+def _avifs() -> list[bytes]:
+    file = io.BytesIO()
+    first = Image.fromarray(_pixels())
+    first.save(file, "AVIF", save_all=True, append_images=[first, first])
+    return [_saved("AVIF", exif=_exif()), _saved("AVIF", "RGBA"), file.getvalue()]
+
+
+def _other_pictures() -> list[bytes]:
+    made = [_saved("BMP", mode) for mode in ("RGB", "P", "1", "RGBA")]
+    return [*made, _saved("GIF", "P"), _saved("PPM"), _saved("PPM", "L"), b"P2 2 2 9 1 2 3 4\n"]
+
+
+def _depth() -> DepthMap:
+    metres = np.linspace(0.5, 9, 24 * 32, dtype=np.float32).reshape(24, 32)
+    return DepthMap(metres, DepthKind.METRIC, Provenance("tiny", "0" * 64, 500.0, 6))
+
+
+def _written(writer: Any, name: str) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        writer.write(_depth(), path)
+        return path.read_bytes()
+
+
+def _depth_pngs() -> list[bytes]:
+    plain = cv2.imencode(".png", np.full((9, 9), 999, np.uint16))[1].tobytes()
+    return [
+        _written(Png16Writer(), "a.png"),
+        _written(Png16Writer(png_normalize=True), "a.png"),
+        plain,
+    ]
+
+
+def _exrs() -> list[bytes]:
+    return [_written(ExrWriter(), "a.exr"), _written(ExrWriter(half=True), "a.exr")]
+
+
+def _npys() -> list[bytes]:
+    made = []
+    for values in (_depth().values, _depth().values[None].astype(np.float64), np.zeros((3, 0))):
+        file = io.BytesIO()
+        np.save(file, values)
+        made.append(file.getvalue())
+    return made
+
+
+def _sidecars() -> list[bytes]:
+    facts = {
+        "software": "depthcli 1.0.0",
+        "unit": "metre",
+        "scale": 1000,
+        "kind": "metric",
+        "orientation": 6,
+        "model": "tiny",
+        "model_sha256": "0" * 64,
+        "focal_px": 500.0,
+        "camera_source": "exif",
+    }
+    return [json.dumps(facts).encode()]
+
+
+def _read_sidecar(path: Path) -> None:
+    np.save(path.with_suffix(".npy"), _depth().values)
+    read_depth(path.with_suffix(".npy"))
+    stated_facts(path.with_suffix(".npy"))
+
+
+def _cards() -> list[bytes]:
+    return [json.dumps(CARD).encode()] + [
+        path.read_bytes() for path in sorted((ROOT / "models").glob("*/card.json"))
+    ]
+
+
+def _models() -> list[bytes]:
+    return [tiny_onnx(card=json.dumps(CARD)), tiny_onnx(stride=2, card=json.dumps(CARD))]
+
+
+def _read_onnx(path: Path) -> None:
+    for read in (onnx_file.refuse_external_data, onnx_file.metadata, onnx_file.versions):
+        read(path.read_bytes(), "a.onnx")
+
+
+def _run_model(path: Path) -> None:
+    find_model(path)
+    try_model(find_model(path), provider="cpu")
+
+
+def _videos() -> list[bytes]:
+    gray = [frame[..., 0].astype(np.uint16) * 200 for frame in flat_frames(range(60, 90, 10))]
+    colour = [np.roll(_pixels(), by, 1) for by in range(3)]
+    kinds: list[tuple[str, Any, str, str]] = [
+        ("a.mkv", gray, "ffv1", "gray16le"),
+        ("a.mkv", colour, "ffv1", "yuv420p"),
+        ("a.mp4", colour, "mpeg4", "yuv420p"),
+        ("b.mp4", colour, "libx264", "yuv420p"),
+        ("a.avi", colour, "mjpeg", "yuvj444p"),
+        ("b.avi", colour, "rawvideo", "bgr24"),
+        ("a.webm", colour, "libvpx-vp9", "yuv420p"),
+        ("a.mov", colour, "png", "rgb24"),
+        ("a.ts", colour, "mpeg2video", "yuv420p"),
+    ]
+    with TemporaryDirectory() as folder:
+        return [
+            encode(Path(folder) / name, frames, Fraction(25), codec, form).read_bytes()
+            for name, frames, codec, form in kinds
+        ]
+
+
+def _read_video(path: Path) -> None:
+    with VideoSource(path, max_pixels=_MAX_PIXELS) as source:
+        for frame in source.frames():
+            if frame.index > _MAX_FRAMES:
+                return
+
+
+def _read_depth_video(path: Path) -> None:
+    for number, _ in enumerate(DepthVideo(path)):
+        if number > _MAX_FRAMES:
+            return
+
+
+def _mats() -> list[bytes]:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mat"
+        with h5py.File(path, "w") as file:
+            file["images"] = np.full((2, 3, 8, 6), 99, np.uint8)
+            file["depths"] = np.full((2, 8, 6), 2, np.float32)
+            file.create_dataset("rawDepths", data=np.ones((2, 8, 6), np.float32), chunks=(1, 8, 6))
+            file["names/a"] = np.frombuffer("kitchen".encode("utf-16-le"), np.uint16)
+            names = [[file["names/a"].ref] * 2]
+            file.create_dataset("scenes", data=np.array(names, h5py.ref_dtype))
+        return [path.read_bytes()]
+
+
+def _read_mat(path: Path) -> None:
+    pairs = open_mat(path, (0.8, 9.0))
+    try:
+        for i in range(min(2, len(pairs))):
+            pairs.image(i), pairs.depth_m(i), pairs.raw_depth_m(i)
+    finally:
+        pairs.file.close()
+
+
+def _indices() -> list[bytes]:
+    return [b"id,scene,official_split\r\n0000,kitchen,test\r\n0001,study,train\r\n"]
+
+
+@cache
+def _checkpoint() -> bytes:
+    config = dataclasses.replace(TrainConfig())
+    file = io.BytesIO()
+    content = {
+        "format": "depthcli-checkpoint",
+        "version": 1,
+        "config": dataclasses.asdict(config),
+        "progress": dataclasses.asdict(RunProgress(3, 1, 2.5, {"abs_rel": 0.5}, ("a",), ("b",))),
+        "method": {"generator.a": torch.ones(2, 2)},
+        "average": {"a": torch.ones(2, 2)},
+        "optimizers": {"generator": {"state": {0: {"step": torch.ones(())}}, "param_groups": []}},
+        "extra": {"pool": [torch.ones(1, 2, 2)]},
+        "rng": torch.get_rng_state()[:16].clone(),
+        "device_rng": None,
+        "precision": {},
+        "others": [],
+    }
+    torch.save(content, file)
+    return file.getvalue()
+
+
+def _manifests() -> list[bytes]:
+    row = {
+        "input": "a.png",
+        "status": "ok",
+        "outputs": [{"path": "a.depth.png", "bytes": 9, "sha256": "0" * 64}],
+        "seconds": 0.5,
+        "input_sha256": "0" * 64,
+        "error": None,
+        "warnings": [],
+        "camera": None,
+        "options_sha256": "0" * 64,
+        "model": "tiny",
+        "model_sha256": "0" * 64,
+        "version": "1.0.0",
+    }
+    lines = [json.dumps(row | {"input": name}) for name in ("a.png", "b.png", "c.mkv")]
+    return ["".join(f"{line}\n" for line in lines).encode()]
+
+
+class UnexpectedError(Exception):
+    """The command line met an error that it does not know."""
+
+
+def _command(path: Path, *words: str, code: int | None = None) -> None:
+    """Run a command in the file's folder; what it says has to be lines."""
+    models = path.parent / "models"
+    if not models.exists():
+        write_model(models / "default")
+    done = InProcess(ROOT, path.parent, models)(*words)
+    said = done.stderr.decode("utf-8", "surrogateescape")
+    if UNEXPECTED.search(said) or (code is not None and done.returncode != code):
+        raise UnexpectedError(f"{done.returncode}: {said[:500]}")
+
+
+def _batch(path: Path) -> None:
+    pictures = path.parent / "in"
+    pictures.mkdir(exist_ok=True)
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(pictures / name), _pixels()[:8, :8])
+    out = path.parent / "out"
+    out.mkdir(exist_ok=True)
+    for name in ("manifest.jsonl", ".depthcli-batch.jsonl"):
+        (out / name).write_bytes(path.read_bytes())
+        _command(path, "batch", "in", "--out", "out", "--quiet", code=0)
+
+
+def _read_list(path: Path) -> None:
+    listed_inputs(parse_list(path.read_bytes()), os.fspath(path.parent))
+
+
+def _read_setting(path: Path) -> None:
+    resolve(TrainConfig(), [], [path.read_bytes().decode("utf-8", "surrogateescape")])
+
+
+def _read_headers(path: Path) -> None:
+    data = path.read_bytes()
+    read_exif(data)
+    picture_size(data)
+    with_struct = struct.error
+    try:
+        flaw(data)
+    except with_struct:
+        if picture_size(data) is not None:  # which is asked first
+            raise
+
+
+def _read_journal(path: Path) -> None:
+    with FrameJournal(path.parent, path.name.removesuffix(".depthcli-frames")[1:], "tiny"):
+        pass
+
+
+def _read_slices(path: Path) -> None:
+    slices_are_whole(path.read_bytes())
+
+
+def _picture(path: Path) -> None:
+    read_image(path, max_pixels=_MAX_PIXELS)
+
+
+def _all_pictures() -> list[bytes]:
+    made = [_jpegs, _pngs, _tiffs, _webps, _avifs, _other_pictures]
+    return [seed for seeds in made for seed in seeds()]
+
+
+def _exr_or_facts(path: Path) -> None:
+    stated_facts(path)
+    read_depth(path)
+
+
+TARGETS: dict[str, Target] = {
+    "jpeg": Target("a.jpg", _jpegs, _picture, 2),
+    "png": Target("a.png", _pngs, _picture, 2),
+    "tiff": Target("a.tiff", _tiffs, _picture, 2),
+    "webp": Target("a.webp", _webps, _picture),
+    "avif": Target("a.avif", _avifs, _picture, 2),
+    "other-pictures": Target("a.bmp", _other_pictures, _picture),
+    "headers": Target("a.bin", _all_pictures, _read_headers, 4),
+    "training-picture": Target("a.png", _pngs, read_image_rgb),
+    "training-depth": Target("a.png", _depth_pngs, lambda path: read_depth_m(path, 1000)),
+    "own-png": Target("a.depth.png", _depth_pngs, is_own_picture),
+    "depth-png": Target("a.png", _depth_pngs, _exr_or_facts),
+    "exr": Target("a.exr", _exrs, _exr_or_facts, 2),
+    "npy": Target("a.npy", _npys, _exr_or_facts, 2),
+    "sidecar": Target("a.json", _sidecars, _read_sidecar),
+    "card": Target("card.json", _cards, lambda path: ModelCard.from_json(path.read_bytes()), 2),
+    "onnx": Target("a.onnx", _models, _read_onnx, 2),
+    "model": Target("a.onnx", _models, _run_model, 2),
+    "video": Target("a.mkv", _videos, _read_video, 3),
+    "depth-video": Target("a.mkv", lambda: _videos()[:1], _read_depth_video, 2),
+    "ffv1-slices": Target("a.bin", lambda: _videos()[:1], _read_slices),
+    "mat": Target("a.mat", _mats, _read_mat, 2),
+    "index": Target("index.csv", _indices, read_index),
+    "checkpoint": Target("a.ckpt", lambda: [_checkpoint()], Checkpoint.load),
+    "metrics": Target(
+        "metrics.jsonl",
+        lambda: [b'{"epoch": 1, "step": 10, "scores": {"a": 1}}\n{"epoch": 2, "step": 20}\n'],
+        lambda path: metrics_log.cut(path, 10),
+    ),
+    "configuration": Target(
+        "a.toml",
+        lambda: [b"seed = 3\n[data]\nwidth = 64\nzoom = 1.5\n[optim]\nlearning_rate = 1e-4\n"],
+        lambda path: resolve(TrainConfig(), [path], []),
+    ),
+    "setting": Target("a.txt", lambda: [b"optim.epochs_decay=3", b"data.width=64"], _read_setting),
+    "profile": Target(
+        "a.toml",
+        lambda: [
+            b'format = ["exr", "preview"]\npng-scale = 256\ncolormap = "turbo"\nhalf = true\n'
+        ],
+        lambda path: _command(path, "predict", "--profile", "a.toml", "missing.png"),
+    ),
+    "manifest": Target("manifest.jsonl", _manifests, _batch, 0.7),
+    "frame-journal": Target(".a.depthcli-frames", lambda: [b'"tiny"\n0\n1\n2\n'], _read_journal),
+    "list": Target("a.txt", lambda: [b"a.png\nb/c.png\n", b"a.png\0b\nc.png\0"], _read_list),
+}

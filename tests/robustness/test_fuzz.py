@@ -1,0 +1,37 @@
+"""What the long command found once, and a small sample of what it tries."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from command_line import ROOT
+from fuzz import file_of, problem
+from fuzz_targets import TARGETS
+
+CORPUS = ROOT / "tests" / "corpus"
+_SLOW = {"manifest", "profile", "checkpoint", "video", "model"}
+
+
+def _found() -> list[str]:
+    files = CORPUS.rglob("*")
+    return sorted(path.relative_to(CORPUS).as_posix() for path in files if path.is_file())
+
+
+@pytest.mark.parametrize("name", _found())
+def test_what_was_found_once_is_refused_or_read(
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    target = name.partition("/")[0]
+    path = tmp_path / TARGETS[target].file
+    shutil.copyfile(CORPUS / name, path)
+    assert problem(target, path) is None
+    said = capfd.readouterr()
+    assert (said.out, said.err) == ("", "")
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_few_mutants_are_refused_or_read(target: str, tmp_path: Path) -> None:
+    for number in range(2 if target in _SLOW else 10):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        assert problem(target, file_of(target, number, folder)) is None, number
