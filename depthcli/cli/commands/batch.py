@@ -110,6 +110,14 @@ def batch(
             "that of the manifest in OUT, else jsonl."
         ),
     ] = None,
+    max_failures: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N|N%",
+            help="Stop when more than N inputs have failed, or more than N% of the last 100 that "
+            "were processed (at the beginning, too: after more than N failures). Default: never.",
+        ),
+    ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
     exr_channel: options.ExrChannelOption = ExrChannel.Y,
@@ -143,12 +151,14 @@ def batch(
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.core.parallel.cores import share_cores
+    from depthcli.jobs.batch.failure_budget import FailureBudget
 
     writing = writer_options(context.params)
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
     refuse_unused(context, chosen, PICTURE_OPTIONS)
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
+    budget = FailureBudget.parse(max_failures) if max_failures is not None else None
     plan = _plan(context.params)
     at_once, threads = share_cores(workers, threads)
     loader = session_loader(model, provider, threads, provider_option)
@@ -158,7 +168,7 @@ def batch(
     from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 
     wanted = BatchOptions(tuple(dict.fromkeys(chosen)), writing, camera, detail, max_pixels)
-    request = BatchRequest(plan, wanted, loader, at_once, batch_size, manifest)
+    request = BatchRequest(plan, wanted, loader, at_once, batch_size, manifest, budget)
     if dry_run:
         from depthcli.jobs.batch.forecast import forecast
 

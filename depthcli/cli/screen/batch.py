@@ -85,6 +85,8 @@ class Report:
         tally = batch.tally
         for name, reason in tally.failures:
             console.error(reason if name in reason else f"{name}: {reason}")
+        if batch.stopped:
+            console.error(f"stopped because {batch.stopped}; mend the cause and run it again")
         if tally.failures and self.quiet:
             console.note(f"{len(tally.failures)} of {tally.total} inputs failed")
         if self.quiet:
@@ -93,7 +95,7 @@ class Report:
             console.warn(f"{loop} leads back to a folder that it is in; skipped")
         say = console.note if self.as_json else console.out
         say(", ".join(_account(plan, tally)) + f"; {_speed(tally)}")
-        if tally.passed < tally.total:
+        if tally.passed < tally.total and not batch.stopped:
             console.note("stopped early; run the same command again to resume")
         say(one_line(f"manifest: {batch.manifest}"))
 

@@ -116,16 +116,16 @@ class Journal(Rows):
             UsageError: another batch is writing there; another shard of a divided one may.
         """
         self._path = folder / journal_name(shard)
-        there = (folder / manifest_name(shard, ManifestFormat.PARQUET)).exists()
-        form = form or (ManifestFormat.PARQUET if there else ManifestFormat.JSONL)
-        if form == ManifestFormat.PARQUET:
-            check_pyarrow()
-        self.manifest = folder / manifest_name(shard, form)
+        table = folder / manifest_name(shard, ManifestFormat.PARQUET)
         with ExitStack() as opened, _explained(self._path):
             folder.mkdir(parents=True, exist_ok=True)
             if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
                 raise _taken(folder)
-            put_back(self.manifest)
+            put_back(table)
+            form = form or (ManifestFormat.PARQUET if table.exists() else ManifestFormat.JSONL)
+            if form == ManifestFormat.PARQUET:
+                check_pyarrow()
+            self.manifest = folder / manifest_name(shard, form)
             self._earlier = [path for path in row_files(folder, shard) if path != self._path]
             self.was_cut_short = shard == WHOLE and any(
                 map(is_journal, (*self._earlier, *([self._path] if self._path.exists() else [])))

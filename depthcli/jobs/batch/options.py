@@ -8,6 +8,7 @@ from depthcli.core.picture_limit import PictureLimit
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.batch.failure_budget import FailureBudget
 from depthcli.jobs.batch.manifest import ManifestFormat
 from depthcli.jobs.batch.plan import Plan
 
@@ -43,3 +44,4 @@ class BatchRequest:
     batch_size: int | None = None
     #: its format; None for that of the manifest that is there, or JSON lines
     manifest: ManifestFormat | None = None
+    budget: FailureBudget | None = None  #: how much may fail before it stops; None for any number

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from contextlib import closing
-from itertools import islice
+from itertools import chain, islice
 from typing import TYPE_CHECKING
 
 from depthcli.core.parallel.cores import share_cores
@@ -45,6 +45,7 @@ class Batch(Iterator[Result]):
         tally: what became of the inputs so far.
         late: results that were there when the batch was closed and that nobody had asked for.
         manifest: the file that tells of each input in the end.
+        stopped: why the batch was given up before its last input; None if it was not.
     """
 
     def __init__(
@@ -88,6 +89,8 @@ class Batch(Iterator[Result]):
                 remove_stale(folder)
         self.warnings = (*plan.warnings, *session.warnings)
         self.tally = Tally(len(plan.inputs))
+        self._budget = request.budget
+        self.stopped: str | None = None
         self.late: tuple[Result, ...] = ()
         self._recorded: dict[str, Result] = {}
         self._passed: dict[str, bool] = {}  # name -> whether its outputs were kept
@@ -116,10 +119,10 @@ class Batch(Iterator[Result]):
                     self._engine.run(self._spec, _chunks(tasks, self._chunk), self._record)
                 ) as results,  # no worker outlives the journal
             ):
-                for result in results:
+                for result in chain(results, self._videos(journal)):
                     yield self._taken(result)
-                for result in self._videos(journal):
-                    yield self._taken(result)
+                    if self._is_spent():
+                        return
         finally:
             self._finish()
 
@@ -147,6 +150,12 @@ class Batch(Iterator[Result]):
         self._passed[result.row.input] = result.is_kept
         self.tally.add(result)
         return result
+
+    def _is_spent(self) -> bool:
+        """Whether so much failed that the batch is to stop."""
+        if self._budget is not None and self.tally.passed < self.tally.total:
+            self.stopped = self._budget.reason(self.tally)
+        return self.stopped is not None
 
     def _finish(self) -> None:
         """Write the manifest, once."""

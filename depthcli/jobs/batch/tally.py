@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ class Tally:
         done: inputs worked on, the failed ones too.
         kept: inputs whose outputs of an earlier run are still right.
         failures: name and reason of those that failed.
+        recent_failed: whether each of the last hundred that were worked on failed.
     """
 
     def __init__(self, total: int) -> None:
@@ -25,12 +27,15 @@ class Tally:
         self.done = 0
         self.kept = 0
         self.failures: list[tuple[str, str]] = []
+        self.recent_failed: deque[bool] = deque(maxlen=100)
         self._start_s = time.monotonic()
 
     def add(self, result: Result) -> None:
         """Count an input."""
         self.kept += result.is_kept
         self.done += not result.is_kept
+        if not result.is_kept:
+            self.recent_failed.append(result.row.error is not None)
         if result.row.error is not None:
             self.failures.append((result.row.input, result.row.error))
 
