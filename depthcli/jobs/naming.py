@@ -96,11 +96,7 @@ def _folder(source: Path | None, out: Path | None) -> Path:
 
 
 def output_bases(sources: Sequence[Path | None]) -> list[str]:
-    """What the outputs of each input are called before their suffixes.
-
-    Args:
-        sources: the inputs; None is standard input.
-    """
+    """What the outputs of each input are called before their suffixes; None is standard input."""
     inside: dict[Path, set[str]] = {}
     for source in sources:
         if source is not None:

@@ -95,11 +95,7 @@ PREVIEW_CODECS = {
 
 
 def preview_codec(suffix: str, asked: Codec | None) -> Codec:
-    """The codec of a preview.
-
-    Args:
-        suffix: of the file, ``.mp4`` say.
-        asked: what the user chose; None for the usual one.
+    """The codec of a preview: the one asked for, or the usual one of its container.
 
     Raises:
         UsageError: the container does not hold that codec.

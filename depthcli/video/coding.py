@@ -9,12 +9,9 @@ from depthcli.video.codecs import DEPTH_PIXELS, ENCODINGS, Codec
 
 
 def coded(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Codec) -> VideoFrame:
-    """Pixels as a codec takes them; for any thread.
+    """Pixels, (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8 as a codec takes them.
 
-    Args:
-        pixels: (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8. Where the codec halves the
-            colours' rows and columns, an odd row or column is doubled.
-        codec: how the frame will be compressed.
+    For any thread. Where the codec halves the colours' rows and columns, an odd row or column is doubled.
     """
     wanted = ENCODINGS[codec].pixel_format
     if wanted == DEPTH_PIXELS:

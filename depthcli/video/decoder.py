@@ -44,9 +44,8 @@ class FrameDecoder:
     def take_failed(self, before: int | None = None) -> int:
         """How many frames could not be decoded since this was last asked.
 
-        Args:
-            before: time, in the stream's ticks, of the frame that these stood in front of; None for
-                all.
+        Those that stood in front of the frame at a time, in the stream's ticks; all of them for
+        None.
         """
         early = [at for at in self._skipped if before is None or at < before]
         self._skipped = [at for at in self._skipped if at not in early]

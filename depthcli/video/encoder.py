@@ -23,12 +23,9 @@ _MOST_BETWEEN_KEYS = 250
 def new_container(
     target: Path | OutputPipe, timing: Timing, labels: Mapping[str, str]
 ) -> OutputContainer:
-    """A file without streams; the same frames will give the same bytes.
+    """A file without streams, by its suffix; the same frames will give the same bytes.
 
-    Args:
-        target: its suffix says the container.
-        timing: of the frames.
-        labels: name -> text, kept in the header.
+    Labels, name -> text, are kept in the header.
 
     Raises:
         OSError: it cannot be made.

@@ -51,10 +51,8 @@ def counts_frames(path: Path) -> bool:
 def slices_are_whole(packet: bytes) -> bool:
     """Whether the checksum of every slice of an FFV1 frame is right (RFC 9043, 4.9.3).
 
-    FFmpeg fills slices that are damaged from the frame before, and says so only in its log.
-
-    Args:
-        packet: a frame of version 3 with checksums.
+    The frame is of version 3, with checksums. FFmpeg fills slices that are damaged from the frame
+    before, and says so only in its log.
     """
     end = len(packet)
     while end > 0:

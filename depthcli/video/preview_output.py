@@ -33,15 +33,9 @@ def preview_video(
     codec: Codec = Codec.H264,
     sound: Sound | None = None,
 ) -> Iterator[VideoOutput]:
-    """A preview that appears whole or not at all, or goes into a pipe.
+    """A preview that appears whole or not at all, or goes into a pipe; inputs are not replaced.
 
-    Args:
-        target: ends in ``.mp4``, ``.webm`` or ``.mov``.
-        timing: of the frames.
-        writer: of the colours.
-        inputs: files that must not be replaced.
-        codec: one that the container holds.
-        sound: what is heard.
+    It ends in ``.mp4``, ``.webm`` or ``.mov``, and the codec is one that this container holds.
     """
     with video_file(target, codec, timing, inputs, sound) as file:
         yield PreviewVideoOutput(file, codec, writer)

@@ -17,17 +17,12 @@ _LONGEST_STEP = 1 << 28  # ticks; MP4 keeps the distance of two frames in 32 bit
 
 
 def exact_rate(fps: float | Fraction) -> Fraction | None:
-    """The fraction behind a decoder's frame rate.
+    """The fraction behind a decoder's frame rate, in frames a second.
 
     Containers that keep decimals or whole nanoseconds write 29.97 or 33366700 ns for 30000/1001;
     such values become the NTSC rate that they stand for. So do averages within 0.002 % of an NTSC
-    or a whole rate. Every other fraction with a denominator up to a million is found exactly.
-
-    Args:
-        fps: frames a second.
-
-    Returns:
-        Frames a second; None if the value says nothing (zero, negative, not finite, absurd).
+    or a whole rate. Every other fraction with a denominator up to a million is found exactly. None
+    if the value says nothing (zero, negative, not finite, absurd).
     """
     fps = float(fps)
     if not math.isfinite(fps) or not 0 < fps <= _FASTEST:

@@ -26,12 +26,9 @@ class ImageSequence(FrameSource):
         rate: Fraction | None = None,
         max_pixels: int | PictureLimit = MAX_PIXELS,
     ) -> None:
-        """Find the pictures, and read the first one.
+        """Find the pictures of a folder or of a pattern such as ``%04d``, and read the first.
 
-        Args:
-            path: a pattern with ``%04d`` or the like in its name, or a folder.
-            rate: frames a second; None for what the first EXR states.
-            max_pixels: pictures that claim more are refused.
+        Without a rate, that of the first EXR counts. Pictures that claim more pixels are refused.
 
         Raises:
             InputError: there is none, or the first cannot be read.

@@ -21,14 +21,9 @@ class SequenceOutput:
         writer: Writer,
         inputs: Sequence[Path],
     ) -> None:
-        """Name where frames go.
+        """Name where frames go: ``name`` gives a file's name for a frame's number.
 
-        Args:
-            label: what warnings call the format.
-            folder: of the files.
-            name: gives a file's name for a frame's number.
-            writer: of each file.
-            inputs: files that must not be replaced.
+        Warnings call the format ``label``; inputs are not replaced.
         """
         self._label = label
         self._folder = folder

@@ -36,12 +36,7 @@ class Sound:
     """
 
     def __init__(self, source: Path | InputPipe, start_s: Fraction) -> None:
-        """Remember where the sound is; nothing is opened yet.
-
-        Args:
-            source: the video.
-            start_s: time of the video's first frame on the file's own clock.
-        """
+        """Remember where the sound is, and the first frame's time on the file's own clock."""
         self._source = source
         self._start_s = start_s
         self._input: InputContainer | None = None
@@ -53,11 +48,9 @@ class Sound:
         self.warnings: tuple[str, ...] = ()
 
     def open(self, output: OutputContainer, first_s: float) -> None:
-        """Add a stream of sound to a file, if the video has one.
+        """Add a stream of sound to a file whose header is not written yet, if the video has one.
 
-        Args:
-            output: a file whose header is not written yet.
-            first_s: time of the preview's first frame, from the video's first one.
+        The preview's first frame is ``first_s`` behind the video's.
         """
         if isinstance(self._source, InputPipe):  # which can be read once
             self.warnings = ("the sound of standard input is missing in the preview",)

@@ -36,11 +36,7 @@ class VideoSource(FrameSource):
     def __init__(
         self, source: str | Path | InputPipe, *, max_pixels: int | PictureLimit = MAX_PIXELS
     ) -> None:
-        """Open a video.
-
-        Args:
-            source: whatever FFmpeg reads, but for playlists.
-            max_pixels: frames that claim more are refused.
+        """Open whatever FFmpeg reads, but for playlists; frames that claim more pixels are refused.
 
         Raises:
             InputError: missing, empty, no video, no frame in it, or too large.

@@ -31,12 +31,7 @@ class Span:
         return min(rate, 1 / self.every.value)
 
     def count(self, frames: int, rate: Fraction) -> int:
-        """How many frames are picked from a video of evenly spaced ones.
-
-        Args:
-            frames: how many there are.
-            rate: frames a second.
-        """
+        """How many frames are picked from a video of so many evenly spaced ones."""
         start, end = (self._frame(point, rate) for point in (self.start, self.end))
         last = frames if end is None else min(frames, -(-end // 1))
         first = -(-(start or Fraction(0)) // 1)
@@ -44,11 +39,7 @@ class Span:
         return max(0, int(-((first - last) // step)))
 
     def picks(self, frames: Iterable[tuple[int, Fraction]]) -> Iterator[bool]:
-        """Whether each frame is wanted; ends where the span does.
-
-        Args:
-            frames: number and time in seconds of each frame, in order.
-        """
+        """Whether each frame, a number and a time in seconds, is wanted; ends with the span."""
         due: Fraction | None = None
         for index, time_s in frames:
             if self.end is not None and _at(self.end, index, time_s) >= self.end.value:

@@ -42,11 +42,9 @@ class Timeline:
         self.lost = 0
 
     def place(self, ticks: int | None, failed: int) -> tuple[int, Fraction]:
-        """Number and time of the next frame.
+        """Number and time of the next frame, of its time on the file's clock, None if it has none.
 
-        Args:
-            ticks: its time on the file's clock; None if it has none.
-            failed: how many frames between it and the one before could not be decoded.
+        ``failed`` frames between it and the one before could not be decoded.
         """
         self._unplaced += failed
         measured_s = None if ticks is None else ticks * self._tick_s - self.start_s

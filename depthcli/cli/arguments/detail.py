@@ -31,12 +31,8 @@ def choose_detail(
 ) -> Detail:
     """What the options describe.
 
-    Args:
-        upsampling: how depth gets to the picture's size.
-        tile: ``auto`` or a width in pixels.
-        max_memory: a number of bytes, or one with K, M or G.
-        formats: names of what is written.
-        side_by_side: whether previews show the picture as well.
+    A tile is ``auto`` or a width in pixels, memory a number of bytes, or one with K, M or G.
+    Formats are what is written; side by side, previews show the picture as well.
 
     Raises:
         UsageError: an option is no number.

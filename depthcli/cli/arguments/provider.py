@@ -9,13 +9,7 @@ from depthcli.inference.loading import SessionLoader
 def session_loader(
     model: str | None, provider: str, threads: int | None, words: Sequence[str] | None
 ) -> SessionLoader:
-    """The model that the options name, and what runs it.
-
-    Args:
-        model: as ``--model`` has it.
-        provider: as ``--provider`` has it.
-        threads: of the network; None for onnxruntime's choice.
-        words: as ``--provider-option`` has them.
+    """The model that ``--model``, ``--provider`` and ``--provider-option`` name, and what runs it.
 
     Raises:
         UsageError: an option of the provider is none.
@@ -24,10 +18,7 @@ def session_loader(
 
 
 def provider_options(words: Sequence[str]) -> dict[str, str]:
-    """Settings of a provider by their keys.
-
-    Args:
-        words: as ``--provider-option`` has them, ``KEY=VALUE``.
+    """Settings of a provider by their keys, of the words ``KEY=VALUE``.
 
     Raises:
         UsageError: a word is none.

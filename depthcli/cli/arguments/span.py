@@ -49,12 +49,9 @@ def parse_fps(word: str | None, file: str) -> Fraction | None:
 
 
 def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
-    """Read ``12.5``, ``12.5s``, ``1:02.5``, ``1:00:00`` or ``300f``.
+    """Read ``12.5``, ``12.5s``, ``1:02.5``, ``1:00:00`` or ``300f``, of an option.
 
-    Args:
-        word: as written.
-        option: what messages call it.
-        bare_is_frames: what a number without a letter is: frames, or else seconds.
+    A number without a letter is in seconds, unless bare ones are frames.
 
     Raises:
         UsageError: the word is none of these.

@@ -21,11 +21,6 @@ def refuse_unused(
 
     A profile's options are for many runs, so that it may hold more than one of them uses.
 
-    Args:
-        context: of the command that runs.
-        formats: names of what is written.
-        used_by: the options that each format uses, of all that the command can write.
-
     Raises:
         UsageError: there is such an option.
     """

@@ -12,9 +12,7 @@ from depthcli.io.writers.options import WriterOptions
 def writer_options(parameters: Mapping[str, Any]) -> WriterOptions:
     """The writers' options among a command's parameters, which have the same names.
 
-    Args:
-        parameters: values by their names, as typer's context has them; the options that are missing
-            or None have their defaults.
+    Those that are missing or None have their defaults.
 
     Raises:
         UsageError: they contradict each other.

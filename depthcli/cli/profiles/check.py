@@ -14,8 +14,7 @@ from depthcli.core.choices import Upsampling
 def check_together(values: Mapping[str, Value]) -> None:
     """Refuse what ``predict``, ``batch`` or ``video`` would refuse before they read anything.
 
-    Args:
-        values: options by their names without dashes in front.
+    Options have their names without dashes in front.
 
     Raises:
         UsageError: as these commands.

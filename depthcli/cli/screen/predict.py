@@ -16,13 +16,9 @@ if TYPE_CHECKING:
 
 
 def tell(result: Done | Failed, *, as_json: bool, quiet: bool, to_stderr: bool) -> None:
-    """Say what became of an input.
+    """Say what became of an input: as one JSON object a line or as text; quiet says errors only.
 
-    Args:
-        result: that.
-        as_json: one JSON object a line in place of text.
-        quiet: errors only.
-        to_stderr: standard output carries a depth map, so text goes elsewhere.
+    Text goes to standard error where standard output carries a depth map.
     """
     if isinstance(result, Failed):
         tell_failed(result, as_json=as_json)

@@ -107,11 +107,9 @@ class Drawing:
 
 @contextmanager
 def drawn(*, silent: bool, announces: bool = False) -> Iterator[Drawing]:
-    """Progress for as long as the work takes.
+    """Progress for as long as the work takes; nothing if it is silent.
 
-    Args:
-        silent: show nothing.
-        announces: where there is no terminal, say a line at the beginning of each stage too.
+    Where there is no terminal, it may also announce each stage in a line at its beginning.
     """
     if silent or not sys.stderr.isatty():
         yield Drawing(None, silent=silent, announces=announces)

@@ -80,11 +80,7 @@ class JsonLines(Watcher):
 
 
 class Lines(JsonLines):
-    """One line an epoch on standard error, under a bar on a terminal.
-
-    Args:
-        stack: closes the bar.
-    """
+    """One line an epoch on standard error, under a bar on a terminal, which ``stack`` closes."""
 
     def __init__(self, stack: ExitStack) -> None:
         super().__init__()

@@ -8,13 +8,9 @@ from depthcli.jobs.video.result import VideoDone
 
 
 def tell(result: VideoDone | Failed, *, as_json: bool, quiet: bool, to_stderr: bool) -> None:
-    """Say what became of a video.
+    """Say what became of a video: as one JSON object or as text; quiet says errors only.
 
-    Args:
-        result: that.
-        as_json: one JSON object in place of text.
-        quiet: errors only.
-        to_stderr: standard output carries a video, so text goes elsewhere.
+    Text goes to standard error where standard output carries a video.
     """
     if isinstance(result, Failed):
         tell_failed(result, as_json=as_json)

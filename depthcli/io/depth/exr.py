@@ -38,13 +38,9 @@ def write_exr(
     texts: Mapping[str, str],
     rate: Fraction | None = None,
 ) -> None:
-    """Write one part, ZIP-compressed.
+    """Write one part, ZIP-compressed: channels (H, W) float32 or float16 by name, and texts.
 
-    Args:
-        path: the file.
-        channels: name -> (H, W) float32 or float16.
-        texts: attributes for the header.
-        rate: frames a second of the sequence that the file is a part of.
+    ``rate`` is that of the sequence that the file is a part of, in frames a second.
 
     Raises:
         OSError: the file cannot be written.

@@ -25,15 +25,10 @@ _SHARED = ("software", "orientation", *ORIGIN_FACTS)
 
 
 def stated_facts(path: Path) -> dict[str, str]:
-    """Unit, scale, kind, orientation, model and so on, as the file's writer stated them.
+    """Unit, scale, kind, orientation, model and so on, as the file's writer stated them, by name.
 
-    What the file does not say comes from the sidecar beside it, if that names no other model.
-
-    Args:
-        path: a PNG or EXR; other files state nothing themselves.
-
-    Returns:
-        Name -> text; empty if another program wrote the file.
+    What a PNG or EXR does not say comes from the sidecar beside it, if that names no other model.
+    Empty if another program wrote the file.
 
     Raises:
         InputError: missing or damaged.

@@ -74,9 +74,8 @@ def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
 def parse_list(data: bytes) -> list[str]:
     """Paths of a list, in its order, each once.
 
-    Args:
-        data: one path a line; or, where a NUL byte is in it, one before each NUL (``find
-            -print0``), which is how names with a newline are listed.
+    One a line; or, where a NUL byte is in it, one before each NUL (``find -print0``), which is how
+    names with a newline are listed.
     """
     words = data.split(b"\0") if b"\0" in data else data.splitlines()
     return list(dict.fromkeys(os.fsdecode(word) for word in words if word))

@@ -37,9 +37,6 @@ def avif_size(data: bytes) -> tuple[int, int] | None:
 
     A decoder makes room for what an AV1 picture is, whatever the boxes say.
 
-    Args:
-        data: the whole file.
-
     Raises:
         struct.error: the file is too short for what it claims.
         IndexError: likewise.

@@ -8,11 +8,7 @@ PICTURE_SUFFIXES = (".jpg", ".png", ".tiff", ".webp", ".avif", ".bmp")
 
 
 def can_code(suffix: str) -> bool:
-    """Whether a picture survives being written and read in a format.
-
-    Args:
-        suffix: with the dot, ``.png`` say.
-    """
+    """Whether a picture survives being written and read in a format; the suffix has its dot."""
     picture = np.full((16, 16, 3), 128, np.uint8)
     try:
         ok, data = cv2.imencode(suffix, picture)

@@ -83,15 +83,9 @@ def decode(
 
 
 def decoded(data: bytes, flags: int) -> npt.NDArray[np.generic] | None:
-    """Pixels as OpenCV decodes them, without a word on standard error.
+    """Pixels as OpenCV decodes them, (H, W) or (H, W, C), without a word on standard error.
 
-    Args:
-        data: the whole file.
-        flags: of ``cv2.imdecode``.
-
-    Returns:
-        (H, W) or (H, W, C) in OpenCV's order; None if the file is no picture, or if pixels of it
-        are missing that the decoder filled in.
+    None if the file is no picture, or if pixels of it are missing that the decoder filled in.
 
     Raises:
         cv2.error: the decoder gave up.

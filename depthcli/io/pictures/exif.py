@@ -25,9 +25,6 @@ def read_exif(data: bytes) -> Exif:
     """EXIF of a JPEG, PNG, WebP or TIFF file; whatever is damaged counts as absent.
 
     AVIF has the same turns and mirrors in a form of its own.
-
-    Args:
-        data: the whole file.
     """
     if data[4:8] == b"ftyp":
         return Exif(_avif_orientation(data))

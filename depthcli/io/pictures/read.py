@@ -76,11 +76,9 @@ def _framed(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
 
 
 def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """Undo an EXIF orientation: mirror left to right, then turn counter-clockwise.
+    """Undo an EXIF orientation, 1-8, of pixels (H, W) or (H, W, C) as stored.
 
-    Args:
-        pixels: (H, W) or (H, W, C) as stored.
-        orientation: 1-8.
+    It mirrors left to right, then turns counter-clockwise.
     """
     if orientation in _MIRRORED:
         pixels = pixels[:, ::-1]

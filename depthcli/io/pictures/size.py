@@ -13,11 +13,7 @@ _NETPBM = re.compile(rb"P[1-6]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
-    """(width, height) that a file of a known picture format claims; None if there is none.
-
-    Args:
-        data: the whole file.
-    """
+    """(width, height) that a file of a known picture format claims; None if there is none."""
     try:
         return _size(data)
     except (struct.error, IndexError):

@@ -28,11 +28,7 @@ TIFF_STARTS = tuple(_LAYOUTS)
 
 
 def tiff_tags(data: bytes, wanted: Collection[int]) -> dict[int, int]:
-    """Those of the wanted tags that the file has.
-
-    Args:
-        data: the whole file; it has one of the ``TIFF_STARTS``.
-        wanted: numbers of tags with one value.
+    """Those of the wanted tags, with one value, that a file has; it has one of the ``TIFF_STARTS``.
 
     Raises:
         struct.error: the file is too short for what it claims.

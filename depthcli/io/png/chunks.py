@@ -9,11 +9,9 @@ MAX_LENGTH = 2**31 - 1
 
 
 def chunk(kind: bytes, body: bytes | bytearray | memoryview) -> tuple[bytes | memoryview, ...]:
-    """The parts of one chunk, for the caller to join with all others in one copy.
+    """The parts of one chunk of four letters, for the caller to join with all others in one copy.
 
-    Args:
-        kind: four letters.
-        body: at most ``MAX_LENGTH`` bytes.
+    The body has at most ``MAX_LENGTH`` bytes.
     """
     check = zlib.crc32(body, zlib.crc32(kind))
     return struct.pack(">I4s", len(body), kind), memoryview(body), struct.pack(">I", check)

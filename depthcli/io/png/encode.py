@@ -25,13 +25,10 @@ _LEVEL = 1
 def encode_png(
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16], texts: Mapping[str, str] | None = None
 ) -> bytes:
-    """A PNG file; the same pixels and texts give the same bytes.
+    """A PNG file of gray (H, W) or RGB (H, W, 3); the same pixels and texts give the same bytes.
 
-    Filtering and compressing leave the interpreter's lock to other threads.
-
-    Args:
-        pixels: gray (H, W) or RGB (H, W, 3).
-        texts: keyword -> text, as :func:`depthcli.io.png.text.text_chunk` takes them.
+    Texts, keyword -> text, are as :func:`depthcli.io.png.text.text_chunk` takes them. Filtering and
+    compressing leave the interpreter's lock to other threads.
 
     Raises:
         OutputError: there is no pixel, or there are more than PNG can hold.

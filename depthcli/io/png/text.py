@@ -6,11 +6,9 @@ from depthcli.io.png.chunks import SIGNATURE, chunk
 
 
 def text_chunk(keyword: str, text: str) -> tuple[bytes | memoryview, ...]:
-    """The parts of a chunk that holds a text.
+    """The parts of a chunk that holds a text, by a keyword of 1-79 Latin-1 characters.
 
-    Args:
-        keyword: 1-79 Latin-1 characters.
-        text: anything; what is not Latin-1 is stored as UTF-8.
+    A text that is not Latin-1 is stored as UTF-8.
     """
     name = keyword.encode("latin-1")
     try:

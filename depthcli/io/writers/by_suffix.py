@@ -18,16 +18,10 @@ if TYPE_CHECKING:
 def write_depth(
     depth: DepthMap, path: Path, frame: Frame | None, options: Mapping[str, object]
 ) -> tuple[str, ...]:
-    """Write a map whole or not at all.
+    """Write a map whole or not at all; warnings, one line each.
 
-    Args:
-        depth: the map.
-        path: the file; missing folders are made.
-        frame: the picture it belongs to, for formats that show it; its file is never replaced.
-        options: png_scale, exr_channel and half, where they are given; None for the writer's own.
-
-    Returns:
-        Warnings, one line each.
+    Missing folders are made, and the picture's file, of the frame for formats that show it, is
+    never replaced. Options are png_scale, exr_channel and half; None for the writer's own.
 
     Raises:
         OutputError: it cannot be written, or the map cannot be expressed in the format.

@@ -55,12 +55,9 @@ class PreviewWriter:
         frame: Frame | None = None,
         spread: tuple[float, float] | None = None,
     ) -> npt.NDArray[np.uint8]:
-        """The preview as (H, W', 3) RGB uint8; wider with legend or picture.
+        """The preview as (H, W', 3) RGB uint8; wider with legend or picture, that of ``frame``.
 
-        Args:
-            depth: the map.
-            frame: the picture, for ``side_by_side``.
-            spread: low and high value in place of the map's percentiles, for a video.
+        A video gives low and high value in place of the map's percentiles.
         """
         near, far = self._limits(depth, spread or percentiles(depth))
         colours = colour_table(self.colormap, self.near)
@@ -100,17 +97,10 @@ def percentiles(depth: DepthMap) -> tuple[float, float]:
 
 
 def nearness(depth: DepthMap, near: float, far: float) -> npt.NDArray[np.float32]:
-    """1 at ``near``, 0 at ``far``; NaN without depth.
+    """1 at ``near``, 0 at ``far`` and infinitely far; NaN without depth: (H, W) float32.
 
-    Metric maps are spread evenly in inverse depth, or in depth where the near end is 0.
-
-    Args:
-        depth: map of any kind.
-        near: value of the near end; if it equals ``far``, it is halfway itself.
-        far: value of the far end.
-
-    Returns:
-        (H, W) float32 in [0, 1] or NaN. Infinitely far is 0.
+    Metric maps are spread evenly in inverse depth, or in depth where the near end is 0. Where both
+    ends are equal, they are halfway.
     """
     values, ends = depth.values, np.array([near, far], np.float32)
     if depth.is_metric and near > 0:
