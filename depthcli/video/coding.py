@@ -9,9 +9,9 @@ from depthcli.video.codecs import DEPTH_PIXELS, ENCODINGS, Codec
 
 
 def coded(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Codec) -> VideoFrame:
-    """Pixels, (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8 as a codec takes them.
+    """Pixels, (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8, as a codec takes them.
 
-    For any thread. Where the codec halves the colours' rows and columns, an odd row or column is doubled.
+    For any thread. Where the codec halves the colours' rows and columns, an odd one is doubled.
     """
     wanted = ENCODINGS[codec].pixel_format
     if wanted == DEPTH_PIXELS:
