@@ -21,9 +21,9 @@ import OpenEXR
 from timing import Timing, alternate
 
 import depthcli
+from depthcli.io.depth.steps import quantized
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.facts import facts
-from depthcli.io.writers.png16 import quantized
 from depthcli.io.writers.preview import PreviewWriter
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ import numpy as np
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth.facts import positive_number, provenance_of
+from depthcli.io.depth.steps import TOP, metres
 from depthcli.io.writers.formats import MILLIMETRES
 from depthcli.video.codecs import DEPTH_PIXELS
 from depthcli.video.rates import exact_rate
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from depthcli.video.decoder import FrameDecoder
 
 LABEL_PREFIX = "DEPTHCLI_"
-_TOP = 65535
 
 
 class DepthVideo:
@@ -81,11 +81,10 @@ class DepthVideo:
         Of a normalized file the values are shares, 0 to 1, of the range that was shown.
         """
         for steps in self.steps():
+            # Normalized ones, 1 to 65535, are a scale that begins at 1.
+            known = metres(steps, self.scale or 1.0)
             if self.scale is None:
-                values = (steps.astype(np.float32) - 1) / np.float32(_TOP - 1)
-            else:
-                values = steps.astype(np.float32) / np.float32(self.scale)
-            known = np.where(steps == 0, np.float32(np.nan), values)
+                known = (known - 1) / np.float32(TOP - 1)
             yield DepthMap(known, self.kind, provenance_of(self.labels))
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
@@ -101,7 +100,7 @@ class DepthVideo:
         container, stream = open_video(self.path)
         # Version 0.1.0 doubled an odd row or column, and stated the true size.
         width, height = (
-            int(positive_number(self.labels.get(name)) or _TOP + 1) for name in ("width", "height")
+            int(positive_number(self.labels.get(name)) or TOP + 1) for name in ("width", "height")
         )
         try:
             decoder = FrameDecoder(container, stream)

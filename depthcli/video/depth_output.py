@@ -8,8 +8,8 @@ import av
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.io.depth.steps import TOP, quantized
 from depthcli.io.writers.facts import facts, step_unit
-from depthcli.io.writers.png16 import quantized
 from depthcli.video.codecs import Codec
 from depthcli.video.coding import coded
 from depthcli.video.depth import LABEL_PREFIX
@@ -18,12 +18,14 @@ from depthcli.video.output import VideoFrame, VideoOutput
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing, rate_text
 
-_TOP = 65535
-
 
 @contextmanager
 def depth_video(
-    target: Path | OutputPipe, timing: Timing, scale: float, inputs: Sequence[Path]
+    target: Path | OutputPipe,
+    timing: Timing,
+    scale: float,
+    inputs: Sequence[Path],
+    written: Path | None = None,
 ) -> Iterator[VideoOutput]:
     """A lossless depth video that appears whole or not at all, or goes into a pipe.
 
@@ -32,8 +34,10 @@ def depth_video(
         timing: of the frames.
         scale: steps per metre.
         inputs: files that must not be replaced.
+        written: where it is until it is whole, and stays if the block fails; None for a passing
+            name.
     """
-    with video_file(target, Codec.FFV1, timing, inputs) as file:
+    with video_file(target, Codec.FFV1, timing, inputs, written=written) as file:
         yield DepthVideoOutput(file, timing, scale)
 
 
@@ -71,7 +75,7 @@ class DepthVideoOutput:
             return (f"{kind} depth has no unit; mkv is normalized to the preview's range",)
         if not self._saturated:
             return ()
-        limit_m = _TOP / self._scale
+        limit_m = TOP / self._scale
         return (f"mkv: {self._saturated} pixels beyond {limit_m:.6g} m were saturated",)
 
     def _labels(self, frame: VideoFrame) -> dict[str, str]:
@@ -92,5 +96,5 @@ def within(values: npt.NDArray[np.float32], low: float, high: float) -> npt.NDAr
     (H, W) float32 in, (H, W) uint16 out.
     """
     share = (np.nan_to_num(values, nan=low) - low) / ((high - low) or 1.0)
-    steps = np.rint(1 + np.clip(share, 0, 1) * (_TOP - 1))
+    steps = np.rint(1 + np.clip(share, 0, 1) * (TOP - 1))
     return np.where(np.isnan(values), 0, steps).astype(np.uint16)

@@ -140,6 +140,8 @@ def video_file(
     timing: Timing,
     inputs: Sequence[Path],
     sound: Sound | None = None,
+    *,
+    written: Path | None = None,
 ) -> Iterator[VideoFile]:
     """A file that appears whole or not at all, or a pipe.
 
@@ -149,12 +151,16 @@ def video_file(
         timing: rate and clock.
         inputs: files that must not be replaced.
         sound: what is heard; None for nothing.
+        written: where it is until it is whole, and stays if the block fails; None for a passing
+            name.
     """
     with ExitStack() as stack:
         if not isinstance(target, OutputPipe):
             target = stack.enter_context(atomic_path(target, inputs=inputs))
-        file = VideoFile(target, codec, timing, sound)
+        file = VideoFile(written or target, codec, timing, sound)
         try:
             yield file
         finally:
             file.close()
+        if written is not None and not isinstance(target, OutputPipe):
+            written.replace(target)

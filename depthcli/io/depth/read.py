@@ -11,6 +11,7 @@ import numpy as np
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth.facts import completed, positive_number, provenance_of, sidecar_facts
+from depthcli.io.depth.steps import TOP, metres
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.png.text import read_text
 from depthcli.io.storage.remote import path_of
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 _CHANNELS = ("Z", "V", "Y", "R")
 _COLOURS = ("G", "B", "RY", "BY")
 _DIMENSIONS = 2
-_TOP = 65535
 _FARTHEST = 1e12  # what is beyond is no depth in any unit
 
 
@@ -65,13 +65,12 @@ def _png(path: Path, png_scale: float | None) -> DepthMap:
     facts = completed(path, read_text(data))
     ends = _ends(facts) if png_scale is None else None
     if ends is None:
-        scale = png_scale or positive_number(facts.get("scale")) or MILLIMETRES
-        values = steps.astype(np.float32) / np.float32(scale)
+        depth = metres(steps, png_scale or positive_number(facts.get("scale")) or MILLIMETRES)
     else:
         low, high = ends
-        share = (steps.astype(np.float64) - 1) / (_TOP - 1)
+        share = (steps.astype(np.float64) - 1) / (TOP - 1)
         values = (low + share * (high - low)).astype(np.float32)
-    depth = np.where(steps == 0, np.float32(np.nan), values)
+        depth = np.where(steps == 0, np.float32(np.nan), values)
     return DepthMap(depth, _kind(facts.get("kind")), provenance_of(facts))
 
 

@@ -8,11 +8,10 @@ import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
 from depthcli.core.types import DepthMap, Frame
+from depthcli.io.depth.steps import TOP, quantized
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.facts import facts, step_unit
 from depthcli.io.writers.formats import MILLIMETRES
-
-_TOP = 65535
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,35 +40,11 @@ class Png16Writer:
             steps, saturated = quantized(depth.values, self.png_scale)
             texts |= {"scale": f"{self.png_scale:g}", "unit": step_unit(self.png_scale)}
             if saturated:
-                limit_m = _TOP / self.png_scale
+                limit_m = TOP / self.png_scale
                 warnings = (f"{saturated} pixels beyond {limit_m:.6g} m were saturated",)
         labels = {f"depthcli:{name}": text for name, text in texts.items()}
         path.write_bytes(encode_png(steps, labels))
         return warnings
-
-
-def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArray[np.uint16], int]:
-    """Depth in whole steps, and how many pixels were saturated.
-
-    Args:
-        values: (H, W) float32 metres.
-        scale: steps per metre.
-
-    Returns:
-        (H, W) uint16, rounded to nearest: 0 where depth is NaN or not positive, at least 1 and at
-        most 65535 elsewhere; and the number of pixels beyond 65535.
-    """
-    height, width = values.shape
-    steps = np.empty((height, width), np.uint16)
-    saturated = 0
-    for rows in row_bands(width, height):
-        band = values[rows] * np.float32(scale)
-        np.rint(band, out=band)
-        saturated += int(np.count_nonzero(band > _TOP))
-        np.clip(band, 1, _TOP, out=band)
-        band[~(values[rows] > 0)] = 0  # NaN, too
-        steps[rows] = band
-    return steps, saturated
 
 
 def stretched(values: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.uint16], float, float]:
@@ -90,5 +65,5 @@ def stretched(values: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.uint16], 
     steps = np.zeros(values.shape, np.uint16)
     for rows in row_bands(values.shape[1], values.shape[0]):  # doubles of a whole map are large
         share = (np.where(finite[rows], values[rows], low).astype(np.float64) - low) / span
-        steps[rows] = np.where(finite[rows], np.rint(1 + share * (_TOP - 1)), 0)
+        steps[rows] = np.where(finite[rows], np.rint(1 + share * (TOP - 1)), 0)
     return steps, low, high

@@ -3,6 +3,7 @@
 from contextlib import AbstractContextManager, nullcontext
 from fractions import Fraction
 from functools import partial
+from pathlib import Path
 
 from depthcli.io.writers.options import WriterOptions
 from depthcli.io.writers.preview import PreviewWriter
@@ -25,6 +26,7 @@ def open_output(
     writing: WriterOptions,
     source: FrameSource,
     rate: Fraction,
+    written: Path | None = None,
 ) -> AbstractContextManager[VideoOutput]:
     """The output of one format, with nothing written yet.
 
@@ -34,10 +36,11 @@ def open_output(
         writing: options of the formats.
         source: what is read.
         rate: frames a second of the output.
+        written: where a depth video is written until it is whole; None for a passing name.
     """
     target, inputs, timing = plan.target(which), source.paths, Timing(rate, source.tick_s)
     if which is VideoFormat.MKV:
-        return depth_video(target, timing, writing.png_scale, inputs)
+        return depth_video(target, timing, writing.png_scale, inputs, written)
     picture = VIDEO_FORMATS[which].picture
     if picture is None:
         raise ValueError(which)

@@ -20,6 +20,7 @@ from depthcli.core.temporal.smoothing import (
     to_steps,
 )
 from depthcli.core.types import DepthMap
+from depthcli.io.depth.steps import metres, quantized
 from depthcli.io.writers.preview import percentiles
 from depthcli.video.output import VideoFrame
 
@@ -56,6 +57,7 @@ class FrameStages:
         pipeline: Pipeline,
         settings: VideoSettings,
         kept: Callable[[int], DepthMap | None] = lambda _number: None,
+        scale: float | None = None,
     ) -> None:
         """Begin.
 
@@ -63,8 +65,9 @@ class FrameStages:
             pipeline: the model.
             settings: options.
             kept: depth of a frame that an earlier run wrote, by its number.
+            scale: steps a metre to which depth is rounded; None for depth as it is.
         """
-        self._kept = kept
+        self._kept, self._scale = kept, scale
         self._pipeline = pipeline
         self._settings = settings
         self._changes = temporal.Changes()
@@ -80,11 +83,15 @@ class FrameStages:
     def predict(self, picture: Frame) -> PredictedFrame:
         """The network and all that looks at one frame alone; for any thread."""
         camera = self._settings.camera
-        # The first frame is always predicted, for what the report says of the model.
-        kept = self._kept(picture.index) if self.first else None
+        kept = self._kept(picture.index)
+        if self.first is None:
+            kept = None  # the first frame is always predicted, for what the report says of it
         depth = kept or self._pipeline.predict(
             picture, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
         )
+        if self._scale is not None and kept is None:
+            values = metres(quantized(depth.values, self._scale)[0], self._scale)
+            depth = dataclasses.replace(depth, values=values)
         guide = temporal.guide(picture.pixels)
         small = DepthMap(sample(depth.values, guide.shape), depth.kind)
         steps = to_steps(depth) if self._settings.smooth_s else None

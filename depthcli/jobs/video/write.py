@@ -15,7 +15,7 @@ from depthcli.errors import InputError, OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.video.outputs import open_output
 from depthcli.jobs.video.result import VideoDone
-from depthcli.jobs.video.resume import earlier_frames
+from depthcli.jobs.video.resume import earlier_frames, rounding
 from depthcli.jobs.video.stages import FrameStages
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frame_source import open_frames
@@ -68,14 +68,17 @@ def write_video(
         rate = settings.span.rate(source.rate)
         earlier = stack.enter_context(earlier_frames(plan, source, pipeline, settings))
         outputs = [
-            stack.enter_context(open_output(which, plan, settings.writing, source, rate))
+            stack.enter_context(
+                open_output(which, plan, settings.writing, source, rate, earlier.written)
+            )
             for which in plan.names
             if which is not VideoFormat.JSON
         ]
         sidecar = _sidecar(plan, source.paths, stack)
-        stages = FrameStages(pipeline, settings, earlier.kept)
+        scale = rounding(plan, pipeline, settings)
+        stages = FrameStages(pipeline, settings, earlier.kept, scale)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
-        frames = _numbered(source, settings)
+        frames = earlier.follow(_numbered(source, settings))
         # Closed before the outputs are: no thread may write into what is being removed.
         with closing(_written(frames, stages, outputs, workers)) as numbers:
             for number in numbers:

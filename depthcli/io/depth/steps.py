@@ -1,0 +1,38 @@
+"""Depth in whole steps, as 16-bit files hold it."""
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.bands import row_bands
+
+TOP = 65535
+
+
+def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArray[np.uint16], int]:
+    """Depth in whole steps, and how many pixels are at the end of the range.
+
+    Args:
+        values: (H, W) float32 metres.
+        scale: steps per metre.
+
+    Returns:
+        (H, W) uint16, rounded to nearest: 0 where depth is NaN or not positive, at least 1 and at
+        most 65535 elsewhere; and the number of pixels at 65535 or beyond.
+    """
+    height, width = values.shape
+    steps = np.empty((height, width), np.uint16)
+    saturated = 0
+    for rows in row_bands(width, height):
+        band = values[rows] * np.float32(scale)
+        np.rint(band, out=band)
+        saturated += int(np.count_nonzero(band >= TOP))
+        np.clip(band, 1, TOP, out=band)
+        band[~(values[rows] > 0)] = 0  # NaN, too
+        steps[rows] = band
+    return steps, saturated
+
+
+def metres(steps: npt.NDArray[np.generic], scale: float) -> npt.NDArray[np.float32]:
+    """What whole steps stand for: (H, W) uint16 in, float32 out, NaN where they are 0."""
+    values = steps.astype(np.float32) / np.float32(scale)
+    return np.where(steps == 0, np.float32(np.nan), values)
