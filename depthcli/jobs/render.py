@@ -13,9 +13,9 @@ from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.paired_folder import CAMERAS, MILLIMETRES
 from depthcli.datasets.rooms.pair import VERSION, Recipe, focal_px, render_pair
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.depth.steps import quantized
 from depthcli.io.png.encode import encode_png
 from depthcli.io.storage.atomic import atomic_path, write_text
-from depthcli.io.writers.png16 import quantized
 
 RECIPE = "rooms.json"
 _PER_FOLDER = 100
