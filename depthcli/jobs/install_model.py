@@ -56,7 +56,7 @@ def add_model(
     draft = _draft(path, data, card)
     complete = _complete(draft, path, data, name)
     target = _target(complete.name, force=force)
-    if (target / _FILE_NAME).exists():  # the old one stays until the new card is there
+    if target.is_dir():  # the old one stays until the new card is there
         complete = replace(complete, file=f"model-{hashlib.sha256(data).hexdigest()[:12]}.onnx")
     with workspace(target.parent) as work:
         temporary = work / target.name

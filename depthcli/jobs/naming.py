@@ -9,6 +9,7 @@ from typing import NamedTuple
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_media
 from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.listing.places import Places
 from depthcli.io.storage.remote import RemotePath, check_writable, path_of
 from depthcli.io.writers.formats import stem_of
 
@@ -127,21 +128,24 @@ def _names_in(folder: Path, own: set[str]) -> list[str]:
 
 
 def _check(plans: Sequence[OutputPlan]) -> None:
-    inputs = {_folded(plan.source) for plan in plans if plan.source is not None}
+    places = Places()
+    sources = (plan.source for plan in plans if plan.source is not None)
+    inputs = {_folded(place) for source in sources for place in places.all_of(source)}
     owners: dict[str, Path | None] = {}
     for plan in plans:
         for path in plan.outputs.values():
             check_writable(path)
-            if _folded(path) in inputs:
+            place = _folded(places.of(path))
+            if place in inputs:
                 raise UsageError(f"{path} is an input; choose another -o")
-            if _folded(path) in owners:
+            if place in owners:
                 raise UsageError(
-                    f"{plan.source} and {owners[_folded(path)]} would both become {path}; "
+                    f"{plan.source} and {owners[place]} would both become {path}; "
                     "run them one by one with different -o"
                 )
-            owners[_folded(path)] = plan.source
+            owners[place] = plan.source
 
 
-def _folded(path: Path) -> str:
+def _folded(path: str | Path) -> str:
     """Names that a case-insensitive file system takes for one are one."""
     return os.path.normcase(os.path.abspath(path)).casefold()  # noqa: PTH100 - links stay as named

@@ -104,7 +104,9 @@ class Injector:
             os.chdir(folder)
             for handle, path in enumerate(streams, start=1):
                 os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666), handle)
-            os.environ.update(self._environment)
+            os.environ.update(
+                {name: word.format(folder) for name, word in self._environment.items()}
+            )
             sys.argv = ["depthcli", *words]
             self._arm(folder, fault)
             from depthcli.cli.app import main  # noqa: PLC0415 - loaded before the fork

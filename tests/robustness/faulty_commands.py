@@ -41,9 +41,10 @@ batch_size = 4
 epochs_decay = 2
 """
 ENVIRONMENT = {
-    "DEPTHCLI_MODELS": "models",
-    "XDG_DATA_HOME": "home",
-    "XDG_CONFIG_HOME": "home",
+    "DEPTHCLI_MODELS": "{}/models",
+    "XDG_DATA_HOME": "{}/home",
+    "XDG_CONFIG_HOME": "{}/home",
+    "TMPDIR": "{}",
     "OMP_NUM_THREADS": "1",
 }
 
@@ -159,8 +160,8 @@ COMMANDS = {
 def contents(folder: Path, command: Command) -> dict[str, bytes | None]:
     """Outputs by name, in a form that two runs share; None for one that is not whole."""
     root = folder / command.outputs
-    paths = (path for path in root.rglob("*") if path.is_file() and not path.name.startswith("."))
-    return {path.relative_to(root).as_posix(): _steady(path) for path in paths}
+    names = (path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
+    return {name: _steady(root / name) for name in names if "/." not in f"/{name}"}
 
 
 def hidden(folder: Path) -> list[str]:

@@ -8,6 +8,7 @@ HIDDEN = "hidden"
 OWN = "written by depthcli"
 EXCLUDED = "excluded"
 NOT_INCLUDED = "not included"
+TWICE = "listed twice"
 _UNREADABLE_PICTURES = frozenset(
     (
         *(".heic", ".heif", ".jxl", ".jp2", ".psd"),

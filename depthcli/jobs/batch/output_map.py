@@ -1,13 +1,14 @@
 """Where the outputs of each input go."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import InputFile, is_video
+from depthcli.io.listing.places import Places
 from depthcli.io.writers.formats import FORMATS, Format
 from depthcli.jobs.batch.journal import Rows
-from depthcli.jobs.batch.places import Places
 from depthcli.jobs.batch.plan import Plan
 from depthcli.jobs.batch.task import Task
 from depthcli.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
@@ -26,10 +27,15 @@ class OutputMap:
         Raises:
             UsageError: one would.
         """
-        places = Places()
-        for file in self.plan.inputs if self.plan.in_out else ():
+        places, taken = Places(), set(self.plan.in_out)
+        inside = os.path.realpath(self.plan.out)
+        folders = map(Path, map(os.path.realpath, self.plan.folders()))
+        if not all(folder.is_relative_to(inside) for folder in folders):
+            # By a link outputs go elsewhere, so that any input may lie there.
+            taken.update(*(places.all_of(file.path) for file in self.plan.inputs))
+        for file in self.plan.inputs if taken else ():
             for path in self.of(file).values():
-                if places.of(path) in self.plan.in_out:
+                if places.of(path) in taken:
                     raise UsageError(
                         f"{path}, the output for {file.name}, is an input; choose another --out"
                     )

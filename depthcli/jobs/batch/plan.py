@@ -12,17 +12,18 @@ from depthcli.io.listing.folder import InputFile, is_video, list_folder
 from depthcli.io.listing.globs import ANY, NameFilter
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.listing.path_list import listed_inputs
+from depthcli.io.listing.places import Places
 from depthcli.io.listing.skipped import (
     EXCLUDED,
     NOT_INCLUDED,
     OWN,
+    TWICE,
     Skipped,
     counted,
     to_convert,
 )
 from depthcli.io.listing.store import list_objects, walk_order
 from depthcli.io.storage.remote import RemotePath, check_writable, path_of, shown
-from depthcli.jobs.batch.places import Places
 from depthcli.jobs.batch.shard import WHOLE, Shard
 from depthcli.jobs.tree_names import TreeNames
 
@@ -187,11 +188,25 @@ class _Sorting:
                 self.skip(Skipped(found.name, reason))
                 continue
             self._has_inputs = True
-            place = places.of(found.path)
-            if place.startswith(inside):
-                self._in_out.add(place)
+            self._in_out.update(p for p in places.all_of(found.path) if p.startswith(inside))
             if self._shard.holds(found.name):
-                self._inputs.setdefault(found.name, found)
+                self._take(found, places)
+
+    def _take(self, found: InputFile, places: Places) -> None:
+        """An input; one of a list may be there already.
+
+        Raises:
+            UsageError: another file has its name, which is one outside the list's folder.
+        """
+        first = self._inputs.setdefault(found.name, found)
+        if first is found:
+            return
+        if places.of(first.path) != places.of(found.path):
+            raise UsageError(
+                f"{first.path} and {found.path} would both become {found.name}; list them for "
+                "batches with different --out"
+            )
+        self.skip(Skipped(found.name, TWICE))
 
 
 def _check_any(skipped: Sequence[Skipped], where: str) -> None:
