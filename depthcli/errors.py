@@ -9,6 +9,7 @@ The tree::
     ├── ModelError                exit 3   a model file, its card or its checksum is wrong
     │   ├── ProviderError         exit 3   the execution provider asked for is not there
     │   └── ParityError           exit 3   onnxruntime and torch disagree about a model
+    ├── EngineError               exit 3   a cluster, or a machine of it, cannot be used
     ├── DatasetError              exit 3   a data set is missing, incomplete or in the wrong unit
     ├── CheckpointError           exit 3   a checkpoint is truncated, foreign or of another run
     └── TrainingError             exit 3   training cannot go on (a loss that is not finite, say)
@@ -71,6 +72,10 @@ class ProviderError(ModelError):
 
 class ParityError(ModelError):
     """An exported model does not reproduce the network that it was exported from."""
+
+
+class EngineError(DepthcliError):
+    """A cluster cannot be used: not there, of another version, or without room."""
 
 
 class DatasetError(DepthcliError):

@@ -35,6 +35,8 @@ class Sensor(StrEnum):
 
 AUTO_TILE = 0
 """Width of tiles that stands for three quarters of the picture's; see docs/sharpness.md."""
+GPU_BATCH = 8
+"""Pictures in one run of the network on other providers than the CPU."""
 MAX_PIXELS = 250_000_000
 """Larger pictures are refused, where no other limit is given."""
 DEPTH_BYTES = 4

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate, chain, count, islice
 from typing import TYPE_CHECKING, Any
 
+from depthcli.core.extras import INSTALL_PYARROW
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-INSTALL_PYARROW = "pip install pyarrow"
 _USUAL = "path"
 _GROUP_ROWS = 8192
 _PART_GROUPS = 128

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from command_line import Cli
 
     from depthcli.jobs.batch.pictures import PictureTask
+    from depthcli.jobs.batch.videos import VideoTask
 
 OPTIONS = BatchOptions(
     (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON),
@@ -135,9 +136,11 @@ class LastFirst:
         self,
         spec: WorkerSpec,
         chunks: Iterable[Sequence[PictureTask]],
+        videos: Iterable[VideoTask],
         record: Callable[[Sequence[Result]], None],
     ) -> Generator[Result, None, None]:
         """Work off chunks."""
+        assert not list(videos)
         worker = spec.build()
         done = []
         for chunk in reversed(list(chunks)):

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from depthcli.cli.arguments import options
+from depthcli.cli.arguments.engine import EngineName, chosen_engine
 from depthcli.cli.arguments.formats import ExrChannel
-from depthcli.core.choices import MAX_PIXELS, Upsampling
+from depthcli.core.choices import GPU_BATCH, MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.manifest import ManifestFormat
@@ -89,11 +90,17 @@ def batch(
     provider_option: options.ProviderSettingsOption = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Pictures processed in parallel. Default: one per core."),
+        typer.Option(
+            min=1,
+            help="Pictures processed in parallel; on Ray, processes. Default: one per core.",
+        ),
     ] = None,
     threads: Annotated[
         int | None,
-        typer.Option(min=1, help="Inference threads per worker. Default: cores / workers."),
+        typer.Option(
+            min=1,
+            help="Inference threads per worker. Default: cores / workers; on Ray, CPUs per worker.",
+        ),
     ] = None,
     batch_size: Annotated[
         int | None,
@@ -117,6 +124,25 @@ def batch(
             help="Stop when more than N inputs have failed, or more than N% of the last 100 that "
             "were processed (at the beginning, too: after more than N failures). Default: never.",
         ),
+    ] = None,
+    engine: Annotated[
+        EngineName,
+        typer.Option(help="What processes the inputs: this process, or a Ray cluster."),
+    ] = EngineName.THREADS,
+    ray_address: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Ray cluster: HOST:PORT, ray://HOST:PORT, or 'local' to start one. Default: "
+            "RAY_ADDRESS, or the cluster this machine belongs to.",
+        ),
+    ] = None,
+    cpus_per_worker: Annotated[
+        float | None, typer.Option(min=0.01, help="CPUs of each worker on Ray. Default: 1.")
+    ] = None,
+    gpus_per_worker: Annotated[
+        float | None,
+        typer.Option(min=0, help="GPUs of each worker on Ray, 0.25 for a quarter. Default: 0."),
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
@@ -160,15 +186,21 @@ def batch(
     detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
     budget = FailureBudget.parse(max_failures) if max_failures is not None else None
     plan = _plan(context.params)
-    at_once, threads = share_cores(workers, threads)
+    if engine == EngineName.RAY:
+        threads = threads or max(1, int(cpus_per_worker or 1))
+        batch_size = batch_size or (GPU_BATCH if gpus_per_worker else None)
+    else:
+        workers, threads = share_cores(workers, threads)
     loader = session_loader(model, provider, threads, provider_option)
-    loading = loader.start()
+    # The machine that a cluster is asked from need not have the GPUs that its workers have.
+    here = session_loader(model, "cpu", threads, None) if engine == EngineName.RAY else loader
+    loading = here.start()
     from depthcli.cli.screen.batch import Report, Stopping, tell_forecasts
     from depthcli.cli.signals import finishing
     from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 
     wanted = BatchOptions(tuple(dict.fromkeys(chosen)), writing, camera, detail, max_pixels)
-    request = BatchRequest(plan, wanted, loader, at_once, batch_size, manifest, budget)
+    request = BatchRequest(plan, wanted, loader, workers, batch_size, manifest, budget)
     if dry_run:
         from depthcli.jobs.batch.forecast import forecast
 
@@ -179,8 +211,9 @@ def batch(
     session = loading.result()
     with finishing(_PATIENCE_S, session.stop) as interrupt:
         stopping = Stopping(interrupt)
-        job = Batch(request, session, progress=stopping)
-        Report(as_json=as_json, quiet=quiet).follow(job, plan, stopping)
+        with chosen_engine(context.params, stopping) as chosen_one:
+            job = Batch(request, session, chosen_one, progress=stopping)
+            Report(as_json=as_json, quiet=quiet).follow(job, plan, stopping)
     return ExitCode.SOME_FAILED if job.tally.failures else ExitCode.OK
 
 

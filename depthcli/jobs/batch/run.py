@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from contextlib import closing
-from itertools import chain, islice
+from itertools import islice
 from typing import TYPE_CHECKING
 
+from depthcli.core.choices import GPU_BATCH
 from depthcli.core.parallel.cores import share_cores
 from depthcli.core.progress import NO_PROGRESS
 from depthcli.inference.providers import CPU
@@ -31,11 +32,9 @@ if TYPE_CHECKING:
     from depthcli.jobs.batch.options import BatchRequest
     from depthcli.jobs.batch.pictures import PictureTask
 
-GPU_BATCH = 8
-
 
 class Batch(Iterator[Result]):
-    """A batch at work: what became of each input, pictures first, in the order of the plan.
+    """A batch at work: what became of each input; by threads pictures first, in the plan's order.
 
     A bad input never stops the others. The manifest is written when the last result was given, or
     when the batch is closed; the same request goes on where an earlier one was stopped.
@@ -60,8 +59,8 @@ class Batch(Iterator[Result]):
         Args:
             request: what to do.
             session: the request's model, where that is loaded already.
-            engine: what works off the pictures; None for threads of this process.
-            progress: told of each frame of a video.
+            engine: what works off the inputs; None for threads of this process.
+            progress: told of each frame of a video that a thread does.
 
         Raises:
             ModelError: the model cannot be used.
@@ -70,17 +69,17 @@ class Batch(Iterator[Result]):
                 there.
         """
         plan, options = request.plan, request.options
-        self._workers, threads = share_cores(request.workers, request.model.threads)
+        workers, threads = share_cores(request.workers, request.model.threads)
         model = dataclasses.replace(request.model, threads=threads)
-        self._session = session = session or model.load()
-        self._engine = engine or ThreadEngine(self._workers, session)
+        session = session or model.load()
+        self._engine = engine or ThreadEngine(workers, session, progress)
         self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)
-        self._worker = self._spec.build(session)
-        self._worker.pipeline.check_focal(options.camera.focal_px, options.camera.hfov_deg)
+        self._spec.build(session).pipeline.check_focal(
+            options.camera.focal_px, options.camera.hfov_deg
+        )
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan, self._outputs = plan, OutputMap(plan, options.formats)
         self._outputs.check_apart()
-        self._progress = progress
         self._rows = rows_folder(plan.out)
         self._journal: Journal | None = Journal(self._rows.path, plan.shard, request.manifest)
         self.manifest = plan.out / self._journal.manifest.name
@@ -112,31 +111,19 @@ class Batch(Iterator[Result]):
 
     def _run(self, journal: Journal) -> Generator[Result, None, None]:
         tasks = (self._outputs.picture(file, journal) for file in self._plan.pictures)
+        chunks = _chunks(tasks, self._chunk)
+        videos = (self._outputs.video(file, journal) for file in self._plan.videos)
         try:
             with (
                 silent_opencv(),
-                closing(
-                    self._engine.run(self._spec, _chunks(tasks, self._chunk), self._record)
-                ) as results,  # no worker outlives the journal
-            ):
-                for result in chain(results, self._videos(journal)):
+                closing(self._engine.run(self._spec, chunks, videos, self._record)) as results,
+            ):  # no worker outlives the journal
+                for result in results:
                     yield self._taken(result)
                     if self._is_spent():
                         return
         finally:
             self._finish()
-
-    def _videos(self, journal: Journal) -> Iterator[Result]:
-        files = list(self._plan.videos)
-        if not files:
-            return
-        from depthcli.jobs.batch.videos import VideoWorker  # noqa: PLC0415 - it loads PyAV
-
-        worker = VideoWorker(self._worker, self._workers, self._progress)
-        for file in files:
-            result = worker.work(self._outputs.video(file, journal))
-            self._record((result,))
-            yield result
 
     def _record(self, results: Sequence[Result]) -> None:
         for result in results:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.progress import NO_PROGRESS, Progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from depthcli.inference.session import Session
     from depthcli.jobs.batch.pictures import PictureTask
     from depthcli.jobs.batch.task import Result
+    from depthcli.jobs.batch.videos import VideoTask
     from depthcli.jobs.batch.worker_spec import WorkerSpec
 
 _AHEAD = 64
@@ -28,18 +30,21 @@ class ThreadEngine:
     Attributes:
         workers: chunks at the same time.
         session: the model, where it is loaded already.
+        progress: told of each frame of a video.
     """
 
     workers: int
     session: Session | None = None
+    progress: Progress = NO_PROGRESS
 
     def run(
         self,
         spec: WorkerSpec,
         chunks: Iterable[Sequence[PictureTask]],
+        videos: Iterable[VideoTask],
         record: Callable[[Sequence[Result]], None],
     ) -> Generator[Result, None, None]:
-        """Work off chunks of pictures, as every engine does."""
+        """Work off pictures, then videos one after another, as every engine does."""
         worker = spec.build(self.session)
 
         def work(chunk: Sequence[PictureTask]) -> list[Result]:
@@ -54,3 +59,9 @@ class ThreadEngine:
         ):
             for results in done:
                 yield from results
+        for task in videos:
+            from depthcli.jobs.batch.videos import VideoWorker  # noqa: PLC0415 - it loads PyAV
+
+            result = VideoWorker(worker, self.workers, self.progress).work(task)
+            record((result,))
+            yield result

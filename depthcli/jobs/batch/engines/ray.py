@@ -1,0 +1,236 @@
+"""A batch on the machines of a Ray cluster, each worker a process that loads the model once.
+
+Plain actors rather than Ray Data: a dead worker must cost its own pictures alone, a picture that
+kills its worker must fail alone, and results must reach the journal call by call.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import socket
+import threading
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain, islice
+from typing import TYPE_CHECKING, Any
+
+from depthcli._version import __version__
+from depthcli.core.extras import INSTALL_RAY
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.text import one_line
+from depthcli.errors import DepthcliError, EngineError, UsageError
+from depthcli.jobs.batch.engines.pool import Pool
+from depthcli.jobs.batch.engines.remote_worker import Call, RemoteWorker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+
+    from depthcli.jobs.batch.pictures import PictureTask
+    from depthcli.jobs.batch.task import Result
+    from depthcli.jobs.batch.videos import VideoTask
+    from depthcli.jobs.batch.worker_spec import WorkerSpec
+
+_CHUNKS_A_CALL = 8
+_REACH_S = 5.0
+_END_S = 5.0
+_LOOK_S = 0.5
+_WORDS = ("auto", "local")
+LOCAL: dict[str, Any] = {
+    "include_dashboard": False,
+    "object_store_memory": 100_000_000,  # pictures go through files
+    "_node_ip_address": "127.0.0.1",
+}
+"""How a cluster of this machine alone is begun, which no other can reach."""
+
+
+class RayEngine:
+    """An :class:`depthcli.jobs.batch.engines.engine.Engine`, connected to a cluster."""
+
+    def __init__(
+        self,
+        address: str | None = None,
+        *,
+        workers: int | None = None,
+        cpus: float = 1,
+        gpus: float = 0,
+        progress: Progress = NO_PROGRESS,
+    ) -> None:
+        """Connect.
+
+        Args:
+            address: ``host:port``, ``ray://host:port``, or ``local`` to start a cluster of this
+                machine's own; None for ``RAY_ADDRESS``, or the cluster that this machine is of.
+            workers: how many; None for as many as the cluster has room for now.
+            cpus: of each worker.
+            gpus: of each worker.
+            progress: told of nothing now and then, so that it can end the work by an error.
+
+        Raises:
+            UsageError: Ray is not installed.
+            EngineError: there is no such cluster, it has another version of Ray or Python, or no
+                machine of it has room for a worker.
+        """
+        try:
+            import ray  # noqa: PLC0415 - an extra
+        except ImportError:
+            raise UsageError(f"--engine ray needs Ray; {INSTALL_RAY}") from None
+        address = address or os.environ.get("RAY_ADDRESS") or "auto"
+        if address not in _WORDS:
+            _check_reachable(address)
+        self._is_own = not ray.is_initialized()
+        if self._is_own:
+            _connect(address)
+        self._cpus, self._gpus = cpus, gpus
+        self._go_on = progress.begin("", None)
+        self._workers = workers or _room(cpus, gpus)
+        if not self._workers:
+            self.close()
+            raise EngineError(
+                f"no machine of the Ray cluster has {cpus:g} CPUs and {gpus:g} GPUs; change "
+                "--cpus-per-worker or --gpus-per-worker, or give --workers to wait for more"
+            )
+
+    def close(self) -> None:
+        """Disconnect, unless the caller had connected."""
+        import ray  # noqa: PLC0415 - an extra
+
+        if self._is_own:
+            ray.shutdown()
+
+    def run(
+        self,
+        spec: WorkerSpec,
+        chunks: Iterable[Sequence[PictureTask]],
+        videos: Iterable[VideoTask],
+        record: Callable[[Sequence[Result]], None],
+    ) -> Generator[Result, None, None]:
+        """Work off pictures and videos, as every engine does.
+
+        Raises:
+            EngineError: workers die before they begin, or a machine lacks what they need.
+            ModelError: the network fails on any picture.
+        """
+        import ray  # noqa: PLC0415 - an extra
+
+        kind = ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)(RemoteWorker)
+        here = os.getcwd()  # noqa: PTH109
+        pool = Pool(_Actors(lambda: kind.remote(spec, here, self._cpus), self._go_on))
+        calls = chain(map(Call, _groups(iter(chunks))), (Call(video=video) for video in videos))
+        try:
+            for results in pool.results(calls, self._workers):
+                record(results)
+                yield from results
+        finally:
+            pool.close()
+
+
+@dataclass(frozen=True, slots=True)
+class _Actors:
+    """Ray's own kind of workers, as a :class:`depthcli.jobs.batch.engines.pool.Cluster`."""
+
+    make: Callable[[], Any]
+    go_on: Callable[[int], object]
+
+    def begin(self) -> tuple[Any, Any]:
+        worker = self.make()
+        return worker, worker.start.remote(__version__)
+
+    def send(self, worker: Any, call: Call) -> Any:  # noqa: ANN401 - Ray's own
+        return worker.work.remote(call)
+
+    def first(self, flights: Sequence[Any]) -> Any:  # noqa: ANN401
+        import ray  # noqa: PLC0415 - an extra
+
+        while not (landed := ray.wait(flights, num_returns=1, timeout=_LOOK_S)[0]):
+            self.go_on(0)
+        return landed[0]
+
+    def landed(self, flight: Any) -> object:  # noqa: ANN401
+        import ray  # noqa: PLC0415 - an extra
+
+        try:
+            return ray.get(flight)
+        except ray.exceptions.RayTaskError as error:
+            cause = error.cause
+            if isinstance(cause, DepthcliError):
+                raise cause from None
+            raise EngineError(
+                one_line(f"a worker of the Ray cluster failed: {type(cause).__name__}: {cause}")
+            ) from error
+        except ray.exceptions.RayError as error:
+            return error
+
+    def end(self, worker: Any) -> None:  # noqa: ANN401
+        import ray  # noqa: PLC0415 - an extra
+
+        ray.kill(worker)
+
+    def wait(self, flights: Sequence[Any]) -> None:
+        import ray  # noqa: PLC0415 - an extra
+
+        if flights:
+            ray.wait(flights, num_returns=len(flights), timeout=_END_S)
+
+
+def _groups(chunks: Iterator[Sequence[PictureTask]]) -> Iterator[tuple[Sequence[PictureTask], ...]]:
+    while group := tuple(islice(chunks, _CHUNKS_A_CALL)):
+        yield group
+
+
+def _connect(address: str) -> None:
+    import ray  # noqa: PLC0415 - an extra
+
+    how = {"log_to_driver": False, "logging_level": logging.ERROR}
+    if address == "local":
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # it would tell its makers
+        how |= LOCAL
+    with _signals_kept():
+        try:
+            ray.init(address, **how)
+        except ConnectionError as error:
+            where = "on this machine" if address == "auto" else f"at {address}"
+            raise EngineError(
+                f"no Ray cluster {where}; begin one with 'ray start --head', name one with "
+                "--ray-address HOST:PORT, or let --ray-address local begin one for this batch"
+            ) from error
+        except (RuntimeError, ValueError, OSError, ray.exceptions.RayError) as error:
+            said = " ".join(str(error).split())
+            raise EngineError(one_line(f"cannot join the Ray cluster {address}: {said}")) from error
+
+
+def _check_reachable(address: str) -> None:
+    """Ask for a connection; Ray itself tries for a minute, and ends the process then."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdecimal():
+        raise UsageError(f"--ray-address {address} is not HOST:PORT, ray://HOST:PORT or local")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _REACH_S).close()
+    except (OSError, OverflowError) as error:
+        raise EngineError(
+            f"no Ray cluster at {address}: {error}; see --ray-address, and 'ray status' there"
+        ) from error
+
+
+@contextmanager
+def _signals_kept() -> Iterator[None]:
+    """Undo what Ray does to SIGTERM, which is to remove temporary files here."""
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, before)
+
+
+def _room(cpus: float, gpus: float) -> int:
+    """How many workers the cluster has room for."""
+    import ray  # noqa: PLC0415 - an extra
+
+    count = 0
+    for node in ray.nodes():
+        has = node["Resources"] if node["Alive"] else {}
+        rooms = [has.get(name, 0) // each for name, each in (("CPU", cpus), ("GPU", gpus)) if each]
+        count += int(min(rooms, default=0))
+    return count
