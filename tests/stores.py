@@ -62,6 +62,23 @@ def s3_server() -> Iterator[str]:
         server.stop()
 
 
+@contextlib.contextmanager
+def credentials_checked(endpoint: str) -> Iterator[None]:
+    """The server refuses whoever it does not know, which is everybody, for a while."""
+
+    def let_pass(requests: str) -> None:
+        connection = HTTPConnection(endpoint.removeprefix("http://"))
+        connection.request("POST", "/moto-api/reset-auth", requests.encode())
+        assert connection.getresponse().status == 200
+        connection.close()
+
+    let_pass("0")
+    try:
+        yield
+    finally:
+        let_pass("inf")
+
+
 class Faults:
     """A proxy before a server that answers some requests badly, each a few times only.
 

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from depthcli.core.foreign import FieldError, built, parsed_json
-from depthcli.errors import ModelError, OutputError, UsageError
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.storage.atomic_folder import put_folder, workspace
 from depthcli.io.storage.remote import path_of, shown
+from depthcli.io.storage.transfer import local_copy
 from depthcli.models import catalog, onnx_file, places
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.catalog import Model
@@ -21,6 +23,7 @@ from depthcli.models.places import Place
 from depthcli.models.ready_cards import ready_fields
 
 _FILE_NAME = "model.onnx"
+_SHA256 = re.compile(r"[0-9a-fA-F]{64}")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
@@ -33,16 +36,24 @@ class CardDraft(NamedTuple):
 
 
 def add_model(
-    path: Path, card: str | None = None, *, name: str | None = None, force: bool = False
+    path: Path,
+    card: str | None = None,
+    *,
+    name: str | None = None,
+    force: bool = False,
+    sha256: str | None = None,
+    progress: Progress = NO_PROGRESS,
 ) -> Model:
     """Copy a model into the user's folder, with a card that is complete and was tried.
 
     Args:
-        path: an ONNX file.
+        path: an ONNX file; a remote one is fetched, and nothing else.
         card: a ``card.json`` or the name of a ready card; None if the card is inside the ONNX
-            file or beside it.
+            file, or beside it on this machine.
         name: what ``--model`` shall call it; None for the card's own name.
         force: replace a model of this name, or hide a bundled one.
+        sha256: that the file must have, 64 hex digits; None for any.
+        progress: told of each byte that is fetched.
 
     Returns:
         The model as it lies in the user's folder.
@@ -52,12 +63,29 @@ def add_model(
         ModelError: the file is no such model, or it does not do what its card says.
         OutputError: the folder cannot be written.
     """
+    if sha256 is not None and not _SHA256.fullmatch(sha256):
+        raise UsageError(f"{sha256!r} is no SHA-256 checksum, which has 64 hex digits")
+    if name is not None:
+        _target(_checked_name(name), force=force)  # before anything is fetched
+    try:
+        with local_copy(path, progress, max_bytes=catalog.MAX_BYTES) as file:
+            return _added(file, card, name=name, force=force, sha256=sha256)
+    except InputError as error:
+        raise ModelError(str(error)) from error
+
+
+def _added(
+    path: Path, card: str | None, *, name: str | None, force: bool, sha256: str | None
+) -> Model:
     data = catalog.read_onnx(path)
+    found = hashlib.sha256(data).hexdigest()
+    if sha256 is not None and found != sha256.lower():
+        raise ModelError(f"{path} is another file: its sha256 is {found}; it is not added")
     draft = _draft(path, data, card)
     complete = _complete(draft, path, data, name)
     target = _target(complete.name, force=force)
     if target.is_dir():  # the old one stays until the new card is there
-        complete = replace(complete, file=f"model-{hashlib.sha256(data).hexdigest()[:12]}.onnx")
+        complete = replace(complete, file=f"model-{found[:12]}.onnx")
     with workspace(target.parent) as work:
         temporary = work / target.name
         temporary.mkdir()

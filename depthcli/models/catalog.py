@@ -12,7 +12,7 @@ from depthcli.models import onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.places import CARD_SUFFIX, Place, find_place
 
-_MAX_BYTES = 2**31 - 1  # a protobuf message cannot be larger
+MAX_BYTES = 2**31 - 1  # a protobuf message cannot be larger
 _MAX_CARD_BYTES = 2**20
 
 
@@ -54,7 +54,7 @@ def read_model(place: Place) -> Model:
     """
     card = _read_card(place.card) if place.card else None
     path = _onnx_path(place, card)
-    data = _read(path, _MAX_BYTES)
+    data = _read(path, MAX_BYTES)
     sha256 = hashlib.sha256(data).hexdigest()
     if card:
         check_file(card, path, len(data), sha256)
@@ -76,7 +76,7 @@ def read_onnx(path: Path) -> bytes:
     Raises:
         ModelError: it is not one.
     """
-    data = _read(path, _MAX_BYTES)
+    data = _read(path, MAX_BYTES)
     onnx_file.refuse_external_data(data, str(path))
     onnx_file.metadata(data, str(path))
     return data

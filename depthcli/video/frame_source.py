@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.core.choices import MAX_PIXELS
+from depthcli.io.storage.remote import path_of
 from depthcli.video.number_pattern import is_pattern
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 def is_sequence(path: str | Path) -> bool:
     """Whether a name stands for numbered pictures: a folder, or a pattern that is no file."""
-    path = Path(path)
+    path = path_of(path)
     return path.is_dir() or (is_pattern(path.name) and not path.exists())
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from depthcli.errors import InputError
 from depthcli.io.listing.folder import PICTURE_SUFFIXES
 from depthcli.io.listing.own_outputs import is_own_output
+from depthcli.io.storage.remote import RemotePath
 from depthcli.video.number_pattern import NUMBER, is_pattern, numbered
 
 EXR = ".exr"
@@ -34,7 +35,10 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
     """
     folder = path.parent if is_pattern(path.name) else path
     try:
-        names = sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
+        if isinstance(folder, RemotePath):
+            names = sorted(folder.names_after(""))
+        else:
+            names = sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
     except OSError as error:
         raise InputError(f"{folder} cannot be listed: {error.strerror}") from None
     if folder is path:

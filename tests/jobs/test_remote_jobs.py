@@ -30,6 +30,8 @@ from depthcli.jobs.failed import Failed
 from depthcli.jobs.predict.pictures import Done
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
+from depthcli.jobs.video.run import VideoRequest, video
+from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,6 +84,35 @@ def test_without_output_results_lie_beside_the_object(
     assert set(bucket.objects()) == {"in/a.png", "in/a.depth.npy"}
     with pytest.raises(UsageError, match="is behind HTTP, where nothing is written"):
         predict(PredictRequest(("http://127.0.0.1:9/a.png",), model=loader))
+
+
+def test_videos_and_numbered_pictures_go_from_bucket_to_bucket(
+    tmp_path: Path, loader: SessionLoader, bucket: Bucket, once_each: Callable[[], Faults]
+) -> None:
+    clip = write_video(tmp_path / "clip.avi", flat_frames([40, 120, 200]))
+    formats = (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.PNG16, VideoFormat.JSON)
+    here = video(VideoRequest(str(clip), f"{tmp_path}/here/", formats, model=loader))
+    uri = bucket.put("in/clip.avi", clip.read_bytes())
+    once_each()
+    there = video(VideoRequest(uri, bucket.uri("out/"), formats, model=loader))
+    assert (there.name, there.problem) == (uri, None)
+    assert [name.rpartition("/")[2] for name in there.outputs] == [
+        Path(name).name for name in here.outputs
+    ]
+    assert results_in(bucket) == outputs(tmp_path / "here")
+    with pytest.raises(InputError, match=f"^{bucket.uri('none.avi')} cannot be read: no such"):
+        video(VideoRequest(bucket.uri("none.avi"), f"{tmp_path}/", formats, model=loader))
+    damaged = bucket.put("in/bad.avi", b"no video")
+    with pytest.raises(InputError, match=f"^{damaged} holds no video"):
+        video(VideoRequest(damaged, bucket.uri("out/"), formats, model=loader))
+    # The frames that were written are numbered pictures themselves.
+    plates = VideoRequest(
+        bucket.uri("plates/p.%04d.png"), bucket.uri("p/"), (VideoFormat.NPY,), model=loader
+    )
+    for number in (1, 2):
+        bucket.put(f"plates/p.{number:04}.png", write_picture(tmp_path / "p.png").read_bytes())
+    assert list(video(plates).numbers) == [1, 2]
+    assert len(results_in(bucket, "p/")) == 2
 
 
 def batch(folder: Path, source: str, out: str, shard: Shard = WHOLE) -> BatchRequest:

@@ -18,14 +18,17 @@ _Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.
 
 
 def add(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="ONNX file with embedded weights.")],
+    file: Annotated[
+        str,
+        typer.Argument(metavar="FILE", help="ONNX file with embedded weights, or its URL."),
+    ],
     card: Annotated[
         str | None,
         typer.Option(
             metavar="CARD",
             autocompletion=completion.cards,
             help="A card.json, or the name of a ready card ('depthcli models cards'). Default: "
-            "the card in or next to the file.",
+            "the card in the file, or next to one on this machine.",
         ),
     ] = None,
     name: Annotated[
@@ -37,6 +40,10 @@ def add(
             "--force", help="Replace an existing model of this name, or override a bundled one."
         ),
     ] = False,
+    sha256: Annotated[
+        str | None,
+        typer.Option(metavar="HEX", help="SHA-256 checksum that the file must have."),
+    ] = None,
     as_json: _Json = False,
 ) -> int:
     """Add an ONNX model after checking its card.
@@ -44,11 +51,14 @@ def add(
     Copies the file to the first folder in DEPTHCLI_MODELS, else to depthcli/models in the user's
     data folder, after running the model once.
     """
-    from pathlib import Path
-
+    from depthcli.cli.screen.progress import drawn
+    from depthcli.io.storage.remote import is_remote, path_of
     from depthcli.jobs.install_model import add_model
 
-    model = add_model(Path(file), card, name=name, force=force)
+    with drawn(silent=as_json) as progress:
+        model = add_model(
+            path_of(file), card, name=name, force=force, sha256=sha256, progress=progress
+        )
     if as_json:
         console.out_json(
             {"name": model.card.name, "path": str(model.path.parent), "sha256": model.sha256}
@@ -57,6 +67,8 @@ def add(
         return ExitCode.OK
     said = one_line(f"{model.card.name}: {what_comes_out(model.card)}")
     console.out(f"{said}, in {one_line(str(model.path.parent))}")
+    if is_remote(file) and sha256 is None:
+        console.note(f"to get this very file again: --sha256 {model.sha256}")
     _warn_of_preprocessing(model.card)
     return ExitCode.OK
 

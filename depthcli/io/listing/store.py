@@ -30,10 +30,10 @@ def list_objects(
         aside: told of each object that is no input.
 
     Raises:
-        UsageError: the store cannot be listed.
+        UsageError: the store cannot be listed, or there is nothing below it.
     """
     out = f"{leave_out.relative_to(root)}/" if leave_out.is_relative_to(root) else None
-    start, folder, is_entered = f"{root.base}/{root.key}".rstrip("/"), "", True
+    start, folder, is_entered = f"{root.base}/{root.key}".rstrip("/"), None, True
     try:
         for name in root.walk_names():
             above = name.rpartition("/")[0]
@@ -49,6 +49,8 @@ def list_objects(
                 aside(Skipped(name, reason))
     except OSError as error:
         raise UsageError(f"{root} cannot be listed: {error.strerror}") from error
+    if folder is None:
+        raise UsageError(f"{root} is not a folder; name one, or give --files with a list")
 
 
 def walk_order(name: str) -> list[tuple[bool, bytes]]:

@@ -167,7 +167,10 @@ class RemotePath(Path, PurePosixPath):
 
     def is_dir(self, **_: Any) -> bool:  # noqa: ANN401
         """Whether there are objects below it; a server of files does not say."""
-        return not self.is_http and next(self.walk_names(), None) is not None
+        try:
+            return not self.is_http and next(self.walk_names(), None) is not None
+        except FileNotFoundError:  # the bucket itself
+            return False
 
     def is_symlink(self) -> bool:
         """No: stores have no links."""

@@ -1,5 +1,6 @@
 """Whole files between this machine and a store."""
 
+import errno
 import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,12 +16,15 @@ SHA256_NOTE = "sha256"
 
 
 @contextmanager
-def local_copy(path: Path, progress: Progress = NO_PROGRESS) -> Iterator[Path]:
+def local_copy(
+    path: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
+) -> Iterator[Path]:
     """A file of this machine with the content of a path, for libraries that want one.
 
     Args:
         path: a local one is yielded as it is.
         progress: told of each byte.
+        max_bytes: a remote one with more is refused.
 
     Yields:
         The copy, under the same name; it is gone after the block. Errors of the block name the
@@ -35,7 +39,7 @@ def local_copy(path: Path, progress: Progress = NO_PROGRESS) -> Iterator[Path]:
     with TemporaryDirectory(prefix="depthcli-") as folder:
         copy = Path(folder, path.name)
         try:
-            download(path, copy, progress)
+            download(path, copy, progress, max_bytes=max_bytes)
         except OSError as error:
             raise InputError(f"{path} cannot be read: {error.strerror}") from error
         try:
@@ -44,14 +48,23 @@ def local_copy(path: Path, progress: Progress = NO_PROGRESS) -> Iterator[Path]:
             raise type(error)(str(error).replace(str(copy), str(path))) from error
 
 
-def download(path: RemotePath, file: Path, progress: Progress = NO_PROGRESS) -> None:
+def download(
+    path: RemotePath,
+    file: Path,
+    progress: Progress = NO_PROGRESS,
+    *,
+    max_bytes: int | None = None,
+) -> None:
     """Write an object's content into a file, with a few megabytes in memory.
 
     Raises:
-        OSError: it cannot be read, or the file not be written.
+        OSError: it cannot be read or is too large, or the file cannot be written.
     """
     content = objects.parts(path.address)
-    advance = progress.begin(path.name, int(next(content)), "bytes")
+    size = int(next(content))
+    if max_bytes is not None and size > max_bytes:
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", str(path))
+    advance = progress.begin(path.name, size, "bytes")
     with file.open("wb") as target:
         for part in content:
             target.write(part)

@@ -87,10 +87,12 @@ def plan_folder(root: str, out: str, wanted: NameFilter = ANY, shard: Shard = WH
             nothing.
         InputError: there are files, but no picture or video that can be read.
     """
-    if not path_of(root).is_dir():
-        raise UsageError(f"{shown(root)} is not a folder; name one, or give --files with a list")
+    place = path_of(root)
+    is_store = isinstance(place, RemotePath) and not place.is_http  # listing it says what it is
+    if not is_store and not place.is_dir():
+        raise UsageError(f"{place} is not a folder; name one, or give --files with a list")
     _check_apart(root, out)
-    place, sorting = path_of(root), _Sorting(out, wanted, shard)
+    sorting = _Sorting(out, wanted, shard)
     if isinstance(place, RemotePath):
         objects = list_objects(place, path_of(out), wanted.excludes, sorting.skip)
         plan = sorting.plan(objects, shown(root))

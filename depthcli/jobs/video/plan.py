@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from depthcli.errors import UsageError
+from depthcli.io.storage.remote import check_writable, path_of, shown
 from depthcli.jobs.naming import is_folder, output_bases
 from depthcli.video.codecs import Codec, PreviewCodec, preview_codec
 from depthcli.video.formats import (
@@ -54,7 +55,7 @@ def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vid
     Raises:
         UsageError: the output is a file whose suffix says nothing, or there is nothing but JSON.
     """
-    if output is not None and is_pattern(Path(output).name):
+    if output is not None and is_pattern(path_of(output).name):
         chosen: tuple[VideoFormat, ...] = (_format_of_pattern(output, asked),)
     elif asked:
         chosen = tuple(dict.fromkeys(asked))
@@ -102,19 +103,20 @@ def plan_video(
         UsageError: a sequence is to go into one file or a pipe, an output is the video itself, or a
             codec is for another container.
     """
-    source, file = _source(name, stdin), None if name == STANDARD else Path(name)
+    source, file = _source(name, stdin), None if name == STANDARD else path_of(name)
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if sidecar else formats))
     if output == STANDARD:
         folder, names = Path(), _piped(wanted, stdout)
     elif output is None or _is_folder(output):
-        folder = Path(name).parent if output is None else Path(output)
+        folder = path_of(name).parent if output is None else path_of(output)
         names = {which: _base(file) + VIDEO_FORMATS[which].suffix for which in wanted}
     else:
-        folder = Path(output).parent
-        names = _file_names(Path(output), formats, wanted)
+        folder = path_of(output).parent
+        names = _file_names(path_of(output), formats, wanted)
     written = stdout if output == STANDARD else None
-    plan = VideoPlan(name, source, folder, names, _codecs(names, codec), has_sound, written)
+    plan = VideoPlan(shown(name), source, folder, names, _codecs(names, codec), has_sound, written)
     for which in names:
+        check_writable(plan.path(which))
         if file is not None and _same(plan.path(which), file):
             raise UsageError(f"{plan.path(which)} is the input; choose another --out")
     return plan
@@ -122,7 +124,7 @@ def plan_video(
 
 def _source(name: str, stdin: BinaryIO | None) -> Path | InputPipe:
     if name != STANDARD:
-        return Path(name)
+        return path_of(name)
     if stdin is None:
         raise UsageError("the input is '-' but there is no stdin; name a file")
     return InputPipe(stdin)
@@ -192,7 +194,7 @@ def _file_names(
 
 
 def _is_folder(output: str) -> bool:
-    return is_folder(output) or not Path(output).suffix
+    return is_folder(output) or not path_of(output).suffix
 
 
 def _same(path: Path, source: Path) -> bool:

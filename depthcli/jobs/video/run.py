@@ -1,16 +1,21 @@
 """What ``depthcli video`` does: a video through the model and into its files."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import BinaryIO
 
 from depthcli.core.parallel.cores import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.video.plan import plan_video, video_formats
+from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.transfer import local_copy
+from depthcli.jobs.video.plan import VideoPlan, plan_video, video_formats
 from depthcli.jobs.video.result import VideoDone
 from depthcli.jobs.video.settings import VideoSettings
 from depthcli.video.codecs import PreviewCodec
 from depthcli.video.formats import VideoFormat
+from depthcli.video.frame_source import is_sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,4 +79,15 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoDone:
     from depthcli.jobs.video.write import write_video  # noqa: PLC0415
 
     pipeline = Pipeline(loading.result(), request.settings.detail)
-    return write_video(plan, pipeline, request.settings, workers, progress)
+    with _at_hand(plan, progress) as here:
+        return write_video(here, pipeline, request.settings, workers, progress)
+
+
+@contextmanager
+def _at_hand(plan: VideoPlan, progress: Progress) -> Iterator[VideoPlan]:
+    """The plan with a video that FFmpeg's libraries can open: a file, not an object in a store."""
+    if not isinstance(plan.source, RemotePath) or is_sequence(plan.source):
+        yield plan
+        return
+    with local_copy(plan.source, progress) as copy:
+        yield replace(plan, source=copy)

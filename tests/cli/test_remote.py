@@ -1,0 +1,184 @@
+"""The command line with URIs: models that are fetched, secrets that are not shown, refusals."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from stores import KEYS, credentials_checked
+from tiny import card_with, tiny_onnx, write_model, write_picture
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from command_line import Cli
+    from stores import Bucket, Faults
+
+WATCHED = """
+import sys
+met = []
+def watch(event, values):
+    if event.startswith("socket."):
+        met.append((event, values))
+sys.addaudithook(watch)
+from depthcli.cli.app import main
+assert main(sys.argv[1:]) == 0
+print(met, {"obstore", "boto3", "socket"} & set(sys.modules))
+"""
+
+
+def fetched(bucket: Bucket, faults: Faults, data: bytes) -> str:
+    """Address of a file behind HTTP, the way to which breaks off twice."""
+    bucket.client.put_object(
+        Bucket=bucket.name, Key="some/model.onnx", Body=data, ACL="public-read"
+    )
+    faults.fault = lambda _method, _path, before: "cut" if before < 2 else None
+    return f"{faults.endpoint}/{bucket.name}/some/model.onnx"
+
+
+def test_a_model_is_added_from_its_url(inside: Cli, bucket: Bucket, faults: Faults) -> None:
+    data = tiny_onnx(card=json.dumps(card_with({"name": "far"})))
+    digest = hashlib.sha256(data).hexdigest()
+    url = fetched(bucket, faults, data)
+    wrong = inside("models", "add", url, "--sha256", "0" * 64)
+    assert (wrong.returncode, wrong.stdout) == (3, b"")
+    assert wrong.stderr.decode().strip() == (
+        f"depthcli: error: {url} is another file: its sha256 is {digest}; it is not added"
+    )
+    assert not (inside.models / "far").exists()
+    done = inside("models", "add", url, "--sha256", digest.upper())
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.decode().startswith("far: metric depth up to 10 m, in ")
+    assert (inside.models / "far" / "model.onnx").read_bytes() == data
+    faults.seen.clear()
+    taken = inside("models", "add", url, "--name", "far")
+    assert (taken.returncode, faults.seen.total()) == (2, 0)  # said before anything is fetched
+    again = inside("models", "add", url, "--name", "again")
+    assert again.stderr.decode() == f"to get this very file again: --sha256 {digest}\n"
+    assert all(method == "GET" for method, _ in faults.seen)
+    assert inside("models", "add", url, "--sha256", "abc").returncode == 2
+    gone = inside("models", "add", f"{url}x", "--name", "gone")
+    assert gone.returncode == 3
+    assert b"cannot be read: no such object" in gone.stderr
+
+
+def test_a_model_is_used_where_it_lies(inside: Cli, bucket: Bucket, tmp_path: Path) -> None:
+    folder = write_model(tmp_path / "m")
+    for file in folder.iterdir():
+        bucket.put(f"models/m/{file.name}", file.read_bytes())
+    picture = write_picture(inside.folder / "a.png")
+    done = inside("predict", picture, "--model", bucket.uri("models/m"), "-o", "a.npy")
+    assert (done.returncode, done.stderr) == (0, b"")
+    here = inside("predict", picture, "--model", folder, "-o", "b.npy")
+    assert here.returncode == 0
+    assert (inside.folder / "a.npy").read_bytes() == (inside.folder / "b.npy").read_bytes()
+    none = inside("predict", picture, "--model", bucket.uri("none"))
+    assert (none.returncode, none.stderr.count(b"\n")) == (3, 1)
+    assert b"no model at 's3://" in none.stderr
+
+
+def test_signatures_and_passwords_are_not_shown(inside: Cli, bucket: Bucket) -> None:
+    key = bucket.put("a.png", write_picture(inside.folder / "a.png").read_bytes())
+    signed = bucket.client.generate_presigned_url(
+        "get_object", Params={"Bucket": bucket.name, "Key": key.rpartition("/")[2]}
+    ).replace("//", "//somebody:word@", 1)
+    assert "Signature=" in signed
+    for words in (["predict", signed], ["batch", "--files", "list.txt"]):
+        (inside.folder / "list.txt").write_text(f"{signed}\n{signed.replace('a.png', 'b.png')}\n")
+        done = inside(*words, "-o", "out/", "--json")
+        said = done.stdout + done.stderr
+        assert b"127.0.0.1" in said
+        for secret in (b"Signature", b"word", *map(str.encode, KEYS.values())):
+            assert secret not in said
+        for path in (inside.folder / "out").rglob("*"):
+            assert path.is_dir() or b"Signature" not in path.read_bytes()
+    assert (inside.folder / "out" / "a.depth.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "line"),
+    [
+        (["predict", "{bucket}none.jpg"], 1, "no such object"),
+        (["predict", "s3://no-such-bucket-here/a.jpg"], 1, "there is no bucket of this name"),
+        (["predict", "a.png", "-o", "s3://no-such-bucket-here/a.png"], 1, "there is no bucket"),
+        (["batch", "s3://no-such-bucket-here/in", "-o", "out"], 2, "there is no bucket of"),
+        (["batch", "{bucket}none/", "-o", "out"], 2, "is not a folder"),
+        (["batch", ".", "-o", "s3://no-such-bucket-here/out"], 1, "there is no bucket"),
+        (["batch", "{http}/", "-o", "out"], 2, "is not a folder"),
+        (["batch", ".", "-o", "{http}/out"], 2, "is behind HTTP"),
+        (["predict", "hdfs://x/a.jpg"], 2, "unknown scheme hdfs://; use s3://, gs://"),
+        (["predict", "http://no-such-host.invalid/a.jpg", "-o", "x.png"], 1, "cannot be reached"),
+        (["predict", "http://127.0.0.1:9/a.jpg", "-o", "x.png"], 1, "cannot be reached"),
+        (["video", "{bucket}none.mp4"], 1, "no such object"),
+        (["info", "{bucket}none.png"], 1, "no such object"),
+        (["convert", "{bucket}none.png", "{bucket}none.exr"], 1, "no such object"),
+        (["manifest", "summary", "{bucket}none"], 2, "cannot read the manifest"),
+    ],
+)
+def test_what_is_not_there_is_one_line(
+    inside: Cli, bucket: Bucket, words: list[str], code: int, line: str
+) -> None:
+    write_picture(inside.folder / "a.png")
+    given = [w.format(bucket=bucket.uri(), http="http://127.0.0.1:9") for w in words]
+    done = inside(*given, DEPTHCLI_RETRIES="0")
+    assert (done.returncode, done.stdout) == (code, b"")
+    assert line in done.stderr.decode()
+    assert done.stderr.count(b"\n") == 1
+
+
+@pytest.mark.parametrize("answer", ["403 InvalidAccessKeyId", "403 AccessDenied", "507 Full"])
+def test_a_bucket_that_refuses_is_one_line(
+    inside: Cli, bucket: Bucket, faults: Faults, answer: str
+) -> None:
+    write_picture(inside.folder / "a.png")
+    bucket.put("in/a.png", b"")
+    faults.fault = lambda *_: answer
+    words = "denied" if answer.startswith("403") else "the store is full"
+    for command, code in (
+        (["predict", bucket.uri("a.png"), "-o", "x.png"], 1),
+        (["predict", "a.png", "-o", bucket.uri("x.png")], 3),
+        (["batch", bucket.uri("in"), "-o", "out"], 2),
+        (["batch", ".", "-o", bucket.uri("out")], 1),
+        (["video", bucket.uri("a.mp4"), "-o", "out/"], 3),
+    ):
+        done = inside(*command, DEPTHCLI_RETRIES="0")
+        assert words in done.stderr.decode()
+        assert (done.returncode, done.stderr.count(b"\n")) == (code, 1)
+
+
+def test_wrong_credentials_are_one_line(inside: Cli, bucket: Bucket) -> None:
+    write_picture(inside.folder / "a.png")
+    with credentials_checked(bucket.endpoint):
+        for words, code in (
+            (["predict", bucket.uri("a.png"), "-o", "x.png"], 1),
+            (["predict", "a.png", "-o", bucket.uri("out/")], 1),
+            (["batch", bucket.uri("in"), "-o", "out"], 2),
+        ):
+            done = inside(*words, DEPTHCLI_RETRIES="0")
+            assert (done.returncode, done.stderr.count(b"\n")) == (code, 1)
+            assert b"access denied: the store does not know these credentials" in done.stderr
+            assert not any(secret.encode() in done.stderr for secret in KEYS.values())
+
+
+def test_plain_paths_open_no_connection(cli: Cli) -> None:
+    write_picture(cli.folder / "in" / "a.png")
+    default = cli.models / "default"
+    for words in (
+        ["predict", "in/a.png"],
+        ["batch", "in", "-o", "out"],
+        ["models", "add", f"{default}/model.onnx", "--card", f"{default}/card.json", "--name", "x"],
+    ):
+        done = subprocess.run(
+            [sys.executable, "-c", WATCHED, *words],
+            env=cli.environment,
+            cwd=cli.folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.splitlines()[-1] in {"[] set()", "[] {'socket'}"}
