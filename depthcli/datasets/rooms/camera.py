@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from depthcli.datasets.rooms.furnish import Room
-from depthcli.datasets.rooms.looks import Floats
+from depthcli.datasets.rooms.patterns import Floats
 from depthcli.datasets.rooms.solids import Solids, Vector, rotation
 
 _CLOSE_SHARE = 0.2
@@ -18,21 +18,13 @@ _ENOUGH = 5
 
 
 class Camera(NamedTuple):
-    """A pinhole camera.
+    """A pinhole camera."""
 
-    Attributes:
-        eye: metres.
-        turn: (3, 3) from its frame (x right, y up, z ahead) to the room's.
-        focal_px: focal length in pixels of the picture.
-        width: columns.
-        height: rows.
-    """
-
-    eye: Vector
-    turn: Floats
-    focal_px: float
-    width: int
-    height: int
+    eye: Vector  #: metres
+    turn: Floats  #: (3, 3) from its frame (x right, y up, z ahead) to the room's
+    focal_px: float  #: focal length in pixels of the picture
+    width: int  #: columns
+    height: int  #: rows
 
     def rays(self, shift_px: tuple[float, float] = (0.0, 0.0)) -> Floats:
         """(3, H·W) rays through the middles of the pixels; their length along z ahead is 1."""
@@ -77,10 +69,12 @@ def _turn(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Floats:
 
 
 def _standing(random: np.random.Generator, room: Room) -> tuple[Vector, float, float]:
+    """Mostly with the back to a wall, facing the room."""
     shell = room.shell
-    y = min(random.triangular(0.5, 1.45, 2.2), shell.height - 0.2)
-    eye = (random.uniform(0.2, shell.width - 0.2), y, random.uniform(0.2, shell.depth - 0.2))
-    return eye, random.uniform(0, 360), random.normal(10 * (y - 0.6), 9)
+    height = min(random.triangular(0.5, 1.45, 2.2), shell.height - 0.2)
+    x, z = np.array([shell.width, shell.depth]) * random.beta(0.6, 0.6, 2)
+    to_middle = math.degrees(math.atan2(shell.width / 2 - x, shell.depth / 2 - z))
+    return (x, height, z), random.normal(to_middle, 45), random.normal(10 * (height - 0.6), 9)
 
 
 def _at_table(random: np.random.Generator, room: Room) -> tuple[Vector, float, float]:
@@ -117,6 +111,6 @@ def _score(camera: Camera, solids: Solids, *, close: bool) -> float:
         return -_TOO_NEAR
     near_share = float((seen_m < (0.4 if close else 0.8)).mean())
     things = min(len(np.unique(hits.solid)), 20) / 8
-    way_m = 0.0 if close else min(float(np.median(seen_m)), 3.0) / 1.5
+    way_m = 0.0 if close else min(float(np.median(seen_m)), 4.0) / 1.2
     lost_share = 1 - seen_m.size / hits.solid.size
     return things + way_m - _TOO_NEAR * max(0.0, near_share - 0.05) - 3 * lost_share

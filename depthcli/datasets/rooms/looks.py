@@ -1,157 +1,27 @@
 """What surfaces look like: two colours, mixed by a pattern that repeats."""
 
 import colorsys
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.floating[Any]]
-TILE_PX = 128
+from depthcli.datasets.rooms.patterns import PATTERNS, draw_all
+
 Colour = tuple[float, float, float]
 
 
 class Look(NamedTuple):
-    """Of one solid.
+    """Of one solid."""
 
-    Attributes:
-        pattern: index of its pattern.
-        dark: linear RGB in [0, 1] where the pattern is 0.
-        light: the same where it is 1.
-        tile_m: size of one repetition, metres.
-        glow: light that it gives off itself, as a multiple of its colour.
-        gloss: share of a mirror's reflection, [0, 1].
-    """
-
-    pattern: int
-    dark: Colour
-    light: Colour
-    tile_m: float = 1.0
-    glow: float = 0.0
-    gloss: float = 0.0
-    tile_m_is_size: bool = False
+    pattern: int  #: index of its pattern
+    dark: Colour  #: linear RGB in [0, 1] where the pattern is 0
+    light: Colour  #: the same where it is 1
+    tile_m: float = 1.0  #: size of one repetition, metres
+    is_once: bool = False  #: the pattern lies in the middle, where it is as large as the solid
+    glow: float = 0.0  #: light that it gives off itself, as a multiple of its colour
+    gloss: float = 0.0  #: share of a mirror's reflection, [0, 1]
 
 
-def _noise(random: np.random.Generator, across: int, down: int) -> Floats:
-    """Smooth noise in [0, 1] with so many bumps along each side, which repeats."""
-    coarse = random.random((down, across), np.float32)
-    coarse = np.pad(coarse, 2, mode="wrap")
-    step_x, step_y = TILE_PX / across, TILE_PX / down
-    size = (round(step_x * (across + 4)), round(step_y * (down + 4)))
-    fine = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
-    x, y = round(step_x * 2), round(step_y * 2)
-    return np.clip(fine[y : y + TILE_PX, x : x + TILE_PX], 0, 1)
-
-
-def _clouds(random: np.random.Generator) -> Floats:
-    return (4 * _noise(random, 4, 4) + 2 * _noise(random, 9, 9) + _noise(random, 32, 32)) / 7
-
-
-def _grid() -> tuple[Floats, Floats]:
-    x, y = np.meshgrid(*2 * [(np.arange(TILE_PX, dtype=np.float32) + 0.5) / TILE_PX])
-    return x, y
-
-
-def _plaster(random: np.random.Generator) -> Floats:
-    return 0.5 * _clouds(random) + 0.5 * _noise(random, 64, 64)
-
-
-def _wood(random: np.random.Generator) -> Floats:
-    x, y = _grid()
-    rings = np.sin(2 * np.pi * (x * random.integers(2, 6) + 0.6 * _noise(random, 4, 2)) + y * 0)
-    return 0.35 + 0.2 * rings + 0.45 * _noise(random, 64, 4)
-
-
-def _planks(random: np.random.Generator) -> Floats:
-    rows = int(random.integers(4, 9))
-    x, y = _grid()
-    row = np.floor(x * rows).astype(int)
-    shade = random.random((rows, 2), np.float32)
-    half = np.floor(y * 2 + 0.37 * row).astype(int) % 2
-    seam = (x * rows % 1 < 0.5 * rows / TILE_PX * 2) | ((y * 2 + 0.37 * row) % 1 < 0.02)
-    return np.where(seam, 0, 0.35 + 0.4 * shade[row, half] + 0.25 * _noise(random, 64, 4))
-
-
-def _tiles(random: np.random.Generator) -> Floats:
-    across, down = int(random.integers(2, 6)), int(random.integers(2, 6))
-    x, y = _grid()
-    shift = 0.5 * (np.floor(y * down) % 2) * random.integers(2)
-    joint = np.minimum((x * across + shift) % 1 / across, y * down % 1 / down) < random.uniform(
-        0.01, 0.03
-    )
-    return np.where(joint, random.random() * 0.5, 0.75 + 0.25 * _clouds(random))
-
-
-def _checks(random: np.random.Generator) -> Floats:
-    x, y = _grid()
-    n = 2 * int(random.integers(1, 4))
-    return ((np.floor(x * n) + np.floor(y * n)) % 2) * 0.8 + 0.2 * _noise(random, 64, 64)
-
-
-def _stripes(random: np.random.Generator) -> Floats:
-    x, _ = _grid()
-    widths = np.repeat(random.random(16, np.float32), TILE_PX // 16)
-    return np.where(x >= 0, widths, 0) * 0.85 + 0.15 * _noise(random, 64, 64)
-
-
-def _weave(random: np.random.Generator) -> Floats:
-    x, y = _grid()
-    n = 2 * np.pi * int(random.integers(10, 24))
-    woven: Floats = 0.25 + 0.25 * np.sin(x * n) * np.sin(y * n) + 0.5 * _clouds(random)
-    return woven
-
-
-def _carpet(random: np.random.Generator) -> Floats:
-    x, y = _grid()
-    waves = np.sin(2 * np.pi * 3 * np.abs(x - 0.5)) * np.sin(2 * np.pi * 4 * np.abs(y - 0.5))
-    edge = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
-    return np.where(edge < 0.08, 0.1, 0.5 + 0.4 * np.sign(waves)) * 0.8 + 0.2 * _noise(
-        random, 64, 64
-    )
-
-
-def _print(random: np.random.Generator) -> Floats:
-    """A picture, poster or screen: soft fields under sharp ones."""
-    tile = _noise(random, int(random.integers(1, 4)), int(random.integers(1, 5)))
-    for _ in range(random.integers(2, 9)):
-        a, b = np.sort(random.integers(0, TILE_PX, (2, 2)), axis=0)
-        shade = float(random.random())
-        if random.random() < 0.5:
-            cv2.rectangle(tile, a.tolist(), b.tolist(), shade, -1)
-        else:
-            cv2.circle(tile, a.tolist(), int(random.integers(4, 30)), shade, -1)
-    return tile
-
-
-def _lines(random: np.random.Generator) -> Floats:
-    """Printed paper, or windows full of text on a screen."""
-    tile = np.ones((TILE_PX, TILE_PX), np.float32)
-    for y in range(8, TILE_PX - 8, 6):
-        tile[y : y + 3, 10 : int(random.integers(40, TILE_PX - 10))] = random.uniform(0.1, 0.5)
-    return tile
-
-
-def _flecks(random: np.random.Generator) -> Floats:
-    """Terrazzo, granite, linoleum."""
-    return (_noise(random, 40, 40) > 0.62) * 0.6 + 0.4 * _clouds(random)
-
-
-PATTERNS: dict[str, Callable[[np.random.Generator], Floats]] = {
-    "plaster": _plaster,
-    "wood": _wood,
-    "planks": _planks,
-    "tiles": _tiles,
-    "checks": _checks,
-    "stripes": _stripes,
-    "weave": _weave,
-    "carpet": _carpet,
-    "print": _print,
-    "print2": _print,
-    "lines": _lines,
-    "flecks": _flecks,
-}
 _INDEX = {name: i for i, name in enumerate(PATTERNS)}
 
 
@@ -164,8 +34,7 @@ class Looks:
 
     def __init__(self, random: np.random.Generator) -> None:
         self._random = random
-        made = [make(random) for make in PATTERNS.values()]
-        self.tiles = np.clip(np.stack(made), 0, 1).astype(np.float32)
+        self.tiles = draw_all(random)
         self.woods = [self.wood() for _ in range(2)]
         self.fabrics = [self.fabric() for _ in range(3)]
         self.white = self.paint(0.0, random.uniform(0.65, 0.9))
@@ -225,7 +94,7 @@ class Looks:
     def rug(self, size_m: float) -> Look:
         """A carpet with a border, which is shown once."""
         colour = self.colour(self._random.random(), self._random.uniform(0.1, 0.6))
-        return self.of("carpet", colour, 0.6, size_m)
+        return self.of("carpet", colour, 0.6, size_m)._replace(is_once=True)
 
     def wall(self) -> Look:
         """Mostly light paint; sometimes stripes, bricks or wood."""
@@ -237,11 +106,9 @@ class Looks:
         contrast = random.uniform(0.02, 0.1 if name == "plaster" else 0.4)
         return self.of(name, colour, contrast, random.uniform(0.5, 1.5))
 
-    def art(self) -> Look:
-        """A picture, poster, book cover or screen content."""
-        random = self._random
-        name = ("print", "print2", "lines")[random.integers(3)]
-        dark = self.colour(random.random(), random.uniform(0.0, 0.4))
-        return Look(
-            _INDEX[name], dark, self.colour(random.random() * 0.7, random.uniform(0.3, 0.9)), 1.0
-        )
+    def art(self, size_m: float) -> Look:
+        """A picture, poster, book cover or screen content of a width or height."""
+        name = ("print", "print2", "lines")[self._random.integers(3)]
+        dark = self.colour(self._random.random(), self._random.uniform(0.0, 0.4))
+        light = self.colour(self._random.random() * 0.7, self._random.uniform(0.3, 0.9))
+        return Look(_INDEX[name], dark, light, size_m, is_once=True)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.datasets.rooms.looks import Floats
+from depthcli.datasets.rooms.patterns import Floats
 from depthcli.datasets.rooms.render import View
 
 _BASELINE_M, _KINECT_HFOV_HALF = 0.075, 0.617
@@ -15,7 +15,8 @@ def photograph(light: Floats, random: np.random.Generator) -> npt.NDArray[np.uin
     """A picture (H, W, 3) RGB uint8 of linear light: exposure, blur, tint, noise, gamma."""
     luma = np.einsum("hwc,c->hw", light, np.array([0.3, 0.6, 0.1], np.float32))
     middle = float(np.exp(np.log(luma + 1e-3).mean()))
-    exposed = light * (random.triangular(0.05, 0.15, 0.32) / middle)
+    gamma = random.uniform(1.3, 2.1)
+    exposed = light * (random.triangular(0.15, 0.38, 0.7) ** gamma / middle)
     exposed *= random.uniform(0.88, 1.12, 3).astype(np.float32)
     height, width = luma.shape
     sigma = min(random.exponential(0.25), 1.0) * width / 256
@@ -29,7 +30,7 @@ def photograph(light: Floats, random: np.random.Generator) -> npt.NDArray[np.uin
     # Film and phones bend bright light rather than cut it off.
     knee = np.clip(exposed, 0, None)
     knee = np.where(knee > 0.7, 0.7 + 0.3 * np.tanh((knee - 0.7) / 0.3), knee)
-    encoded = knee ** (1 / random.uniform(1.9, 2.4))
+    encoded = knee ** (1 / gamma)
     levels: npt.NDArray[np.uint8] = np.rint(np.clip(encoded, 0, 1) * 255).astype(np.uint8)
     return levels
 

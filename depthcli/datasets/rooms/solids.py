@@ -11,7 +11,8 @@ from typing import NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.datasets.rooms.looks import Floats, Look
+from depthcli.datasets.rooms.looks import Look
+from depthcli.datasets.rooms.patterns import Floats
 
 Vector = tuple[float, float, float]
 
@@ -28,23 +29,14 @@ MAX_CUTS = 4
 
 
 class Part(NamedTuple):
-    """One solid of a piece of furniture.
+    """One solid of a piece of furniture; q is from -1 to 1 along each of its own axes."""
 
-    Attributes:
-        centre: its middle, metres.
-        half: half of its size along its own axes, metres.
-        look: what it is made of.
-        round: weights w of the quadric Σ w q² ≤ 1, q from -1 to 1 along its axes; zeros for none.
-        cuts: planes n of n · q ≤ 1, at most four.
-        axes: its own axes as rows, orthonormal.
-    """
-
-    centre: Vector
-    half: Vector
-    look: Look
-    round: Vector = _UNROUNDED
-    cuts: tuple[Vector, ...] = ()
-    axes: npt.NDArray[np.float64] = np.eye(3)
+    centre: Vector  #: its middle, metres
+    half: Vector  #: half of its size along its own axes, metres
+    look: Look  #: what it is made of
+    round: Vector = _UNROUNDED  #: weights w of the quadric Σ w q² ≤ 1; zeros for none
+    cuts: tuple[Vector, ...] = ()  #: planes n of n · q ≤ 1, at most four
+    axes: npt.NDArray[np.float64] = np.eye(3)  #: its own axes as rows, orthonormal
 
     def moved(self, at: Vector, yaw_deg: float = 0.0) -> Self:
         """Turned about the vertical through the origin, then shifted."""
@@ -64,6 +56,11 @@ def box(x: Sequence[float], y: Sequence[float], z: Sequence[float], look: Look) 
     return Part(tuple(centre), tuple(half), look)
 
 
+def wide(half: float, y: Sequence[float], z: Sequence[float], look: Look) -> Part:
+    """A box that reaches as far to the left as to the right."""
+    return box((-half, half), y, z, look)
+
+
 def rotation(deg: float, axis: int) -> npt.NDArray[np.float64]:
     """Rotation matrix (3, 3) about one of the axes x, y, z."""
     cos, sin = np.cos(np.radians(deg)), np.sin(np.radians(deg))
@@ -74,15 +71,10 @@ def rotation(deg: float, axis: int) -> npt.NDArray[np.float64]:
 
 
 class Hits(NamedTuple):
-    """What rays meet first.
+    """What rays meet first."""
 
-    Attributes:
-        distance: (N,) float32 in lengths of the ray; the reach where nothing is met.
-        solid: (N,) int32 index; -1 where nothing is met.
-    """
-
-    distance: Floats
-    solid: npt.NDArray[np.int32]
+    distance: Floats  #: (N,) in lengths of the ray; the reach where nothing is met
+    solid: npt.NDArray[np.int32]  #: (N,) index; -1 where nothing is met
 
 
 class Solids:
@@ -109,12 +101,8 @@ class Solids:
             self.cuts[i, : len(part.cuts)] = np.reshape(part.cuts, (-1, 3))
         reach = np.einsum("sij,si->sj", np.abs(axes), half)
         # Parts that follow each other are near each other: a row of books, the legs of a table.
-        runs = [
-            len(group[i : i + _TOGETHER])
-            for group in groups
-            for i in range(0, len(group), _TOGETHER)
-        ]
-        starts = np.cumsum([0, *runs])
+        lengths = [min(_TOGETHER, len(g) - i) for g in groups for i in range(0, len(g), _TOGETHER)]
+        starts = np.cumsum([0, *lengths])
         self._members = [slice(a, b) for a, b in pairwise(starts.tolist())]
         self._low = np.minimum.reduceat(centre - reach, starts[:-1]).astype(np.float32)
         self._high = np.maximum.reduceat(centre + reach, starts[:-1]).astype(np.float32)
@@ -129,18 +117,18 @@ class Solids:
         """
         count = rays.shape[1]
         hits = Hits(np.full(count, reach, np.float32), np.full(count, -1, np.int32))
-        origin = np.broadcast_to(origin, rays.shape)
         rays = np.where(rays == 0, _NOT_QUITE_ZERO, rays)
         with np.errstate(divide="ignore", invalid="ignore"):
             for first in range(0, count, _AT_ONCE):
                 some = slice(first, first + _AT_ONCE)
-                self._cast(origin[:, some], rays[:, some], Hits(hits[0][some], hits[1][some]))
+                part = origin if origin.shape[1] == 1 else origin[:, some]
+                self._cast(part, rays[:, some], Hits(hits[0][some], hits[1][some]))
         return hits
 
     def _cast(self, origin: Floats, rays: Floats, hits: Hits) -> None:
         for group, passes in enumerate(self._passes(origin, rays, hits.distance)):
             near = np.flatnonzero(passes)
-            start, along = origin.take(near, 1), rays.take(near, 1)
+            start, along = _some(origin, near), rays.take(near, 1)
             inverse = 1 / along
             a = (self._low[group][:, None] - start) * inverse
             b = (self._high[group][:, None] - start) * inverse
@@ -148,7 +136,7 @@ class Solids:
             inside = (leave >= np.maximum(enter, 0)) & (enter < hits.distance[near])
             if not inside.all():
                 keep = np.flatnonzero(inside)
-                near, start, along = near[keep], start.take(keep, 1), along.take(keep, 1)
+                near, start, along = near[keep], _some(start, keep), along.take(keep, 1)
             if near.size:
                 distance, solid = self._nearest(self._members[group], start, along)
                 closer = distance < hits.distance[near]
@@ -157,39 +145,33 @@ class Solids:
 
     def _passes(self, origin: Floats, rays: Floats, reach: Floats) -> npt.NDArray[np.bool_]:
         """Which rays (G, N) come into the sphere around each group, all groups at once."""
-        middle, radius = (
-            (self._low + self._high) / 2,
-            np.linalg.norm(self._high - self._low, axis=1) / 2,
-        )
+        middle = (self._low + self._high) / 2
+        radius = np.linalg.norm(self._high - self._low, axis=1)[:, None] * 0.505
         length = (rays * rays).sum(0)
         along = _times(middle, rays) - (origin * rays).sum(0)
-        away = (
-            (middle * middle).sum(1)[:, None]
-            - 2 * _times(middle, origin)
-            + (origin * origin).sum(0)
-        )
-        beyond = away - np.square(radius * 1.01)[:, None]
-        passes: npt.NDArray[np.bool_] = (beyond < 0) | (
-            (along > 0) & (along * along >= beyond * length)
-        )
+        away = (middle * middle).sum(1)[:, None] - 2 * _times(middle, origin)
+        away += (origin * origin).sum(0)
+        beyond = away - radius * radius
+        ahead = (along > 0) & (along * along >= beyond * length)
+        passes: npt.NDArray[np.bool_] = (beyond < 0) | ahead
         if np.isfinite(reach[0]):
-            passes &= np.sqrt(away) - radius[:, None] * 1.01 < reach * np.sqrt(length)
+            passes &= np.sqrt(np.maximum(away, 0)) - radius < reach * np.sqrt(length)
         return passes
 
     def _nearest(self, members: slice, origin: Floats, rays: Floats) -> Hits:
         matrix = self.matrix[members].reshape(-1, 3)
-        shape = (-1, 3, rays.shape[1])
-        start = (_times(matrix, origin) + self.offset[members].reshape(-1, 1)).reshape(shape)
-        step = _times(matrix, rays).reshape(shape)
+        start = _times(matrix, origin) + self.offset[members].reshape(-1, 1)
+        start = start.reshape(-1, 3, origin.shape[1])
+        step = _times(matrix, rays).reshape(-1, 3, rays.shape[1])
         inverse = 1 / step
-        middle = -start * inverse
+        behind = start * inverse
         np.abs(inverse, out=inverse)
-        enter = _latest(np.moveaxis(middle - inverse, 1, 0))
-        leave = _earliest(np.moveaxis(middle + inverse, 1, 0))
+        enter = -_earliest(np.moveaxis(behind + inverse, 1, 0))
+        leave = -_latest(np.moveaxis(behind - inverse, 1, 0))
         for i, solid in enumerate(range(members.start, members.stop)):
             if self.parts[solid].round != _UNROUNDED or self.parts[solid].cuts:
                 some = np.flatnonzero(enter[i] < leave[i])
-                interval = self._inside(solid, start[i].take(some, 1), step[i].take(some, 1))
+                interval = self._inside(solid, _some(start[i], some), step[i].take(some, 1))
                 enter[i, some] = np.maximum(enter[i, some], interval[0])
                 leave[i, some] = np.minimum(leave[i, some], interval[1])
         enter[~((enter < leave) & (enter > 0))] = np.inf
@@ -215,29 +197,10 @@ class Solids:
             leave = np.where(towards > 0, np.minimum(leave, at), leave)
         return enter.astype(np.float32), leave.astype(np.float32)
 
-    def surface(self, points: Floats, solid: npt.NDArray[np.int32]) -> tuple[Floats, Floats]:
-        """Outward normals (3, N) and coordinates on the surface (2, N), metres, of points on it."""
-        matrix = self.matrix[solid]
-        q = np.einsum("nij,jn->ni", matrix, points) + self.offset[solid]
-        quadric = np.sqrt((self.round[solid] * q * q).sum(1))
-        cuts = np.einsum("nkj,nj->nk", self.cuts[solid], q)
-        values = np.concatenate([np.abs(q), quadric[:, None], cuts], 1)
-        active = values.argmax(1)  # the bound on which a point lies has the value 1
-        axis = np.minimum(active, 2)
-        every = np.arange(len(q))
-        normal = np.zeros_like(q)
-        normal[every, axis] = np.sign(q[every, axis])
-        curved = active == 3
-        normal[curved] = (self.round[solid] * q)[curved]
-        cut = np.flatnonzero(active > 3)
-        normal[cut] = self.cuts[solid[cut], active[cut] - 4]
-        axis[curved | (active > 3)] = np.abs(normal[curved | (active > 3)]).argmax(1)
-        world = np.einsum("nij,ni->jn", matrix, normal)
-        world /= np.linalg.norm(world, axis=0)
-        local = q * self.half[solid]
-        across = local[every, np.where(axis == 0, 2, 0)]
-        along = local[every, np.where(axis == 1, 2, 1)]
-        return world, np.stack([across, along])
+
+def _some(vectors: Floats, index: npt.NDArray[np.int64]) -> Floats:
+    """Columns of vectors (3, N); of (3, 1) the one that stands for all."""
+    return vectors if vectors.shape[1] == 1 else vectors.take(index, 1)
 
 
 def _latest(of_axes: Floats) -> Floats:

@@ -10,6 +10,7 @@ from depthcli.datasets.rooms.camera import place_camera
 from depthcli.datasets.rooms.furnish import make_room
 from depthcli.datasets.rooms.looks import Look
 from depthcli.datasets.rooms.solids import BALL, UPRIGHT, Part, Solids, box
+from depthcli.datasets.rooms.surface import meet
 
 GRAY = Look(0, (0.0, 0.0, 0.0), (0.5, 0.5, 0.5))
 
@@ -103,8 +104,7 @@ def test_what_a_ray_meets_and_how_it_lies(
     assert hits.distance[0] == pytest.approx(distance, rel=0.01)
     assert list(hits.solid) == [0, -1]
     if normal:
-        points = rays[:, :1] * hits.distance[0]
-        found, _ = solids.surface(points, hits.solid[:1])
+        found = meet(solids, np.zeros((3, 1), np.float32), rays).normal
         np.testing.assert_allclose(found[:, 0], normal, atol=1e-5)
 
 
