@@ -115,24 +115,19 @@ class Renderer:
         away = rays[:, some] - 2 * (rays[:, some] * normal).sum(0) * normal
         seen = meet(self._solids, points.at[:, some] + normal * STEP_M, away)
         gloss = self._gloss[points.hits.solid[some]]
-        mirrored = self._colour(seen, away, self._illumination.on(seen))
+        face, lit = np.full(rays.shape[1], -1), np.zeros_like(colour)
+        face[some], lit[:, some] = seen.face, self._illumination.on(seen)
+        lit = self._illumination.smoothed(lit, face)
+        mirrored = self._colour(seen, away, lit[:, some])
         colour[:, some] += (mirrored - colour[:, some]) * gloss
 
     def _soften(self, colour: Floats, lit: Floats, points: Points) -> None:
         """Three more rays through pixels at edges, in the light of the nearest of the same face."""
         camera, face = self._camera, points.face
-        grid = face.reshape(camera.height, camera.width)
-        index = np.pad(np.arange(face.size).reshape(grid.shape), 1, mode="edge")
-        rows, columns = slice(1, -1), slice(1, -1)
-        before, after = slice(None, -2), slice(2, None)
-        cross = [
-            (rows, columns),
-            (rows, before),
-            (rows, after),
-            (before, columns),
-            (after, columns),
-        ]
-        around = np.stack([index[place].ravel() for place in cross])
+        index = np.arange(face.size).reshape(camera.height, camera.width)
+        index = np.pad(index, 1, mode="edge")
+        places = [index[1:-1, 1:-1], index[1:-1, :-2], index[1:-1, 2:], index[:-2, 1:-1]]
+        around = np.stack([place.ravel() for place in (*places, index[2:, 1:-1])])
         some = np.flatnonzero((face[around] != face).any(0))
         near = around[:, some]
         total = np.minimum(colour[:, some], _WHITE)
