@@ -113,7 +113,7 @@ def test_a_mirror_shows_what_is_before_it_and_has_the_depth_of_its_glass() -> No
     np.testing.assert_allclose(view.depth_m[8:-8, 12:-12], 3, rtol=1e-5)
     shown = view.light.max(-1) > 2
     assert shown[24, 32]
-    assert 0 < shown[:, :20].mean() < shown[16:32, 24:40].mean()
+    assert shown[:, :20].mean() < 0.02 < shown[16:32, 24:40].mean()
 
 
 def test_the_outdoors_is_bright_and_has_no_depth() -> None:
