@@ -79,7 +79,8 @@ class Checkpoint:
                 _reach_disk(temporary)  # before the one that it replaces is gone
                 temporary.replace(path)
         except (OSError, RuntimeError) as error:
-            reason = str(error).partition("\n")[0]
+            # All that torch says of a write that fails is where it is in its own file.
+            reason = getattr(error, "strerror", None) or "not all of it reached the disk"
             raise CheckpointError(
                 f"cannot write {path} ({reason}): free some space; older checkpoints are kept"
             ) from error

@@ -20,7 +20,8 @@ def writing(folder: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, OutputError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
+        cause = error if isinstance(error, OSError) else error.__cause__
+        reason = getattr(cause, "strerror", None) or str(error)
         raise TrainingError(
             f"cannot write to {folder} ({reason}): free some space or give another --out"
         ) from error

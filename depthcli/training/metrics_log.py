@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from depthcli.core.foreign import FieldError, built, parsed_json
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.atomic import append_whole, atomic_path
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,8 +24,8 @@ def append(path: Path, progress: RunProgress, losses: dict[str, float]) -> None:
         "losses": losses,
         "scores": finite_or_none(progress.scores),
     }
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(line) + "\n")
+    with path.open("ab", buffering=0) as file:
+        append_whole(file, json.dumps(line).encode() + b"\n")
 
 
 def cut(path: Path, step: int) -> None:

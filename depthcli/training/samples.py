@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from depthcli.io.storage.atomic import atomic_path
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -40,10 +42,9 @@ def write_samples(
             known = validation.store.known[row, 0].numpy().astype(np.uint8)
             shown[-1][cv2.resize(known, size, interpolation=cv2.INTER_NEAREST) == 0] = 0
         lines.append(np.hstack(shown))
-    target = sample_path(folder, epoch)
-    target.parent.mkdir(exist_ok=True)
     encoded = cv2.imencode(".jpg", np.vstack(lines))[1]
-    target.write_bytes(encoded.tobytes())
+    with atomic_path(sample_path(folder, epoch)) as temporary:
+        temporary.write_bytes(encoded.tobytes())
 
 
 def sample_path(folder: Path, epoch: int) -> Path:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import resource
 from typing import TYPE_CHECKING
 
 import pytest
 
 from depthcli.errors import OutputError
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.atomic_folder import folder_in_place, put_back
 from depthcli.io.storage.lock import open_locked
 
@@ -88,3 +89,18 @@ def test_a_folder_that_a_killed_process_moved_away_is_put_back(tmp_path: Path) -
         raise OutputError("full")
     assert [path.name for path in target.iterdir()] == ["two"]
     assert [path.name for path in tmp_path.iterdir()] == ["rows"]
+
+
+def test_what_does_not_fit_at_the_end_of_a_file_leaves_no_part(tmp_path: Path) -> None:
+    path = tmp_path / "rows"
+    path.write_bytes(b"one\n")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, before[1]))  # the disk is full
+    try:
+        with path.open("ab", buffering=0) as file:
+            assert append_whole(file, b"two\n") == 4
+            with pytest.raises(OSError, match="File too large"):
+                append_whole(file, b"three\n")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert path.read_bytes() == b"one\ntwo\n"

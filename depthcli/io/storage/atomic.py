@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from depthcli.errors import OutputError
@@ -13,6 +13,7 @@ from depthcli.io.storage.temporaries import temporary_beside
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+    from io import FileIO
     from pathlib import Path
 
 
@@ -68,6 +69,24 @@ def write_text(text: str, path: Path) -> None:
     """
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def append_whole(file: FileIO, data: bytes) -> int:
+    """Add data to the end of a file, all of it or nothing; where it begins.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    start = file.seek(0, os.SEEK_END)
+    try:
+        at = 0
+        while at < len(data):
+            at += file.write(data[at:])
+    except OSError:
+        with suppress(OSError):
+            file.truncate(start)
+        raise
+    return start
 
 
 def _same_file(path: Path, source: Path) -> bool:

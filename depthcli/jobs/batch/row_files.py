@@ -1,15 +1,13 @@
 """The files of an output folder that hold rows: manifests, journals, and parts of both."""
 
-import os
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from depthcli.io.parquet import Table
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.regular import regular_size
 from depthcli.jobs.batch.manifest import ManifestFormat, Row, parse_row
 from depthcli.jobs.batch.manifest_table import parsed_table_row, plain_text, write_rows
@@ -154,16 +152,7 @@ class JsonLines:
         """
         if self._end is None:
             raise TypeError(self._end)
-        position = self._end.seek(0, os.SEEK_END)
-        try:
-            at = 0
-            while at < len(data):
-                at += self._end.write(data[at:])
-        except OSError:
-            with suppress(OSError):
-                self._end.truncate(position)
-            raise
-        return position
+        return append_whole(self._end, data)
 
     def close(self) -> None:
         """Close the file."""
