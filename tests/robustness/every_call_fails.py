@@ -2,7 +2,8 @@
 
 ::
 
-    python tests/robustness/every_call_fails.py [COMMAND...] [--calls open,write] [--every N]
+    python tests/robustness/every_call_fails.py [COMMAND...] [--calls open,write]
+        [--errors ENOSPC,EIO] [--every N]
 
 runs each command of ``faulty_commands.py`` with its first, second, third ``open``, ``write``,
 ``fsync``, ``rename``, ``mkdir`` or ``read`` of a file below its folder failing, with each error
@@ -24,10 +25,11 @@ import os
 import subprocess
 import sys
 import tempfile
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from faults import CALLS, ERRORS, Fault, Injector, library
+from faults import CALLS, ERRORS, NAMES, Fault, Injector, library
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,6 +48,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("commands", nargs="*", metavar="COMMAND")
     parser.add_argument("--calls", default=",".join(CALLS))
+    parser.add_argument("--errors", default=",".join(NAMES))
     parser.add_argument("--every", type=int, default=1, help="only every N-th call")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="faults-") as name:
@@ -68,14 +71,14 @@ def _run(asked: argparse.Namespace, folder: Path) -> int:
     sys.path[:0] = [str(_TESTS), str(_TESTS / "training"), str(_TESTS / "export")]
     import faulty_commands  # noqa: PLC0415 - only where the library is loaded
 
-    _load()
     injector = Injector(Path(os.environ[_LIBRARY]), faulty_commands.ENVIRONMENT)
     short = 0
     for name in asked.commands or faulty_commands.COMMANDS:
         command = faulty_commands.COMMANDS[name]
+        _load(command)
         trial = Trial(injector, command, folder / name.replace(" ", "-"))
         count = 0
-        for fault in trial.faults(asked.calls.split(","), asked.every):
+        for fault in trial.faults(asked.calls.split(","), asked.errors.split(","), asked.every):
             count += 1
             for problem in trial.problems(fault):
                 short += 1
@@ -85,20 +88,12 @@ def _run(asked: argparse.Namespace, folder: Path) -> int:
     return int(short > 0)
 
 
-def _load() -> None:
-    """What commands load, so that each fork has it."""
-    from importlib import import_module  # noqa: PLC0415
-
+def _load(command: Command) -> None:
+    """What the command loads, so that each fork has it."""
     from depthcli.cli.shell import load_command  # noqa: PLC0415
-    from depthcli.cli.table import COMMANDS  # noqa: PLC0415
 
-    for name in COMMANDS:
-        load_command(name)
-    for module in (
-        *("av", "cv2", "onnxruntime", "OpenEXR", "torch", "onnx", "onnxscript", "lightning_fabric"),
-        *("depthcli.jobs.batch.videos", "depthcli.jobs.train.run", "depthcli.export.onnx"),
-        *("depthcli.jobs.install_model", "depthcli.cli.shell", "depthcli.api.model"),
-    ):
+    load_command(command.words[0])
+    for module in command.loads:
         import_module(module)
 
 
@@ -119,11 +114,11 @@ class Trial:
         self._whole = self._contents(self._folder)
         self.counts = done.counts
 
-    def faults(self, calls: list[str], every: int) -> Iterator[Fault]:
+    def faults(self, calls: list[str], errors: list[str], every: int) -> Iterator[Fault]:
         """All that can befall it."""
         for call in calls:
             for number in range(1, self.counts[call] + 1, every):
-                for error in ERRORS[call]:
+                for error in (one for one in ERRORS[call] if errno.errorcode[one] in errors):
                     yield Fault(call, number, error)
                     if call == "write" and error == errno.ENOSPC:
                         yield Fault(call, number, error, onwards=True)

@@ -23,6 +23,7 @@ ERRORS = {
     "read": (errno.EIO,),
 }
 """What the manual pages of the calls have them fail with."""
+NAMES = tuple(sorted({errno.errorcode[error] for some in ERRORS.values() for error in some}))
 HANGS_S = 120
 
 

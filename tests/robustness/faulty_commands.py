@@ -10,9 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
-from rooms import write_rooms
-from small import write_checkpoint
 from tiny import synthetic_picture, tiny_onnx, write_model, write_picture
 from videos import flat_frames, write_video
 
@@ -56,11 +53,13 @@ class Command:
     Attributes:
         words: its arguments.
         prepare: makes its inputs in a folder, with outputs of an earlier run or without.
+        loads: modules that each run would load anew.
         outputs: the folder of its outputs.
     """
 
     words: tuple[str, ...]
     prepare: Callable[[Path], None]
+    loads: tuple[str, ...]
     outputs: str = "out"
 
 
@@ -95,11 +94,15 @@ def _video(folder: Path) -> None:
 
 
 def _training(folder: Path) -> None:
+    from rooms import write_rooms  # noqa: PLC0415 - it loads torch
+
     write_rooms(folder / "data")
     (folder / "tiny.toml").write_text(TINY_RUN)
 
 
 def _checkpoint(folder: Path) -> None:
+    from small import write_checkpoint  # noqa: PLC0415 - it loads torch
+
     write_checkpoint(folder / "run.ckpt")
 
 
@@ -130,14 +133,28 @@ _PREDICT = ("predict", "a.png", "-o", "out/", *_FORMATS, "--sidecar", "--threads
 _VIDEO_FORMATS = tuple(word for name in ("mkv", "mp4", "exr") for word in ("--format", name))
 _SMALL = ("--workers", "1", "--threads", "1")
 _ADD = ("models", "add", "new/model.onnx", "--card", "new/card.json")
+_SAVE = ("profile", "save", "p", "--hfov", "70")
+_PICTURES = (
+    "cv2",
+    "onnxruntime",
+    "OpenEXR",
+    "depthcli.jobs.predict.pictures",
+    "depthcli.api.model",
+)
+_VIDEOS = (*_PICTURES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.videos")
+_MODELS = (*_PICTURES, "depthcli.jobs.install_model")
+_TORCH = (*_PICTURES, "torch", "lightning_fabric", "depthcli.jobs.train.run")
+_ONNX = (*_TORCH, "onnx", "onnxscript", "depthcli.export.onnx")
 COMMANDS = {
-    "predict": Command(_PREDICT, _picture),
-    "predict again": Command(_PREDICT, _picture_again),
+    "predict": Command(_PREDICT, _picture, _PICTURES),
+    "predict again": Command(_PREDICT, _picture_again, _PICTURES),
     "batch": Command(
-        ("batch", "in", "--out", "out", *_FORMATS[:6], "--sidecar", *_SMALL), _pictures
+        ("batch", "in", "--out", "out", *_FORMATS[:6], "--sidecar", *_SMALL), _pictures, _VIDEOS
     ),
     "video": Command(
-        ("video", "a.avi", "--out", "out/", *_VIDEO_FORMATS, "--format", "json", *_SMALL), _video
+        ("video", "a.avi", "--out", "out/", *_VIDEO_FORMATS, "--format", "json", *_SMALL),
+        _video,
+        _VIDEOS,
     ),
     "train": Command(
         (
@@ -145,15 +162,14 @@ COMMANDS = {
             *("--config", "tiny.toml", "--threads", "1", "--accelerator", "cpu"),
         ),
         _training,
+        _TORCH,
     ),
-    "export": Command(("export-onnx", "run.ckpt", "-o", "out/a.onnx"), _checkpoint),
-    "models add": Command(_ADD, _new_model, "models"),
-    "models add --force": Command((*_ADD, "--force"), _known_model, "models"),
-    "profile save": Command(("profile", "save", "p", "--hfov", "70"), lambda _: None, "home"),
-    "profile save --force": Command(
-        ("profile", "save", "p", "--hfov", "70", "--force"), _profile, "home"
-    ),
-    "convert": Command(("convert", "a.npy", "out/a.exr"), _array),
+    "export": Command(("export-onnx", "run.ckpt", "-o", "out/a.onnx"), _checkpoint, _ONNX),
+    "models add": Command(_ADD, _new_model, _MODELS, "models"),
+    "models add --force": Command((*_ADD, "--force"), _known_model, _MODELS, "models"),
+    "profile save": Command(_SAVE, lambda _: None, (), "home"),
+    "profile save --force": Command((*_SAVE, "--force"), _profile, (), "home"),
+    "convert": Command(("convert", "a.npy", "out/a.exr"), _array, _PICTURES),
 }
 
 
@@ -195,6 +211,8 @@ def _row(line: bytes, out: Path) -> bytes:
 
 
 def _checkpoint_bytes(path: Path) -> bytes:
+    import torch  # noqa: PLC0415 - for one command only
+
     content = torch.load(path, weights_only=True)
     content["progress"]["seconds"] = 0
     file = io.BytesIO()
