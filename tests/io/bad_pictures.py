@@ -50,6 +50,16 @@ def _bigtiff(directory: int, entries: int) -> bytes:
     return b"II+\0" + struct.pack("<HHQQ", 8, 0, directory, entries) + bytes(200)
 
 
+def _without_middle(data: bytes) -> bytes:
+    middle = len(data) // 2
+    return data[:middle] + bytes(40) + data[middle + 40 :]
+
+
+_DEFLATED = [
+    encoded(".tiff", cv2.IMWRITE_TIFF_COMPRESSION, coding, *options)
+    for coding in (8, 32946)
+    for options in ((), (cv2.IMWRITE_TIFF_ROWSPERSTRIP, 8))
+]
 _LOST = "is damaged, or of a variant that cannot be decoded; save it again"
 _NO_PICTURE = "is not a picture"
 
@@ -72,6 +82,12 @@ BAD: dict[str, tuple[bytes, str]] = {
     "only fill bytes": (b"\xff\xd8" + b"\xff" * 5_000_000, _NO_PICTURE),
     "escapes for ever": (JPEGS["baseline"][:-2] + b"\xff" * 400_000 + b"\0", "truncated"),
     **{f"TIFF of coding {n}": (_tiff(n), f"TIFF compression {n};") for n in (0, 9, 12345, 34712)},
+    **{
+        f"TIFF of damaged Deflate {number}": (_without_middle(data), "cannot be inflated")
+        for number, data in enumerate(_DEFLATED)
+    },
+    "TIFF without its last pixels": (made.tiff(PIXELS)[:-1], "pixels of the TIFF are missing"),
+    "TIFF of a cut directory": (made.tiff(PIXELS)[:55], "directory is not whole"),
     "BigTIFF of no 64 bits": (_bigtiff(2**64 - 1, 1), _NO_PICTURE),
     "BigTIFF beyond the end": (_bigtiff(2**63, 1), _NO_PICTURE),
     "BigTIFF of all tags": (_bigtiff(16, 2**64 - 1), _NO_PICTURE),

@@ -6,7 +6,7 @@ import re
 import struct
 import zlib
 
-from depthcli.io.pictures.tiff import COMPRESSION, TIFF_STARTS, tiff_tags
+from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_flaw
 
 _JPEG = b"\xff\xd8"
 _JPEG_END = 0xD9
@@ -18,13 +18,9 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_FRAME = 12  # length, kind and checksum of a chunk
 _ANCILLARY = 0x20  # set in the kind's first letter: decoders may do without the chunk
 
-# Of any other, OpenCV makes a black picture.
-_TIFF_CODINGS = frozenset({1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34676, 34677, 34887, 34925})
-_TIFF_CODINGS |= {50000, 50001}
-
 
 def flaw(data: bytes) -> str | None:
-    """What is wrong with a JPEG's end, a PNG's chunks or a TIFF's coding; None if nothing is.
+    """What is wrong with a JPEG's end, a PNG's chunks or a TIFF's strips; None if nothing is.
 
     The other formats' decoders find this out themselves.
 
@@ -36,12 +32,7 @@ def flaw(data: bytes) -> str | None:
     if data.startswith(_PNG):
         return _png_flaw(data)
     if data.startswith(TIFF_STARTS):
-        try:
-            coding = tiff_tags(data, (COMPRESSION,)).get(COMPRESSION, 1)
-        except struct.error:
-            return "is truncated (the TIFF's directory has no end); copy it again"
-        if coding not in _TIFF_CODINGS:
-            return f"has the unknown TIFF compression {coding}; save it without one"
+        return tiff_flaw(data)
     return None
 
 

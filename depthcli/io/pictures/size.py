@@ -4,7 +4,7 @@ import re
 import struct
 
 from depthcli.io.pictures.avif import avif_size
-from depthcli.io.pictures.tiff import HEIGHT, TIFF_STARTS, WIDTH, tiff_tags
+from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_size
 
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _STANDALONE = frozenset(range(0xD0, 0xD8)) | {0x01}
@@ -32,8 +32,7 @@ def _size(data: bytes) -> tuple[int, int] | None:
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
         return _webp(data)
     if data.startswith(TIFF_STARTS):
-        tags = tiff_tags(data, (WIDTH, HEIGHT))
-        return (tags[WIDTH], tags[HEIGHT]) if len(tags) == 2 else None
+        return tiff_size(data)
     if data[4:8] == b"ftyp":
         return avif_size(data)
     if data[:6] in (b"GIF87a", b"GIF89a"):

@@ -1,10 +1,19 @@
-"""Whole-number tags of a TIFF file's first picture (TIFF 6.0, and BigTIFF)."""
+"""The first picture of a TIFF file (TIFF 6.0, and BigTIFF): its size, and whether it is whole."""
 
 import struct
+import zlib
 from collections.abc import Collection
 from typing import NamedTuple
 
-WIDTH, HEIGHT, COMPRESSION = 256, 257, 259
+_WIDTH, _HEIGHT, _COMPRESSION = 256, 257, 259
+_STRIPS, _TILES = (273, 279), (324, 325)
+"""Tags of where the pixels are, and of how many bytes that is."""
+_FORMS = {3: "H", 16: "Q"}
+_DEFLATE = frozenset({8, 32946})
+# Of any other, OpenCV makes a black picture.
+_CODINGS = frozenset({1, 2, 3, 4, 5, 6, 7, 32773, 34676, 34677, 34887, 34925, 50000, 50001})
+_CODINGS |= _DEFLATE
+_PIECE_BYTES = 2**20
 
 
 class _Layout(NamedTuple):
@@ -27,8 +36,8 @@ _LAYOUTS = {
 TIFF_STARTS = tuple(_LAYOUTS)
 
 
-def tiff_tags(data: bytes, wanted: Collection[int]) -> dict[int, int]:
-    """Those of the wanted tags, with one value, that a file has; it has one of the ``TIFF_STARTS``.
+def tiff_tags(data: bytes, wanted: Collection[int]) -> dict[int, tuple[int, ...]]:
+    """The values of those of the wanted tags that a file has; it has one of the ``TIFF_STARTS``.
 
     Raises:
         struct.error: the file is too short for what it claims.
@@ -44,6 +53,61 @@ def tiff_tags(data: bytes, wanted: Collection[int]) -> dict[int, int]:
     for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
         tag, kind = struct.unpack_from(order + "HH", data, entry)
         if tag in wanted:
-            form = order + {3: "H", 16: "Q"}.get(kind, "I")
-            (found[tag],) = struct.unpack_from(form, data, entry + layout.value)
+            (many,) = struct.unpack_from(number, data, entry + 4)
+            if many > len(data):
+                raise struct.error("a tag has more values than the file has bytes")
+            form = f"{order}{many}{_FORMS.get(kind, 'I')}"
+            place = entry + layout.value
+            if struct.calcsize(form) > struct.calcsize(number):
+                (place,) = struct.unpack_from(number, data, place)
+            if place + struct.calcsize(form) > len(data):
+                raise struct.error("the values of a tag lie after the file's end")
+            found[tag] = struct.unpack_from(form, data, place)
     return found
+
+
+def tiff_size(data: bytes) -> tuple[int, int] | None:
+    """(width, height) that the file claims; None if it does not.
+
+    Raises:
+        struct.error: the file is too short for what it claims.
+    """
+    tags = tiff_tags(data, (_WIDTH, _HEIGHT))
+    return (tags[_WIDTH][0], tags[_HEIGHT][0]) if all(map(tags.get, (_WIDTH, _HEIGHT))) else None
+
+
+def tiff_flaw(data: bytes) -> str | None:
+    """What is wrong with the coding or a strip of a TIFF; None if nothing is.
+
+    OpenCV makes black pixels of what libtiff cannot read. Only Deflate has checksums: damage in
+    the pixels of other codings is not seen.
+
+    Args:
+        data: the whole file.
+    """
+    try:
+        tags = tiff_tags(data, (_COMPRESSION, *_STRIPS, *_TILES))
+    except struct.error:
+        return "is truncated (the TIFF's directory is not whole); copy it again"
+    coding = (*tags.get(_COMPRESSION, ()), 1)[0]
+    if coding not in _CODINGS:
+        return f"has the unknown TIFF compression {coding}; save it without one"
+    for offsets, sizes in (_STRIPS, _TILES):
+        for at, size in zip(tags.get(offsets, ()), tags.get(sizes, ()), strict=False):
+            if at + size > len(data):
+                return "is truncated (pixels of the TIFF are missing); copy it again"
+            if coding in _DEFLATE and not _inflates(data[at : at + size]):
+                return "is damaged (a part of the TIFF cannot be inflated); copy it again"
+    return None
+
+
+def _inflates(part: bytes) -> bool:
+    """Whether a Deflate stream comes to its end, and the checksum there is right."""
+    stream = zlib.decompressobj()
+    try:
+        while part and not stream.eof:
+            stream.decompress(part, _PIECE_BYTES)
+            part = stream.unconsumed_tail
+    except zlib.error:
+        return False
+    return stream.eof
