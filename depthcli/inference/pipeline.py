@@ -10,7 +10,7 @@ import numpy.typing as npt
 from depthcli.core import scaling
 from depthcli.core.choices import PLAIN, Detail
 from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.errors import UsageError
+from depthcli.errors import ModelError, UsageError
 from depthcli.inference.camera import PictureCamera, camera_of, gives_metres
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.memory import tile_width_px
@@ -106,6 +106,11 @@ class Pipeline:
         camera: PictureCamera | None,
     ) -> DepthMap:
         coarse = coarse_depth(self.card.output, raw, place)
+        if not np.isfinite(coarse).any():
+            raise ModelError(
+                f"{self.session.model.path} gives no depth for {frame.path or 'a picture'}: "
+                "not one number is finite; use another model, or export it again"
+            )
         tile_px, reach = tile_width_px(self.card.input, frame, self.detail), 1
         if tile_px is not None:
             columns = coarse.shape[1]

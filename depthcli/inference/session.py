@@ -19,6 +19,7 @@ from depthcli.models.catalog import Model
 
 _FATAL_ONLY = 4
 _IMAGE_RANK = 4
+_NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
 _SOURCE_PLACE = re.compile(r"^\S+\.(cc|cpp|h):\d+ .*?\) (?=\S)")
 
 
@@ -100,7 +101,7 @@ class Session:
         maps = raw
         if raw.ndim == _IMAGE_RANK:
             maps = raw[:, 0] if raw.shape[1] == 1 else raw[..., 0] if raw.shape[3] == 1 else raw
-        if maps.ndim != _IMAGE_RANK - 1 or len(maps) != count:
+        if maps.ndim != _IMAGE_RANK - 1 or len(maps) != count or not maps.size:
             raise ModelError(
                 f"{self.model.path} gives {raw.shape}, not one depth map a picture; "
                 "use a depth model"
@@ -157,6 +158,10 @@ def _load_error(model: Model, wanted: tuple[str, ...], error: Exception) -> Mode
 
 def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:
     """Name and (N, C, H, W) of the one float32 input; None where a length is dynamic."""
+    outputs: list[Any] = session.get_outputs()
+    gives = outputs[0].type if outputs else "nothing"
+    if not _NUMBERS.fullmatch(gives):
+        raise ModelError(f"{model.path} gives {gives}, not numbers; use a depth model")
     inputs: list[Any] = session.get_inputs()
     first, spec = inputs[0], model.card.input
     if len(inputs) != 1 or len(first.shape) != _IMAGE_RANK or first.type != "tensor(float)":

@@ -11,6 +11,7 @@ import pytest
 from tiny import tiny_onnx, write_model
 
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
+from depthcli.core.codec import Transform
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.memory import tile_width_px
@@ -18,7 +19,6 @@ from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
 from depthcli.inference.tiles import TileGrid, refine
-from depthcli.models.card import Transform
 from depthcli.models.card_specs import OutputSpec
 
 if TYPE_CHECKING:

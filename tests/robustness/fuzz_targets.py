@@ -133,14 +133,14 @@ def _depth() -> DepthMap:
     return DepthMap(metres, DepthKind.METRIC, Provenance("tiny", "0" * 64, 500.0, 6))
 
 
-def _written(writer: Any, name: str) -> bytes:
+def _written(writer: Any, name: str, depth: DepthMap | None = None) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / name
-        writer.write(_depth(), path)
+        writer.write(depth or _depth(), path)
         return path.read_bytes()
 
 
-def _depth_pngs() -> list[bytes]:
+def depth_pngs() -> list[bytes]:
     plain = cv2.imencode(".png", np.full((9, 9), 999, np.uint16))[1].tobytes()
     return [
         _written(Png16Writer(), "a.png"),
@@ -151,6 +151,12 @@ def _depth_pngs() -> list[bytes]:
 
 def _exrs() -> list[bytes]:
     return [_written(ExrWriter(), "a.exr"), _written(ExrWriter(half=True), "a.exr")]
+
+
+def flat_exr() -> bytes:
+    """One whose pixels are compressed."""
+    flat = DepthMap(np.full((24, 32), 2, np.float32), DepthKind.METRIC)
+    return _written(ExrWriter(), "a.exr", flat)
 
 
 def _npys() -> list[bytes]:
@@ -203,7 +209,7 @@ def _run_model(path: Path) -> None:
     try_model(find_model(path), provider="cpu")
 
 
-def _videos() -> list[bytes]:
+def videos() -> list[bytes]:
     gray = [frame[..., 0].astype(np.uint16) * 200 for frame in flat_frames(range(60, 90, 10))]
     colour = [np.roll(_pixels(), by, 1) for by in range(3)]
     kinds: list[tuple[str, Any, str, str]] = [
@@ -237,7 +243,7 @@ def _read_depth_video(path: Path) -> None:
             return
 
 
-def _mats() -> list[bytes]:
+def mats() -> list[bytes]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "a.mat"
         with h5py.File(path, "w") as file:
@@ -264,7 +270,7 @@ def _indices() -> list[bytes]:
 
 
 @cache
-def _checkpoint() -> bytes:
+def checkpoint() -> bytes:
     config = dataclasses.replace(TrainConfig())
     file = io.BytesIO()
     content = {
@@ -285,7 +291,7 @@ def _checkpoint() -> bytes:
     return file.getvalue()
 
 
-def _manifests() -> list[bytes]:
+def manifests() -> list[bytes]:
     row = {
         "input": "a.png",
         "status": "ok",
@@ -383,21 +389,21 @@ TARGETS: dict[str, Target] = {
     "other-pictures": Target("a.bmp", _other_pictures, _picture),
     "headers": Target("a.bin", _all_pictures, _read_headers, 4),
     "training-picture": Target("a.png", _pngs, read_image_rgb),
-    "training-depth": Target("a.png", _depth_pngs, lambda path: read_depth_m(path, 1000)),
-    "own-png": Target("a.depth.png", _depth_pngs, is_own_picture),
-    "depth-png": Target("a.png", _depth_pngs, _exr_or_facts),
+    "training-depth": Target("a.png", depth_pngs, lambda path: read_depth_m(path, 1000)),
+    "own-png": Target("a.depth.png", depth_pngs, is_own_picture),
+    "depth-png": Target("a.png", depth_pngs, _exr_or_facts),
     "exr": Target("a.exr", _exrs, _exr_or_facts, 2),
     "npy": Target("a.npy", _npys, _exr_or_facts, 2),
     "sidecar": Target("a.json", _sidecars, _read_sidecar),
     "card": Target("card.json", _cards, lambda path: ModelCard.from_json(path.read_bytes()), 2),
     "onnx": Target("a.onnx", _models, _read_onnx, 2),
     "model": Target("a.onnx", _models, _run_model, 2),
-    "video": Target("a.mkv", _videos, _read_video, 3),
-    "depth-video": Target("a.mkv", lambda: _videos()[:1], _read_depth_video, 2),
-    "ffv1-slices": Target("a.bin", lambda: _videos()[:1], _read_slices),
-    "mat": Target("a.mat", _mats, _read_mat, 2),
+    "video": Target("a.mkv", videos, _read_video, 3),
+    "depth-video": Target("a.mkv", lambda: videos()[:1], _read_depth_video, 2),
+    "ffv1-slices": Target("a.bin", lambda: videos()[:1], _read_slices),
+    "mat": Target("a.mat", mats, _read_mat, 2),
     "index": Target("index.csv", _indices, read_index),
-    "checkpoint": Target("a.ckpt", lambda: [_checkpoint()], Checkpoint.load),
+    "checkpoint": Target("a.ckpt", lambda: [checkpoint()], Checkpoint.load),
     "metrics": Target(
         "metrics.jsonl",
         lambda: [b'{"epoch": 1, "step": 10, "scores": {"a": 1}}\n{"epoch": 2, "step": 20}\n'],
@@ -416,7 +422,7 @@ TARGETS: dict[str, Target] = {
         ],
         lambda path: _command(path, "predict", "--profile", "a.toml", "missing.png"),
     ),
-    "manifest": Target("manifest.jsonl", _manifests, _batch, 0.7),
+    "manifest": Target("manifest.jsonl", manifests, _batch, 0.7),
     "frame-journal": Target(".a.depthcli-frames", lambda: [b'"tiny"\n0\n1\n2\n'], _read_journal),
     "list": Target("a.txt", lambda: [b"a.png\nb/c.png\n", b"a.png\0b\nc.png\0"], _read_list),
 }

@@ -92,6 +92,7 @@ def batch(
         int | None,
         typer.Option(
             min=1,
+            max=1024,
             help="Pictures processed in parallel; on Ray, processes. Default: one per core.",
         ),
     ] = None,
@@ -99,6 +100,7 @@ def batch(
         int | None,
         typer.Option(
             min=1,
+            max=1024,
             help="Inference threads per worker. Default: cores / workers; on Ray, CPUs per worker.",
         ),
     ] = None,

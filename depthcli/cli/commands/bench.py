@@ -37,12 +37,14 @@ def bench(
     provider: options.ProviderOption = "auto",
     provider_option: options.ProviderSettingsOption = None,
     threads: Annotated[
-        int | None, typer.Option(min=1, help="Inference threads for the latency measurement.")
+        int | None,
+        typer.Option(min=1, max=1024, help="Inference threads for the latency measurement."),
     ] = None,
     workers: Annotated[
         int | None,
         typer.Option(
             min=1,
+            max=1024,
             help="Pictures processed in parallel for the throughput measurement. Default: one "
             "per core.",
         ),

@@ -37,7 +37,7 @@ def predict(
     provider: options.ProviderOption = "auto",
     provider_option: options.ProviderSettingsOption = None,
     threads: Annotated[
-        int | None, typer.Option(min=1, help="Threads for inference. Default: all cores.")
+        int | None, typer.Option(min=1, max=1024, help="Threads for inference. Default: all cores.")
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,

@@ -38,7 +38,7 @@ def rooms(
     ] = Sensor.NONE,
     seed: Annotated[int, typer.Option(min=0, help="Other seeds give other rooms.")] = 0,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes. Default: one per core.")
+        int | None, typer.Option(min=1, max=1024, help="Processes. Default: one per core.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     quiet: QuietOption = False,

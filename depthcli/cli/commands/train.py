@@ -83,11 +83,14 @@ _Init = Annotated[
     typer.Option(help="Start from the weights of an exported model (.onnx) or a checkpoint."),
 ]
 _Devices = Annotated[
-    int, typer.Option(min=1, help="Number of GPUs (or CPU processes) for data-parallel training.")
+    int,
+    typer.Option(
+        min=1, max=1024, help="Number of GPUs (or CPU processes) for data-parallel training."
+    ),
 ]
 _Threads = Annotated[
     int | None,
-    typer.Option(min=1, help="CPU threads. Default: the fastest in a short trial."),
+    typer.Option(min=1, max=1024, help="CPU threads. Default: the fastest in a short trial."),
 ]
 _TensorBoard = Annotated[
     bool,

@@ -115,11 +115,13 @@ def video(
     provider_option: options.ProviderSettingsOption = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Frames processed in parallel. Default: one per core."),
+        typer.Option(min=1, max=1024, help="Frames processed in parallel. Default: one per core."),
     ] = None,
     threads: Annotated[
         int | None,
-        typer.Option(min=1, help="Inference threads per worker. Default: cores / workers."),
+        typer.Option(
+            min=1, max=1024, help="Inference threads per worker. Default: cores / workers."
+        ),
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,

@@ -114,9 +114,9 @@ def read_exr_channels(path: Path) -> dict[str, npt.NDArray[np.float32]]:
             for part in OpenEXR.File(name, header_only=True).parts:
                 _check_size(path, part.header)
             parts = OpenEXR.File(name, separate_channels=True).parts
+        if not parts or not all(part.channels for part in parts):  # all that becomes of damage
+            raise InputError(f"{path} is damaged: its pixels cannot be read; copy it again")
         for part in parts:
-            if not part.channels:  # which is all that becomes of damage
-                raise InputError(f"{path} is damaged: its pixels cannot be read; copy it again")
             layer = f"{part.header['name']}." if len(parts) > 1 else ""
             for channel, content in part.channels.items():
                 channels[layer + channel] = _in_window(content.pixels, part.header)

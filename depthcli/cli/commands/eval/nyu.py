@@ -104,11 +104,13 @@ def nyu(
     provider_option: options.ProviderSettingsOption = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Images processed in parallel. Default: one per core."),
+        typer.Option(min=1, max=1024, help="Images processed in parallel. Default: one per core."),
     ] = None,
     threads: Annotated[
         int | None,
-        typer.Option(min=1, help="Inference threads per worker. Default: cores / workers."),
+        typer.Option(
+            min=1, max=1024, help="Inference threads per worker. Default: cores / workers."
+        ),
     ] = None,
     as_json: evaluation.JsonOption = False,
     per_image: Annotated[

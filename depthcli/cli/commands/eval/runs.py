@@ -53,7 +53,7 @@ def runs(
     limit: evaluation.LimitOption = None,
     provider: options.ProviderOption = "auto",
     provider_option: options.ProviderSettingsOption = None,
-    threads: Annotated[int | None, typer.Option(min=1, help="Inference threads.")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, max=1024, help="Inference threads.")] = None,
     figures: evaluation.FiguresOption = None,
     ids: evaluation.IdsOption = None,
     html: evaluation.HtmlOption = None,
