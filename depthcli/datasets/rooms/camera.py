@@ -111,6 +111,6 @@ def _score(camera: Camera, solids: Solids, *, close: bool) -> float:
         return -_TOO_NEAR
     near_share = float((seen_m < (0.4 if close else 0.8)).mean())
     things = min(len(np.unique(hits.solid)), 20) / 8
-    way_m = 0.0 if close else min(float(np.median(seen_m)), 4.0) / 1.2
+    way_m = 0.0 if close else min(float(np.median(seen_m)), 3.0) / 1.5
     lost_share = 1 - seen_m.size / hits.solid.size
     return things + way_m - _TOO_NEAR * max(0.0, near_share - 0.05) - 3 * lost_share
