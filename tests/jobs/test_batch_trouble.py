@@ -6,9 +6,11 @@ import os
 import threading
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from batches import NAMES, kept, outputs, pictures, request
 from tiny import write_picture
+from videos import write_mp4
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.jobs.batch.journal import Journal, known_rows
@@ -16,6 +18,7 @@ from depthcli.jobs.batch.manifest import FAILED, OK
 from depthcli.jobs.batch.run import Batch
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 JOURNAL, MANIFEST = ".depthcli-batch.jsonl", "manifest.jsonl"
@@ -113,3 +116,21 @@ def test_of_many_batches_that_begin_at_once_one_writes(tmp_path: Path) -> None:
     assert begun[0].row("a.png") is not None
     begun[0].finish(NAMES)
     assert known_rows(tmp_path / "out").row("a.png") is not None
+
+
+def test_a_video_that_changes_while_it_is_read_counts_as_failed(tmp_path: Path) -> None:
+    frames = [np.full((24, 32, 3), level, np.uint8) for level in (0, 90, 180)]
+    video = write_mp4(tmp_path / "in" / "a.mp4", frames)
+
+    class Changing:
+        """Somebody who writes to the video once its first frame is done."""
+
+        def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
+            del what, total, unit
+            return lambda _count: os.utime(video, ns=(1, 1))
+
+    (result,) = Batch(request(tmp_path), progress=Changing())
+    assert (result.row.status, result.row.outputs) == (FAILED, ())
+    assert "changed while it was read; run the batch again" in str(result.row.error)
+    assert kept(tmp_path) == {"a.mp4": False}
+    assert kept(tmp_path) == {"a.mp4": True}

@@ -54,11 +54,14 @@ class VideoWorker:
         origin = self.pictures.origin
         try:
             with local_copy(path_of(task.input.path)) as source:
+                before = _state(source)
                 sha256 = checked_video(task, source, self.pictures.options.camera)
                 row = task.kept(self.pictures.out, sha256, origin)
                 if row is not None:
                     return Result(row, is_kept=True)
-                return Result(self._row(task, source, sha256))
+                done = self._row(task, source, sha256)
+                _check_unchanged(source, before)
+                return Result(done)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             check_network(error, self.pictures.pipeline.session)
             return task.failed(error, origin, start_s, sha256)
@@ -86,6 +89,20 @@ class VideoWorker:
             warnings=done.warnings,
             camera=camera_words(done.depth),
         )
+
+
+def _state(path: Path) -> tuple[int, int, int] | None:
+    """What changes when somebody writes to a file or replaces it; None if it cannot be read."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+def _check_unchanged(path: Path, before: tuple[int, int, int] | None) -> None:
+    if _state(path) != before:
+        raise InputError(f"{path} changed while it was read; run the batch again")
 
 
 def _files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
