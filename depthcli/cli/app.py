@@ -6,7 +6,6 @@ Python itself.
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import os
 import signal
@@ -14,6 +13,7 @@ import sys
 from typing import TYPE_CHECKING, NoReturn
 
 from depthcli._version import __version__
+from depthcli.cli.streams import open_streams
 from depthcli.cli.table import PROGRAM, help_text
 from depthcli.errors import ExitCode
 
@@ -47,7 +47,14 @@ def _process() -> int:
     # numpy's OpenBLAS starts a thread a core, which spin for 60 ms before they sleep, while the
     # model is loaded on these same cores. This lets them sleep at once.
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
-    return _run(sys.argv[1:], is_process=True)
+    stdout = open_streams()
+    code = _run(sys.argv[1:], is_process=True)
+    problem = stdout.problem
+    if problem is None:
+        return code
+    from depthcli.cli.screen.console import untold
+
+    return untold(problem, code)
 
 
 def _leave(code: int) -> NoReturn:
@@ -56,10 +63,7 @@ def _leave(code: int) -> NoReturn:
     Taking onnxruntime and OpenCV apart costs more than reading a picture, and a thread that still
     loads a model would crash it.
     """
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError):  # said by the command that wrote, or nobody listens
-            if stream is not None:
-                stream.flush()
+    sys.stderr.flush()
     os._exit(code)
 
 
@@ -68,24 +72,19 @@ def _run(words: list[str], *, is_process: bool = False) -> int:
     try:
         if text is not None:
             sys.stdout.write(text)
-            sys.stdout.flush()
-            return ExitCode.OK
-        if is_process:
-            from depthcli.cli.signals import end_on_signals
+            code: int = ExitCode.OK
+        else:
+            if is_process:
+                from depthcli.cli.signals import end_on_signals
 
-            end_on_signals()
-        from depthcli.cli.shell import run
+                end_on_signals()
+            from depthcli.cli.shell import run
 
-        return run(words)
-    except BrokenPipeError:
-        return _reader_left()
-
-
-def _reader_left() -> int:
-    """Whoever read our output is gone: stop silently, as other filters do."""
-    sink = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(sink, sys.stdout.fileno())
-    return ExitCode.SOME_FAILED
+            code = run(words)
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever read our output is gone: stop silently, as other filters do
+        return ExitCode.SOME_FAILED
+    return code
 
 
 def _plain_text(words: list[str]) -> str | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -73,8 +72,6 @@ def run(arguments: Sequence[str]) -> int:
         result = get_command(app)(
             args=list(arguments), prog_name=PROGRAM, standalone_mode=False, obj=state
         )
-        if sys.stdout is not None:
-            sys.stdout.flush()
     except KeyboardInterrupt:
         return ExitCode.INTERRUPTED
     except BrokenPipeError:

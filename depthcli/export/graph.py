@@ -1,10 +1,8 @@
 """A generator as one ONNX graph: batch norm folded, any batch and size, one file."""
 
 import copy
-import tempfile
 import warnings
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 import onnx
@@ -13,6 +11,8 @@ from onnx import TensorProto, helper, numpy_helper
 from onnxscript import optimizer
 from torch import nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+from depthcli.io.storage.temporary_folder import temporary_folder
 
 OPSET = 17
 IR_VERSION = 8
@@ -46,10 +46,10 @@ def _traced(network: nn.Module, opset: int) -> onnx.ModelProto:
     The tracing exporter is used because torch's other one cannot express that a size rounds up
     when it is halved, as it does between an encoder and a decoder of any size.
     """
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+    with temporary_folder() as folder, warnings.catch_warnings():
         # The exporter warns of its own future; what it made is checked here and by parity.
         warnings.simplefilter("ignore")
-        path = Path(folder, "model.onnx")
+        path = folder / "model.onnx"
         torch.onnx.export(
             network,
             (torch.zeros(2, 1, *_TRACED_SIZE),),

@@ -4,7 +4,6 @@ import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +19,7 @@ from depthcli.datasets.files import spread
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.preprocess import prepare
 from depthcli.io.pictures.read import read_image
+from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.models.card_specs import InputSpec
 
 MOST_PICTURES = 64
@@ -33,9 +33,9 @@ def quantize(model: onnx.ModelProto, batches: Sequence[npt.NDArray[np.float32]])
     activation.
     """
     name = model.graph.input[0].name
-    with TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         # By path, for the quantizer moves the weights of a model in memory to a file of its own.
-        source, path = Path(folder) / "float.onnx", Path(folder) / "int8.onnx"
+        source, path = folder / "float.onnx", folder / "int8.onnx"
         onnx.save(model, source)
         with _without_advice():
             quantize_static(

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -20,6 +19,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.preprocess import prepare
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
+from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.writers.png16 import Png16Writer
 
 _FEWEST = 5
@@ -97,8 +97,7 @@ def measure_speed(
     """
     frame = read_image(None, picture)
     batch, _ = prepare(alone.card.input, frame)
-    with TemporaryDirectory(prefix="depthcli-") as name:
-        folder = Path(name)
+    with temporary_folder() as folder:
         network = measure_latency(lambda: alone.session.run(batch), seconds)
         whole = measure_latency(lambda: _convert(alone, picture, folder / "alone.png"), seconds)
         rate = _throughput(shared, picture, folder, workers, seconds)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.writers.formats import FORMATS
 
 if TYPE_CHECKING:
@@ -40,11 +42,22 @@ def write_stream(
 
     Returns:
         Warnings, one line each.
+
+    Raises:
+        OutputError: the stream takes no more.
+        BrokenPipeError: nobody reads it.
     """
     # The formats' libraries want a file, so there is one for a moment.
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"depth{Path(FORMATS[name].suffix).suffix}"
+    with temporary_folder() as folder:
+        path = folder / f"depth{Path(FORMATS[name].suffix).suffix}"
         warnings = options.writer(name).write(depth, path, frame)
-        stream.write(path.read_bytes())
-    stream.flush()
+        data = path.read_bytes()
+    try:
+        stream.write(data)
+        stream.flush()
+    except BrokenPipeError:
+        raise  # whoever read is gone, which is no error of ours
+    except OSError as error:
+        reason = "it is closed" if error.errno == errno.EBADF else error.strerror
+        raise OutputError(f"cannot write standard output: {reason}") from error
     return warnings

@@ -222,7 +222,7 @@ def attack(cli: Cli, names: tuple[str, ...], moments: int, seed: int) -> list[st
     known: dict[str, tuple[float, dict[str, object]]] = {}
     ends: Counter[tuple[str, str, str]] = Counter()
     shortfalls = []
-    for _ in range(moments):
+    for moment in range(moments):
         name = rng.choices(names, [JOBS[one].share for one in names])[0]
         number, part, job = rng.choice(SIGNALS), rng.random(), JOBS[name]
         if name == "export" and not (cli.folder / "last.ckpt").exists():
@@ -235,7 +235,9 @@ def attack(cli: Cli, names: tuple[str, ...], moments: int, seed: int) -> list[st
         code, faults = ended(cli, job, number, part * seconds)
         ends[name, number.name, code] += 1
         faults += resumed(cli, job, wanted)
-        shortfalls += [f"{name} {number.name} at {part * seconds:.3f} s: {one}" for one in faults]
+        what = f"{name} {number.name} at {part * seconds:.3f} s"
+        print(f"{moment + 1:4} {what}: exit code {code}", *faults, sep="; ", file=sys.stderr)
+        shortfalls += [f"{what}: {one}" for one in faults]
     for (name, number, code), count in sorted(ends.items()):
         print(f"{name:8} {number:8} exit code {code:>4}: {count:4}")
     return shortfalls

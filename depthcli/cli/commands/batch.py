@@ -238,9 +238,15 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     if column is not None and files in (None, STANDARD):
         raise UsageError("--column is for a Parquet or CSV file; name it with --files")
     if files is not None:
-        stdin = files == STANDARD
-        words = parse_list(sys.stdin.buffer.read()) if stdin else read_list(files, column)
+        words = parse_list(_stdin()) if files == STANDARD else read_list(files, column)
         return plan_files(words, files, folder or ".", out, wanted, shard)
     if folder is None:
         raise UsageError("name a folder, or give --files with a list")
     return plan_folder(folder, out, wanted, shard)
+
+
+def _stdin() -> bytes:
+    try:
+        return sys.stdin.buffer.read()
+    except OSError as error:
+        raise UsageError(f"cannot read the list from standard input: {error.strerror}") from error

@@ -77,5 +77,5 @@ def merge_parts(
     if as_json:
         console.out_json({"manifest": path})
     else:
-        console.out(one_line(f"manifest: {path}"))
+        console.say(one_line(f"manifest: {path}"))
     return ExitCode.OK

@@ -66,7 +66,7 @@ def add(
         )
         return ExitCode.OK
     said = one_line(f"{model.card.name}: {what_comes_out(model.card)}")
-    console.out(f"{said}, in {one_line(str(model.path.parent))}")
+    console.say(f"{said}, in {one_line(str(model.path.parent))}")
     if is_remote(file) and sha256 is None:
         console.note(f"to get this very file again: --sha256 {model.sha256}")
     _warn_of_preprocessing(model.card)
@@ -85,7 +85,7 @@ def remove(
     from depthcli.jobs.install_model import remove_model
 
     for name in models:
-        console.out(f"removed {one_line(str(remove_model(name)))}")
+        console.say(f"removed {one_line(str(remove_model(name)))}")
     return ExitCode.OK
 
 

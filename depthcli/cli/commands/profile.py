@@ -56,7 +56,7 @@ def save(
 
     check_together(values)
     path = profile_files.write(name, values, force=force)
-    console.out(f"saved {one_line(str(path))}")
+    console.say(f"saved {one_line(str(path))}")
     return ExitCode.OK
 
 
@@ -95,7 +95,7 @@ def remove(
 ) -> int:
     """Delete profiles."""
     for name in profiles:
-        console.out(f"removed {one_line(str(profile_files.remove_profile(name)))}")
+        console.say(f"removed {one_line(str(profile_files.remove_profile(name)))}")
     return ExitCode.OK
 
 

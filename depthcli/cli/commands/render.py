@@ -61,5 +61,5 @@ def rooms(
     if as_json:
         console.out_json({"out": str(done.out), "rooms": done.count, "rendered": done.made})
     elif not quiet:
-        console.out(f"{done.out}: {done.count} rooms, {done.made} rendered now")
+        console.say(f"{done.out}: {done.count} rooms, {done.made} rendered now")
     return ExitCode.OK

@@ -93,7 +93,7 @@ class Report:
             return
         for loop in plan.loops:
             console.warn(f"{loop} leads back to a folder that it is in; skipped")
-        say = console.note if self.as_json else console.out
+        say = console.note if self.as_json else console.say
         say(", ".join(_account(plan, tally)) + f"; {_speed(tally)}")
         if tally.passed < tally.total and not batch.stopped:
             console.note("stopped early; run the same command again to resume")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import sys
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, cast
 
 from depthcli.core.ending import before_ending
 from depthcli.core.text import one_line
+from depthcli.errors import ExitCode
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -32,6 +34,8 @@ class State:
 
 
 _GAP = 2  # between columns
+_told: set[str] = set()
+"""What standard output got: results, accounts of files."""
 _bars: list[Progress] = []
 """The progress bar on the terminal, if there is one."""
 
@@ -67,11 +71,19 @@ def _clear_bar() -> None:
 
 def out(text: str) -> None:
     """A line of results, to standard output."""
+    _told.add("results")
+    _write(sys.stdout, text)
+
+
+def say(text: str) -> None:
+    """A line about files that were written, to standard output."""
+    _told.add("files")
     _write(sys.stdout, text)
 
 
 def out_json(values: Mapping[str, object]) -> None:
     """One JSON object on one line, at once, so that a reader can follow."""
+    _told.add("results")
     sys.stdout.write(json.dumps(values, ensure_ascii=True, allow_nan=False) + "\n")
     sys.stdout.flush()
 
@@ -91,6 +103,28 @@ def error(text: str) -> None:
     _write(sys.stderr, f"depthcli: error: {one_line(text)}")
 
 
+def untold(problem: OSError, code: int) -> int:
+    """Say that standard output did not take all; it is an error if it was to have results.
+
+    Args:
+        problem: why.
+        code: the exit code of the command but for that.
+
+    Returns:
+        The exit code.
+    """
+    if code and not _told:  # an error of its own, which was told
+        return code
+    is_closed = problem.errno == errno.EBADF
+    reason = "it is closed" if is_closed else problem.strerror or str(problem)
+    if _told != {"files"}:
+        error(f"cannot write standard output: {reason}")
+        return code or ExitCode.SOME_FAILED
+    if not is_closed:  # on purpose
+        warn(f"cannot write standard output: {reason}")
+    return code
+
+
 def trace(problem: BaseException) -> None:
     """The traceback behind an error, to standard error."""
     import traceback
@@ -98,10 +132,8 @@ def trace(problem: BaseException) -> None:
     traceback.print_exception(problem, file=sys.stderr)
 
 
-def _write(stream: TextIO | None, text: str) -> None:
+def _write(stream: TextIO, text: str) -> None:
     """A line, with escapes for what the stream's encoding does not have."""
-    if stream is None:  # closed by whoever started the process
-        return
     if _bars and stream.isatty():
         # Standard error is Rich's own now: it has no encoding, and wraps lines.
         shown = _bars[-1].console

@@ -36,6 +36,6 @@ def tell(done: Converted) -> None:
             f"  round trip: max error {done.round_trip.max_error:.3g}{unit}, "
             f"mean {done.round_trip.mean_error:.3g}{unit}, {done.round_trip.lost} pixels lost"
         )
-    console.out(one_line(line))
+    console.say(one_line(line))
     for warning in done.warnings:
         console.warn(warning)

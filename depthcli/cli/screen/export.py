@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def tell(done: Exported) -> None:
     """Two lines for people."""
     card, parity = done.card, done.parity
-    console.out(
+    console.say(
         f"{done.path}  {(card.size_bytes or 0) / 1e6:.1f} MB  sha256 {card.sha256}\n"
         f"parity over {len(parity.cases)} sizes: max {parity.max_abs:.2g}, "
         f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"

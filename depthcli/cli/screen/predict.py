@@ -25,7 +25,7 @@ def tell(result: Done | Failed, *, as_json: bool, quiet: bool, to_stderr: bool) 
     elif as_json:
         console.out_json(json_of(result))
     elif not quiet:
-        (console.note if to_stderr else console.out)(text_of(result))
+        (console.note if to_stderr else console.say)(text_of(result))
         for warning in result.warnings:
             console.warn(f"{result.name}: {warning}")
 

@@ -8,7 +8,6 @@ import sys
 import threading
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import numpy as np
@@ -19,11 +18,13 @@ from depthcli.errors import InputError
 from depthcli.io.pictures.complaints import complaints
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.storage.transfer import local_copy
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from fractions import Fraction
+    from pathlib import Path
 
     import numpy.typing as npt
 
@@ -185,8 +186,8 @@ def _plain_name(path: Path) -> Iterator[str]:
     try:
         name.encode()
     except UnicodeEncodeError:
-        with TemporaryDirectory() as folder:
-            link = Path(folder) / "depth.exr"
+        with temporary_folder() as folder:
+            link = folder / "depth.exr"
             link.symlink_to(path.absolute())
             yield str(link)
     else:

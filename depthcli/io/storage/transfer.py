@@ -5,12 +5,12 @@ import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, InputError
 from depthcli.io.storage import objects
 from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.temporary_folder import temporary_folder
 
 SHA256_NOTE = "sha256"
 
@@ -36,8 +36,8 @@ def local_copy(
     if not isinstance(path, RemotePath):
         yield path
         return
-    with TemporaryDirectory(prefix="depthcli-") as folder:
-        copy = Path(folder, path.name)
+    with temporary_folder() as folder:
+        copy = folder / path.name
         try:
             download(path, copy, progress, max_bytes=max_bytes)
         except OSError as error:
@@ -78,8 +78,8 @@ def uploaded(path: RemotePath) -> Iterator[Path]:
     Raises:
         OSError: it cannot be sent.
     """
-    with TemporaryDirectory(prefix="depthcli-") as folder:
-        file = Path(folder, path.name)
+    with temporary_folder() as folder:
+        file = folder / path.name
         yield file
         with file.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()

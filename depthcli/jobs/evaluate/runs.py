@@ -1,6 +1,5 @@
 """The runs of a training, exported and compared on pictures that none of them has learned."""
 
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from depthcli.evaluation.trained import TrainedModel, grouped, plan_comparison
 from depthcli.export.trained import export_run, find_runs, open_run
 from depthcli.inference.latency import measure_ms
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.training.trained_run import TrainedRun
 
 
@@ -71,8 +71,8 @@ def compare_runs(
     names = grouped(opened)  # refuses what is no seed of a row before anything is exported
     if request.against is not None and request.against not in names:
         raise UsageError(f"--against {request.against} is no row; choose from {', '.join(names)}")
-    with tempfile.TemporaryDirectory() as spare:
-        exported = _exported(opened, Path(spare), request.weights, progress, failed)
+    with temporary_folder() as spare:
+        exported = _exported(opened, spare, request.weights, progress, failed)
         protocol = request.options.protocol
         detail = Detail(protocol.upsampling, protocol.tile_px)
         models = _loaded(exported, request.runner, detail, warn)

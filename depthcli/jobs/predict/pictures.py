@@ -1,5 +1,6 @@
 """One picture after another, from its file to its outputs."""
 
+import errno
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -76,10 +77,13 @@ def _done(request: PredictRequest, plan: PicturePlan, loading: Background[Sessio
 def _read(request: PredictRequest, plan: PicturePlan) -> Frame:
     if not plan.name:
         raise InputError("an input's name is empty; is a variable of the command not set?")
-    data = request.stdin.read() if plan.source is None and request.stdin else None
     try:
+        data = request.stdin.read() if plan.source is None and request.stdin else None
         limit = PictureLimit(request.max_pixels, request.detail)
         return read_image(plan.source, data, max_pixels=limit)
+    except OSError as error:
+        reason = "it is closed" if error.errno == errno.EBADF else error.strerror
+        raise InputError(f"cannot read standard input: {reason}") from error
     except MemoryError as error:
         raise InputError("does not fit into memory; make it smaller") from error
 
