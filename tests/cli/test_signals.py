@@ -67,7 +67,9 @@ def test_a_network_that_never_ends_does_not_outlive_ctrl_c(cli: Cli, command: st
         stderr=subprocess.PIPE,
         text=True,
     )
-    time.sleep(1.5)  # it has begun by then, or is about to
+    until = time.monotonic() + (30 if command == "batch" else 1.5)  # it has begun, or is about to
+    while time.monotonic() < until and not (cli.folder / "out" / ".depthcli-batch.jsonl").exists():
+        time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=20)
     assert process.returncode == 130
