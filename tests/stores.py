@@ -42,11 +42,14 @@ class Bucket:
         self.client.put_object(Bucket=self.name, Key=key, Body=data)
         return self.uri(key)
 
-    def objects(self) -> dict[str, bytes]:
+    def names(self) -> list[str]:
         pages = self.client.get_paginator("list_objects_v2").paginate(Bucket=self.name)
-        keys = [found["Key"] for page in pages for found in page.get("Contents", ())]
+        return [found["Key"] for page in pages for found in page.get("Contents", ())]
+
+    def objects(self) -> dict[str, bytes]:
         return {
-            key: self.client.get_object(Bucket=self.name, Key=key)["Body"].read() for key in keys
+            key: self.client.get_object(Bucket=self.name, Key=key)["Body"].read()
+            for key in self.names()
         }
 
 
@@ -85,6 +88,8 @@ class Faults:
     Attributes:
         endpoint: its address.
         seen: how often each method and path came.
+        passed: how often each reached the server.
+        failed: how many requests were answered badly.
         fault: says for a method, a path and how often it came before what happens: ``"503"`` (or
             another status), ``"cut"`` (half of the body comes), ``"drop"`` (nothing comes), None.
     """
@@ -92,6 +97,8 @@ class Faults:
     def __init__(self, behind: str) -> None:
         self.behind = behind.removeprefix("http://")
         self.seen: Counter[tuple[str, str]] = Counter()
+        self.passed: Counter[tuple[str, str]] = Counter()
+        self.failed = 0
         self.fault: Callable[[str, str, int], str | None] = lambda *_: None
         outer = self
 
@@ -121,6 +128,8 @@ class Faults:
         before = self.seen[place]
         self.seen[place] += 1
         fault = self.fault(*place, before)
+        self.failed += fault is not None
+        self.passed[place] += fault in {None, "cut"}
         if fault == "drop":
             request.close_connection = True
             return

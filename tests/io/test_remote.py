@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import subprocess
 import sys
+import threading
 from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,7 +29,7 @@ from depthcli.io.storage.transfer import local_copy, noted_checksum
 from depthcli.io.writers.by_suffix import write_depth
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from stores import Bucket, Faults
 
@@ -226,3 +229,101 @@ def test_a_list_of_a_bucket_comes_page_by_page(
     assert sum(faults.seen.values()) == 1  # nobody has asked for the second page yet
     once_each()
     assert [first, *found] == names
+
+
+@pytest.fixture
+def plain_server() -> Iterator[tuple[str, list[str]]]:
+    """A server that gives "hello" for whatever is asked, and what it was asked."""
+    asked: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+        def answer(self) -> None:
+            self.rfile.read(int(self.headers.get("content-length", 0)))
+            is_signed = "signed" if "authorization" in self.headers else "open"
+            asked.append(f"{self.command} {self.path.partition('?')[0]} {is_signed}")
+            if self.path == "/moved":
+                self.send_response(302)
+                self.send_header("Location", "/there?signature=x")
+            else:
+                self.send_response(200)
+            self.send_header("ETag", '"e"')
+            self.send_header("Last-Modified", "Tue, 21 Oct 2025 07:28:00 GMT")
+            data = b"hello" if self.command == "GET" else b""
+            if self.path != "/endless":
+                self.send_header("Content-Length", str(len(data)))
+            self.end_headers()
+            self.wfile.write(data)
+            self.close_connection = self.path == "/endless"
+
+        do_GET = do_PUT = do_HEAD = answer  # noqa: N815
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_address[1]}", asked
+        server.shutdown()
+        thread.join()
+
+
+def test_google_and_azure_are_asked_as_they_want_it(
+    plain_server: tuple[str, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endpoint, asked = plain_server
+    account = {"gcs_base_url": endpoint, "disable_oauth": True, "client_email": "a"}
+    keys = {"private_key": "b", "private_key_id": "c"}
+    (tmp_path / "account.json").write_text(json.dumps(account | keys))
+    for name, value in {
+        "GOOGLE_SERVICE_ACCOUNT": str(tmp_path / "account.json"),
+        "AZURE_STORAGE_ACCOUNT_NAME": "account",
+        "AZURE_STORAGE_ACCOUNT_KEY": "a2V5",
+        "AZURE_STORAGE_ENDPOINT": endpoint,
+    }.items():
+        monkeypatch.setenv(name, value)
+    objects._store.cache_clear()
+    for folder in ("gs://bucket", "az://container"):
+        assert path_of(f"{folder}/x y/z.jpg").read_bytes() == b"hello"
+        with atomic_path(path_of(f"{folder}/out/q.npy")) as temporary:
+            temporary.write_bytes(b"123")
+    assert [one.rpartition(" ")[0] for one in asked[:2]] == [
+        "GET /bucket/x%20y%2Fz%2Ejpg",
+        "PUT /bucket/out%2Fq%2Enpy",
+    ]
+    assert asked[2:] == ["GET /container/x%20y/z.jpg signed", "PUT /container/out/q.npy signed"]
+
+
+def test_files_behind_http(plain_server: tuple[str, list[str]]) -> None:
+    server, asked = plain_server
+    moved = remote(f"{server}/moved")
+    assert moved.read_bytes() == b"hello"
+    assert moved.read_some(first=2) == b"he"  # the server knows nothing of ranges
+    with pytest.raises(InputError, match="does not say how large it is"):
+        read_bytes(remote(f"{server}/endless"))
+    asked.clear()
+    assert remote(server.replace("//", "//user:word@") + "/x").read_bytes() == b"hello"
+    assert asked == ["GET /x signed"]
+
+
+def test_credentials_are_those_of_the_usual_chain(
+    bucket: Bucket, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = remote(bucket.put("a.jpg", b"data"))
+    for name in KEYS:
+        monkeypatch.delenv(name)
+    file = tmp_path / "credentials"
+    for name, value in {
+        "AWS_EC2_METADATA_DISABLED": "true",
+        "AWS_SHARED_CREDENTIALS_FILE": str(file),
+        "AWS_CONFIG_FILE": str(tmp_path / "none"),
+    }.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(InputError, match="no AWS credentials found; sign in"):
+        read_bytes(path)
+    keys = "".join(f"{name.lower()} = {value}\n" for name, value in KEYS.items())
+    file.write_text(f"[mine]\n{keys}")
+    monkeypatch.setenv("AWS_PROFILE", "mine")
+    assert path.read_bytes() == b"data"

@@ -33,7 +33,7 @@ def batch(
     context: typer.Context,
     folder: Annotated[
         str | None,
-        typer.Argument(metavar="[DIR]", help="Input folder, searched recursively."),
+        typer.Argument(metavar="[DIR]", help="Input folder or URI, searched recursively."),
     ] = None,
     output: Annotated[
         str,

@@ -20,7 +20,11 @@ app = typer.Typer(rich_markup_mode=None)
 def predict(
     context: typer.Context,
     images: Annotated[
-        list[str], typer.Argument(metavar="IMG...", help="Input pictures; '-' reads from stdin.")
+        list[str],
+        typer.Argument(
+            metavar="IMG...",
+            help="Input pictures or URIs; '-' reads from stdin.",
+        ),
     ],
     output: Annotated[
         str | None,

@@ -48,6 +48,11 @@ _REASONS = {
     "status code: 507": (errno.ENOSPC, "the store is full"),
     "status code: 5": (errno.EIO, "the store answers with errors; try again later"),
     "status code: 416": (errno.ERANGE, "it has no such bytes"),
+    "Range request not supported": (errno.ENOTSUP, "it is read as a whole only"),
+    "Content-Length Header missing": (
+        errno.EINVAL,
+        "the server does not say how large it is; download it to a file",
+    ),
     "timed out": (errno.ETIMEDOUT, "no answer came in time; check the network"),
     "error sending request": (errno.EHOSTUNREACH, "it cannot be reached; check host and network"),
     "Error parsing Path": (errno.EINVAL, "a name with an empty, '.' or '..' part cannot be read"),
@@ -95,6 +100,8 @@ def read_first(place: Address, length: int) -> bytes:
     except OSError as error:
         if error.errno == errno.ERANGE:  # of nothing, there is no first byte
             return b""
+        if error.errno == errno.ENOTSUP:  # some servers only give all
+            return read(place)[:length]
         raise
 
 

@@ -14,7 +14,7 @@ from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.transfer import download
 
-_SEND_EVERY_S = 20.0
+_SEND_EVERY_S = 5.0
 _BEGINNINGS = (".depthcli-batch", "manifest")
 _PART = re.compile(r"\.\d{20}-[0-9a-f]{8}$")
 
