@@ -7,8 +7,9 @@
 
 runs each command of ``faulty_commands.py`` with its first, second, third ``open``, ``write``,
 ``fsync``, ``rename``, ``mkdir`` or ``read`` of a file below its folder failing, with each error
-that the call can end with, until the run makes no such call any more; for a full disk also with
-all writes after it. Calls of native libraries (OpenEXR, FFmpeg, torch) are among them. After each:
+that the call can end with, until the run makes no such call any more. Calls of native libraries
+(OpenEXR, FFmpeg, torch) are among them. As on a full disk, in a folder that became read-only and on
+a mount that is gone, all calls of the kind after it fail as well once more. After each:
 
 - the exit code is 0 and all outputs are there, or it is 1, 2 or 3 with one line that says why;
 - no file under a final name is half: each is what a run without faults writes, or what was there;
@@ -29,7 +30,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from faults import CALLS, ERRORS, NAMES, Fault, Injector, library
+from faults import CALLS, ERRORS, LASTING, NAMES, Fault, Injector, library
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -120,7 +121,7 @@ class Trial:
             for number in range(1, self.counts[call] + 1, every):
                 for error in (one for one in ERRORS[call] if errno.errorcode[one] in errors):
                     yield Fault(call, number, error)
-                    if call == "write" and error == errno.ENOSPC:
+                    if (call, error) in LASTING:
                         yield Fault(call, number, error, onwards=True)
 
     def problems(self, fault: Fault) -> Iterator[str]:

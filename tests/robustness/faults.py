@@ -23,6 +23,8 @@ ERRORS = {
     "read": (errno.EIO,),
 }
 """What the manual pages of the calls have them fail with."""
+LASTING = {("write", errno.ENOSPC), ("open", errno.EACCES), ("read", errno.EIO)}
+"""A full disk, a folder that became read-only and a mount that is gone go on failing."""
 NAMES = tuple(sorted({errno.errorcode[error] for some in ERRORS.values() for error in some}))
 HANGS_S = 120
 

@@ -97,7 +97,8 @@ class Report:
         say(", ".join(_account(plan, tally)) + f"; {_speed(tally)}")
         if tally.passed < tally.total and not batch.stopped:
             console.note("stopped early; run the same command again to resume")
-        say(one_line(f"manifest: {batch.manifest}"))
+        if batch.manifest.exists():  # the disk may have been too full for it
+            say(one_line(f"manifest: {batch.manifest}"))
 
 
 def _account(plan: Plan, tally: Tally) -> list[str]:
