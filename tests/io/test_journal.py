@@ -72,7 +72,7 @@ def test_an_output_is_intact_until_it_changes(tmp_path: Path) -> None:
     assert not is_intact(tmp_path, file)
     path.unlink()
     assert not is_intact(tmp_path, file)
-    with pytest.raises(OutputError, match="vanished"):
+    with pytest.raises(OutputError, match="is gone, or cannot be read"):
         written(tmp_path, path)
 
 

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 
 _TESTS = Path(__file__).resolve().parents[1]
 _LIBRARY = "DEPTHCLI_FAULTS"
-_LINES = 3
-"""Lines of errors that one fault may cost: of batches, one for each input."""
+_LINES = 4
+"""Lines of errors that a fault may cost: of a batch, one for each input and the manifest."""
 
 
 def main() -> int:

@@ -173,5 +173,8 @@ def written(folder: Path, path: Path) -> OutputFile:
     """
     found = checksum(path)
     if found is None:
-        raise OutputError(f"{path} vanished after it was written; leave the folder alone meanwhile")
+        raise OutputError(
+            f"{path} is gone, or cannot be read, after it was written; leave the folder alone "
+            "meanwhile"
+        )
     return OutputFile(path.relative_to(folder).as_posix(), found.bytes, found.sha256)
