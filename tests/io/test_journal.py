@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from pathlib import Path
 
@@ -151,3 +152,14 @@ def test_threads_lose_no_row(tmp_path: Path) -> None:
         thread.join()
     journal.finish(map(str, range(200)))
     assert (tmp_path / MANIFEST_NAME).read_bytes().count(b"\n") == 200
+
+
+def test_a_disk_that_cannot_be_read_any_more_is_one_error(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    journal.add(row("a"))
+    folder = os.open(tmp_path, os.O_RDONLY)
+    os.dup2(folder, journal._own._file.fileno())  # reading it fails
+    os.close(folder)
+    with pytest.raises(OutputError, match="cannot read the rows of the batch again"):
+        journal.finish(["a"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == [JOURNAL_NAME]

@@ -79,7 +79,13 @@ class Rows:
         return filter(None, map(self._at, self._index.as_they_stand()))
 
     def _at(self, place: Place) -> Row | None:
-        return self._files[place.source].row(place.position)
+        try:
+            return self._files[place.source].row(place.position)
+        except OSError as error:
+            raise OutputError(
+                f"cannot read the rows of the batch again: {error.strerror}; run it again when the "
+                "disk can be read"
+            ) from error
 
 
 def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
