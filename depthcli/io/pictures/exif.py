@@ -1,15 +1,17 @@
 """The two EXIF facts that depth needs: how the camera was held and its focal length."""
 
+import re
 import struct
-from typing import Literal, NamedTuple
+from collections.abc import Collection
+from contextlib import suppress
+from typing import NamedTuple
 
 from depthcli.io.pictures.avif import box
+from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_tags
 
 _ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
-_SHORT, _LONG = 3, 4
-_ENTRY_BYTES = 12
 _ORIENTATIONS = range(1, 9)
-_ENDIAN: dict[str, Literal["little", "big"]] = {"<": "little", ">": "big"}
+_FILL = re.compile(rb"\xff+")
 _TURNED = (1, 8, 3, 6)  # EXIF orientations that quarter turns counter-clockwise make upright
 _MIRRORED = (2, 5, 4, 7)  # and those that mirroring left to right and then such turns do
 
@@ -34,7 +36,7 @@ def read_exif(data: bytes) -> Exif:
 
 def _tiff_part(data: bytes) -> bytes | None:
     """The TIFF structure that EXIF is, wherever the container keeps it."""
-    if data[:4] in (b"II*\0", b"MM\0*"):
+    if data.startswith(TIFF_STARTS):
         return data
     if data[:2] == b"\xff\xd8":
         return _in_jpeg(data)
@@ -49,6 +51,9 @@ def _tiff_part(data: bytes) -> bytes | None:
 def _in_jpeg(data: bytes) -> bytes | None:
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF:
+        if data[at + 1] == 0xFF:  # fill, however long; its last byte begins a marker
+            at = _FILL.match(data, at).end() - 1  # type: ignore[union-attr]
+            continue
         marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
         if marker == 0xDA or length < 2:  # pixels begin
             return None
@@ -73,29 +78,24 @@ def _in_chunks(
 
 
 def _parse(tiff: bytes) -> Exif:
-    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
-    if order is None:
+    if not tiff.startswith(TIFF_STARTS):
         return Exif()
-    first = _directory(tiff, order, int.from_bytes(tiff[4:8], _ENDIAN[order]))
+    first = _numbers(tiff, (_ORIENTATION, _EXIF_IFD))
     orientation = first.get(_ORIENTATION, 1)
-    inner = _directory(tiff, order, first[_EXIF_IFD]) if _EXIF_IFD in first else {}
+    inner = _numbers(tiff, (_FOCAL_35MM,), first[_EXIF_IFD]) if _EXIF_IFD in first else {}
     focal = inner.get(_FOCAL_35MM, 0)
-    return Exif(orientation if orientation in _ORIENTATIONS else 1, float(focal) if focal else None)
+    return Exif(
+        orientation if orientation in _ORIENTATIONS else 1, float(focal) if focal > 0 else None
+    )
 
 
-def _directory(tiff: bytes, order: str, at: int) -> dict[int, int]:
-    """Whole-number tags of one directory, as far as it goes."""
-    tags = {}
-    try:
-        (count,) = struct.unpack_from(order + "H", tiff, at)
-        for entry in range(at + 2, at + 2 + count * _ENTRY_BYTES, _ENTRY_BYTES):
-            tag, kind = struct.unpack_from(order + "HH", tiff, entry)
-            if kind in (_SHORT, _LONG):
-                form = "H" if kind == _SHORT else "I"
-                (tags[tag],) = struct.unpack_from(order + form, tiff, entry + 8)
-    except struct.error:
-        pass
-    return tags
+def _numbers(tiff: bytes, wanted: Collection[int], at: int | None = None) -> dict[int, int]:
+    """The first value of each wanted tag of a directory, as far as that goes."""
+    found = {}
+    with suppress(struct.error):
+        for tag, values in tiff_tags(tiff, wanted, at):
+            found.update({tag: values[0]} if values else {})
+    return found
 
 
 def _avif_orientation(data: bytes) -> int:

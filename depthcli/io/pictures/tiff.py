@@ -2,13 +2,13 @@
 
 import struct
 import zlib
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 _WIDTH, _HEIGHT, _COMPRESSION = 256, 257, 259
 _STRIPS, _TILES = (273, 279), (324, 325)
 """Tags of where the pixels are, and of how many bytes that is."""
-_FORMS = {3: "H", 16: "Q"}
+_FORMS = {1: "B", 3: "H", 4: "I", 8: "h", 9: "i", 13: "I", 16: "Q"}
 _DEFLATE = frozenset({8, 32946})
 # Of any other, OpenCV makes a black picture.
 _CODINGS = frozenset({1, 2, 3, 4, 5, 6, 7, 32773, 34676, 34677, 34887, 34925, 50000, 50001})
@@ -36,34 +36,40 @@ _LAYOUTS = {
 TIFF_STARTS = tuple(_LAYOUTS)
 
 
-def tiff_tags(data: bytes, wanted: Collection[int]) -> dict[int, tuple[int, ...]]:
-    """The values of those of the wanted tags that a file has; it has one of the ``TIFF_STARTS``.
+def tiff_tags(
+    data: bytes, wanted: Collection[int], at: int | None = None
+) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """Those of the wanted tags of whole numbers that a file has, with their values.
+
+    Args:
+        data: the whole file; it has one of the ``TIFF_STARTS``.
+        wanted: numbers of tags.
+        at: where the directory begins; None for the file's first one.
 
     Raises:
-        struct.error: the file is too short for what it claims.
+        struct.error: the file is too short for what it claims; what came before is right.
     """
     layout = _LAYOUTS[data[:4]]
     order, number = layout.order, layout.order + layout.number
-    (at,) = struct.unpack_from(number, data, layout.start)
+    if at is None:
+        (at,) = struct.unpack_from(number, data, layout.start)
     if at >= len(data):
         raise struct.error("the directory lies after the file's end")
     (count,) = struct.unpack_from(layout.order + layout.total, data, at)
     first = at + struct.calcsize(layout.total)
-    found = {}
     for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
         tag, kind = struct.unpack_from(order + "HH", data, entry)
-        if tag in wanted:
+        if tag in wanted and kind in _FORMS:
             (many,) = struct.unpack_from(number, data, entry + 4)
             if many > len(data):
                 raise struct.error("a tag has more values than the file has bytes")
-            form = f"{order}{many}{_FORMS.get(kind, 'I')}"
+            form = f"{order}{many}{_FORMS[kind]}"
             place = entry + layout.value
             if struct.calcsize(form) > struct.calcsize(number):
                 (place,) = struct.unpack_from(number, data, place)
             if place + struct.calcsize(form) > len(data):
                 raise struct.error("the values of a tag lie after the file's end")
-            found[tag] = struct.unpack_from(form, data, place)
-    return found
+            yield tag, struct.unpack_from(form, data, place)
 
 
 def tiff_size(data: bytes) -> tuple[int, int] | None:
@@ -72,7 +78,7 @@ def tiff_size(data: bytes) -> tuple[int, int] | None:
     Raises:
         struct.error: the file is too short for what it claims.
     """
-    tags = tiff_tags(data, (_WIDTH, _HEIGHT))
+    tags = dict(tiff_tags(data, (_WIDTH, _HEIGHT)))
     return (tags[_WIDTH][0], tags[_HEIGHT][0]) if all(map(tags.get, (_WIDTH, _HEIGHT))) else None
 
 
@@ -86,7 +92,7 @@ def tiff_flaw(data: bytes) -> str | None:
         data: the whole file.
     """
     try:
-        tags = tiff_tags(data, (_COMPRESSION, *_STRIPS, *_TILES))
+        tags = dict(tiff_tags(data, (_COMPRESSION, *_STRIPS, *_TILES)))
     except struct.error:
         return "is truncated (the TIFF's directory is not whole); copy it again"
     coding = (*tags.get(_COMPRESSION, ()), 1)[0]
