@@ -1,11 +1,15 @@
 """A folder of rendered rooms: the same bytes however it came to be, as training reads it."""
 
 import json
+import signal
+import subprocess
+import time
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from command_line import Cli
 
 from depthcli.cli.shell import run
 from depthcli.core.types import Frame
@@ -45,6 +49,23 @@ def test_workers_count_and_interruptions_change_no_byte(folder: Path, tmp_path: 
     assert render(RenderRequest(out, COUNT, RECIPE)).made == 1
     assert render(RenderRequest(out, 2, RECIPE)).made == 0
     assert contents(out) == contents(folder)
+
+
+def test_a_signal_ends_the_workers_too(cli: Cli) -> None:
+    words = ("render", "rooms", "--out", "r", "--count", "500", "--size", "32x24", "--workers", "2")
+    process = subprocess.Popen(
+        cli.command(*words),
+        cwd=cli.folder,
+        env=cli.environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    until = time.monotonic() + 60
+    while time.monotonic() < until and not list(cli.folder.glob("r/depth/*/*.png")):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=20)  # until the last of them has closed it
+    assert (process.returncode, said) == (128 + signal.SIGTERM, "")
 
 
 def test_files_hold_what_was_rendered(folder: Path) -> None:

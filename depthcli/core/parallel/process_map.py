@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from threading import Thread
@@ -30,6 +31,8 @@ def process_map(
     if workers <= 1:
         yield from map(function, items)
         return
+    # A signal ends this process at once; that semaphores of the pool go after it is no news.
+    sys.warnoptions.append("ignore:resource_tracker:UserWarning")
     context = multiprocessing.get_context("spawn")  # a fork would copy the locks of our threads
     with ProcessPoolExecutor(workers, context, initializer=_begin) as pool:
         yield from ordered_map(

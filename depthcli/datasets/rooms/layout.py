@@ -31,7 +31,7 @@ KINDS = {
     "kitchen": Kind(
         ((2, 4.5), (2.6, 6)), "counter fridge counter table round_table cupboard chair bin_or_box"
     ),
-    "bathroom": Kind(((2, 2.8), (2, 4)), "basin toilet bathtub fridge bin_or_box cupboard plant"),
+    "bathroom": Kind(((2, 2.8), (2, 4)), "bathtub basin toilet fridge bin_or_box cupboard plant"),
     "office": Kind(
         ((2.8, 7), (3.5, 10)),
         "desk desk shelf desk cupboard desk shelf office_chair plant table bin_or_box bin_or_box",

@@ -23,11 +23,10 @@ SMALL = Recipe(size=(64, 48))
 
 @pytest.fixture(scope="module")
 def rooms() -> list[Room]:
-    return [make_room(np.random.default_rng([5, i])) for i in range(70)]
+    return [make_room(np.random.default_rng([5, i]), kind) for i in range(5) for kind in KINDS]
 
 
-def test_every_sort_of_room_and_of_furniture_appears(rooms: list[Room]) -> None:
-    assert {room.kind for room in rooms} == set(KINDS)
+def test_every_piece_of_furniture_appears(rooms: list[Room]) -> None:
     assert {name for room in rooms for name in room.names} == set(PIECES)
 
 
