@@ -47,6 +47,8 @@ def _process() -> int:
     # numpy's OpenBLAS starts a thread a core, which spin for 60 ms before they sleep, while the
     # model is loaded on these same cores. This lets them sleep at once.
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
+    if _is_limited():  # OpenBLAS would crash where it cannot start its threads
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     stdout = open_streams()
     code = _run(sys.argv[1:], is_process=True)
     problem = stdout.problem
@@ -55,6 +57,15 @@ def _process() -> int:
     from depthcli.cli.screen.console import untold
 
     return untold(problem, code)
+
+
+def _is_limited() -> bool:
+    """Whether this process may only have so much address space, as after ``ulimit -v``."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return False
+    return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
 
 
 def _leave(code: int) -> NoReturn:

@@ -8,7 +8,7 @@ from pathlib import Path
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.regular import read_regular
-from depthcli.io.storage.user_folders import config_folder
+from depthcli.io.storage.user_folders import check_home, config_folder
 
 Scalar = str | int | float | bool
 Value = Scalar | list[Scalar]
@@ -95,6 +95,7 @@ def write(name: str, values: Mapping[str, Value], *, force: bool) -> Path:
     path = path_of(name)
     if path.exists() and not force:
         raise UsageError(f"profile {name!r} already exists; give another name, or --force")
+    check_home(path)
     lines = [f"{key} = {_toml(value)}\n" for key, value in values.items()]
     with atomic_path(path) as temporary:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
+_NO_ROOM = "failed to map segment"  # what dlopen says
 
 
 class LazyGroup(TyperGroup):
@@ -98,15 +100,30 @@ def _explain(error: Exception) -> tuple[str, int]:
         return "interrupted", ExitCode.INTERRUPTED
     if hasattr(error, "format_message"):  # typer's own errors, all about usage
         return _usage(error), ExitCode.USAGE
+    return _unforeseen(error), ExitCode.FAILURE
+
+
+def _unforeseen(error: Exception) -> str:
+    """What happened, and what can be done about its usual causes."""
     if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in _TRAIN_EXTRA:
-        needed = f"this command needs {error.name}"
-        return f"{needed}; install it with: {INSTALL_TRAIN}", ExitCode.FAILURE
+        return f"this command needs {error.name}; install it with: {INSTALL_TRAIN}"
+    if isinstance(error, ImportError) and _NO_ROOM in str(error):
+        return "there is too little memory to start; see 'ulimit -v'"
     if is_out_of_memory(error):
-        return "out of memory; give fewer or smaller inputs", ExitCode.FAILURE
-    text = f"unexpected {type(error).__name__}: {error}; run again with --debug for details"
+        return "out of memory; give fewer or smaller inputs"
+    if isinstance(error, FileNotFoundError) and _is_nowhere():
+        return "the current folder was removed; change to one that exists"
     if isinstance(error, OSError) and error.strerror and error.filename:
-        text = f"{error.filename}: {error.strerror}"
-    return text, ExitCode.FAILURE
+        return f"{error.filename}: {error.strerror}"
+    return f"unexpected {type(error).__name__}: {error}; run again with --debug for details"
+
+
+def _is_nowhere() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def _usage(error: Any) -> str:  # noqa: ANN401 - typer's own types

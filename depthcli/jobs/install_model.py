@@ -15,6 +15,7 @@ from depthcli.inference.trial import try_session
 from depthcli.io.storage.atomic_folder import put_folder, workspace
 from depthcli.io.storage.remote import path_of, shown
 from depthcli.io.storage.transfer import local_copy
+from depthcli.io.storage.user_folders import check_home
 from depthcli.models import catalog, onnx_file, places
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.catalog import Model
@@ -189,6 +190,7 @@ def _checked_name(name: str) -> str:
 
 def _target(name: str, *, force: bool) -> Path:
     target = places.user_root() / name
+    check_home(target)
     taken = next((p for n, p in places.list_places() if n == name), None)
     if taken is not None and not force:
         raise UsageError(

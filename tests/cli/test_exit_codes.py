@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from types import ModuleType
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import typer
 from command_line import unmeasured
+from tiny import write_picture
 
 from depthcli.cli import shell
 from depthcli.cli.table import COMMANDS
@@ -144,3 +146,27 @@ def test_a_reader_that_leaves_ends_it_quietly_with_and_without_a_buffer(
     )
     os.close(writer)
     assert (done.returncode, done.stderr) == (1, b"")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits are others elsewhere")
+@pytest.mark.parametrize(
+    ("before", "said"),
+    [
+        ("ulimit -v 400000", b"too little memory to start"),
+        ("mkdir gone && cd gone && rmdir ../gone", b"the current folder was removed"),
+    ],
+)
+def test_surroundings_in_which_nothing_can_start_are_one_line(
+    cli: Cli, before: str, said: bytes
+) -> None:
+    write_picture(cli.folder / "a.png")
+    done = subprocess.run(
+        ["bash", "-c", f"{before} && {shlex.join(cli.command('predict', '../a.png', '-o', 'o/'))}"],
+        cwd=cli.folder,
+        env=unmeasured(cli.environment),
+        capture_output=True,
+        check=False,
+        timeout=60,
+    )
+    (line,) = done.stderr.splitlines()
+    assert (done.returncode, said in line) == (3, True), line

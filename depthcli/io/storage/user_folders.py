@@ -4,7 +4,11 @@ import os
 import sys
 from pathlib import Path
 
+from depthcli.errors import OutputError
+
 _PROGRAM = "depthcli"
+_NOWHERE = Path(os.path.abspath(os.devnull))  # noqa: PTH100 - Windows has it everywhere
+"""The home of a user without one: nothing is there, and nothing can be written."""
 
 
 def data_folder() -> Path:
@@ -21,11 +25,22 @@ def _folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
     stated = os.environ.get(variable, "")
     if os.path.isabs(stated):  # noqa: PTH117 - the XDG specification has relative ones ignored
         return Path(stated) / _PROGRAM
-    # Without a home, expanduser leaves the tilde: a folder that is not there, and no error.
     home = Path(os.path.expanduser("~"))  # noqa: PTH111 - Path.home() raises where there is none
+    if not home.is_absolute():
+        home = _NOWHERE
     if sys.platform == "win32":
         base = os.environ.get(windows_variable)
         return (Path(base) if base else home) / _PROGRAM
     if sys.platform == "darwin":
         return home / "Library" / "Application Support" / _PROGRAM
     return home / elsewhere / _PROGRAM
+
+
+def check_home(path: Path) -> None:
+    """Say what is wrong before a file is written.
+
+    Raises:
+        OutputError: the file would be in a home that there is not.
+    """
+    if path.is_relative_to(_NOWHERE):
+        raise OutputError("there is no home folder to write to; set HOME")

@@ -1,0 +1,41 @@
+"""Where a user's own models and profiles lie, and that nothing is written where there is no home."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from depthcli.errors import OutputError
+from depthcli.io.storage.user_folders import check_home, config_folder, data_folder
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "HOME"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def test_without_a_home_nothing_is_there_and_nothing_is_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pwd = pytest.importorskip("pwd")
+
+    def unknown(_user: int) -> None:
+        raise KeyError
+
+    monkeypatch.setattr(pwd, "getpwuid", unknown)  # as in a container with a number for a user
+    for folder in (config_folder(), data_folder()):
+        assert folder.is_absolute()
+        assert not folder.exists()
+        with pytest.raises(OutputError, match="there is no home folder to write to; set HOME"):
+            check_home(folder / "x")
+
+
+def test_a_home_that_is_there_is_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert config_folder().is_relative_to(tmp_path)
+    check_home(config_folder())
