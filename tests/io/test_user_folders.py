@@ -1,4 +1,4 @@
-"""Where a user's own models and profiles lie, and that nothing is written where there is no home."""
+"""Where a user's own models and profiles lie; without a home nothing is written anywhere."""
 
 from __future__ import annotations
 
