@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +11,9 @@ import numpy.typing as npt
 from depthcli.core.array_protocol import as_array
 from depthcli.core.camera import Anchor
 from depthcli.core.pixels import check_pixels
+
+if TYPE_CHECKING:  # pictures need not wait for it
+    from fractions import Fraction
 
 
 class DepthKind(StrEnum):
@@ -58,7 +60,7 @@ class Frame:
     timestamp_s: float | None = None
     orientation: int = 1
     focal_35mm: float | None = None
-    rate: Fraction | None = None
+    rate: "Fraction | None" = None
 
     def __post_init__(self) -> None:
         """Refuse what no model was made for.

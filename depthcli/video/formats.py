@@ -3,32 +3,12 @@
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import PurePath
+from typing import Self
 
 from depthcli.io.writers.formats import FORMATS, Format
 
 FRAME_NUMBER = "%06d"
 """Place of the frame's number in the name of a file for each frame."""
-
-
-class VideoFormat(StrEnum):
-    """What is written of a video; ``--format`` takes these words."""
-
-    MKV = "mkv"
-    """Lossless 16-bit video."""
-    MP4 = "mp4"
-    """A preview in colours, for any player and browser."""
-    WEBM = "webm"
-    """A preview in a royalty-free format."""
-    MOV = "mov"
-    """A preview for editors."""
-    PNG16 = "png16"
-    """A 16-bit PNG for each frame."""
-    EXR = "exr"
-    """An EXR for each frame."""
-    NPY = "npy"
-    """A NumPy file for each frame."""
-    JSON = "json"
-    """What the numbers of the others mean."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,20 +52,43 @@ def _frames(picture: Format, *, is_counterpart: bool = True) -> VideoFormatFacts
     return VideoFormatFacts(suffix, None, picture, counterpart, facts.options, facts.use_bytes)
 
 
-VIDEO_FORMATS = {
-    VideoFormat.MKV: VideoFormatFacts(
-        ".depth.mkv", ".mkv", None, Format.PNG16, ("png_scale", "lock"), use_bytes=16
-    ),
-    VideoFormat.MP4: _preview(".mp4", Format.PREVIEW),
-    VideoFormat.WEBM: _preview(".webm"),
-    VideoFormat.MOV: _preview(".mov", use_bytes=24),
-    VideoFormat.PNG16: _frames(Format.PNG16, is_counterpart=False),
-    VideoFormat.EXR: _frames(Format.EXR),
-    VideoFormat.NPY: _frames(Format.NPY),
-    VideoFormat.JSON: VideoFormatFacts(
-        ".depth.json", ".json", None, Format.JSON, FORMATS[Format.JSON].options, use_bytes=10
-    ),
-}
+class VideoFormat(StrEnum):
+    """What is written of a video; ``--format`` takes these words.
+
+    A member is its word and its :class:`VideoFormatFacts`.
+    """
+
+    facts: VideoFormatFacts
+
+    def __new__(cls, word: str, *facts: VideoFormatFacts) -> Self:  # noqa: D102 - as Format
+        member = str.__new__(cls, word)
+        member._value_ = word
+        (member.facts,) = facts
+        return member
+
+    # Lossless 16-bit video.
+    MKV = (
+        "mkv",
+        VideoFormatFacts(
+            ".depth.mkv", ".mkv", None, Format.PNG16, ("png_scale", "lock"), use_bytes=16
+        ),
+    )
+    MP4 = "mp4", _preview(".mp4", Format.PREVIEW)
+    WEBM = "webm", _preview(".webm")
+    MOV = "mov", _preview(".mov", use_bytes=24)
+    PNG16 = "png16", _frames(Format.PNG16, is_counterpart=False)
+    EXR = "exr", _frames(Format.EXR)
+    NPY = "npy", _frames(Format.NPY)
+    # What the numbers of the others mean.
+    JSON = (
+        "json",
+        VideoFormatFacts(
+            ".depth.json", ".json", None, Format.JSON, Format.JSON.facts.options, use_bytes=10
+        ),
+    )
+
+
+VIDEO_FORMATS = {which: which.facts for which in VideoFormat}
 SEQUENCES = tuple(which for which, facts in VIDEO_FORMATS.items() if facts.is_sequence)
 COUNTERPARTS = {
     facts.counterpart: which for which, facts in VIDEO_FORMATS.items() if facts.counterpart

@@ -18,6 +18,7 @@ from depthcli.core.bands import BAND_PIXELS
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.picture_limit import PictureLimit, bytes_needed, size_text
 from depthcli.errors import InputError, UsageError
+from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
     from command_line import Cli
@@ -55,10 +56,11 @@ def test_tiles_that_are_none(text: str) -> None:
 
 
 def test_what_is_written_counts() -> None:
-    formats = ["npy"], ["npy", "preview"], ["preview", "ply"]
+    npy, preview, ply = (f.facts.use_bytes for f in (Format.NPY, Format.PREVIEW, Format.PLY))
+    formats = [npy], [npy, preview], [preview, ply]
     taken = [choose_detail(Upsampling.GUIDED, None, None, f).use_bytes for f in formats]
     assert taken == sorted(set(taken))
-    beside = choose_detail(Upsampling.GUIDED, None, None, ["preview"], side_by_side=True)
+    beside = choose_detail(Upsampling.GUIDED, None, None, [preview], side_by_side=True)
     assert beside.use_bytes > taken[1]
 
 
@@ -142,7 +144,7 @@ def test_the_process_stays_within_the_limit(inside: Cli, written: str) -> None:
     pixels = np.repeat(np.arange(WIDTH) * 255 // WIDTH, 3).reshape(1, WIDTH, 3).astype(np.uint8)
     write_picture(inside.folder / "large.png", np.repeat(pixels, HEIGHT, axis=0))
     options = "--format", written, "--tile", "auto", "--threads", "1"
-    use = choose_detail(Upsampling.GUIDED, None, None, [written]).use_bytes
+    use = choose_detail(Upsampling.GUIDED, None, None, [Format(written).facts.use_bytes]).use_bytes
     limit = HEIGHT * WIDTH * (3 + 4 + use) + 64 * BAND_PIXELS + 1_000_000
     refused = inside("predict", "large.png", *options, "--max-memory", str(limit - 2_000_000))
     assert refused.returncode == 1

@@ -286,10 +286,11 @@ def test_numbered_files_of_a_run_that_was_stopped_are_kept(
         assert (out / path.name).read_bytes() == path.read_bytes()
 
 
+# x264 may give frames of a few macroblocks other bytes each time: it has a test of its own below.
 RESUMED = [
     (VideoFormat.MKV,),
-    (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.WEBM),
-    (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.PNG16),
+    (VideoFormat.MKV, VideoFormat.MOV, VideoFormat.WEBM),
+    (VideoFormat.MKV, VideoFormat.MOV, VideoFormat.PNG16),
     (VideoFormat.MOV, VideoFormat.NPY),
 ]
 
@@ -423,9 +424,8 @@ def test_every_output_holds_the_same_millimetres(
     assert len(files(out)) == len(set(VideoFormat) - set(SEQUENCES)) + 24 * len(SEQUENCES)
 
 
-def test_one_worker_and_several_write_the_same(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
+def test_one_worker_and_several_write_the_same(tmp_path: Path, loader: SessionLoader) -> None:
+    clip = write_mp4(tmp_path / "clip.mp4", flat_frames(range(40, 64), 240, 320))
     for workers in (1, 4):
         settings = VideoSettings(smooth_s=0.1)
         request = VideoRequest(

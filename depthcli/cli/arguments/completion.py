@@ -2,8 +2,6 @@
 
 from collections.abc import Iterable
 
-from depthcli.training.methods.table import METHODS
-
 # Asking onnxruntime would take seconds; a test compares these with what it knows.
 PROVIDERS = (
     "auto",
@@ -67,6 +65,8 @@ def providers(incomplete: str) -> list[str]:
 
 def methods(incomplete: str) -> list[str]:
     """The methods of training."""
+    from depthcli.training.methods.table import METHODS
+
     return _beginning(METHODS, incomplete)
 
 

@@ -5,16 +5,9 @@ from collections.abc import Iterable
 
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.errors import UsageError
-from depthcli.io.writers.formats import FORMATS
-from depthcli.video.formats import VIDEO_FORMATS
 
 # Bytes a pixel beside picture and depth, measured with some to spare; the least is for the numbers
 # that are printed.
-_USE_BYTES = {
-    str(name): facts.use_bytes
-    for table in (FORMATS, VIDEO_FORMATS)
-    for name, facts in table.items()
-}
 _LEAST_USE_BYTES = 10
 _PICTURE_BESIDE_BYTES = 18
 _UNITS = {"": 1, "K": 1_000, "M": 1_000_000, "G": 1_000_000_000}
@@ -25,23 +18,20 @@ def choose_detail(
     upsampling: Upsampling,
     tile: str | None,
     max_memory: str | None,
-    formats: Iterable[str] = (),
+    use_bytes: Iterable[int] = (),
     *,
     side_by_side: bool = False,
 ) -> Detail:
     """What the options describe.
 
     A tile is ``auto`` or a width in pixels, memory a number of bytes, or one with K, M or G.
-    Formats are what is written; side by side, previews show the picture as well.
+    ``use_bytes`` is what each format takes; side by side, previews show the picture as well.
 
     Raises:
         UsageError: an option is no number.
     """
-    use_bytes = max((_USE_BYTES.get(name, 0) for name in formats), default=0)
-    if side_by_side:
-        use_bytes += _PICTURE_BESIDE_BYTES
-    use_bytes = max(_LEAST_USE_BYTES, use_bytes)
-    return Detail(upsampling, _tile_px(tile), _bytes(max_memory), use_bytes)
+    most = max(use_bytes, default=0) + (_PICTURE_BESIDE_BYTES if side_by_side else 0)
+    return Detail(upsampling, _tile_px(tile), _bytes(max_memory), max(_LEAST_USE_BYTES, most))
 
 
 def _tile_px(text: str | None) -> int | None:

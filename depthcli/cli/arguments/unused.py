@@ -5,10 +5,8 @@ from typing import Any
 
 from depthcli.errors import UsageError
 from depthcli.io.writers.formats import FORMATS
-from depthcli.video.formats import VIDEO_FORMATS
 
 PICTURE_OPTIONS = {str(name): facts.options for name, facts in FORMATS.items()}
-VIDEO_OPTIONS = {str(name): facts.options for name, facts in VIDEO_FORMATS.items()}
 """The options that a format uses, by the names of their parameters."""
 
 

@@ -185,7 +185,8 @@ def batch(
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
     refuse_unused(context, chosen, PICTURE_OPTIONS)
-    detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
+    use_bytes = [which.facts.use_bytes for which in chosen]
+    detail = choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side)
     budget = FailureBudget.parse(max_failures) if max_failures is not None else None
     plan = _plan(context.params)
     if engine == EngineName.RAY:

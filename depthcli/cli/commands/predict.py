@@ -87,7 +87,8 @@ def predict(
     chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen
     refuse_unused(context, written, PICTURE_OPTIONS)
-    detail = choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side)
+    use_bytes = [which.facts.use_bytes for which in chosen]
+    detail = choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side)
     pictures, own = pictures_among(images)
     results = job.predict(
         PredictRequest(

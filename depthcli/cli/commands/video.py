@@ -155,7 +155,7 @@ def video(
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.span import parse_fps, parse_span
-    from depthcli.cli.arguments.unused import VIDEO_OPTIONS, refuse_unused
+    from depthcli.cli.arguments.unused import refuse_unused
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.cli.screen.progress import drawn
     from depthcli.jobs.failed import Failed
@@ -170,7 +170,8 @@ def video(
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
-    refuse_unused(context, chosen, VIDEO_OPTIONS)
+    refuse_unused(context, chosen, {which: which.facts.options for which in VideoFormat})
+    use_bytes = [which.facts.use_bytes for which in chosen]
     request = job.VideoRequest(
         video=file,
         output=output,
@@ -185,7 +186,7 @@ def video(
             smooth_s=smooth,
             lock_s=lock,
             camera=choose_camera(focal_px, hfov, None),
-            detail=choose_detail(upsample, tile, max_memory, chosen, side_by_side=side_by_side),
+            detail=choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side),
             max_pixels=max_pixels,
             fps=parse_fps(fps, file),
             start_number=start_number,
