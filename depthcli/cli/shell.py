@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer.core import TyperGroup, TyperOption
 from typer.main import get_command
+from typer.models import TyperPath
 
 from depthcli._version import __version__
 from depthcli.cli.arguments import completion
@@ -178,6 +179,9 @@ def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
     """Give a command, and each of its own commands, the option ``--debug``."""
     for child in getattr(command, "commands", {}).values():
         _add_debug(child)
+    for parameter in command.params:
+        if isinstance(parameter.type, TyperPath) and parameter.callback is None:
+            parameter.callback = _refuse_uris
     if hasattr(command, "commands") or any("--debug" in p.opts for p in command.params):
         return
     command.params.append(
@@ -191,6 +195,17 @@ def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
             help="Show the traceback of an error.",
         )
     )
+
+
+def _refuse_uris(_ctx: Any, parameter: Any, value: Any) -> Any:  # noqa: ANN401 - typer's own types
+    """What takes local paths only would take a URI for a folder that is called ``s3:``."""
+    for word in value if isinstance(value, (list, tuple)) else (value,):
+        if "://" in str(word):
+            named = parameter.opts[-1] if parameter.opts[-1].startswith("-") else "this"
+            from depthcli.io.storage.remote import shown
+
+            raise UsageError(f"{shown(str(word))} is a URI; {named} takes local paths only")
+    return value
 
 
 def _set_debug(ctx: Any, _parameter: Any, value: bool) -> None:  # noqa: ANN401 - typer's own types

@@ -116,6 +116,13 @@ def test_signatures_and_passwords_are_not_shown(inside: Cli, bucket: Bucket) -> 
         (["video", "{bucket}none.mp4"], 1, "no such object"),
         (["info", "{bucket}none.png"], 1, "no such object"),
         (["convert", "{bucket}none.png", "{bucket}none.exr"], 1, "no such object"),
+        (
+            ["bench", "s3://bucket/a.jpg"],
+            2,
+            "is a URI; this takes local paths only",
+        ),
+        (["eval", "nyu", "--data", "s3://b/nyu"], 2, "s3://b/nyu is a URI; --data takes local"),
+        (["train", "cut", "--data", "x", "--out", "gs://b/run"], 2, "--out takes local paths only"),
         (["manifest", "summary", "{bucket}none"], 2, "cannot read the manifest"),
     ],
 )

@@ -136,7 +136,7 @@ def _ours() -> dict[int, str]:
 
 def _kill_worker() -> str:
     for pid, name in _ours().items():
-        if name.startswith("ray::") and "IDLE" not in name:
+        if name.startswith("ray::RemoteWorker"):
             os.kill(pid, signal.SIGKILL)
             return name.rstrip("\0")
     return "none found"
