@@ -5,7 +5,8 @@ is measured from the first fifth of its results to the last, so that loading is 
 figures of merit are ratios: CPU time for a picture, of the driver, the workers and Ray's own
 processes together, to that of a thread (the engine's overhead, which hardly depends on what else
 the machine does); pictures a second of two Ray workers to those of one (at least 1.8 where two
-cores are free); and the CPU time of the driver, which bounds the pictures a second of one driver.
+cores are free); and the CPU time of the driver for an input, measured with empty files, which
+workers refuse at once: it bounds the pictures a second of one driver.
 The load of the machine is printed: with more than its cores in use, pictures a second are those of
 a share of them. For Linux.
 Run: ``python benchmarks/cluster_throughput.py [--pictures 300] [--rounds 5]``
@@ -45,7 +46,7 @@ class Run(NamedTuple):
 
     rate: float  #: pictures a second
     cpu_ms: float  #: of all processes for a picture
-    driver_ms: float  #: of this one
+    driver_ms: float  #: of this one, with what Ray's threads do all the time
 
 
 class Moment(NamedTuple):
@@ -97,6 +98,20 @@ def measured(source: Path, out: Path, loader: SessionLoader, engine: Engine) -> 
     return Run(count / spent[0], spent[1] / count * 1e3, spent[2] / count * 1e3)
 
 
+def driver_s(folder: Path, loader: SessionLoader, count: int) -> float:
+    """CPU time of this process for an input that workers refuse."""
+    (folder / "empty").mkdir()
+    for number in range(count):
+        (folder / "empty" / f"{number:06}.png").touch()
+    plan = plan_folder(str(folder / "empty"), str(folder / "refused"))
+    batch = Batch(BatchRequest(plan, model=loader), engine=RayEngine(workers=CLUSTER_CORES))
+    next(batch)
+    begin_s, passed = time.process_time(), batch.tally.passed
+    for _ in batch:
+        pass
+    return (time.process_time() - begin_s) / (count - passed)
+
+
 def told(name: str, values: Sequence[float], unit: str) -> None:
     """Median, and the least and the largest."""
     print(
@@ -110,6 +125,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pictures", type=int, default=300)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--empty", type=int, default=10_000)
     options = parser.parse_args()
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     ray.init("local", num_cpus=CLUSTER_CORES, log_to_driver=False, **LOCAL)
@@ -128,12 +144,14 @@ def main() -> None:
             for name, engine in ways.items():
                 out = folder / f"{name}-{number}"
                 runs[name].append(measured(folder / "in", out, loader, engine()))
+        limit_s = driver_s(folder, loader, options.empty)
     ray.shutdown()
     print(f"{options.pictures} pictures, {usable_cores()} cores, load {os.getloadavg()[0]:.1f}")
     for name, found in runs.items():
         told(f"{name}: pictures a second", [run.rate for run in found], "/s")
         told(f"{name}: CPU for a picture", [run.cpu_ms for run in found], "ms")
     told("driver's own CPU for a picture, on Ray", [run.driver_ms for run in runs["two"]], "ms")
+    print(f"driver's own CPU for an empty file, on Ray {limit_s * 1e3:11.3f} ms")
     pairs = list(zip(runs["thread"], runs["one"], runs["two"], strict=True))
     told("CPU of one Ray worker to one thread", [o.cpu_ms / t.cpu_ms for t, o, _ in pairs], "times")
     told("rate of one Ray worker to one thread", [o.rate / t.rate for t, o, _ in pairs], "times")
