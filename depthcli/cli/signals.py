@@ -5,22 +5,18 @@ what cleans up. So a signal removes temporary files and ends the process where i
 commands that note it and finish what they are at.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import signal
 import sys
 import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from depthcli.core.ending import prepare_to_end
 from depthcli.core.interrupt import Interrupt
 from depthcli.io.storage.temporaries import remove_own
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 SIGNAL_BASE = 128
 """Shells report a signal as this plus its number."""

@@ -1,12 +1,7 @@
 """What is done before the process ends at once, without unwinding."""
 
-from __future__ import annotations
-
 import contextlib
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator
 
 _actions: list[Callable[[], object]] = []
 

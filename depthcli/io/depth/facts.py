@@ -1,9 +1,8 @@
 """What a depth file says of itself besides its pixels."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import Path
 
 from depthcli.core.foreign import FieldError, parsed_json
 from depthcli.core.types import CameraSource, Provenance
@@ -11,10 +10,6 @@ from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.png.text import read_text
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.facts import ORIGIN_FACTS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
 
 _MAX_SIDECAR_BYTES = 2**20
 _LEAST, _MOST = 1e-9, 1e12

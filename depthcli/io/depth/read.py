@@ -1,12 +1,12 @@
 """Reading depth files, our own and those of other tools."""
 
-from __future__ import annotations
-
 import warnings
+from collections.abc import Mapping, Sequence
 from io import BytesIO
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
@@ -16,12 +16,6 @@ from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.png.text import read_text
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import MILLIMETRES
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 _CHANNELS = ("Z", "V", "Y", "R")
 _COLOURS = ("G", "B", "RY", "BY")

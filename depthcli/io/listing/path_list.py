@@ -1,21 +1,16 @@
 """A list of inputs: one a line, as ``find`` and ``git ls-files`` print them, or in a table."""
 
-from __future__ import annotations
-
 import csv
 import os
+from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.parquet import column_texts, only_column
 from depthcli.io.storage.remote import RemotePath, is_remote, join, path_of
 from depthcli.io.storage.transfer import local_copy
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
 
 _TRIED = 1000
 _DELIMITERS = {".csv": ",", ".tsv": "\t"}

@@ -16,15 +16,11 @@ from depthcli.io.writers.formats import MILLIMETRES
 
 @dataclass(frozen=True, slots=True)
 class Png16Writer:
-    """uint16 gray PNG.
+    """uint16 gray PNG."""
 
-    Attributes:
-        png_scale: steps per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport).
-        png_normalize: stretch each map to 1-65535 instead; no unit is left.
-    """
-
+    #: steps per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
     png_scale: float = MILLIMETRES
-    png_normalize: bool = False
+    png_normalize: bool = False  #: stretch each map to 1-65535 instead; no unit is left
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write (H, W) uint16; depth beyond the range saturates, with a warning."""

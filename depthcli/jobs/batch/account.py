@@ -1,10 +1,9 @@
 """What manifests tell: how many inputs failed, which, and why."""
 
-from __future__ import annotations
-
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.errors import UsageError
 from depthcli.jobs.batch.journal import Journal, Rows, known_rows
@@ -12,10 +11,6 @@ from depthcli.jobs.batch.manifest import FAILED, ManifestFormat, Row
 from depthcli.jobs.batch.row_files import open_rows, row_files
 from depthcli.jobs.batch.rows_folder import rows_folder
 from depthcli.jobs.batch.shard import WHOLE
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,15 +1,11 @@
 """How much may fail before a batch is given up."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from depthcli.errors import UsageError
-
-if TYPE_CHECKING:
-    from depthcli.jobs.batch.tally import Tally
+from depthcli.jobs.batch.tally import Tally
 
 
 @dataclass(frozen=True, slots=True)

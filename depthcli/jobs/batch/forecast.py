@@ -1,48 +1,34 @@
 """What a batch would do, without a trace."""
 
-from __future__ import annotations
-
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import Literal
 
 from depthcli.errors import InputError
-from depthcli.io.listing.folder import is_video
+from depthcli.inference.session import Session
+from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.pictures.decode import check
 from depthcli.io.storage.remote import path_of, shown
 from depthcli.io.storage.transfer import local_copy
-from depthcli.jobs.batch.journal import known_rows
+from depthcli.jobs.batch.journal import Rows, known_rows
+from depthcli.jobs.batch.manifest import Origin
+from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.pictures import read_input
 from depthcli.jobs.batch.videos import checked_video
 from depthcli.jobs.batch.worker_spec import WorkerSpec
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from depthcli.inference.session import Session
-    from depthcli.io.listing.folder import InputFile
-    from depthcli.jobs.batch.journal import Rows
-    from depthcli.jobs.batch.manifest import Origin
-    from depthcli.jobs.batch.options import BatchRequest
-
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What would become of an input.
+    """What would become of an input."""
 
-    Attributes:
-        input: its name.
-        would: do it, keep what an earlier batch wrote, or fail.
-        outputs: the files of its outputs.
-        error: why it would fail; None if it would not.
-    """
-
-    input: str
-    would: Literal["do", "keep", "fail"]
-    outputs: tuple[Path, ...]
-    error: str | None = None
+    input: str  #: its name
+    would: Literal["do", "keep", "fail"]  #: do it, keep what an earlier batch wrote, or fail
+    outputs: tuple[Path, ...]  #: the files of its outputs
+    error: str | None = None  #: why it would fail; None if it would not
 
 
 def forecast(request: BatchRequest, session: Session) -> Iterator[Forecast]:

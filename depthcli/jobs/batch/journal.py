@@ -4,14 +4,13 @@ Rows are appended to a hidden file and live there, not in memory. When the batch
 orderly way, they become the manifest, which appears whole.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys
 import threading
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.parquet import check_pyarrow
@@ -33,10 +32,6 @@ from depthcli.jobs.batch.row_files import (
 from depthcli.jobs.batch.row_index import Place, RowIndex
 from depthcli.jobs.batch.rows_folder import RowsFolder, rows_folder
 from depthcli.jobs.batch.shard import WHOLE, Shard
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-    from pathlib import Path
 
 
 class Rows:

@@ -30,60 +30,36 @@ class ManifestFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class OutputFile:
-    """One file that was written.
+    """One file that was written."""
 
-    Attributes:
-        path: from the output folder, with ``/`` between its parts.
-        bytes: its size.
-        sha256: its checksum, 64 hex digits.
-    """
-
-    path: str
-    bytes: int
-    sha256: str
+    path: str  #: from the output folder, with ``/`` between its parts
+    bytes: int  #: its size
+    sha256: str  #: its checksum, 64 hex digits
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What the outputs of a whole batch follow from, besides their inputs.
+    """What the outputs of a whole batch follow from, besides their inputs."""
 
-    Attributes:
-        options_sha256: checksum of the options that the outputs depend on.
-        model: name of the model.
-        model_sha256: checksum of its file.
-        version: of depthcli.
-    """
-
-    options_sha256: str
-    model: str
-    model_sha256: str
-    version: str
+    options_sha256: str  #: checksum of the options that the outputs depend on
+    model: str  #: name of the model
+    model_sha256: str  #: checksum of its file
+    version: str  #: of depthcli
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What became of one input.
+    """What became of one input."""
 
-    Attributes:
-        input: its name, with ``/`` between its parts.
-        status: ``ok`` or ``failed``.
-        origin: model and options.
-        outputs: what was written.
-        seconds: from opening the input to the last output.
-        input_sha256: checksum of the input; None if it could not be read.
-        error: why it failed; None if it did not.
-        warnings: one-line texts.
-        camera: that its metres belong to, and how it is known; None without metres.
-    """
-
-    input: str
-    status: str
-    origin: Origin
-    outputs: tuple[OutputFile, ...] = ()
-    seconds: float = 0.0
-    input_sha256: str | None = None
-    error: str | None = None
-    warnings: tuple[str, ...] = ()
+    input: str  #: its name, with ``/`` between its parts
+    status: str  #: ``ok`` or ``failed``
+    origin: Origin  #: model and options
+    outputs: tuple[OutputFile, ...] = ()  #: what was written
+    seconds: float = 0.0  #: from opening the input to the last output
+    input_sha256: str | None = None  #: checksum of the input; None if it could not be read
+    error: str | None = None  #: why it failed; None if it did not
+    warnings: tuple[str, ...] = ()  #: one-line texts
+    #: that its metres belong to, and how it is known; None without metres
     camera: str | None = None
 
     def lost(self, folder: Path) -> Row | None:

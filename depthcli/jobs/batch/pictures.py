@@ -1,34 +1,28 @@
 """One worker's turn: a few pictures from their files to their outputs."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import stat
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from pathlib import Path
+from typing import TypeAlias
 
 from depthcli.core.scaling import fitted
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
+from depthcli.inference.pipeline import Pipeline
+from depthcli.io.listing.folder import InputFile
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.facts import camera_words
 from depthcli.io.writers.formats import Format
-from depthcli.jobs.batch.manifest import OK, Row, written
+from depthcli.jobs.batch.manifest import OK, Origin, OutputFile, Row, written
+from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.task import Result, Task, check_network
 from depthcli.jobs.outputs import write_output
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from depthcli.core.types import DepthMap, Frame
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.listing.folder import InputFile
-    from depthcli.jobs.batch.manifest import Origin, OutputFile
-    from depthcli.jobs.batch.options import BatchOptions
 
 PictureTask: TypeAlias = Task[Format]
 
@@ -45,19 +39,12 @@ class _Opened:
 
 @dataclass(frozen=True, slots=True)
 class PictureWorker:
-    """Does pictures; safe for threads.
+    """Does pictures; safe for threads."""
 
-    Attributes:
-        options: how each picture becomes its outputs.
-        out: the output folder.
-        origin: what outputs follow from, besides their picture.
-        pipeline: the model.
-    """
-
-    options: BatchOptions
-    out: Path
-    origin: Origin
-    pipeline: Pipeline
+    options: BatchOptions  #: how each picture becomes its outputs
+    out: Path  #: the output folder
+    origin: Origin  #: what outputs follow from, besides their picture
+    pipeline: Pipeline  #: the model
 
     def work(self, tasks: Sequence[PictureTask]) -> list[Result]:
         """Do some pictures, their networks' turns together.

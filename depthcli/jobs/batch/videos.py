@@ -1,47 +1,36 @@
 """The videos of a batch, one after another; each keeps all cores busy by itself."""
 
-from __future__ import annotations
-
 import hashlib
 import time
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from pathlib import Path
+from typing import TypeAlias
 
+from depthcli.core.camera import Camera
+from depthcli.core.progress import Progress
 from depthcli.errors import InputError
 from depthcli.io.storage.remote import path_of
 from depthcli.io.storage.transfer import local_copy
 from depthcli.io.writers.facts import camera_words
 from depthcli.jobs.batch.manifest import FAILED, OK, Row, written
+from depthcli.jobs.batch.pictures import PictureWorker
 from depthcli.jobs.batch.task import Result, Task, check_network
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.jobs.video.settings import VideoSettings
 from depthcli.jobs.video.write import write_video
 from depthcli.video.formats import SEQUENCES, VideoFormat
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from depthcli.core.camera import Camera
-    from depthcli.core.progress import Progress
-    from depthcli.jobs.batch.pictures import PictureWorker
-
 VideoTask: TypeAlias = Task[VideoFormat]
 
 
 @dataclass(frozen=True, slots=True)
 class VideoWorker:
-    """Does videos.
+    """Does videos."""
 
-    Attributes:
-        pictures: the worker that does pictures with the same model and options.
-        workers: frames at the same time.
-        progress: told of each frame.
-    """
-
-    pictures: PictureWorker
-    workers: int
-    progress: Progress
+    pictures: PictureWorker  #: the worker that does pictures with the same model and options
+    workers: int  #: frames at the same time
+    progress: Progress  #: told of each frame
 
     def work(self, task: VideoTask) -> Result:
         """Do one video.

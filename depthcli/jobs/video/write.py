@@ -1,37 +1,31 @@
 """The frames of a planned video through the model, over time, and into their files."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING, Any
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
 
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.core.picture_limit import PictureLimit
-from depthcli.core.progress import NO_PROGRESS
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError
+from depthcli.inference.pipeline import Pipeline
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.video.outputs import open_output
+from depthcli.jobs.video.plan import VideoPlan
 from depthcli.jobs.video.result import VideoDone
 from depthcli.jobs.video.resume import earlier_frames, rounding
+from depthcli.jobs.video.settings import VideoSettings
 from depthcli.jobs.video.stages import FrameStages
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frame_source import open_frames
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator, Sequence
-    from fractions import Fraction
-    from pathlib import Path
-
-    from depthcli.core.progress import Progress
-    from depthcli.core.types import DepthMap, Frame
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.jobs.video.plan import VideoPlan
-    from depthcli.jobs.video.settings import VideoSettings
-    from depthcli.video.frames import FrameSource
-    from depthcli.video.output import VideoFrame, VideoOutput
+from depthcli.video.frames import FrameSource
+from depthcli.video.output import VideoFrame, VideoOutput
 
 _ON_GRID = 1e-6
 
