@@ -13,7 +13,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
-from runs import finished
+from runs import finished, inside
 
 from depthcli.cli.app import main
 from depthcli.training.checkpoint import Checkpoint
@@ -41,7 +41,7 @@ epochs_decay = 2
 
 
 def _run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return finished([sys.executable, "-m", "depthcli", "train", *arguments], folder)
+    return inside(folder, "train", *arguments)
 
 
 @pytest.fixture
@@ -52,14 +52,18 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+COMMON = ("proposed", "--data", "data", "--out", "run", "--preset", "default")
+COMMON += ("--config", "tiny.toml", "--threads", "1", "--accelerator", "cpu")
+
+
 def _train(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    common = ("--data", "data", "--out", "run", "--preset", "default", "--config", "tiny.toml")
-    return _run(folder, "proposed", *common, "--threads", "1", "--accelerator", "cpu", *more)
+    return _run(folder, *COMMON, *more)
 
 
 def test_trains_stops_continues_and_reports(folder: Path) -> None:
     settings = ("--set", "validate_every=1")
-    stopped = _train(folder, *settings, "--max-minutes", "0")
+    command = [sys.executable, "-m", "depthcli", "train", *COMMON]
+    stopped = finished([*command, *settings, "--max-minutes", "0"], folder)
     assert stopped.returncode == 0, stopped.stderr
     assert "1 steps in" in stopped.stderr
     assert stopped.stdout == ""

@@ -13,7 +13,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
-from runs import ENVIRONMENT, finished
+from runs import ENVIRONMENT, inside
 
 from depthcli.cli.app import main
 from depthcli.training.checkpoint import Checkpoint
@@ -43,7 +43,7 @@ def _command(*arguments: str) -> list[str]:
 
 
 def _train(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return finished(_command(*arguments), folder)
+    return inside(folder, *_command(*arguments)[3:])
 
 
 @pytest.fixture

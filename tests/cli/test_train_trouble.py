@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -18,9 +18,12 @@ import pytest
 import torch
 from command_line import unmeasured
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
-from runs import ENVIRONMENT, finished, same, saved
+from runs import ENVIRONMENT, finished, inside, same, saved
 
 SMALL = """
 validate_every = 999
@@ -52,10 +55,12 @@ def _command(*settings: str, data: str = "data", out: str = "run") -> list[str]:
     return command
 
 
-def _run(folder: Path, *settings: str, **options: Any) -> subprocess.CompletedProcess[str]:
-    limit = options.pop("limit", None)
-    environment = unmeasured(ENVIRONMENT) if limit else ENVIRONMENT
-    return finished(_command(*settings, **options), folder, preexec_fn=limit, env=environment)
+def _run(folder: Path, *settings: str, out: str = "run") -> subprocess.CompletedProcess[str]:
+    return inside(folder, *_command(*settings, out=out)[3:])
+
+
+def _run_within(limit: Callable[[], None], folder: Path) -> subprocess.CompletedProcess[str]:
+    return finished(_command(), folder, preexec_fn=limit, env=unmeasured(ENVIRONMENT))
 
 
 @pytest.fixture
@@ -66,12 +71,12 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-LONGER = ("optim.epochs_constant=6", "optim.epochs_decay=6")
+LONGER = ("optim.epochs_constant=4", "optim.epochs_decay=4")
 
 
 @pytest.fixture(scope="module")
 def unbroken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The last checkpoint of an unbroken run of sixty steps."""
+    """The last checkpoint of an unbroken run of forty steps."""
     folder = tmp_path_factory.mktemp("unbroken")
     write_rooms(folder / "data")
     (folder / "small.toml").write_text(SMALL)
@@ -95,7 +100,7 @@ def test_signal_saves_the_step_and_the_run_goes_on_exactly(
     assert (process.returncode, errors) == (128 + number, "")
     assert sorted(p.name for p in (folder / "run").iterdir()) == ["last.ckpt", "metrics.jsonl"]
     stopped = saved(folder / "run")["progress"]["step"]
-    assert 5 <= stopped < 60
+    assert 5 <= stopped < 40
     assert _run(folder, *LONGER).returncode == 0
     whole = saved(folder / "run")
     for name in ("method", "optimizers", "extra", "rng"):
@@ -108,12 +113,9 @@ def _limit_files() -> None:
 
 
 def test_full_disk_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
-    stopped = subprocess.run(
-        [*_command(), "--max-minutes", "0"], cwd=folder, env=ENVIRONMENT, check=True
-    )
-    assert stopped.returncode == 0
+    assert inside(folder, *_command()[3:], "--max-minutes", "0").returncode == 0
     before = _snapshot(folder / "run")
-    done = _run(folder, limit=_limit_files)
+    done = _run_within(_limit_files, folder)
     assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
     assert "cannot write run/last.ckpt" in done.stderr
     assert "free some space" in done.stderr
@@ -151,10 +153,7 @@ def _snapshot(folder: Path) -> dict[str, bytes]:
 
 def test_diverging_run_stops_at_the_last_good_checkpoint(folder: Path) -> None:
     wild = "optim.learning_rate=1e30"
-    first = subprocess.run(
-        [*_command(wild), "--max-minutes", "0"], cwd=folder, env=ENVIRONMENT, check=True
-    )
-    assert first.returncode == 0
+    assert inside(folder, *_command(wild)[3:], "--max-minutes", "0").returncode == 0
     before = _snapshot(folder / "run")
     done = _run(folder, wild)
     assert (done.returncode, done.stderr.count("\n")) == (3, 1)

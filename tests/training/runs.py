@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pytest
 import torch
+from command_line import InProcess
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {
     **os.environ,
-    "PYTHONPATH": str(Path(__file__).parents[2]),
+    "PYTHONPATH": str(ROOT),
     "CUDA_VISIBLE_DEVICES": "",
 }
 
@@ -25,6 +29,22 @@ def finished(
     """A command that was run in a folder to its end."""
     settings = {"env": ENVIRONMENT, "capture_output": True, "text": True, "timeout": 120, **options}
     return subprocess.run(command, cwd=folder, check=False, **settings)
+
+
+def inside(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """A command that was run in a folder, without a process that loads torch once more."""
+    threads = torch.get_num_threads()
+    handlers = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CUDA_VISIBLE_DEVICES", "")
+        try:
+            done = InProcess(ROOT, folder, folder / "models")(*words)
+        finally:
+            torch.set_num_threads(threads)
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+    said = done.stdout.decode(), done.stderr.decode()
+    return subprocess.CompletedProcess(words, done.returncode, *said)
 
 
 def saved(folder: Path) -> dict[str, Any]:
