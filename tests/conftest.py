@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import subprocess
@@ -20,6 +21,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stores import Bucket, Faults
+
+WORKER = os.environ.get("PYTEST_XDIST_WORKER")
+"""Name of this one of several test processes; None where there is one."""
+if WORKER:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # the processes share the cores already
 
 # How long an example takes says nothing about what is tested, least of all on a busy machine.
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -45,15 +51,24 @@ def picture(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the built wheel installed in it, and nothing else."""
-    folder = tmp_path_factory.mktemp("wheel")
+    """A folder with the built wheel installed in it, and nothing else, for all test processes."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if WORKER else base) / "wheel"
+    folder.mkdir(exist_ok=True)
+    target = folder / "site"
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # the others wait until it is there
+        if not target.exists():
+            _install(folder, target)
+    return target
+
+
+def _install(folder: Path, target: Path) -> None:
     build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder)]
     _checked([*build, str(ROOT)])
     (wheel,) = folder.glob("*.whl")
-    target = folder / "site"
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
     _checked([*pip, "--target", str(target), str(wheel)])
-    return target
 
 
 def _checked(command: list[str]) -> None:
