@@ -68,10 +68,12 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
         sha256=hashlib.sha256(data).hexdigest(),
         size_bytes=len(data),
     )
-    with atomic_path(out, inputs=[checkpoint]) as path:
+    with (  # both are written before either takes its place: an old one would not fit the new
+        atomic_path(out, inputs=[checkpoint]) as path,
+        atomic_path(card_path(out), inputs=[checkpoint]) as card_file,
+    ):
         path.write_bytes(data)
-    with atomic_path(card_path(out), inputs=[checkpoint]) as path:
-        path.write_text(card.to_json(), "utf-8")
+        card_file.write_text(card.to_json(), "utf-8")
     return Exported(out, card, parity)
 
 

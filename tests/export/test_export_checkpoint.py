@@ -227,6 +227,18 @@ def test_checkpoint_is_never_its_own_output(tmp_path: Path) -> None:
     assert checkpoint.read_bytes() == before
 
 
+def test_a_card_that_cannot_be_written_leaves_the_old_model(tmp_path: Path) -> None:
+    checkpoint, out = write_checkpoint(tmp_path / "last.ckpt"), tmp_path / "room.onnx"
+    out.write_bytes(b"the old one")
+    card_path(out).mkdir()
+    with pytest.raises(OutputError, match=r"cannot write .*room\.card\.json"):
+        export_checkpoint(checkpoint, out, ExportOptions())
+    assert out.read_bytes() == b"the old one"
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("last.ckpt", "room.onnx", "room.card.json")
+    }
+
+
 def test_card_is_json(tmp_path: Path) -> None:
     checkpoint = write_checkpoint(tmp_path / "last.ckpt")
     done = export_checkpoint(checkpoint, tmp_path / "m.onnx", ExportOptions())
