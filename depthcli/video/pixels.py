@@ -7,6 +7,7 @@ import numpy.typing as npt
 from av.sidedata.sidedata import Type
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
+from av.video.stream import VideoStream
 
 _EIGHT_BIT = 8
 _UNSTATED = 2
@@ -66,6 +67,17 @@ def orientation_of(frame: VideoFrame) -> int:
     a, b, _, c, d = (matrix[:5] / _ONE).tolist()
     turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose((a, b, c, d), turn, atol=_TOLERANCE))
     return _EXIF_OF_MATRIX[next(turns, _AS_IT_IS)]
+
+
+def shape_warning(stream: VideoStream) -> str | None:
+    """What to say of pixels that are not square, as in anamorphic video."""
+    ratio = stream.sample_aspect_ratio
+    if not ratio or ratio == 1:
+        return None
+    return (
+        f"the pixels are not square ({ratio.numerator}:{ratio.denominator}), and the network sees "
+        "them as they are stored; for better depth, scale the video to square pixels first"
+    )
 
 
 def transfer_warning(frame: VideoFrame) -> str | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import av
 from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
+from av.video.stream import VideoStream
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
@@ -19,7 +20,7 @@ from depthcli.video.decoder import FrameDecoder
 from depthcli.video.frames import FrameSource
 from depthcli.video.integrity import counts_frames, is_cut
 from depthcli.video.pipes import InputPipe
-from depthcli.video.pixels import orientation_of, rgb_pixels, transfer_warning
+from depthcli.video.pixels import orientation_of, rgb_pixels, shape_warning, transfer_warning
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.spans import WHOLE, Span
 from depthcli.video.stream_facts import stream_facts
@@ -62,7 +63,7 @@ class VideoSource(FrameSource):
                 + pipe_advice(self._source)
             )
         self._at_hand = first
-        self._describe(first, max_pixels)
+        self._describe(first, stream, max_pixels)
         self._timeline = Timeline(
             self.rate,
             stated.time_base,
@@ -114,15 +115,16 @@ class VideoSource(FrameSource):
             self.close()
             raise
 
-    def _describe(self, first: VideoFrame, max_pixels: int | PictureLimit) -> None:
+    def _describe(
+        self, first: VideoFrame, stream: VideoStream, max_pixels: int | PictureLimit
+    ) -> None:
         """Take over what only a decoded frame says."""
         self._check_size(first.width, first.height, max_pixels)
         self._orientation = orientation_of(first)
         size = first.width, first.height
         self.width, self.height = size[::-1] if self._orientation >= _TURNED else size
-        warning = transfer_warning(first)
-        if warning:
-            self.warnings += (warning,)
+        warnings = transfer_warning(first), shape_warning(stream)
+        self.warnings += tuple(warning for warning in warnings if warning)
 
     def _places(self) -> Iterator[tuple[int, Fraction]]:
         """Number and time of each frame, while it is the one at hand."""

@@ -424,6 +424,23 @@ def test_a_damaged_place_costs_its_frames_and_not_the_rest(tmp_path: Path, place
     assert f"{len(missing)} frames cannot be decoded" in source.problem
 
 
+@pytest.mark.parametrize("ratio", [None, Fraction(1), Fraction(4, 3)])
+def test_pixels_that_are_not_square_are_told(tmp_path: Path, ratio: Fraction | None) -> None:
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w") as output:
+        stream = output.add_stream("mpeg4", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        if ratio is not None:
+            stream.codec_context.sample_aspect_ratio = ratio
+        for pixels in flat_frames(range(3)):
+            output.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, "rgb24")))
+        output.mux(stream.encode(None))
+    with VideoSource(path) as source:
+        assert ["4:3" in warning for warning in source.warnings] == [True] * (
+            ratio == Fraction(4, 3)
+        )
+
+
 def test_a_trimmed_video_is_whole(tmp_path: Path) -> None:
     path = write_mp4(tmp_path / "a.mp4", noise_frames(60))
     path.write_bytes(trimmed(path.read_bytes(), 0.5, 0.5))
