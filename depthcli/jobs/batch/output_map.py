@@ -10,6 +10,7 @@ from depthcli.io.listing.places import Places
 from depthcli.io.writers.formats import FORMATS, Format
 from depthcli.jobs.batch.journal import Rows
 from depthcli.jobs.batch.plan import Plan
+from depthcli.jobs.batch.suspects import has_crashed
 from depthcli.jobs.batch.task import Task
 from depthcli.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
 
@@ -49,7 +50,7 @@ class OutputMap:
         outputs, row = self._of_picture(file), rows.row(file.name)
         names = [path.relative_to(self.plan.out).as_posix() for path in outputs.values()]
         has_names = row is not None and [file.path for file in row.outputs] == names
-        return Task(file, outputs, row if has_names else None)
+        return Task(file, outputs, row if has_names else None, has_crashed(row))
 
     def video(self, file: InputFile, rows: Rows) -> Task[VideoFormat]:
         """What is to be done for a video, after what earlier batches did."""
@@ -57,7 +58,7 @@ class OutputMap:
         # How many frames there are is known only once they are written.
         start = f"{self.plan.names.base(file.name)}."
         has_names = row is not None and all(file.path.startswith(start) for file in row.outputs)
-        return Task(file, self._of_video(file), row if has_names else None)
+        return Task(file, self._of_video(file), row if has_names else None, has_crashed(row))
 
     def _of_picture(self, file: InputFile) -> dict[Format, Path]:
         base = self.plan.names.base(file.name)

@@ -21,6 +21,7 @@ from depthcli.io.writers.facts import camera_words
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.manifest import OK, Origin, OutputFile, Row, written
 from depthcli.jobs.batch.options import BatchOptions
+from depthcli.jobs.batch.suspects import check_picture
 from depthcli.jobs.batch.task import Result, Task, check_network
 from depthcli.jobs.outputs import write_output
 
@@ -72,6 +73,8 @@ class PictureWorker:
             row = task.kept(self.out, sha256, self.origin)
             if row is not None:
                 return Result(row, is_kept=True)
+            if task.is_suspect:
+                check_picture(task.input.path, data)
             frame = read_image(path_of(task.input.path), data, max_pixels=self.options.limit)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Iterator
 from contextlib import closing
 from itertools import islice
@@ -19,6 +20,7 @@ from depthcli.jobs.batch.engines.threads import ThreadEngine
 from depthcli.jobs.batch.journal import Journal
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.rows_folder import rows_folder
+from depthcli.jobs.batch.suspects import suspected
 from depthcli.jobs.batch.tally import Tally
 from depthcli.jobs.batch.task import Result
 from depthcli.jobs.batch.worker_spec import WorkerSpec
@@ -83,6 +85,8 @@ class Batch(Iterator[Result]):
         self._rows = rows_folder(plan.out)
         self._journal: Journal | None = Journal(self._rows.path, plan.shard, request.manifest)
         self.manifest = plan.out / self._journal.manifest.name
+        at_once = max(workers, os.cpu_count() or 1) * self._chunk
+        self._begun = at_once if self._journal.was_cut_short else 0
         if self._journal.was_cut_short and not isinstance(plan.out, RemotePath):
             for folder in plan.folders():
                 remove_stale(folder)
@@ -110,9 +114,10 @@ class Batch(Iterator[Result]):
         self._finish()  # a generator that never began has no end of its own
 
     def _run(self, journal: Journal) -> Generator[Result, None, None]:
-        tasks = (self._outputs.picture(file, journal) for file in self._plan.pictures)
-        chunks = _chunks(tasks, self._chunk)
-        videos = (self._outputs.video(file, journal) for file in self._plan.videos)
+        pictures = (self._outputs.picture(file, journal) for file in self._plan.pictures)
+        films = (self._outputs.video(file, journal) for file in self._plan.videos)
+        chunks = _chunks(suspected(pictures, journal, self._begun), self._chunk)
+        videos = suspected(films, journal, min(1, self._begun))
         try:
             with (
                 silent_opencv(),

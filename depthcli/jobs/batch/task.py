@@ -32,6 +32,7 @@ class Task(Generic[_Which]):
     input: InputFile  #: the file
     outputs: Mapping[_Which, Path]  #: where each format goes; a sequence's name holds ``%06d``
     earlier: Row | None = None  #: the row of an earlier run, if its outputs have these names
+    is_suspect: bool = False  #: whether decoding it may have ended the process of an earlier run
 
     def kept(self, out: Path, sha256: str, origin: Origin) -> Row | None:
         """The earlier row, if doing the input again could only give the same.

@@ -15,6 +15,7 @@ from depthcli.io.storage.transfer import local_copy
 from depthcli.io.writers.facts import camera_words
 from depthcli.jobs.batch.manifest import FAILED, OK, Row, written
 from depthcli.jobs.batch.pictures import PictureWorker
+from depthcli.jobs.batch.suspects import check_video
 from depthcli.jobs.batch.task import Result, Task, check_network
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.jobs.video.settings import VideoSettings
@@ -48,6 +49,8 @@ class VideoWorker:
                 row = task.kept(self.pictures.out, sha256, origin)
                 if row is not None:
                     return Result(row, is_kept=True)
+                if task.is_suspect:
+                    check_video(task.input.path, source)
                 done = self._row(task, source, sha256)
                 _check_unchanged(source, before)
                 return Result(done)

@@ -1,0 +1,79 @@
+"""A decoder that crashes its process costs one file of a batch, not the batch."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from command_line import ROOT, Cli
+from videos import flat_frames, write_video
+
+from depthcli.errors import InputError
+from depthcli.jobs.batch.suspects import check_picture, check_video
+
+_CRASHING = """
+import os
+import cv2
+decode = cv2.imdecode
+def imdecode(data, flags):
+    if b"a decoder's own error" in data.tobytes():
+        os.abort()
+    return decode(data, flags)
+cv2.imdecode = imdecode
+"""
+"""Loaded by every process of the test: decoding the one file is a real crash."""
+
+
+@pytest.fixture
+def crashing(tmp_path: Path, inside: Cli) -> Cli:
+    """The command line, of processes whose decoder crashes at one picture."""
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "sitecustomize.py").write_text(_CRASHING)
+    pictures = inside.folder / "in"
+    pictures.mkdir()
+    for name in "abcdef":
+        cv2.imwrite(str(pictures / f"{name}.png"), np.full((8, 8, 3), ord(name), np.uint8))
+    bad = pictures / "c.png"
+    bad.write_bytes(bad.read_bytes() + b"a decoder's own error")
+    return Cli(ROOT, inside.folder, inside.models)
+
+
+def _batch(cli: Cli) -> Any:
+    path = f"{cli.folder.parent / 'site'}:{ROOT}"
+    return cli("batch", "in", "--out", "out", "--workers", "2", "--quiet", PYTHONPATH=path)
+
+
+def _statuses(cli: Cli) -> dict[str, str]:
+    lines = (cli.folder / "out" / "manifest.jsonl").read_text().splitlines()
+    return {row["input"]: row["error"] or row["status"] for row in map(json.loads, lines)}
+
+
+def test_a_crash_costs_one_file(crashing: Cli) -> None:
+    assert _batch(crashing).returncode == -6
+    assert not (crashing.folder / "out" / "manifest.jsonl").exists()
+    for _ in range(2):  # found out, and known from then on
+        done = _batch(crashing)
+        assert done.returncode == 1
+        assert b"in/c.png ends the process that decodes it (SIGABRT); save it again" in done.stderr
+        found = _statuses(crashing)
+        assert found.pop("c.png").startswith("in/c.png ends the process")
+        assert found == dict.fromkeys(("a.png", "b.png", "d.png", "e.png", "f.png"), "ok")
+
+
+def test_a_video_is_decoded_in_a_process_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_video(tmp_path / "a.avi", flat_frames([9, 99]))
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
+    check_video("a.avi", path)
+    (tmp_path / "sitecustomize.py").write_text(
+        "import av, os\nav.open = lambda *a, **b: os.abort()"
+    )
+    with pytest.raises(InputError, match=r"a\.avi ends the process that decodes it \(SIGABRT\)"):
+        check_video("a.avi", path)
+
+
+def test_what_only_cannot_be_decoded_is_no_crash() -> None:
+    check_picture("a.png", b"no picture")
