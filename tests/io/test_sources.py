@@ -68,7 +68,7 @@ def test_what_a_name_says(name: str, media: bool, video: bool) -> None:
         (b"", []),
         (b"a\nb\n", ["a", "b"]),
         (b"a\r\nb", ["a", "b"]),
-        (b"b\n\na\nb\n", ["b", "a"]),
+        (b"b\n\na\nb\n", ["b", "a", "b"]),
         (b"new\nline\0b\0", ["new\nline", "b"]),
         (b" a b \n", [" a b "]),
         (b"caf\xe9\n", [os.fsdecode(b"caf\xe9")]),

@@ -67,13 +67,13 @@ def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
 
 
 def parse_list(data: bytes) -> list[str]:
-    """Paths of a list, in its order, each once.
+    """Paths of a list, in its order.
 
     One a line; or, where a NUL byte is in it, one before each NUL (``find -print0``), which is how
     names with a newline are listed.
     """
     words = data.split(b"\0") if b"\0" in data else data.splitlines()
-    return list(dict.fromkeys(os.fsdecode(word) for word in words if word))
+    return [os.fsdecode(word) for word in words if word]
 
 
 def listed_inputs(words: Iterable[str], root: str) -> Iterator[InputFile]:
