@@ -1,7 +1,5 @@
 """Standard streams that are closed, on a full disk, or that nobody reads any more."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

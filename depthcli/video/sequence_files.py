@@ -26,9 +26,8 @@ class NumberedPicture(NamedTuple):
 def find_pictures(path: Path) -> list[NumberedPicture]:
     """The pictures of a sequence, in their order.
 
-    Args:
-        path: a pattern, or a folder whose pictures are taken in the order of their names, but for
-            what depthcli wrote. Their last number counts if it grows; else they count from 0.
+    Of a pattern, or of a folder, in the order of names, but for what depthcli wrote. Their last
+    number counts if it grows; else they count from 0.
 
     Raises:
         InputError: there is no such folder, or nothing in it.

@@ -1,18 +1,13 @@
 """Where a batch runs: in the threads of this process, or on a cluster."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from depthcli.core.progress import Progress
 from depthcli.errors import UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from depthcli.jobs.batch.engines.engine import Engine
+from depthcli.jobs.batch.engines.engine import Engine
 
 _OF_RAY = {
     "ray_address": "--ray-address",

@@ -1,7 +1,5 @@
 """``depthcli manifest``: what became of the inputs of a batch."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Annotated
 

@@ -26,13 +26,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Stopping:
-    """A :class:`depthcli.core.progress.Progress` that ends the work when a signal came.
+    """A :class:`depthcli.core.progress.Progress` that ends the work when a signal came."""
 
-    Attributes:
-        interrupt: notes the signal.
-    """
-
-    interrupt: Interrupt
+    interrupt: Interrupt  #: notes the signal
 
     def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
         """A stage that is asked after each unit."""

@@ -1,18 +1,12 @@
 """The pictures and videos below a prefix of an object store."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import InputFile, why_skipped
 from depthcli.io.listing.skipped import Skipped
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.remote import RemotePath
 
 
 def list_objects(

@@ -39,15 +39,10 @@ TIFF_STARTS = tuple(_LAYOUTS)
 def tiff_tags(
     data: bytes, wanted: Collection[int], at: int | None = None
 ) -> Iterator[tuple[int, tuple[int, ...]]]:
-    """Those of the wanted tags of whole numbers that a file has, with their values.
-
-    Args:
-        data: the whole file; it has one of the ``TIFF_STARTS``.
-        wanted: numbers of tags.
-        at: where the directory begins; None for the file's first one.
+    """Those of the wanted tags, with one value, that a file has; it has one of the ``TIFF_STARTS``.
 
     Raises:
-        struct.error: the file is too short for what it claims; what came before is right.
+        struct.error: the file is too short for what it claims.
     """
     layout = _LAYOUTS[data[:4]]
     order, number = layout.order, layout.order + layout.number

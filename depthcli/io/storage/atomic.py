@@ -1,20 +1,15 @@
 """Outputs that appear whole or not at all."""
 
-from __future__ import annotations
-
 import os
 import stat
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from io import FileIO
+from pathlib import Path
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporaries import temporary_beside
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-    from io import FileIO
-    from pathlib import Path
 
 
 @contextmanager

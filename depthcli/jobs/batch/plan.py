@@ -1,11 +1,9 @@
 """What a batch is to do: its inputs, and the names of their outputs."""
 
-from __future__ import annotations
-
 import os
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import InputFile, is_video, list_folder
@@ -27,33 +25,20 @@ from depthcli.io.storage.remote import RemotePath, check_writable, path_of, show
 from depthcli.jobs.batch.shard import WHOLE, Shard
 from depthcli.jobs.tree_names import TreeNames
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All inputs of a batch.
+    """All inputs of a batch."""
 
-    Attributes:
-        out: the output folder.
-        inputs: in an order that depends on their names alone.
-        names: what their outputs are called.
-        skipped: files that are no inputs.
-        loops: folders that lead back to a folder that they are in.
-        unmatched: patterns of ``--include`` that no picture or video matches.
-        in_out: the places of inputs of any shard that lie in the output folder.
-        shard: the part of the inputs that this is a plan for.
-    """
-
-    out: Path
-    inputs: tuple[InputFile, ...]
-    names: TreeNames
-    skipped: tuple[Skipped, ...]
-    loops: tuple[str, ...] = ()
-    unmatched: tuple[str, ...] = ()
+    out: Path  #: the output folder
+    inputs: tuple[InputFile, ...]  #: in an order that depends on their names alone
+    names: TreeNames  #: what their outputs are called
+    skipped: tuple[Skipped, ...]  #: files that are no inputs
+    loops: tuple[str, ...] = ()  #: folders that lead back to a folder that they are in
+    unmatched: tuple[str, ...] = ()  #: patterns of ``--include`` that no picture or video matches
+    #: the places of inputs of any shard that lie in the output folder
     in_out: frozenset[str] = frozenset()
-    shard: Shard = WHOLE
+    shard: Shard = WHOLE  #: the part of the inputs that this is a plan for
 
     @property
     def warnings(self) -> Iterator[str]:

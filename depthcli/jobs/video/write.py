@@ -39,12 +39,7 @@ def write_video(
 ) -> VideoDone:
     """As :func:`depthcli.jobs.video.run.video`, with outputs that are named and a model in hand.
 
-    Args:
-        plan: the video and its outputs.
-        pipeline: the model.
-        settings: options.
-        workers: threads beside the one that decodes and writes.
-        progress: told of each frame.
+    Workers are threads beside the one that decodes and writes.
 
     Raises:
         InputError: the video cannot be read, or has no frame in the span.

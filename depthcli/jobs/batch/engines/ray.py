@@ -4,17 +4,16 @@ Plain actors rather than Ray Data: a dead worker must cost its own pictures alon
 kills its worker must fail alone, and results must reach the journal call by call.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import signal
 import socket
 import threading
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from depthcli._version import __version__
 from depthcli.core.extras import INSTALL_RAY
@@ -23,14 +22,10 @@ from depthcli.core.text import one_line
 from depthcli.errors import DepthcliError, EngineError, UsageError
 from depthcli.jobs.batch.engines.pool import Pool
 from depthcli.jobs.batch.engines.remote_worker import Call, RemoteWorker
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-
-    from depthcli.jobs.batch.pictures import PictureTask
-    from depthcli.jobs.batch.task import Result
-    from depthcli.jobs.batch.videos import VideoTask
-    from depthcli.jobs.batch.worker_spec import WorkerSpec
+from depthcli.jobs.batch.pictures import PictureTask
+from depthcli.jobs.batch.task import Result
+from depthcli.jobs.batch.videos import VideoTask
+from depthcli.jobs.batch.worker_spec import WorkerSpec
 
 _CHUNKS_A_CALL = 8
 _REACH_S = 5.0

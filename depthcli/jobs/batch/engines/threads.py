@@ -25,17 +25,11 @@ _AHEAD = 64
 
 @dataclass(frozen=True, slots=True)
 class ThreadEngine:
-    """An :class:`depthcli.jobs.batch.engines.engine.Engine`.
+    """An :class:`depthcli.jobs.batch.engines.engine.Engine`."""
 
-    Attributes:
-        workers: chunks at the same time.
-        session: the model, where it is loaded already.
-        progress: told of each frame of a video.
-    """
-
-    workers: int
-    session: Session | None = None
-    progress: Progress = NO_PROGRESS
+    workers: int  #: chunks at the same time
+    session: Session | None = None  #: the model, where it is loaded already
+    progress: Progress = NO_PROGRESS  #: told of each frame of a video
 
     def run(
         self,
