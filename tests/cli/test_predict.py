@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
 import signal
 import subprocess
 import sys
@@ -507,28 +506,6 @@ def test_only_what_is_needed_is_imported(cli: Cli) -> None:
         "importlib.metadata",
         "concurrent.futures",
     }
-
-
-@pytest.mark.parametrize(
-    ("redirection", "code", "complaint"),
-    [(">&-", 0, b""), (">/dev/full", 3, b"No space left"), (">&- 2>&-", 0, b"")],
-)
-def test_a_stdout_that_takes_nothing(
-    cli: Cli, redirection: str, code: int, complaint: bytes
-) -> None:
-    room(cli)
-    words = shlex.join(cli.command("predict", "room.png", "-o", "depth.png"))
-    done = subprocess.run(
-        ["sh", "-c", f"{words} {redirection}"],
-        capture_output=True,
-        check=False,
-        cwd=cli.folder,
-        env=cli.environment,
-    )
-    assert done.returncode == code
-    assert complaint in done.stderr
-    assert len(done.stderr.splitlines()) == bool(complaint)
-    assert (cli.folder / "depth.png").is_file()
 
 
 @pytest.mark.parametrize("count", [1, 200])

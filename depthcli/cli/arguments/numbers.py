@@ -7,13 +7,15 @@ import typer
 from depthcli.core.camera import HFOV_DEG
 from depthcli.errors import UsageError
 
+_PNG_SCALES = (1e-3, 1e6)
+_LARGEST_M = 1e9
 _LARGEST_PX = 20_000
 
 
 def finite(value: float | None) -> float | None:
-    """Refuse infinity and not-a-number, which a float option would take."""
-    if value is not None and not math.isfinite(value):
-        raise typer.BadParameter("must be a number")
+    """Refuse not-a-number, and what is no depth in any unit."""
+    if value is not None and not abs(value) <= _LARGEST_M:
+        raise typer.BadParameter("must be a number up to 1e9")
     return value
 
 
@@ -21,6 +23,13 @@ def positive(value: float | None) -> float | None:
     """Refuse what is not a number above 0."""
     if value is not None and not 0 < value < math.inf:
         raise typer.BadParameter("must be greater than 0")
+    return value
+
+
+def png_scale(value: float | None) -> float | None:
+    """Refuse a scale with which a map would have one step, or none."""
+    if value is not None and not _PNG_SCALES[0] <= value <= _PNG_SCALES[1]:
+        raise typer.BadParameter("must be from 0.001 to 1000000")
     return value
 
 

@@ -6,7 +6,7 @@ import typer
 
 from depthcli.cli.arguments import completion
 from depthcli.cli.arguments.formats import Colormap, ExrChannel, Near
-from depthcli.cli.arguments.numbers import field_of_view, finite, positive
+from depthcli.cli.arguments.numbers import field_of_view, finite, png_scale, positive
 from depthcli.core.choices import Upsampling
 from depthcli.io.writers.formats import Format
 
@@ -43,7 +43,7 @@ FormatOption = Annotated[
 PngScaleOption = Annotated[
     float | None,
     typer.Option(
-        callback=positive,
+        callback=png_scale,
         help="PNG units per metre: 1000 (default, millimetres), 256 (KITTI), 5000 (TUM), "
         "4000 (Matterport).",
     ),

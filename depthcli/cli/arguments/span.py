@@ -3,6 +3,7 @@
 import re
 from fractions import Fraction
 
+from depthcli.core.text import shown
 from depthcli.errors import UsageError
 from depthcli.video.frame_source import is_sequence
 from depthcli.video.rates import exact_rate
@@ -11,6 +12,8 @@ from depthcli.video.spans import Point, Span
 _POINT = re.compile(r"(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)", re.ASCII)
 _RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)
 _MINUTE = 60
+_LONGEST = 40
+"""More digits than any time has."""
 
 
 def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
@@ -57,9 +60,9 @@ def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Poin
         UsageError: the word is none of these.
     """
     match = _POINT.fullmatch(word.strip())
-    if match is None:
+    if match is None or len(word) > _LONGEST:
         raise UsageError(
-            f"{option} {word!r} is not a time or frame number; give seconds (12.5s), minutes "
+            f"{option} {shown(word)} is not a time or frame number; give seconds (12.5s), minutes "
             f"(1:02.5) or "
             "a frame number (300f)"
         )

@@ -108,6 +108,7 @@ def batch(
         int | None,
         typer.Option(
             min=1,
+            max=1024,
             help="Pictures of equal size per inference. Default: 1 on the CPU, 8 on other "
             "providers.",
         ),

@@ -51,7 +51,7 @@ def bench(
     ] = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     seconds: Annotated[
-        float, typer.Option(min=0, help="Duration of each measurement in seconds.")
+        float, typer.Option(min=0, max=3600, help="Duration of each measurement in seconds.")
     ] = 3.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> int:

@@ -83,6 +83,7 @@ def video(
         int | None,
         typer.Option(
             min=0,
+            max=1_000_000_000,
             help="Number of the first frame in names of files. Default: its number in the input.",
         ),
     ] = None,

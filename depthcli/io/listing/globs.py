@@ -2,10 +2,13 @@
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple, Self
 
+from depthcli.errors import UsageError
 from depthcli.io.listing.skipped import EXCLUDED, NOT_INCLUDED
 
+_STARS = {"**/", "**", "*"}
 _TOKEN = re.compile(r"\*\*/|\*\*|\*|\?|\[!?\]?[^\]/]*\]|.", re.DOTALL)
 
 
@@ -22,7 +25,11 @@ class NameFilter(NamedTuple):
 
     @classmethod
     def of(cls, include: Sequence[str], exclude: Sequence[str]) -> Self:
-        """From patterns as the user writes them."""
+        """From patterns as the user writes them.
+
+        Raises:
+            UsageError: one is no pattern.
+        """
         return cls(tuple(map(_compiled, include)), tuple(map(_compiled, exclude)), tuple(include))
 
     def refusal(self, name: str) -> str | None:
@@ -46,8 +53,21 @@ ANY = NameFilter((), (), ())
 def _compiled(pattern: str) -> re.Pattern[str]:
     trimmed = pattern.rstrip("/")
     anywhere = "" if "/" in trimmed else "(?:.*/)?"
-    body = "".join(map(_expression, _TOKEN.findall(trimmed.removeprefix("/").removeprefix("./"))))
-    return re.compile(anywhere + body, re.DOTALL)
+    found = _TOKEN.findall(trimmed.removeprefix("/").removeprefix("./"))
+    tokens = [
+        one for at, one in enumerate(found) if one not in _STARS or found[at - 1 : at] != [one]
+    ]
+    stars = [at for at, token in enumerate(tokens) if token in _STARS]
+    parts = list(map(_expression, tokens))
+    for at, after in pairwise(stars):
+        if tokens[at] == "*" and tokens[after] != "**/":
+            # What follows the star is taken where it comes first: else each star would multiply
+            # the time that a name takes.
+            parts[at], parts[after] = f"(?>{parts[at]}?", f"){parts[after]}"
+    try:
+        return re.compile(anywhere + "".join(parts), re.DOTALL)
+    except re.error as error:
+        raise UsageError(f"{pattern!r} is no pattern: {error.msg}") from error
 
 
 def _expression(token: str) -> str:
