@@ -5,12 +5,14 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.ending import before_ending
 from depthcli.errors import InputError
 from depthcli.io.storage.lock import open_locked
 from depthcli.video.depth import DepthVideo
@@ -49,7 +51,8 @@ def partial_video(path: Path, fingerprint: str) -> Iterator[PartialVideo | None]
         for other in set(path.parent.glob(f"{start}*")) - set(files):
             other.unlink(missing_ok=True)
         written, earlier = sorted(files, key=_size)
-        yield PartialVideo(earlier, written)
+        with before_ending(partial(_remove_empty, files)):
+            yield PartialVideo(earlier, written)
     except BaseException:
         longer = max(files, key=_size)
         stay = [longer] if next(held_steps(longer), None) is not None else []
@@ -66,6 +69,12 @@ def held_steps(path: Path) -> Iterator[npt.NDArray[np.uint16]]:
         yield from DepthVideo(path).steps()
     except InputError:
         return
+
+
+def _remove_empty(files: list[Path]) -> None:
+    for file in files:
+        if not _size(file):
+            file.unlink(missing_ok=True)
 
 
 def _size(file: Path) -> int:
