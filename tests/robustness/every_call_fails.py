@@ -149,7 +149,7 @@ class Trial:
             }
             yield f"the next run leaves other bytes: {sorted(others)} ({done.where})"
         left = self._hidden()
-        if left:
+        if left and not again.code:
             yield f"the next run leaves {left} ({done.where})"
 
     def _said(self, done: Ended, found: dict[str, bytes | None]) -> Iterator[str]:
