@@ -154,7 +154,23 @@ def test_a_bucket_that_refuses_is_one_line(
     ):
         done = inside(*command, DEPTHCLI_RETRIES="0")
         assert words in done.stderr.decode()
+        assert f"{bucket.name}" in done.stderr.decode()
+        assert "Address" not in done.stderr.decode()
         assert (done.returncode, done.stderr.count(b"\n")) == (code, 1)
+
+
+def test_a_traceback_shows_no_secret(inside: Cli) -> None:
+    url = "http://user:word@127.0.0.1:9/a.jpg?Signature=hidden"
+    for words in (
+        ["predict", url, "-o", "x.png"],
+        ["models", "add", url],
+        ["video", url, "-o", "x.mkv"],
+    ):
+        done = inside(*words, "--debug", DEPTHCLI_RETRIES="0")
+        said = done.stdout + done.stderr
+        assert b"http://127.0.0.1:9/a.jpg cannot be read: it cannot be reached" in said
+        assert b"word@" not in said
+        assert b"hidden" not in said
 
 
 def test_wrong_credentials_are_one_line(inside: Cli, bucket: Bucket) -> None:

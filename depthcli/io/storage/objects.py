@@ -32,6 +32,10 @@ _PAGE = 1000
 _MOST_PARTS = 9_000  # S3 takes 10 000
 _REASONS = {
     "NoSuchBucket": (errno.ENOENT, "there is no bucket of this name"),
+    "incorrectly configured region": (
+        errno.EINVAL,
+        "it is in another region; set AWS_DEFAULT_REGION",
+    ),
     "SlowDown": (errno.EBUSY, "the store is overloaded (SlowDown); try again, with less at once"),
     "InvalidAccessKeyId": (
         errno.EACCES,
@@ -262,8 +266,10 @@ def _explained(place: Address) -> Iterator[None]:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         text = str(error)
+        # A traceback would show the signature that the library's text has.
+        origin = None if place.query or "@" in place.base else error
         for sign, (number, reason) in _REASONS.items():
             if sign in text:
-                raise OSError(number, reason, str(place)) from error
+                raise OSError(number, reason, place.name) from origin
         first = masked(text.partition("\n")[0])
-        raise OSError(errno.EIO, first, str(place)) from error
+        raise OSError(errno.EIO, first, place.name) from origin

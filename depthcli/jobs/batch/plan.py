@@ -125,7 +125,7 @@ def plan_files(
             else:
                 yield found
 
-    plan = sorting.plan(pictures(), f"the list {source}")
+    plan = sorting.plan(pictures(), f"the list {shown(source)}")
     # Nothing depends on the order of the list.
     return replace(plan, inputs=tuple(sorted(plan.inputs, key=lambda one: os.fsencode(one.name))))
 

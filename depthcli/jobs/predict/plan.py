@@ -24,8 +24,8 @@ def pictures_among(names: Sequence[str]) -> tuple[list[str], list[str]]:
     others = [name for name in names if name not in own]
     if not others:
         raise UsageError(
-            f"{own[0]} was written by depthcli; name a picture, or use 'depthcli convert' for "
-            "depth files"
+            f"{shown(own[0])} was written by depthcli; name a picture, or use "
+            "'depthcli convert' for depth files"
         )
     return others, own
 
@@ -56,8 +56,8 @@ def picture_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format
     found = format_of(output)
     if found is None:
         raise UsageError(
-            f"-o {output} says no format; end it in {', '.join(ENDINGS)}, give --format, or end it "
-            "in '/' for a folder"
+            f"-o {shown(output)} says no format; end it in {', '.join(ENDINGS)}, give --format, "
+            "or end it in '/' for a folder"
         )
     return (found,)
 

@@ -67,8 +67,8 @@ def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vid
         chosen = (found,)
     else:
         raise UsageError(
-            f"--out {output} says no format; end it in .mkv, .mp4, .webm or .mov, or name a folder "
-            f"({output}/) and give --format"
+            f"--out {shown(output)} says no format; end it in .mkv, .mp4, .webm or .mov, or name "
+            f"a folder ({shown(output)}/) and give --format"
         )
     if set(chosen) == {VideoFormat.JSON}:
         raise UsageError("json only describes other outputs; give another --format with it")
