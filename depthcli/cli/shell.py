@@ -202,9 +202,9 @@ def _refuse_uris(_ctx: Any, parameter: Any, value: Any) -> Any:  # noqa: ANN401 
     for word in value if isinstance(value, (list, tuple)) else (value,):
         if "://" in str(word):
             named = parameter.opts[-1] if parameter.opts[-1].startswith("-") else "this"
-            from depthcli.io.storage.remote import shown
+            from depthcli.io.storage.remote import safe_name
 
-            raise UsageError(f"{shown(str(word))} is a URI; {named} takes local paths only")
+            raise UsageError(f"{safe_name(str(word))} is a URI; {named} takes local paths only")
     return value
 
 

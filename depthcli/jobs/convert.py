@@ -12,7 +12,7 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.remote import check_writable, path_of, shown
+from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.io.writers.formats import ENDINGS, Format, format_of
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.inspect import read_map
@@ -84,7 +84,7 @@ def convert(request: ConvertRequest) -> Converted:
         warnings = request.writing.writer(wanted).write(depth, temporary, colours)
         again = read_depth(temporary) if wanted in _READABLE else None
     round_trip = None if again is None else RoundTrip.of(depth, again)
-    return Converted(shown(request.source), request.target, depth, round_trip, warnings)
+    return Converted(safe_name(request.source), request.target, depth, round_trip, warnings)
 
 
 def target_format(target: str, asked: Format | None) -> Format:

@@ -12,7 +12,7 @@ from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.facts import stated_facts
 from depthcli.io.depth.read import read_depth
-from depthcli.io.storage.remote import path_of, shown
+from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.video.depth import DepthVideo
 from depthcli.video.rates import rate_text
@@ -69,7 +69,7 @@ def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts
     depth = read_depth(path, png_scale=scale)
     spread = DepthRange.of(depth)
     return MapFacts(
-        file=shown(file),
+        file=safe_name(file),
         kind=depth.kind.value,
         unit="m" if depth.is_metric else None,
         width=depth.width,
@@ -136,7 +136,7 @@ def _frame(path: Path, scale: float | None, number: int) -> DepthMap:
 
 def _video_facts(file: str, scale: float | None) -> VideoFacts:
     with local_copy(path_of(file)) as path:
-        return _facts_of(DepthVideo(path, scale=scale), shown(file))
+        return _facts_of(DepthVideo(path, scale=scale), safe_name(file))
 
 
 def _facts_of(video: DepthVideo, file: str) -> VideoFacts:

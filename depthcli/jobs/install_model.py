@@ -13,7 +13,7 @@ from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.storage.atomic_folder import put_folder, workspace
-from depthcli.io.storage.remote import path_of, shown
+from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.io.storage.user_folders import check_home
 from depthcli.models import catalog, onnx_file, places
@@ -149,7 +149,7 @@ def _draft(path: Path, data: bytes, card: str | None) -> CardDraft:
             )
         return CardDraft(_object(embedded, f"card inside {path}"), f"card inside {path}", False)
     if card.endswith(".json") or path_of(card).is_file():
-        return CardDraft(_object(catalog.read_card(path_of(card)), shown(card)), card, False)
+        return CardDraft(_object(catalog.read_card(path_of(card)), safe_name(card)), card, False)
     return CardDraft(ready_fields(card), f"card {card}", True)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import ModelError
-from depthcli.io.storage.remote import path_of, shown
+from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.user_folders import data_folder
 
 DEFAULT_MODEL = "default"
@@ -52,7 +52,7 @@ def find_place(name_or_path: str | os.PathLike[str] | None = None) -> Place:
         return place
     if _is_path(name):
         raise ModelError(
-            f"no model at {shown(name)!r}; give an .onnx file or a folder with {CARD_NAME}"
+            f"no model at {safe_name(name)!r}; give an .onnx file or a folder with {CARD_NAME}"
         )
     raise ModelError(f"no model named {name!r}; see 'depthcli models list', or give a path")
 

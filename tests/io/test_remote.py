@@ -24,7 +24,7 @@ from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.regular import read_regular
-from depthcli.io.storage.remote import RemotePath, join, path_of, shown
+from depthcli.io.storage.remote import RemotePath, join, path_of, safe_name
 from depthcli.io.storage.transfer import local_copy, noted_checksum
 from depthcli.io.writers.by_suffix import write_depth
 
@@ -77,12 +77,12 @@ def test_other_addresses_are_refused(uri: str) -> None:
 
 def test_passwords_and_signatures_are_not_shown() -> None:
     path = remote(SIGNED)
-    assert str(path) == shown(SIGNED) == "https://host/a/b.jpg"
+    assert str(path) == safe_name(SIGNED) == "https://host/a/b.jpg"
     assert path.query == "X-Signature=secret/x&y=z"
     assert pickle.loads(pickle.dumps(path)).query == path.query  # noqa: S301
     assert not (path.parent / "c.jpg").query  # a signature is for one object
     assert objects.masked(f"error at {SIGNED}: no") == "error at https://host/a/b.jpg no"
-    assert shown("what?.jpg") == "what?.jpg"
+    assert safe_name("what?.jpg") == "what?.jpg"
 
 
 def test_objects_are_read_and_described(bucket: Bucket) -> None:

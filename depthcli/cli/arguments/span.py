@@ -5,7 +5,7 @@ from fractions import Fraction
 
 from depthcli.core.text import shown
 from depthcli.errors import UsageError
-from depthcli.io.storage.remote import shown
+from depthcli.io.storage.remote import safe_name
 from depthcli.video.frame_source import is_sequence
 from depthcli.video.rates import exact_rate
 from depthcli.video.spans import Point, Span
@@ -43,7 +43,7 @@ def parse_fps(word: str | None, file: str) -> Fraction | None:
         return None
     if not is_sequence(file):
         raise UsageError(
-            f"--fps is for image sequences, and {shown(file)} is a video; leave it out"
+            f"--fps is for image sequences, and {safe_name(file)} is a video; leave it out"
         )
     match = _RATE.fullmatch(word.strip())
     value = Fraction(match[0]) if match and Fraction(match[2] or 1) else None

@@ -75,7 +75,7 @@ def predict(
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import writer_options
-    from depthcli.io.storage.remote import shown
+    from depthcli.io.storage.remote import safe_name
     from depthcli.jobs.predict import run as job
     from depthcli.jobs.predict.plan import STANDARD, picture_formats, pictures_among
     from depthcli.jobs.predict.request import PredictRequest
@@ -107,7 +107,7 @@ def predict(
         )
     )
     for name in () if quiet else own:
-        console.warn(f"{shown(name)} was written by depthcli; skipped")
+        console.warn(f"{safe_name(name)} was written by depthcli; skipped")
     from depthcli.cli.screen.predict import tell
     from depthcli.jobs.failed import Failed
 

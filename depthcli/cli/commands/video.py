@@ -159,7 +159,7 @@ def video(
     from depthcli.cli.arguments.unused import refuse_unused
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.cli.screen.progress import drawn
-    from depthcli.io.storage.remote import shown
+    from depthcli.io.storage.remote import safe_name
     from depthcli.jobs.failed import Failed
     from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import STANDARD, video_formats
@@ -202,7 +202,7 @@ def video(
         with drawn(silent=quiet or as_json) as progress:
             result = job.video(request, progress)
     except (InputError, OutputError) as error:
-        result = Failed(shown(file), error)
+        result = Failed(safe_name(file), error)
     from depthcli.cli.screen.video import tell  # what it needs is there by now
 
     tell(result, as_json=as_json, quiet=quiet, to_stderr=to_stdout)

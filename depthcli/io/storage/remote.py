@@ -71,7 +71,7 @@ def join(folder: str, name: str) -> str:
     return os.path.join(folder, name)  # noqa: PTH118 - keeps "./" and names with any byte
 
 
-def shown(name: str) -> str:
+def safe_name(name: str) -> str:
     """A name as messages and reports give it: a URI without its password and its signature."""
     return str(path_of(name)) if _SCHEME.match(name) else name
 

@@ -10,7 +10,7 @@ from depthcli.errors import InputError
 from depthcli.inference.session import Session
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.pictures.decode import check
-from depthcli.io.storage.remote import path_of, shown
+from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.batch.journal import Rows, known_rows
 from depthcli.jobs.batch.manifest import Origin
@@ -61,7 +61,7 @@ def _forecast(
             kept = video.kept(request.plan.out, sha256, origin)
         else:
             data = read_input(file)
-            check(data, shown(file.path), request.options.limit)
+            check(data, safe_name(file.path), request.options.limit)
             sha256 = hashlib.sha256(data).hexdigest()
             kept = outputs.picture(file, rows).kept(request.plan.out, sha256, origin)
     except InputError as error:

@@ -21,7 +21,7 @@ from depthcli.io.listing.skipped import (
     to_convert,
 )
 from depthcli.io.listing.store import list_objects, walk_order
-from depthcli.io.storage.remote import RemotePath, check_writable, path_of, shown
+from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
 from depthcli.jobs.batch.shard import WHOLE, Shard
 from depthcli.jobs.tree_names import TreeNames
 
@@ -80,7 +80,7 @@ def plan_folder(root: str, out: str, wanted: NameFilter = ANY, shard: Shard = WH
     sorting = _Sorting(out, wanted, shard)
     if isinstance(place, RemotePath):
         objects = list_objects(place, path_of(out), wanted.excludes, sorting.skip)
-        plan = sorting.plan(objects, shown(root))
+        plan = sorting.plan(objects, safe_name(root))
         # As a folder of this machine would be walked, whatever the store's order.
         inputs = sorted(plan.inputs, key=lambda one: walk_order(one.name))
         plan = replace(plan, inputs=tuple(inputs))
@@ -125,7 +125,7 @@ def plan_files(
             else:
                 yield found
 
-    plan = sorting.plan(pictures(), f"the list {shown(source)}")
+    plan = sorting.plan(pictures(), f"the list {safe_name(source)}")
     # Nothing depends on the order of the list.
     return replace(plan, inputs=tuple(sorted(plan.inputs, key=lambda one: os.fsencode(one.name))))
 

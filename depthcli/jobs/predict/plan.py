@@ -6,7 +6,7 @@ from pathlib import Path
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import is_own_picture
-from depthcli.io.storage.remote import path_of, shown
+from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of
 from depthcli.jobs.naming import is_folder, plan_outputs
 
@@ -24,7 +24,7 @@ def pictures_among(names: Sequence[str]) -> tuple[list[str], list[str]]:
     others = [name for name in names if name not in own]
     if not others:
         raise UsageError(
-            f"{shown(own[0])} was written by depthcli; name a picture, or use "
+            f"{safe_name(own[0])} was written by depthcli; name a picture, or use "
             "'depthcli convert' for depth files"
         )
     return others, own
@@ -56,8 +56,8 @@ def picture_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format
     found = format_of(output)
     if found is None:
         raise UsageError(
-            f"-o {shown(output)} says no format; end it in {', '.join(ENDINGS)}, give --format, "
-            "or end it in '/' for a folder"
+            f"-o {safe_name(output)} says no format; end it in {', '.join(ENDINGS)}, give "
+            "--format, or end it in '/' for a folder"
         )
     return (found,)
 
@@ -77,14 +77,14 @@ def plan_pictures(
     if output == STANDARD:
         if len(names) != 1 or len(wanted) != 1:
             raise UsageError("-o - takes one input and one format; name a folder for more")
-        return (PicturePlan(shown(names[0]), sources[0], dict.fromkeys(wanted)),)
+        return (PicturePlan(safe_name(names[0]), sources[0], dict.fromkeys(wanted)),)
     # A sidecar beside the one file that the user named must not change that file's name.
     beside = sidecar and len(formats) == 1 and output is not None and not is_folder(output)
     main = formats if beside else wanted
     plans = plan_outputs(sources, output, {name: FORMATS[name].suffix for name in main})
     pictures = [
         PicturePlan(
-            shown(name), plan.source, {Format(key): path for key, path in plan.outputs.items()}
+            safe_name(name), plan.source, {Format(key): path for key, path in plan.outputs.items()}
         )
         for name, plan in zip(names, plans, strict=True)
     ]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from depthcli.errors import UsageError
-from depthcli.io.storage.remote import check_writable, path_of, shown
+from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.jobs.naming import is_folder, output_bases
 from depthcli.video.codecs import Codec, PreviewCodec, preview_codec
 from depthcli.video.formats import (
@@ -67,8 +67,8 @@ def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vid
         chosen = (found,)
     else:
         raise UsageError(
-            f"--out {shown(output)} says no format; end it in .mkv, .mp4, .webm or .mov, or name "
-            f"a folder ({shown(output)}/) and give --format"
+            f"--out {safe_name(output)} says no format; end it in .mkv, .mp4, .webm or .mov, or "
+            f"name a folder ({safe_name(output)}/) and give --format"
         )
     if set(chosen) == {VideoFormat.JSON}:
         raise UsageError("json only describes other outputs; give another --format with it")
@@ -114,7 +114,9 @@ def plan_video(
         folder = path_of(output).parent
         names = _file_names(path_of(output), formats, wanted)
     written = stdout if output == STANDARD else None
-    plan = VideoPlan(shown(name), source, folder, names, _codecs(names, codec), has_sound, written)
+    plan = VideoPlan(
+        safe_name(name), source, folder, names, _codecs(names, codec), has_sound, written
+    )
     for which in names:
         check_writable(plan.path(which))
         if file is not None and _same(plan.path(which), file):
