@@ -53,17 +53,17 @@ class Moment(NamedTuple):
     """When a result was there."""
 
     s: float
-    cpu_s: float
     driver_s: float
+    cpu_s: dict[int, float]  #: of each process
 
     @classmethod
     def now(cls) -> Moment:
         """This moment."""
-        return cls(time.perf_counter(), tree_cpu_s(), time.process_time())
+        return cls(time.perf_counter(), time.process_time(), tree_cpu_s())
 
 
-def tree_cpu_s() -> float:
-    """CPU time so far of this process and all that it has begun."""
+def tree_cpu_s() -> dict[int, float]:
+    """CPU time so far of this process and each that it has begun."""
     parents, ticks = {}, {}
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -78,7 +78,7 @@ def tree_cpu_s() -> float:
             pid = parents.get(pid, 0)
         return bool(pid)
 
-    return sum(ticks[pid] for pid in ticks if is_ours(pid)) / os.sysconf("SC_CLK_TCK")
+    return {pid: ticks[pid] / os.sysconf("SC_CLK_TCK") for pid in ticks if is_ours(pid)}
 
 
 def measured(source: Path, out: Path, loader: SessionLoader, engine: Engine) -> Run:
@@ -93,9 +93,10 @@ def measured(source: Path, out: Path, loader: SessionLoader, engine: Engine) -> 
             begin = Moment.now()
         if number == batch.tally.total - 1:
             end = Moment.now()
-    spent = [after - before for before, after in zip(begin, end, strict=True)]
     count = batch.tally.total - 1 - first
-    return Run(count / spent[0], spent[1] / count * 1e3, spent[2] / count * 1e3)
+    cpu_s = sum(spent - begin.cpu_s.get(pid, 0.0) for pid, spent in end.cpu_s.items())
+    driver_s = end.driver_s - begin.driver_s
+    return Run(count / (end.s - begin.s), cpu_s / count * 1e3, driver_s / count * 1e3)
 
 
 def driver_s(folder: Path, loader: SessionLoader, count: int) -> float:

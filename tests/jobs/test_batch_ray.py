@@ -18,6 +18,7 @@ from batches import outputs, request
 from tiny import synthetic_picture, write_picture
 from videos import write_mp4
 
+from depthcli._version import __version__
 from depthcli.errors import EngineError, ModelError, UsageError
 from depthcli.jobs.batch.account import rows_of
 from depthcli.jobs.batch.engines.ray import LOCAL, RayEngine
@@ -158,7 +159,6 @@ def test_a_picture_that_kills_its_workers_fails_alone(tmp_path: Path, engine: Ra
 @pytest.mark.parametrize(
     ("kind", "changes", "error", "line"),
     [
-        (WorkerSpec, {"out": Path("/nowhere/out")}, EngineError, "does not see /nowhere/out; put"),
         (WorkerSpec, {"model_sha256": "0" * 64}, ModelError, "is not the model that this batch"),
         (UnreadableSpec, {}, EngineError, "workers end before they begin .* is depthcli"),
     ],
@@ -259,12 +259,14 @@ def test_a_worker_that_no_machine_has_room_for(cluster: str) -> None:
             RayEngine(cluster, **needs)
 
 
-def test_a_machine_with_another_version_is_named(tmp_path: Path) -> None:
+def test_a_machine_without_this_version_or_the_folder_is_named(tmp_path: Path) -> None:
     inputs(tmp_path)
     found = request(tmp_path)
     spec = WorkerSpec(found.model, "0" * 64, found.options, found.plan.out)
     with pytest.raises(EngineError, match=r"has depthcli .*; install 0\.0\.1 there"):
         RemoteWorker(spec, ".", 1).start("0.0.1")
+    with pytest.raises(EngineError, match=r"does not see .*; put inputs and --out where all"):
+        RemoteWorker(spec, ".", 1).start(__version__)
 
 
 def test_without_ray_one_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
