@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 TESTS = Path(__file__).resolve().parents[1]
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
-LONGEST_END_S = 10.0
+LONGEST_END_S = 20.0
 """Where a whole machine is busy; the command itself is given two seconds."""
 NOISE = ("Traceback", "terminate called", "Exception ignored", "Error", "Fatal", "dumped")
 JOURNALS = (".depthcli-batch.jsonl", ".depthcli-frames")
@@ -245,6 +245,9 @@ def attack(cli: Cli, names: tuple[str, ...], moments: int, seed: int) -> list[st
 
 def main() -> int:
     """Attack, and print what fell short."""
+    # Whoever starts this in the background, or under nohup, lets it and all it starts ignore these.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--moments", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
