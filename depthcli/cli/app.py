@@ -10,6 +10,7 @@ import gc
 import os
 import signal
 import sys
+import warnings
 from typing import TYPE_CHECKING, NoReturn
 
 from depthcli._version import __version__
@@ -49,6 +50,8 @@ def _process() -> int:
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
     if _is_limited():  # OpenBLAS would crash where it cannot start its threads
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if not sys.warnoptions:  # of libraries to those who program with them
+        warnings.simplefilter("ignore")
     stdout = open_streams()
     code = _run(sys.argv[1:], is_process=True)
     problem = stdout.problem

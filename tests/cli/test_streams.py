@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import pytest
 from tiny import write_picture
 
+from depthcli.cli.screen import console
+
 if TYPE_CHECKING:
     from command_line import Cli
 
@@ -98,3 +100,25 @@ def test_no_file_takes_the_place_of_a_closed_stream(cli: Cli) -> None:
         check=False,
     )
     assert done.returncode == 0
+
+
+def test_what_a_terminal_would_obey_is_escaped(capsys: pytest.CaptureFixture[str]) -> None:
+    console.out("a\x1b[31m\x07\tb\nc\u202e")
+    console.note("\x9b2J é")
+    out, err = capsys.readouterr()
+    assert out == "a\\x1b[31m\\x07\tb\nc\\u202e\n"
+    assert err == "\\x9b2J é\n"
+
+
+def test_warnings_of_libraries_stay_with_those_who_program(cli: Cli) -> None:
+    script = "import sys, warnings; from depthcli.cli import app; sys.argv[1:] = []\n"
+    script += "app.help_text = lambda: (warnings.warn('of a library'), 'help')[1]; app.main()"
+    for options, said in (((), b""), (("-W", "default"), b"of a library")):
+        done = subprocess.run(
+            [sys.executable, *options, "-c", script],
+            env=cli.environment,
+            capture_output=True,
+            check=False,
+        )
+        assert (done.returncode, done.stdout, said in done.stderr) == (0, b"help", True)
+        assert bool(done.stderr) == bool(said)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, cast
@@ -33,6 +34,8 @@ class State:
         self.debug = False
 
 
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""What is neither a character nor the end of a line or a cell; names and cards may hold any."""
 _GAP = 2  # between columns
 _told: set[str] = set()
 """What standard output got: results, accounts of files."""
@@ -133,7 +136,8 @@ def trace(problem: BaseException) -> None:
 
 
 def _write(stream: TextIO, text: str) -> None:
-    """A line, with escapes for what the stream's encoding does not have."""
+    """A line, with escapes for what a terminal would obey or the encoding does not have."""
+    text = _CONTROL.sub(lambda found: one_line(found[0]), text)
     if _bars and stream.isatty():
         # Standard error is Rich's own now: it has no encoding, and wraps lines.
         shown = _bars[-1].console
