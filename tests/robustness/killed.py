@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -40,7 +41,10 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 LONGEST_END_S = 20.0
 """Where a whole machine is busy; the command itself is given two seconds."""
 NOISE = ("Traceback", "terminate called", "Exception ignored", "Error", "Fatal", "dumped")
-JOURNALS = (".depthcli-batch.jsonl", ".depthcli-frames")
+CONTINUED = re.compile(
+    r"\.depthcli-batch\.jsonl|.*\.depthcli-frames|\.depthcli-[0-9a-f]{8}-[0-9a-f]{16}-[12]\..*"
+)
+"""Journals, and the frames of a depth video that the next run goes on with."""
 SMALL = """
 validate_every = 1
 [generator]
@@ -145,9 +149,9 @@ def _files(out: Path) -> Iterator[Path]:
 
 
 def hidden(cli: Cli) -> list[str]:
-    """Temporary files that are there."""
+    """Temporary files that are there, but for those that the next run is to find."""
     names = (path.name for path in _files(cli.folder / "out") if path.name.startswith("."))
-    return [name for name in names if not name.endswith(JOURNALS)]
+    return [name for name in names if not CONTINUED.fullmatch(name)]
 
 
 def ended(cli: Cli, job: Job, number: signal.Signals, delay_s: float) -> tuple[str, list[str]]:
