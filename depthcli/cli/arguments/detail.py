@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable
 
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
+from depthcli.core.text import shown
 from depthcli.errors import UsageError
 
 # Bytes a pixel beside picture and depth, measured with some to spare; the least is for the numbers
@@ -11,7 +12,8 @@ from depthcli.errors import UsageError
 _LEAST_USE_BYTES = 10
 _PICTURE_BESIDE_BYTES = 18
 _UNITS = {"": 1, "K": 1_000, "M": 1_000_000, "G": 1_000_000_000}
-_SIZE = re.compile(r"(\d+(?:\.\d+)?) ?([KMG]?)B?", re.IGNORECASE | re.ASCII)
+_SIZE = re.compile(r"(\d{1,18}(?:\.\d{1,18})?) ?([KMG]?)B?", re.IGNORECASE | re.ASCII)
+_WIDTH = re.compile(r"0*[1-9][0-9]{0,8}")
 
 
 def choose_detail(
@@ -39,8 +41,8 @@ def _tile_px(text: str | None) -> int | None:
         return None
     if text == "auto":
         return AUTO_TILE
-    if not (text.isascii() and text.isdigit()) or int(text) == 0:
-        raise UsageError(f"--tile is auto or a width in pixels, not {text!r}")
+    if not _WIDTH.fullmatch(text):
+        raise UsageError(f"--tile is auto or a width in pixels, not {shown(text)}")
     return int(text)
 
 
@@ -49,5 +51,5 @@ def _bytes(text: str | None) -> int | None:
         return None
     match = _SIZE.fullmatch(text.strip())
     if match is None:
-        raise UsageError(f"--max-memory is a number of bytes such as 800M or 2G, not {text!r}")
+        raise UsageError(f"--max-memory is a number of bytes such as 800M or 2G, not {shown(text)}")
     return int(float(match[1]) * _UNITS[match[2].upper()])
