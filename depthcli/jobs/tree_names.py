@@ -37,7 +37,10 @@ class TreeNames:
         _, first = np.unique(found["name"], return_index=True)
         self._alike = _repeated(found["whole"][first])
         stems = found["stem"][first]
-        self._shared = np.union1d(_repeated(stems), np.intersect1d(stems, found["whole"]))
+        # np.intersect1d and np.isin would load numpy.ma, at 15 ms.
+        whole = np.sort(found["whole"])
+        both = stems[np.take(whole, np.searchsorted(whole, stems), mode="clip") == stems]
+        self._shared = np.sort(np.concatenate([_repeated(stems), both]))
 
     def base(self, name: str) -> str:
         """Path of an input's outputs from the output folder, without a suffix."""
