@@ -67,12 +67,14 @@ def _claimed(temporary: Path) -> int | None:
     """The lock of a temporary file, which is ours then; None if it cannot be had."""
     if sys.platform == "win32":  # which does not rename what is open
         return None
-    with _lock, suppress(OSError):  # another user's, or the folder cannot be written to
-        handle = open_locked(temporary)
-        if handle is not None:
-            _own.add(temporary)
-        return handle
-    return None
+    handle = None
+    with _lock:
+        if not os.path.lexists(temporary):
+            _own.add(temporary)  # a signal may come as soon as it is there, and in this thread
+        with suppress(OSError):  # another user's, or the folder cannot be written to
+            handle = open_locked(temporary)
+        (_own.discard if handle is None else _own.add)(temporary)
+    return handle
 
 
 def remove_own() -> None:
