@@ -606,9 +606,12 @@ def test_a_shard_of_a_list_in_a_table(inside: Cli) -> None:
         (("--files", "-", "--column", "x"), b"--column is for a Parquet or CSV file"),
         (("--column", "x"), b"--column is for a Parquet or CSV file"),
         (("--files", "in/a.csv", "--column", "x"), b"no column 'x'; its columns are path"),
+        (("--ray-address", "local"), b"--ray-address is for --engine ray"),
+        (("--gpus-per-worker", "1"), b"--gpus-per-worker is for --engine ray"),
+        (("--engine", "ray", "--ray-address", "x"), b"--ray-address x is not HOST:PORT"),
     ],
 )
-def test_what_names_no_part_and_no_column(inside: Cli, words: tuple[str, ...], line: bytes) -> None:
+def test_what_names_no_part_no_column_and_no_cluster(inside: Cli, words: tuple[str, ...], line: bytes) -> None:
     tree(inside, "a.png")
     (inside.folder / "in" / "a.csv").write_text("path\na.png\n")
     done = inside("batch", "in", "--out", "out", *words)
