@@ -611,7 +611,9 @@ def test_a_shard_of_a_list_in_a_table(inside: Cli) -> None:
         (("--engine", "ray", "--ray-address", "x"), b"--ray-address x is not HOST:PORT"),
     ],
 )
-def test_what_names_no_part_no_column_and_no_cluster(inside: Cli, words: tuple[str, ...], line: bytes) -> None:
+def test_what_names_no_part_no_column_and_no_cluster(
+    inside: Cli, words: tuple[str, ...], line: bytes
+) -> None:
     tree(inside, "a.png")
     (inside.folder / "in" / "a.csv").write_text("path\na.png\n")
     done = inside("batch", "in", "--out", "out", *words)
