@@ -67,7 +67,11 @@ class Session:
         self._turn: AbstractContextManager[Any] = (
             threading.Lock() if self.provider == DIRECTML else nullcontext()
         )
-        self._input, shape = _image_input(self._session, model)
+        try:
+            self._input, shape = _image_input(self._session, model)
+        except UnicodeDecodeError as error:
+            problem = f"{model.path} is damaged: a name in it is no text; export it again"
+            raise ModelError(problem) from error
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
     def run(self, batch: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -163,11 +167,11 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
     if not _NUMBERS.fullmatch(gives):
         raise ModelError(f"{model.path} gives {gives}, not numbers; use a depth model")
     inputs: list[Any] = session.get_inputs()
-    first, spec = inputs[0], model.card.input
-    if len(inputs) != 1 or len(first.shape) != _IMAGE_RANK or first.type != "tensor(float)":
+    if [(len(one.shape), one.type) for one in inputs] != [(_IMAGE_RANK, "tensor(float)")]:
         raise ModelError(
             f"{model.path} has no single float32 (N, C, H, W) input; use a depth model"
         )
+    first, spec = inputs[0], model.card.input
     lengths = [length if isinstance(length, int) else None for length in first.shape]
     is_last = spec.layout is TensorLayout.NHWC
     channels = lengths.pop(3 if is_last else 1)

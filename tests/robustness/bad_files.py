@@ -145,6 +145,14 @@ def _constant(kind: int, shape: list[int], values: list[Any]) -> Any:
     )
 
 
+def _no_input() -> bytes:
+    model = onnx.load_from_string(
+        _graph([_value(TensorProto.FLOAT)], [_constant(TensorProto.FLOAT, [1, 1, 1], [1.0])])
+    )
+    del model.graph.input[:]
+    return model.SerializeToString()
+
+
 def _external() -> bytes:
     model = onnx.load_from_string(tiny_onnx(card=json.dumps(CARD)))
     tensor = model.graph.initializer[0]
@@ -178,6 +186,7 @@ MODELS = {
     ),
     "weights elsewhere": Bad(_external(), "keeps weights in a second file", 3),
     "graphs in graphs": Bad(_deep_graph(), "a.onnx", 3),
+    "no input": Bad(_no_input(), "a.onnx has no single float32 (N, C, H, W) input", 3),
     "no output": Bad(_graph([], [_IDENTITY]), "a.onnx gives nothing, not numbers", 3),
     "a sequence": Bad(
         _graph([_SEQUENCE], [helper.make_node("SequenceConstruct", ["image"], ["depth"])]),
