@@ -56,8 +56,7 @@ def _without_middle(data: bytes) -> bytes:
 
 
 _DEFLATED = [
-    encoded(".tiff", cv2.IMWRITE_TIFF_COMPRESSION, coding, *options)
-    for coding in (8, 32946)
+    encoded(".tiff", cv2.IMWRITE_TIFF_COMPRESSION, 8, *options)
     for options in ((), (cv2.IMWRITE_TIFF_ROWSPERSTRIP, 8))
 ]
 _LOST = "is damaged, or of a variant that cannot be decoded; save it again"
