@@ -5,13 +5,15 @@ from contextlib import contextmanager
 
 import cv2
 
+_SILENT = 0
+
 
 @contextmanager
 def silent_opencv() -> Iterator[None]:
     """Keep OpenCV silent, in all threads at once."""
-    log = cv2.utils.logging
+    log = getattr(cv2.utils, "logging", cv2)  # OpenCV 4 has these in cv2 itself
     level = log.getLogLevel()
-    log.setLogLevel(log.LOG_LEVEL_SILENT)
+    log.setLogLevel(_SILENT)
     try:
         yield
     finally:
