@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import shutil
-import subprocess
 from typing import TYPE_CHECKING
 
 import cv2
@@ -266,27 +265,6 @@ def test_no_bad_file_stops_the_others(inside: Cli) -> None:
     assert b"2 of 9 inputs done, 7 failed, 1 file skipped (1 .npy)" in done.stdout
     assert contents(inside, "out").keys() == {"a.depth.png", "z.depth.png", "manifest.jsonl"}
     assert {name for name, row in rows(inside, "out").items() if row["error"]} == set(bad)
-
-
-def test_a_file_that_disappears_meanwhile_stops_no_other(cli: Cli) -> None:
-    names = [f"{number:03}.png" for number in range(120)]
-    tree(cli, *names)
-    words = cli.command("batch", "in", "--out", "out", "--json", "--workers", "1")
-    with subprocess.Popen(
-        words,
-        cwd=cli.folder,
-        env=cli.environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    ) as process:
-        assert process.stdout is not None
-        lines = [process.stdout.readline()]
-        (cli.folder / "in" / names[-1]).unlink()
-        lines += process.stdout
-    assert process.returncode == 1
-    seen = {row["input"]: row["error"] for row in map(json.loads, lines)}
-    assert seen == dict.fromkeys(names) | {names[-1]: f"in/{names[-1]} is missing: no such file"}
 
 
 @pytest.mark.skipif(os.getuid() == 0, reason="root reads every folder")

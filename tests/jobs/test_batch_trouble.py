@@ -134,3 +134,11 @@ def test_a_video_that_changes_while_it_is_read_counts_as_failed(tmp_path: Path) 
     assert "changed while it was read; run the batch again" in str(result.row.error)
     assert kept(tmp_path) == {"a.mp4": False}
     assert kept(tmp_path) == {"a.mp4": True}
+
+
+def test_a_file_that_disappears_after_it_was_listed_stops_no_other(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    batch = Batch(request(tmp_path))
+    (tmp_path / "in" / "z.png").unlink()
+    seen = {result.row.input: result.row.error for result in batch}
+    assert seen == dict.fromkeys(NAMES) | {"z.png": f"{tmp_path}/in/z.png is missing: no such file"}
