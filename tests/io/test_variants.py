@@ -155,7 +155,7 @@ def test_orientation_survives_a_damaged_inner_directory() -> None:
 
 @pytest.mark.parametrize("dtype", [np.int8, np.int16, np.int32, np.uint32])
 def test_integers_that_are_no_picture_are_refused(dtype: type) -> None:
-    with pytest.raises(InputError, match="8 or 16 bits|cannot be decoded"):
+    with pytest.raises(InputError, match=r"8 or 16 bits|cannot be decoded"):
         pixels(made.tiff(np.ones((2, 2), dtype)))
 
 
