@@ -146,13 +146,14 @@ def _distances(
     if not near.size:
         return MAX_DISTANCE_PX, MAX_DISTANCE_PX
     both = np.minimum(np.concatenate([to_truth, to_predicted]), MAX_DISTANCE_PX)
-    return float(near.mean(dtype=np.float64)), float(both.mean(dtype=np.float64))
+    return float(near.mean()), float(both.mean())
 
 
-def _distance_to(edges: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
-    """(H, W) float32: Euclidean distance in pixels to the nearest edge."""
-    away = (~edges).astype(np.uint8)
-    return np.asarray(cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
+def _distance_to(edges: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+    """(H, W) float64: Euclidean distance in pixels to the nearest edge."""
+    away = cv2.distanceTransform((~edges).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # Squares of distances are whole numbers; the last digits of OpenCV's roots vary.
+    return np.asarray(np.sqrt(np.rint(np.square(away, dtype=np.float64))))
 
 
 def _edge_f1(

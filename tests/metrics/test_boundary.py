@@ -54,7 +54,7 @@ def test_scores_equal_the_plain_loops(seed: int, holes: bool) -> None:
         assert np.any(expected)
     scores = boundary_scores(maps[0], maps[1], valid)
     accuracy, completeness = plain.distances(*found)
-    assert (scores.dbe_acc, scores.dbe_comp) == pytest.approx((accuracy, completeness), rel=1e-6)
+    assert (scores.dbe_acc, scores.dbe_comp) == pytest.approx((accuracy, completeness), rel=1e-12)
     f1 = plain.edge_f1(maps[0].tolist(), maps[1].tolist(), valid.tolist())
     assert scores.edge_f1 == pytest.approx(f1, rel=1e-9)
     assert 0 < scores.edge_f1 < 1
