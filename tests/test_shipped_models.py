@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import platform
 import re
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
+import cv2
 import numpy as np
 import onnx
 import pytest
@@ -14,6 +18,7 @@ import pytest
 import depthcli
 from depthcli.core.camera import Anchor
 from depthcli.core.scaling import fit_anchors
+from depthcli.core.types import Frame
 from depthcli.datasets import id_ranges
 from depthcli.models.card import ModelCard
 
@@ -47,6 +52,25 @@ def _depth(model: str, **detail: str) -> depthcli.DepthMap:
 def test_reproduces_its_stored_output(model: str, upsampling: str) -> None:
     seen_m = _depth(model, upsampling=upsampling).values[::8, ::8]
     assert np.abs(seen_m - np.load(REFERENCES[model, upsampling])).max() < LOSSY_M[model]
+
+
+def _platform() -> str:
+    """What floating-point sums are rounded by: processor, instructions and libraries."""
+    info = Path("/proc/cpuinfo")
+    words = set(info.read_text().split()) if info.is_file() else set()
+    known = words & {"GenuineIntel", "AuthenticAMD", "avx2", "avx512f", "avx512_vnni", "amx_int8"}
+    libraries = [f"{name} {version(name)}" for name in ("onnxruntime", "numpy")]
+    return ", ".join([platform.machine(), *sorted(known), *libraries, f"OpenCV {cv2.__version__}"])
+
+
+def test_gives_the_bytes_that_it_gave_on_the_same_platform(model: str) -> None:
+    hashes = json.loads((REFERENCE / "hashes.json").read_text()).get(_platform())
+    if hashes is None:
+        pytest.skip(f"no hashes were recorded on {_platform()}")
+    pixels = np.random.default_rng(0).integers(0, 256, (240, 320, 3), np.uint8)  # decoders differ
+    pipeline = depthcli.load(ROOT / "models" / model, provider="cpu")
+    values_m = pipeline.predict(Frame(pixels)).values
+    assert hashlib.sha256(values_m.tobytes()).hexdigest() == hashes[model]
 
 
 def test_the_picture_guides_unless_told_otherwise() -> None:

@@ -8,6 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
+from depthcli.core.summary import DepthRange
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
 
@@ -31,6 +32,7 @@ DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
         (np.full((4, 5, 3), -1.5, np.float32), "0 to 1, not -1.5"),
         (np.full((4, 5), np.nan, np.float32), "not all finite"),
         (np.full((4, 5), np.inf, np.float32), "not all finite"),
+        (np.float32([[0.5, np.inf, 0.5, 0.5]]), "not all finite"),
     ],
 )
 def test_what_is_no_picture_is_refused_in_one_line(pixels: np.ndarray, problem: str) -> None:
@@ -49,6 +51,26 @@ def test_highlights_may_pass_one() -> None:
     pixels = np.full((4, 5), 0.5, np.float32)
     pixels[0] = 7
     assert Frame(pixels).width == 5
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_people_see_eight_bits_and_three_channels(dtype: type) -> None:
+    top = 1 if dtype is np.float32 else np.iinfo(dtype).max
+    gray, colour = np.full((4, 5), top, dtype), np.full((4, 5, 3), top, dtype)
+    for pixels in (gray, colour):
+        np.testing.assert_array_equal(Frame(pixels).pixels_8bit(), np.full((4, 5, 3), 255))
+
+
+@pytest.mark.parametrize("values", [np.zeros((4, 5)), np.zeros((4, 5, 1), np.float32)])
+def test_other_arrays_are_no_depth_map(values: np.ndarray) -> None:
+    with pytest.raises(ValueError, match=r"depth is \(H, W\) float32, not "):
+        DepthMap(values)
+
+
+def test_a_range_leaves_out_what_has_no_depth() -> None:
+    depth_m = np.float32([[np.nan, 3, 1], [np.inf, 2, 8]])
+    assert DepthRange.of(DepthMap(depth_m)) == DepthRange(1, 2.5, 8)
+    assert DepthRange.of(DepthMap(depth_m[:, :1])) == DepthRange(None, None, None)
 
 
 def test_a_map_is_its_values_to_numpy() -> None:
