@@ -2,7 +2,8 @@
 
 Each command runs in turns with the two source trees and one model, so that a drifting machine
 drifts for both; the ratios are those of runs beside each other, the other tree's over this one's.
-CPU time is user and system together, of all threads.
+CPU time is user and system together, of all threads. Modules come from bytecode, as where
+depthcli is installed: without it each start would compile the source anew.
 Run: ``python benchmarks/compare.py OTHER_TREE [--rounds 7]``
 """
 
@@ -24,7 +25,12 @@ FRAMES = 60
 def cost(tree: Path, words: list[str], out: Path) -> tuple[float, float]:
     """CPU milliseconds and peak MB of a command of one tree; what it writes is removed."""
     command = [sys.executable, "-m", "depthcli", *words]
-    environment = {**os.environ, "PYTHONPATH": str(tree)}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(tree),
+        "PYTHONDONTWRITEBYTECODE": "",
+        "PYTHONPYCACHEPREFIX": str(out.parent / "bytecode"),
+    }
     # Python looks for modules where it is started before it looks where PYTHONPATH says.
     running = subprocess.Popen(command, env=environment, cwd=out.parent, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(running.pid, 0)

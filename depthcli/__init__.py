@@ -12,10 +12,9 @@ The Python API, loaded name by name when it is used; docs/python.md tells more::
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from depthcli._version import __version__
 
+TYPE_CHECKING = False  # checkers take it for typing's, which would be a quarter of ``--help``
 if TYPE_CHECKING:
     from depthcli.api.depth_map import DepthMap
     from depthcli.api.files import DepthVideo, read_depth

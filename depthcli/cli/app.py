@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import gc
 import os
-import signal
 import sys
 import warnings
-from typing import TYPE_CHECKING, NoReturn
 
 from depthcli._version import __version__
 from depthcli.cli.streams import open_streams
 from depthcli.cli.table import PROGRAM, help_text
-from depthcli.errors import ExitCode
 
+TYPE_CHECKING = False  # as in depthcli/__init__.py
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import NoReturn
 
 _GC_THRESHOLD = 50_000
 
@@ -40,6 +39,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _process() -> int:
     """Run the command that this process was started for."""
+    stdout = open_streams()
+    code = _run(sys.argv[1:], is_process=True)
+    problem = stdout.problem
+    if problem is None:
+        return code
+    from depthcli.cli.screen.console import untold
+
+    return untold(problem, code)
+
+
+def _prepare() -> None:
+    """Set the process up for more than printing the help."""
+    import signal
+
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback, until there is more to do
     # Collecting garbage among a hundred thousand objects that all stay, while modules load and
@@ -52,14 +65,6 @@ def _process() -> int:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if not sys.warnoptions:  # of libraries to those who program with them
         warnings.simplefilter("ignore")
-    stdout = open_streams()
-    code = _run(sys.argv[1:], is_process=True)
-    problem = stdout.problem
-    if problem is None:
-        return code
-    from depthcli.cli.screen.console import untold
-
-    return untold(problem, code)
 
 
 def _is_limited() -> bool:
@@ -86,9 +91,10 @@ def _run(words: list[str], *, is_process: bool = False) -> int:
     try:
         if text is not None:
             sys.stdout.write(text)
-            code: int = ExitCode.OK
+            code = 0
         else:
             if is_process:
+                _prepare()
                 from depthcli.cli.signals import end_on_signals
 
                 end_on_signals()
@@ -97,6 +103,8 @@ def _run(words: list[str], *, is_process: bool = False) -> int:
             code = run(words)
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read our output is gone: stop silently, as other filters do
+        from depthcli.errors import ExitCode
+
         return ExitCode.SOME_FAILED
     return code
 

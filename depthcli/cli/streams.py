@@ -1,9 +1,14 @@
 """Standard streams that are closed, on a full disk, or that nobody reads any more."""
 
+from __future__ import annotations
+
 import io
 import os
 import sys
-from typing import Any
+
+TYPE_CHECKING = False  # as in depthcli/__init__.py
+if TYPE_CHECKING:
+    from typing import Any
 
 _KEPT = ("encoding", "errors", "line_buffering", "write_through")
 

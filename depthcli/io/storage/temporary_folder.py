@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from depthcli.core.ending import before_ending
 from depthcli.errors import OutputError
@@ -16,6 +15,8 @@ def temporary_folder() -> Iterator[Path]:
     Raises:
         OutputError: there is no place for one.
     """
+    from tempfile import TemporaryDirectory  # noqa: PLC0415 - 2 ms, and seldom used
+
     try:
         folder = TemporaryDirectory(prefix="depthcli-")
     except OSError as error:

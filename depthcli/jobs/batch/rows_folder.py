@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
@@ -45,6 +44,8 @@ class RemoteRows(RowsFolder):
         Raises:
             OutputError: the folder cannot be read.
         """
+        from tempfile import TemporaryDirectory  # noqa: PLC0415 - 2 ms, and seldom used
+
         self._out, self._lock, self._sent_s = out, threading.Lock(), time.monotonic()
         self._temporary = TemporaryDirectory(prefix="depthcli-rows-")
         super().__init__(Path(self._temporary.name))
