@@ -39,6 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _process() -> int:
     """Run the command that this process was started for."""
+    if not sys.warnoptions:  # of libraries to those who program with them
+        warnings.simplefilter("ignore")
     stdout = open_streams()
     code = _run(sys.argv[1:], is_process=True)
     problem = stdout.problem
@@ -63,8 +65,6 @@ def _prepare() -> None:
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
     if _is_limited():  # OpenBLAS would crash where it cannot start its threads
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if not sys.warnoptions:  # of libraries to those who program with them
-        warnings.simplefilter("ignore")
 
 
 def _is_limited() -> bool:
