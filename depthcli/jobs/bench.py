@@ -23,7 +23,7 @@ from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.writers.png16 import Png16Writer
 
 _FEWEST = 5
-_MEBIBYTE = 2**20
+_MEGABYTE = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Speed:
     network: Latency  #: one picture through the network alone
     whole: Latency  #: one picture from an encoded file to a 16-bit PNG on the disk
     pictures_per_s: float  #: of whole pictures, by several workers at a time
-    #: most memory of this process so far, in MiB; None where the system does not tell
+    #: most memory of this process so far, in MB; None where the system does not tell
     peak_memory_mb: float | None
 
 
@@ -115,13 +115,13 @@ def made_picture(width: int, height: int) -> bytes:
 
 
 def peak_memory_mb() -> float | None:
-    """Most resident memory of this process so far, in MiB; None where the system does not tell."""
+    """Most resident memory of this process so far, in MB; None where the system does not tell."""
     if sys.platform == "win32":
         return None
     import resource  # noqa: PLC0415 - Windows has none
 
     unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / _MEBIBYTE
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / _MEGABYTE
 
 
 def _convert(pipeline: Pipeline, picture: bytes, path: Path) -> None:

@@ -11,7 +11,7 @@ from depthcli.errors import InputError
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.read import read_image
 from depthcli.video.frames import FrameSource
-from depthcli.video.rates import FALLBACK_RATE, rate_text
+from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.sequence_files import EXR, NumberedPicture, find_pictures
 from depthcli.video.spans import WHOLE, Span
 
@@ -93,7 +93,7 @@ class ImageSequence(FrameSource):
 
     def _doubts(self, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
-            yield f"no frame rate is given; {rate_text(FALLBACK_RATE)} is assumed, or give --fps"
+            yield f"no frame rate is given; {FALLBACK_RATE} is assumed; give --fps"
         missing = self._files[-1].number - self._files[0].number + 1 - len(self._files)
         if missing:
             yield f"{missing} numbers of the sequence are missing; the others keep their times"

@@ -26,7 +26,8 @@ def test_shards_are_summed_up_listed_and_merged(inside: Cli, form: str) -> None:
     assert said[1].startswith("2 outputs, ")
     (found,) = printed(inside("manifest", "summary", "out", "--json"))
     assert (found["inputs"], found["failed"], found["outputs"]) == (3, 1, 2)
-    assert sum(found["models"].values()) == 3
+    assert [one["inputs"] for one in found["models"]] == [3]
+    assert {"model", "model_sha256", "version"} < set(found["models"][0])
     failed = inside("manifest", "failed", "out")
     assert failed.stdout.decode().count("\n") == 1
     assert "is empty" in failed.stdout.decode()

@@ -12,7 +12,7 @@ from tiny import synthetic_picture, write_picture
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.parquet import Table, write_table
-from depthcli.jobs.batch.account import Summary, failed, merge, rows_of, summary
+from depthcli.jobs.batch.account import ModelInputs, Summary, failed, merge, rows_of, summary
 from depthcli.jobs.batch.journal import Journal, known_rows
 from depthcli.jobs.batch.manifest import FAILED, OK, ManifestFormat, Origin, OutputFile, Row
 from depthcli.jobs.batch.run import Batch
@@ -89,7 +89,7 @@ def test_parts_of_shards_are_summed_up_and_merged(tmp_path: Path) -> None:
     for _ in range(2):
         found = rows_of(tmp_path)
         counted = summary(found)
-        assert counted == Summary(22, 2, 20, 240, 18.5, {f"tiny {'1' * 64} 1.0": 22})
+        assert counted == Summary(22, 2, 20, 240, 18.5, (ModelInputs("tiny", "1" * 64, "1.0", 22),))
         assert {one.input for one in failed(found)} == {"x", "y"}
         assert merge(tmp_path, ManifestFormat.PARQUET) == tmp_path / "manifest.parquet"
         assert [path.name for path in tmp_path.iterdir()] == ["manifest.parquet"]

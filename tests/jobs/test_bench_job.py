@@ -52,10 +52,10 @@ def test_measuring_lasts_as_long_as_asked(model_folder: Path) -> None:
 def test_peak_memory_grows_with_what_is_held() -> None:
     before = speed.peak_memory_mb()
     assert before is not None
-    held = np.ones(int(1.3 * before) * 2**20 // 8)
+    held = np.ones(int(1.3 * before * 1e6 / 8))
     after = speed.peak_memory_mb()
     assert after is not None
-    assert after >= held.nbytes / 2**20
+    assert after >= held.nbytes / 1e6
 
 
 @pytest.mark.parametrize("size", [(640, 480), (1, 1), (301, 7)])

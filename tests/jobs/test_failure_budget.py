@@ -87,6 +87,7 @@ def test_a_share_is_one_of_the_last_hundred_that_were_worked_on() -> None:
     assert budget.reason(tally) is None
     tally.add(bad)
     assert budget.reason(tally) == "more than 2% of the last 100 inputs failed"
+    assert FailureBudget(1).reason(tally) == "more than 1 input failed"
 
 
 @pytest.mark.parametrize("word", ["", "%", "-1", "1.5%", "101%", "many", "9" * 5000])
@@ -99,7 +100,7 @@ def test_the_command_says_why_it_stopped(inside: Cli) -> None:
     half_good(inside.folder)
     done = inside("batch", "in", "--out", "out", "--max-failures", "0", "--workers", "1")
     assert done.returncode == 1
-    assert b"stopped because more than 0 inputs failed; mend the cause and run it" in done.stderr
+    assert b"stopped because more than 0 inputs failed; fix the cause and run it" in done.stderr
     assert b" of 105 inputs done" in done.stdout
     again = inside("batch", "in", "--out", "out", "--max-failures", "100", "--quiet")
     assert (again.returncode, b"stopped" in again.stderr) == (1, False)

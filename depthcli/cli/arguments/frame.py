@@ -7,7 +7,8 @@ import typer
 from depthcli.cli.arguments.numbers import positive
 
 FileArgument = Annotated[
-    str, typer.Argument(help="Depth file: 16-bit PNG, EXR, NPY or depth video (.mkv).")
+    str,
+    typer.Argument(metavar="FILE", help="Depth file: 16-bit PNG, EXR, NPY or depth video (.mkv)."),
 ]
 ScaleOption = Annotated[
     float | None,

@@ -82,7 +82,7 @@ def _tell(done: BenchResult) -> None:
     console.out(f"whole picture  {_latency(speed.whole)}")
     console.out(f"throughput     {speed.pictures_per_s:8.1f} pictures/s, {done.workers} at a time")
     if speed.peak_memory_mb is not None:
-        console.out(f"peak memory    {speed.peak_memory_mb:8.0f} MiB")
+        console.out(f"peak memory    {speed.peak_memory_mb:8.0f} MB")
 
 
 def _latency(latency: Latency) -> str:

@@ -25,7 +25,7 @@ _Manifest = Annotated[
 
 @app.command("summary")
 def show_summary(out: _Manifest, as_json: _Json = False) -> int:
-    """Count inputs, failures and outputs, those of all shards together."""
+    """Count inputs, failures and outputs, of all shards together."""
     from depthcli.io.storage.remote import path_of
     from depthcli.jobs.batch.account import rows_of, summary
 
@@ -36,8 +36,9 @@ def show_summary(out: _Manifest, as_json: _Json = False) -> int:
     console.out(f"{found.inputs} inputs: {found.inputs - found.failed} ok, {found.failed} failed")
     console.out(f"{found.outputs} outputs, {found.output_bytes / 1e6:.1f} MB")
     console.out(f"{found.seconds:.1f} s of work")
-    for model, count in found.models.items():
-        console.out(one_line(f"{count} by {model}"))
+    for one in found.models:
+        by = f"model {one.model} ({one.model_sha256[:12]}), depthcli {one.version}"
+        console.out(one_line(f"{one.inputs} by {by}"))
     return ExitCode.OK
 
 
@@ -67,7 +68,7 @@ def merge_parts(
     ] = None,
     as_json: _Json = False,
 ) -> int:
-    """Make one manifest of those of all shards, which are removed."""
+    """Merge the manifests of all shards into one, and remove them."""
     from depthcli.io.storage.remote import path_of
     from depthcli.jobs.batch.account import merge
 

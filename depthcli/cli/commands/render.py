@@ -43,7 +43,9 @@ def rooms(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     quiet: QuietOption = False,
 ) -> int:
-    """Render furnished rooms with their depth, as 'depthcli train --data' and '--extra' read them.
+    """Render pictures of furnished rooms and their exact depth.
+
+    'depthcli train' reads them with --data or --extra.
 
     The same seed and options give the same files, whatever the count and the workers. A run that
     was interrupted goes on where it stopped.

@@ -97,7 +97,7 @@ _TensorBoard = Annotated[
     typer.Option("--tensorboard", help="Also write TensorBoard event files to OUT/tensorboard."),
 ]
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object per epoch.")]
-_Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
+_Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
 
 
 @app.command()

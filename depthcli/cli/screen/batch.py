@@ -82,7 +82,7 @@ class Report:
         for name, reason in tally.failures:
             console.error(reason if name in reason else f"{name}: {reason}")
         if batch.stopped:
-            console.error(f"stopped because {batch.stopped}; mend the cause and run it again")
+            console.error(f"stopped because {batch.stopped}; fix the cause and run it again")
         if tally.failures and self.quiet:
             console.note(f"{len(tally.failures)} of {tally.total} inputs failed")
         if self.quiet:

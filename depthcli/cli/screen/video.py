@@ -44,7 +44,6 @@ def json_of(done: VideoDone) -> dict[str, object]:
 def text_of(done: VideoDone) -> str:
     """One line: where the outputs are, how many frames, how steady, the camera."""
     from depthcli.io.writers.facts import camera_words
-    from depthcli.video.rates import rate_text
 
     files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
     frames = "1 frame" if done.frames == 1 else f"{done.frames} frames"
@@ -53,5 +52,5 @@ def text_of(done: VideoDone) -> str:
     smoothed = "" if before is None else f" ({before:.2%} before smoothing)"
     camera = camera_words(done.depth)
     seen_by = f"  camera: {camera}" if camera else ""
-    speed = f"{frames} at {rate_text(done.rate)} fps in {done.seconds:.1f} s"
+    speed = f"{frames} at {done.rate} fps in {done.seconds:.1f} s"
     return f"{files}  {speed}{flicker}{smoothed}{seen_by}"

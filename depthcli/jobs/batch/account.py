@@ -14,6 +14,16 @@ from depthcli.jobs.batch.shard import WHOLE
 
 
 @dataclass(frozen=True, slots=True)
+class ModelInputs:
+    """How many inputs one model did."""
+
+    model: str  #: its name
+    model_sha256: str  #: checksum of its file
+    version: str  #: of depthcli
+    inputs: int
+
+
+@dataclass(frozen=True, slots=True)
 class Summary:
     """The rows of a manifest, added up."""
 
@@ -22,7 +32,7 @@ class Summary:
     outputs: int  #: files
     output_bytes: int
     seconds: float  #: from opening each input to its last output, in all
-    models: dict[str, int]  #: inputs by ``name sha256 version of depthcli``
+    models: tuple[ModelInputs, ...]
 
 
 def rows_of(path: Path) -> Rows:
@@ -48,7 +58,7 @@ def rows_of(path: Path) -> Rows:
 def summary(rows: Rows) -> Summary:
     """The sums of all rows."""
     counts: Counter[str] = Counter()
-    models: Counter[str] = Counter()
+    models: Counter[tuple[str, str, str]] = Counter()
     seconds = 0.0
     for row in rows:
         counts["inputs"] += 1
@@ -56,14 +66,14 @@ def summary(rows: Rows) -> Summary:
         counts["outputs"] += len(row.outputs)
         counts["bytes"] += sum(file.bytes for file in row.outputs)
         seconds += row.seconds
-        models[f"{row.origin.model} {row.origin.model_sha256} {row.origin.version}"] += 1
+        models[row.origin.model, row.origin.model_sha256, row.origin.version] += 1
     return Summary(
         inputs=counts["inputs"],
         failed=counts["failed"],
         outputs=counts["outputs"],
         output_bytes=counts["bytes"],
-        seconds=seconds,
-        models=dict(models),
+        seconds=round(seconds, 6),
+        models=tuple(ModelInputs(*model, inputs) for model, inputs in models.items()),
     )
 
 

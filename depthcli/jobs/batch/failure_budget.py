@@ -35,5 +35,6 @@ class FailureBudget:
         """Why a batch has to stop; None while it may go on."""
         if (sum(tally.recent_failed) if self.is_share else len(tally.failures)) <= self.most:
             return None
-        which = f"{self.most}% of the last 100 inputs" if self.is_share else f"{self.most} inputs"
+        plain = "1 input" if self.most == 1 else f"{self.most} inputs"
+        which = f"{self.most}% of the last 100 inputs" if self.is_share else plain
         return f"more than {which} failed"
