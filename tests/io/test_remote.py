@@ -195,11 +195,21 @@ def test_what_goes_on_failing_is_one_clear_line(
         assert not any(secret in text for secret in KEYS.values())
 
 
-def test_without_the_extra_one_line_says_how_to_get_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("predict", "s3://bucket/a.jpg", "-o", "x.png"), 1),
+        (("video", "s3://bucket/a.mp4", "-o", "x.mkv"), 3),
+        (("manifest", "summary", "s3://bucket/out"), 3),
+    ],
+)
+def test_without_the_extra_one_line_says_how_to_get_it(
+    tmp_path: Path, words: tuple[str, ...], code: int
+) -> None:
     blocked = tmp_path / "obstore.py"
     blocked.write_text("raise ModuleNotFoundError('no', name='obstore')")
     done = subprocess.run(
-        [sys.executable, "-m", "depthcli", "predict", "s3://bucket/a.jpg", "-o", "x.png"],
+        [sys.executable, "-m", "depthcli", *words],
         env={
             **os.environ,
             "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}",
@@ -209,9 +219,10 @@ def test_without_the_extra_one_line_says_how_to_get_it(tmp_path: Path) -> None:
         check=False,
         cwd=Path(__file__).parents[2],
     )
-    assert done.returncode == 1
+    assert done.returncode == code
     assert done.stderr.count("\n") == 1
-    assert "pip install obstore boto3" in done.stderr
+    assert done.stderr.startswith("depthcli: error: s3://bucket/")
+    assert done.stderr.endswith("install it with: pip install obstore boto3\n")
 
 
 def test_a_list_of_a_bucket_comes_page_by_page(

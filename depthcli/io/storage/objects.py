@@ -138,7 +138,7 @@ def names(place: Address, after: str = "") -> Iterator[str]:
         nonlocal pages
         if pages is None:  # at the beginning, and where the last one broke off
             offset = start + after if after else None
-            pages = _library().list(
+            pages = _library(place).list(
                 _address(place)[0], start or None, offset=offset, chunk_size=_PAGE
             )
         waiting, pages = pages, None
@@ -159,7 +159,9 @@ def masked(text: str) -> str:
 
 def _ask(verb: str, place: Address, *words: Any, **options: Any) -> Any:  # noqa: ANN401
     """Make a request."""
-    return _tried(place, lambda: getattr(_library(), verb)(*_address(place), *words, **options))
+    return _tried(
+        place, lambda: getattr(_library(place), verb)(*_address(place), *words, **options)
+    )
 
 
 def _tried(place: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
@@ -174,7 +176,7 @@ def _tried(place: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
         with _explained(place):
             try:
                 return request()
-            except _library().exceptions.BaseError as error:
+            except _library(place).exceptions.BaseError as error:
                 if "body error" not in str(error) or tries >= _retries():
                     raise
         time.sleep(uniform(0.5, 1) * min(15, 0.1 * 2**tries))  # noqa: S311 - jitter
@@ -193,13 +195,12 @@ def _retries() -> int:
     return int(word)
 
 
-def _library() -> Any:  # noqa: ANN401 - a module
+def _library(place: Address) -> Any:  # noqa: ANN401 - a module
     try:
         import obstore.exceptions  # noqa: PLC0415 - in an extra
     except ModuleNotFoundError:
-        raise OSError(
-            errno.ENOPKG, f"this needs obstore; install it with: {INSTALL_CLOUD}"
-        ) from None
+        reason = f"this needs obstore; install it with: {INSTALL_CLOUD}"
+        raise OSError(errno.ENOPKG, reason, place.name) from None
     return obstore
 
 
@@ -259,7 +260,7 @@ def _aws_credentials() -> Any:  # noqa: ANN401 - boto3 has no types
 @contextmanager
 def _explained(place: Address) -> Iterator[None]:
     """The library's errors as those of files, one line each."""
-    library = _library()
+    library = _library(place)
     try:
         yield
     except (library.exceptions.BaseError, ValueError, OSError) as error:
