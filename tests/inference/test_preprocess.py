@@ -216,3 +216,15 @@ def test_no_depth_stays_no_depth() -> None:
     raw = np.float32([[np.nan, 1]])
     depth = finish(output(), raw, Layout(2, 1, 0, 0, 2, 1), 2, 1)
     np.testing.assert_array_equal(depth, np.float32([[np.nan, 1]]))
+
+
+@pytest.mark.parametrize(
+    ("fit", "size", "seen"),
+    [(Fit.LOWER_BOUND, (16, 12), (20, 15)), (Fit.UPPER_BOUND, (18, 13), (15, 10))],
+)
+def test_a_bound_holds_where_rounding_would_cross_it(
+    fit: Fit, size: tuple[int, int], seen: tuple[int, int]
+) -> None:
+    width, height = size
+    found = layout(spec(width=width, height=height, multiple_of=5, fit=fit), width, height)
+    assert found == Layout(*seen, 0, 0, *seen)
