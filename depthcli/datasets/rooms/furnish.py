@@ -7,7 +7,7 @@ import numpy as np
 from depthcli.datasets.rooms.furniture import PIECES, Piece
 from depthcli.datasets.rooms.layout import KINDS, Shell, build_shell
 from depthcli.datasets.rooms.lighting import Light, ceiling_lamps, daylight
-from depthcli.datasets.rooms.looks import Looks
+from depthcli.datasets.rooms.materials import Materials
 from depthcli.datasets.rooms.solids import ALONG_Z, UPRIGHT, Part, Solids, Vector, rotation, wide
 
 _TRIES = 20
@@ -20,7 +20,7 @@ class Room:
 
     kind: str  #: its sort, of :data:`~depthcli.datasets.rooms.layout.KINDS`
     shell: Shell
-    looks: Looks
+    materials: Materials
     is_day: bool  #: it is bright outdoors
     names: list[str] = field(default_factory=list)  #: pieces of furniture in it
     groups: list[list[Part]] = field(default_factory=list)  #: their solids
@@ -37,10 +37,10 @@ class Room:
 
 def make_room(random: np.random.Generator, kind: str = "") -> Room:
     """A room of a sort; of any sort if none is named."""
-    looks = Looks(random)
+    materials = Materials(random)
     kind = kind or str(random.choice(list(KINDS)))
-    shell = build_shell(random, looks, kind)
-    room = Room(kind, shell, looks, is_day=bool(random.random() < 0.75))
+    shell = build_shell(random, materials, kind)
+    room = Room(kind, shell, materials, is_day=bool(random.random() < 0.75))
     for wish in shell.kind.wishes.split():
         if random.random() < 0.95:
             _place(random, room, wish)
@@ -48,7 +48,7 @@ def make_room(random: np.random.Generator, kind: str = "") -> Room:
     if room.is_day:
         room.lights += [daylight(random, wall, hole) for wall, hole in shell.windows]
     if not room.lights or random.random() < 0.6:
-        lights, parts = ceiling_lamps(random, looks, shell)
+        lights, parts = ceiling_lamps(random, materials, shell)
         room.lights += lights
         room.groups.append(parts)
     if random.random() < 0.5:
@@ -58,7 +58,7 @@ def make_room(random: np.random.Generator, kind: str = "") -> Room:
 
 def _place(random: np.random.Generator, room: Room, name: str) -> None:
     """A piece with its chairs, on the floor or against a wall, where there is room."""
-    piece = PIECES[name](random, room.looks)
+    piece = PIECES[name](random, room.materials)
     is_free = name.endswith("chair") or (name.endswith("table") and random.random() < 0.7)
     for _ in range(_TRIES):
         place = (_on_the_floor if is_free else _at_a_wall)(random, room, piece)
@@ -120,7 +120,7 @@ def _seat(
     """Chairs at some sides of a table, each turned towards it, not quite straight."""
     at, yaw_deg = place
     for side in sides:
-        chair = PIECES[name](random, room.looks)
+        chair = PIECES[name](random, room.materials)
         under = random.uniform(0.05, 0.3) if name == "chair" else 0.0
         reach = (piece.depth if side % 180 == 0 else piece.width) / 2
         back = rotation(side, 1) @ np.array([0, 0, reach + chair.depth + 0.02 - under])
@@ -133,7 +133,7 @@ def _seat(
 
 def _hang_pictures(random: np.random.Generator, room: Room) -> None:
     """Pictures, boards, mirrors, clocks, on free parts of the walls."""
-    looks, parts = room.looks, []
+    materials, parts = room.materials, []
     for wall in room.shell.walls:
         for _ in range(random.integers(0, 5)):
             half, tall = random.uniform(0.12, 0.6), random.uniform(0.15, 0.45)
@@ -141,14 +141,16 @@ def _hang_pictures(random: np.random.Generator, room: Room) -> None:
             if not wall.take(s - half, s + half, y - tall, y + tall):
                 continue
             deep, edge = random.uniform(0.01, 0.04), random.uniform(0.01, 0.05)
-            frame = looks.pick([looks.black, looks.white, *looks.woods])
-            inside = looks.mirror if random.random() < 0.12 else looks.art(2 * max(half, tall))
+            frame = materials.pick([materials.black, materials.white, *materials.woods])
+            inside = (
+                materials.mirror if random.random() < 0.12 else materials.art(2 * max(half, tall))
+            )
             hung = [
                 Part((0, y, deep / 2), (half, tall, deep / 2), frame),
                 wide(half - edge, (y - tall + edge, y + tall - edge), (0, deep + 0.002), inside),
             ]
             if random.random() < 0.1:
-                hung = [Part((0, y, deep), (0.15, 0.15, deep), looks.white, ALONG_Z)]
+                hung = [Part((0, y, deep), (0.15, 0.15, deep), materials.white, ALONG_Z)]
             parts += wall.put([part.moved((s, 0, 0)) for part in hung])
     room.groups.append(parts)
 
@@ -156,7 +158,11 @@ def _hang_pictures(random: np.random.Generator, room: Room) -> None:
 def _lay_rug(random: np.random.Generator, room: Room) -> None:
     half, shell = random.uniform(0.5, 1.2, 2), room.shell
     x, z = random.uniform(0.3, 0.7, 2) * (shell.width, shell.depth)
-    look = room.looks.fabric() if random.random() < 0.4 else room.looks.rug(2 * half.max())
+    material = (
+        room.materials.fabric() if random.random() < 0.4 else room.materials.rug(2 * half.max())
+    )
     is_round = random.random() < 0.2
-    rug = Part((x, 0.005, z), (half[0], 0.005, half[1]), look, UPRIGHT if is_round else (0, 0, 0))
+    rug = Part(
+        (x, 0.005, z), (half[0], 0.005, half[1]), material, UPRIGHT if is_round else (0, 0, 0)
+    )
     room.groups.append([rug.tilted(random.normal(0, 10), 1)])

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from depthcli.datasets.rooms import clutter
-from depthcli.datasets.rooms.looks import Look, Looks
+from depthcli.datasets.rooms.materials import Material, Materials
 from depthcli.datasets.rooms.solids import ALONG_X, ALONG_Z, BALL, UPRIGHT, Part, box, wide
 
 _FRUSTUM = tuple((x, 0.35, z) for x, z in ((0.9, 0.0), (-0.9, 0.0), (0.0, 0.9), (0.0, -0.9)))
@@ -26,47 +26,55 @@ class Piece(NamedTuple):
     top: float = 0.0  #: height of a surface with things on it, metres; 0 for none
 
 
-def table(random: np.random.Generator, looks: Looks) -> Piece:
+def table(random: np.random.Generator, materials: Materials) -> Piece:
     """A dining or coffee table, with things on it."""
     top, width, depth = random.choice([0.42, 0.73, 0.76]), random.uniform(0.7, 1.8), 0.8
-    wood = looks.pick([*looks.woods, looks.white])
-    parts = _legs(width, depth, top, looks.pick([wood, looks.metal, looks.black]), 0.03)
+    wood = materials.pick([*materials.woods, materials.white])
+    parts = _legs(width, depth, top, materials.pick([wood, materials.metal, materials.black]), 0.03)
     parts.append(wide(width / 2, (top - 0.035, top), (0, depth), wood))
-    parts += clutter.scattered(random, looks, (width, depth), top)
+    parts += clutter.scattered(random, materials, (width, depth), top)
     return Piece(parts, width, depth, top, top)
 
 
-def round_table(random: np.random.Generator, looks: Looks) -> Piece:
+def round_table(random: np.random.Generator, materials: Materials) -> Piece:
     """One foot, a round top."""
     top, radius = random.choice([0.5, 0.74, 1.05]), random.uniform(0.3, 0.65)
     parts = [
-        Part((0, top - 0.02, radius), (radius, 0.02, radius), looks.pick(looks.woods), UPRIGHT),
-        Part((0, top / 2, radius), (0.04, top / 2, 0.04), looks.metal, UPRIGHT),
-        Part((0, 0.015, radius), (radius / 2, 0.015, radius / 2), looks.metal, UPRIGHT),
+        Part(
+            (0, top - 0.02, radius),
+            (radius, 0.02, radius),
+            materials.pick(materials.woods),
+            UPRIGHT,
+        ),
+        Part((0, top / 2, radius), (0.04, top / 2, 0.04), materials.metal, UPRIGHT),
+        Part((0, 0.015, radius), (radius / 2, 0.015, radius / 2), materials.metal, UPRIGHT),
     ]
-    parts += clutter.scattered(random, looks, (radius, 2 * radius), top)
+    parts += clutter.scattered(random, materials, (radius, 2 * radius), top)
     return Piece(parts, 2 * radius, 2 * radius, top, top)
 
 
-def desk(random: np.random.Generator, looks: Looks) -> Piece:
+def desk(random: np.random.Generator, materials: Materials) -> Piece:
     """Drawers at one side, a screen, a keyboard, clutter."""
     width, depth, top = random.uniform(1.0, 1.7), random.uniform(0.6, 0.8), 0.74
-    wood = looks.pick([*looks.woods, looks.white])
+    wood = materials.pick([*materials.woods, materials.white])
     parts = [wide(width / 2, (top - 0.03, top), (0, depth), wood)]
-    parts += _legs(width, depth, top, looks.metal, 0.025)
+    parts += _legs(width, depth, top, materials.metal, 0.025)
     drawers = [wide(0.21, (0.1, top - 0.03), (0.02, depth - 0.03), wood)]
     drawers += [wide(0.19, (y, y + 0.18), (0.1, depth - 0.015), wood) for y in (0.12, 0.32, 0.51)]
     aside = random.choice([-1, 1]) * (width / 2 - 0.21)
     parts += [part.moved((aside, 0, 0)) for part in drawers]
-    parts += clutter.computer(random, looks, random.uniform(-0.2, 0.2), top, depth)
-    parts += clutter.scattered(random, looks, (width, depth), top)
+    parts += clutter.computer(random, materials, random.uniform(-0.2, 0.2), top, depth)
+    parts += clutter.scattered(random, materials, (width, depth), top)
     return Piece(parts, width, depth, top, top)
 
 
-def chair(random: np.random.Generator, looks: Looks) -> Piece:
+def chair(random: np.random.Generator, materials: Materials) -> Piece:
     """Four legs, a seat, a back of a board or of slats."""
     seat, width, top = random.uniform(0.43, 0.48), random.uniform(0.4, 0.48), 0.9
-    frame, cover = looks.pick([*looks.woods, looks.metal]), looks.pick(looks.woods + looks.fabrics)
+    frame, cover = (
+        materials.pick([*materials.woods, materials.metal]),
+        materials.pick(materials.woods + materials.fabrics),
+    )
     half, depth = width / 2, 0.45
     parts = _legs(width, depth, seat, frame, 0.018)
     parts.append(wide(half, (seat, seat + 0.05), (0, depth), cover))
@@ -79,25 +87,25 @@ def chair(random: np.random.Generator, looks: Looks) -> Piece:
     return Piece(parts, width, depth, top)
 
 
-def office_chair(random: np.random.Generator, looks: Looks) -> Piece:
+def office_chair(random: np.random.Generator, materials: Materials) -> Piece:
     """A star of five, a post, cushions, arms."""
-    cover, seat = looks.pick([looks.black, *looks.fabrics]), random.uniform(0.42, 0.52)
-    foot = Part((0, 0.06, 0.16), (0.025, 0.025, 0.15), looks.black)
+    cover, seat = materials.pick([materials.black, *materials.fabrics]), random.uniform(0.42, 0.52)
+    foot = Part((0, 0.06, 0.16), (0.025, 0.025, 0.15), materials.black)
     parts = [foot.moved((0, 0, 0.28), 72 * i) for i in range(5)]
     parts += [
-        Part((0, seat / 2, 0.28), (0.03, seat / 2, 0.03), looks.metal, UPRIGHT),
+        Part((0, seat / 2, 0.28), (0.03, seat / 2, 0.03), materials.metal, UPRIGHT),
         Part((0, seat, 0.28), (0.25, 0.045, 0.24), cover, _SOFT),
         Part((0, seat + 0.35, 0.05), (0.22, 0.28, 0.05), cover, _SOFT).tilted(-8, 0),
     ]
-    parts += _both(0.27, 0.03, (seat + 0.18, seat + 0.21), (0.12, 0.4), looks.black)
+    parts += _both(0.27, 0.03, (seat + 0.18, seat + 0.21), (0.12, 0.4), materials.black)
     return Piece(parts, 0.6, 0.58, seat + 0.6)
 
 
-def sofa(random: np.random.Generator, looks: Looks) -> Piece:
+def sofa(random: np.random.Generator, materials: Materials) -> Piece:
     """An armchair or a sofa of up to three seats, with cushions."""
     seats, step, arm = int(random.integers(1, 4)), random.uniform(0.55, 0.7), 0.16
     depth, seat, back = random.uniform(0.8, 0.95), random.uniform(0.38, 0.46), 0.8
-    cover, half = looks.pick(looks.fabrics), seats * step / 2 + arm
+    cover, half = materials.pick(materials.fabrics), seats * step / 2 + arm
     parts = [
         wide(half, (0.05, seat - 0.12), (0, depth), cover),
         wide(half, (0.05, back), (0, 0.2), cover).tilted(-4, 0),
@@ -107,48 +115,51 @@ def sofa(random: np.random.Generator, looks: Looks) -> Piece:
         x, size = arm - half + (i + 0.5) * step, (step / 2 - 0.008, 0.08, depth / 2 - 0.1)
         parts.append(Part((x, seat - 0.06, depth / 2 + 0.1), size, cover, (0.12, 0.12, 0.12)))
         if random.random() < 0.6:
-            look = looks.pick(looks.fabrics)
-            cushion = Part((x, seat + 0.2, 0.3), (0.21, 0.21, 0.09), look, _SOFT).tilted(-20, 0)
+            material = materials.pick(materials.fabrics)
+            cushion = Part((x, seat + 0.2, 0.3), (0.21, 0.21, 0.09), material, _SOFT).tilted(-20, 0)
             parts.append(cushion.tilted(random.uniform(-20, 20), 2))
     return Piece(parts, 2 * half, depth, back)
 
 
-def bed(random: np.random.Generator, looks: Looks) -> Piece:
+def bed(random: np.random.Generator, materials: Materials) -> Piece:
     """Head at the wall, blanket, pillows."""
     width, length, top = random.choice([0.9, 1.4, 1.6]), 2.05, random.uniform(0.38, 0.55)
-    wood, half = looks.pick(looks.woods), width / 2
+    wood, half = materials.pick(materials.woods), width / 2
     parts = [
         wide(half, (0.08, top - 0.2), (0, length), wood),
         wide(half, (0, random.uniform(0.7, 1.2)), (0, 0.05), wood),
-        wide(half - 0.02, (top - 0.2, top), (0.05, length - 0.03), looks.white),
-        wide(half, (top - 0.25, top + 0.03), (0.75, length), looks.pick(looks.fabrics)),
+        wide(half - 0.02, (top - 0.2, top), (0.05, length - 0.03), materials.white),
+        wide(half, (top - 0.25, top + 0.03), (0.75, length), materials.pick(materials.fabrics)),
     ]
     for x in (0.0,) if width < 1 else (-width / 4, width / 4):
-        look = looks.pick([looks.white, *looks.fabrics])
-        pillow = Part((x, top + 0.09, 0.32), (0.32, 0.1, 0.21), look, _SOFT)
+        material = materials.pick([materials.white, *materials.fabrics])
+        pillow = Part((x, top + 0.09, 0.32), (0.32, 0.1, 0.21), material, _SOFT)
         parts.append(pillow.tilted(random.uniform(-15, 5), 0))
     return Piece(parts, width, length, 1.0)
 
 
-def shelf(random: np.random.Generator, looks: Looks) -> Piece:
+def shelf(random: np.random.Generator, materials: Materials) -> Piece:
     """Boards with books and other things."""
     half, depth = random.uniform(0.3, 0.8), random.uniform(0.25, 0.4)
     rows, step = int(random.integers(2, 7)), random.uniform(0.28, 0.38)
-    wood, height = looks.pick([*looks.woods, looks.white]), rows * step + 0.05
+    wood, height = materials.pick([*materials.woods, materials.white]), rows * step + 0.05
     parts = [*_both(half - 0.01, 0.01, (0, height), (0, depth), wood)]
     parts.append(wide(half, (0, height), (0, 0.01), wood))
     for row in range(rows + 1):
         y, size = row * step + 0.05, (2 * half - 0.06, depth)
         parts.append(wide(half, (y - 0.02, y), (0, depth), wood))
-        parts += clutter.books(random, looks, size, y, step - 0.03) if row < rows else []
+        parts += clutter.books(random, materials, size, y, step - 0.03) if row < rows else []
     return Piece(parts, 2 * half, depth, height, height)
 
 
-def cupboard(random: np.random.Generator, looks: Looks) -> Piece:
+def cupboard(random: np.random.Generator, materials: Materials) -> Piece:
     """A wardrobe, chest of drawers or sideboard."""
     width, depth = random.uniform(0.5, 2.0), random.uniform(0.38, 0.62)
     height = random.choice([0.55, 0.8, 0.95, 1.4, 1.95, 2.1])
-    front, is_chest = looks.pick([*looks.woods, looks.white, looks.any()]), height < 1.2
+    front, is_chest = (
+        materials.pick([*materials.woods, materials.white, materials.any()]),
+        height < 1.2,
+    )
     parts = [wide(width / 2, (0.0, height), (0, depth - 0.02), front)]
     across = max(1, round(width / random.uniform(0.4, 0.9)))
     down = int(random.integers(2, 5)) if is_chest else 1
@@ -158,108 +169,111 @@ def cupboard(random: np.random.Generator, looks: Looks) -> Piece:
         door = wide(w - 0.006, (y, y + h - 0.012), (0.1, depth), front)
         knob = (0.0, y + h * 0.75) if is_chest else (w * 0.8, y + h / 2)
         size = (0.012, 0.012 if is_chest else 0.07, 0.012)
-        handle = Part((*knob, depth + 0.012), size, looks.metal)
+        handle = Part((*knob, depth + 0.012), size, materials.metal)
         parts += [part.moved((x, 0, 0)) for part in (door, handle)]
-    parts += clutter.scattered(random, looks, (width, depth), height) if is_chest else []
+    parts += clutter.scattered(random, materials, (width, depth), height) if is_chest else []
     return Piece(parts, width, depth, height, height if is_chest else 0.0)
 
 
-def counter(random: np.random.Generator, looks: Looks) -> Piece:
+def counter(random: np.random.Generator, materials: Materials) -> Piece:
     """A kitchen's: doors, worktop, sink and tap, sometimes cupboards above."""
     doors, depth, top = int(random.integers(2, 6)), 0.6, 0.9
-    half, stone = doors * 0.3, looks.any()
-    front = looks.pick([looks.white, looks.any(), *looks.woods])
+    half, stone = doors * 0.3, materials.any()
+    front = materials.pick([materials.white, materials.any(), *materials.woods])
     x = (random.integers(doors) + 0.5) * 0.6 - half
     slab, hanging = (top - 0.2, top), random.random() < 0.6
     parts = [
-        wide(half, (0, 0.1), (0, depth - 0.06), looks.black),
+        wide(half, (0, 0.1), (0, depth - 0.06), materials.black),
         wide(half, (0.1, top - 0.2), (0, depth - 0.02), front),
         box((-half, x - 0.24), slab, (0, depth), stone),
         box((x + 0.24, half), slab, (0, depth), stone),
         box((x - 0.24, x + 0.24), slab, (0, 0.12), stone),
         box((x - 0.24, x + 0.24), slab, (0.52, depth), stone),
-        *_tap(x, top, looks.metal),
+        *_tap(x, top, materials.metal),
     ]
     for i in range(doors):
         place, handle = (0.6 * (i + 0.5) - half, 0.0, 0.0), (0, top - 0.1, depth + 0.015)
         door = wide(0.294, (0.11, top - 0.05), (depth - 0.02, depth + 0.002), front)
-        unit = [door, Part(handle, (0.08, 0.008, 0.01), looks.metal, ALONG_X)]
+        unit = [door, Part(handle, (0.08, 0.008, 0.01), materials.metal, ALONG_X)]
         unit += [wide(0.296, (1.45, 2.1), (0, 0.35), front)] if hanging else []
         parts += [part.moved(place) for part in unit]
-    parts += clutter.scattered(random, looks, (2 * half, 0.4), top)
+    parts += clutter.scattered(random, materials, (2 * half, 0.4), top)
     return Piece(parts, 2 * half, depth, 2.1, top)
 
 
-def fridge(random: np.random.Generator, looks: Looks) -> Piece:
+def fridge(random: np.random.Generator, materials: Materials) -> Piece:
     """Or a washing machine, where it is low."""
-    height, look = random.choice([0.85, 1.4, 1.8]), looks.pick([looks.white, looks.metal])
-    parts, split = [wide(0.3, (0.03, height), (0, 0.6), look)], height * 0.65
+    height, material = (
+        random.choice([0.85, 1.4, 1.8]),
+        materials.pick([materials.white, materials.metal]),
+    )
+    parts, split = [wide(0.3, (0.03, height), (0, 0.6), material)], height * 0.65
     if height < 1:
-        parts.append(Part((0, 0.45, 0.6), (0.17, 0.17, 0.02), looks.black, ALONG_Z))
+        parts.append(Part((0, 0.45, 0.6), (0.17, 0.17, 0.02), materials.black, ALONG_Z))
         return Piece(parts, 0.6, 0.62, height, height)
     for low, high, y in ((0.05, split - 0.01, split - 0.3), (split, height, split + 0.05)):
-        parts.append(wide(0.3, (low, high), (0.605, 0.65), look))
-        parts.append(box((0.24, 0.26), (y, y + 0.25), (0.65, 0.69), looks.metal))
+        parts.append(wide(0.3, (low, high), (0.605, 0.65), material))
+        parts.append(box((0.24, 0.26), (y, y + 0.25), (0.65, 0.69), materials.metal))
     return Piece(parts, 0.6, 0.68, height)
 
 
-def basin(random: np.random.Generator, looks: Looks) -> Piece:
+def basin(random: np.random.Generator, materials: Materials) -> Piece:
     """A washbasin of four sides around its bowl, a tap, a mirror above."""
-    half, rim, white = random.uniform(0.25, 0.5), (0.69, 0.85), looks.white
+    half, rim, white = random.uniform(0.25, 0.5), (0.69, 0.85), materials.white
     parts = [
         wide(half, (0.69, 0.73), (0, 0.46), white),
         *_both(half - 0.025, 0.025, rim, (0, 0.46), white),
         *[wide(half, rim, (z, z + 0.06), white) for z in (0, 0.4)],
         Part((0, 0.345, 0.15), (0.08, 0.345, 0.08), white, UPRIGHT),
-        wide(half, (1.05, random.uniform(1.6, 2.0)), (0, 0.02), looks.mirror),
-        *_tap(0.0, 0.85, looks.metal),
+        wide(half, (1.05, random.uniform(1.6, 2.0)), (0, 0.02), materials.mirror),
+        *_tap(0.0, 0.85, materials.metal),
     ]
     return Piece(parts, 2 * half, 0.48, 2.0)
 
 
-def toilet(random: np.random.Generator, looks: Looks) -> Piece:
+def toilet(random: np.random.Generator, materials: Materials) -> Piece:
     """Cistern, bowl, lid up or down."""
     parts = [
-        wide(0.19, (0.4, 0.8), (0, 0.17), looks.white),
-        Part((0, 0.2, 0.42), (0.16, 0.2, 0.24), looks.white, (1, 0.2, 1)),
-        Part((0, 0.41, 0.42), (0.19, 0.02, 0.25), looks.white, UPRIGHT),
-        Part((0, 0.66, 0.2), (0.19, 0.24, 0.012), looks.white, ALONG_Z),
+        wide(0.19, (0.4, 0.8), (0, 0.17), materials.white),
+        Part((0, 0.2, 0.42), (0.16, 0.2, 0.24), materials.white, (1, 0.2, 1)),
+        Part((0, 0.41, 0.42), (0.19, 0.02, 0.25), materials.white, UPRIGHT),
+        Part((0, 0.66, 0.2), (0.19, 0.24, 0.012), materials.white, ALONG_Z),
     ]
     return Piece(parts[: random.integers(3, 5)], 0.4, 0.68, 0.8)
 
 
-def bathtub(random: np.random.Generator, looks: Looks) -> Piece:
+def bathtub(random: np.random.Generator, materials: Materials) -> Piece:
     """Four sides and a bottom."""
-    half, depth, rim, white = random.uniform(0.75, 0.9), 0.75, (0, 0.56), looks.white
+    half, depth, rim, white = random.uniform(0.75, 0.9), 0.75, (0, 0.56), materials.white
     parts = [
         *_both(half - 0.04, 0.04, rim, (0, depth), white),
         *[wide(half, rim, (z, z + 0.07), white) for z in (0, depth - 0.07)],
         wide(half, (0, 0.15), (0, depth), white),
-        *_tap(half - 0.3, rim[1], looks.metal),
+        *_tap(half - 0.3, rim[1], materials.metal),
     ]
     return Piece(parts, 2 * half, depth, rim[1])
 
 
-def floor_lamp(random: np.random.Generator, looks: Looks) -> Piece:
+def floor_lamp(random: np.random.Generator, materials: Materials) -> Piece:
     """Foot, post, shade that glows."""
-    height, shade = random.uniform(1.3, 1.8), looks.lamp._replace(glow=1.2)
+    height, shade = random.uniform(1.3, 1.8), materials.lamp._replace(emission=1.2)
     parts = [
-        Part((0, 0.015, 0.2), (0.14, 0.015, 0.14), looks.metal, UPRIGHT),
-        Part((0, height / 2, 0.2), (0.012, height / 2, 0.012), looks.metal, UPRIGHT),
+        Part((0, 0.015, 0.2), (0.14, 0.015, 0.14), materials.metal, UPRIGHT),
+        Part((0, height / 2, 0.2), (0.012, height / 2, 0.012), materials.metal, UPRIGHT),
         Part((0, height, 0.2), (0.2, 0.14, 0.2), shade, UPRIGHT, _FRUSTUM),
     ]
     return Piece(parts, 0.4, 0.4, height + 0.15)
 
 
-def plant(random: np.random.Generator, looks: Looks) -> Piece:
+def plant(random: np.random.Generator, materials: Materials) -> Piece:
     """A pot and leaves."""
     height, z = random.uniform(0.5, 1.5), 0.35
     shade = random.uniform(0.03, 0.15), random.uniform(0.12, 0.3), 0.04
-    parts = [Part((0, 0.15, z), (0.15, 0.15, 0.15), looks.any(), UPRIGHT)]
+    parts = [Part((0, 0.15, z), (0.15, 0.15, 0.15), materials.any(), UPRIGHT)]
     for _ in range(14):
         tilt, length = random.uniform(5, 60), height * random.uniform(0.25, 0.4)
         length *= 1 - 0.009 * tilt  # what hangs over is shorter
-        size, green = (0.05, length, 0.012), looks.of("plaster", shade, 0.6, 0.2)
+        size, green = (0.05, length, 0.012), materials.of("plaster", shade, 0.6, 0.2)
         leaf = Part((0, 0, 0), size, green, BALL).tilted(tilt, 0)
         x, y, ahead = leaf.axes[1] * length * 0.9
         hanging = leaf._replace(centre=(x, y + 0.3, ahead))
@@ -267,46 +281,50 @@ def plant(random: np.random.Generator, looks: Looks) -> Piece:
     return Piece(parts, 0.7, 0.7, height + 0.3)
 
 
-def television(random: np.random.Generator, looks: Looks) -> Piece:
+def television(random: np.random.Generator, materials: Materials) -> Piece:
     """A screen on a low board."""
     half, size = random.uniform(0.65, 1.0), random.uniform(0.35, 0.62)
-    screen = looks.black if random.random() < 0.5 else looks.art(size * 2)._replace(glow=0.8)
+    screen = (
+        materials.black if random.random() < 0.5 else materials.art(size * 2)._replace(emission=0.8)
+    )
     parts = [
-        wide(half, (0.05, 0.48), (0, 0.42), looks.pick([*looks.woods, looks.white])),
-        wide(0.15, (0.48, 0.5), (0.12, 0.32), looks.black),
-        wide(size + 0.02, (0.53, 0.57 + size * 1.13), (0.19, 0.24), looks.black),
-        wide(size, (0.55, 0.55 + size * 1.13), (0.24, 0.242), screen._replace(gloss=0.06)),
+        wide(half, (0.05, 0.48), (0, 0.42), materials.pick([*materials.woods, materials.white])),
+        wide(0.15, (0.48, 0.5), (0.12, 0.32), materials.black),
+        wide(size + 0.02, (0.53, 0.57 + size * 1.13), (0.19, 0.24), materials.black),
+        wide(size, (0.55, 0.55 + size * 1.13), (0.24, 0.242), screen._replace(specular=0.06)),
     ]
     return Piece(parts, 2 * half, 0.45, 1.1)
 
 
-def bin_or_box(random: np.random.Generator, looks: Looks) -> Piece:
+def bin_or_box(random: np.random.Generator, materials: Materials) -> Piece:
     """A bin, or one box or two."""
-    half, height, look = random.uniform(0.12, 0.3), random.uniform(0.2, 0.6), looks.any()
-    parts = [Part((0, height / 2, half), (half, height / 2, half), look, UPRIGHT)]
+    half, height, material = random.uniform(0.12, 0.3), random.uniform(0.2, 0.6), materials.any()
+    parts = [Part((0, height / 2, half), (half, height / 2, half), material, UPRIGHT)]
     if random.random() < 0.5:
-        upper = wide(half * 0.8, (height, height * 1.6), (0.05, half * 1.7), looks.any())
+        upper = wide(half * 0.8, (height, height * 1.6), (0.05, half * 1.7), materials.any())
         parts = [parts[0]._replace(round=(0, 0, 0)), upper.tilted(random.uniform(-8, 8), 1)]
     return Piece(parts, 2 * half, 2 * half, height * 1.6)
 
 
-def _legs(width: float, depth: float, height: float, look: Look, radius: float) -> list[Part]:
+def _legs(
+    width: float, depth: float, height: float, material: Material, radius: float
+) -> list[Part]:
     x, low, high = width / 2 - radius - 0.01, radius + 0.01, depth - radius - 0.01
     size = (radius, height / 2, radius)
-    return [Part((a, height / 2, b), size, look) for a in (-x, x) for b in (low, high)]
+    return [Part((a, height / 2, b), size, material) for a in (-x, x) for b in (low, high)]
 
 
 def _both(
-    x: float, half: float, y: tuple[float, float], z: tuple[float, float], look: Look
+    x: float, half: float, y: tuple[float, float], z: tuple[float, float], material: Material
 ) -> list[Part]:
     """The same at the left and at the right."""
-    return [wide(half, y, z, look).moved((side, 0, 0)) for side in (-x, x)]
+    return [wide(half, y, z, material).moved((side, 0, 0)) for side in (-x, x)]
 
 
-def _tap(x: float, top: float, look: Look) -> list[Part]:
+def _tap(x: float, top: float, material: Material) -> list[Part]:
     return [
-        Part((x, top + 0.12, 0.06), (0.014, 0.12, 0.014), look, UPRIGHT),
-        Part((x, top + 0.23, 0.14), (0.012, 0.012, 0.09), look, ALONG_Z),
+        Part((x, top + 0.12, 0.06), (0.014, 0.12, 0.014), material, UPRIGHT),
+        Part((x, top + 0.23, 0.14), (0.012, 0.012, 0.09), material, ALONG_Z),
     ]
 
 
@@ -314,7 +332,7 @@ _MAKERS = (
     *(table, round_table, desk, chair, office_chair, sofa, bed, shelf, cupboard, counter, fridge),
     *(basin, toilet, bathtub, floor_lamp, plant, television, bin_or_box),
 )
-PIECES: dict[str, Callable[[np.random.Generator, Looks], Piece]] = {
+PIECES: dict[str, Callable[[np.random.Generator, Materials], Piece]] = {
     make.__name__: make for make in _MAKERS
 }
 """What a room may be furnished with."""

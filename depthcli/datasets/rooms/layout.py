@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from depthcli.datasets.rooms import openings
-from depthcli.datasets.rooms.looks import Look, Looks
+from depthcli.datasets.rooms.materials import Material, Materials
 from depthcli.datasets.rooms.openings import DOOR_M, THICK_M, Opening
 from depthcli.datasets.rooms.solids import Part, Vector, box, wide
 
@@ -90,7 +90,7 @@ class Shell:
     windows: list[tuple[Wall, Opening]] = field(default_factory=list)  #: and the walls they are in
 
 
-def build_shell(random: np.random.Generator, looks: Looks, name: str) -> Shell:
+def build_shell(random: np.random.Generator, materials: Materials, name: str) -> Shell:
     """A room of a sort, with windows and doors."""
     kind = KINDS[name]
     width, depth = (random.uniform(*side) for side in kind.sides_m)
@@ -100,10 +100,10 @@ def build_shell(random: np.random.Generator, looks: Looks, name: str) -> Shell:
         corner = (width * random.uniform(0.5, 0.75), depth * random.uniform(0.5, 0.75))
     shell = Shell(kind, width, height, depth, corner, _walls(width, depth, corner))
     x, z = (-THICK_M, width + THICK_M), (-THICK_M, depth + THICK_M)
-    ceiling = looks.white if random.random() < 0.9 else looks.pick(looks.woods)
-    slabs = box(x, (-THICK_M, 0), z, looks.floor()), box(x, (height, height + 0.2), z, ceiling)
+    ceiling = materials.white if random.random() < 0.9 else materials.pick(materials.woods)
+    slabs = box(x, (-THICK_M, 0), z, materials.floor()), box(x, (height, height + 0.2), z, ceiling)
     shell.groups.append([*slabs])
-    common, trim = looks.wall(), looks.pick([looks.white, *looks.woods])
+    common, trim = materials.wall(), materials.pick([materials.white, *materials.woods])
     if corner is not None:
         shell.groups.append([box((corner[0], x[1]), (0, height), (corner[1], z[1]), common)])
     if kind.shape == "open":
@@ -112,38 +112,40 @@ def build_shell(random: np.random.Generator, looks: Looks, name: str) -> Shell:
         shell.groups.append([p.moved(at) for p, at in zip(pillars, places, strict=True)])
     doorway = random.integers(4)
     for i, wall in enumerate(shell.walls):
-        look = common if random.random() < 0.8 else looks.wall()
-        _build_wall(random, looks, shell, wall, (look, trim), "door" if i == doorway else "window")
+        material = common if random.random() < 0.8 else materials.wall()
+        _build_wall(
+            random, materials, shell, wall, (material, trim), "door" if i == doorway else "window"
+        )
     return shell
 
 
 def _build_wall(
     random: np.random.Generator,
-    looks: Looks,
+    materials: Materials,
     shell: Shell,
     wall: Wall,
-    surfaces: tuple[Look, Look],
+    surfaces: tuple[Material, Material],
     what: str,
 ) -> None:
-    look, trim = surfaces
+    material, trim = surfaces
     size = (wall.length, shell.height)
     holes = openings.doorway(random, size) if what == "door" else openings.windows(random, size)
     for hole in holes:
         wall.take(*hole[:4])
         make = openings.next_room if hole.is_door else openings.window
-        shell.groups.append(wall.put(make(random, looks, hole, shell.height, trim)))
+        shell.groups.append(wall.put(make(random, materials, hole, shell.height, trim)))
         shell.windows.extend([] if hole.is_door else [(wall, hole)])
         s = (hole.left + hole.right) / 2
         if random.random() < 0.5 and wall.take(s - 0.5, s + 0.5, 0.0, 0.75):
             shell.groups.append(
-                wall.put([part.moved((s, 0, 0)) for part in openings.radiator(looks)])
+                wall.put([part.moved((s, 0, 0)) for part in openings.radiator(materials)])
             )
-    pieces = openings.pieces(size, holes, look)
+    pieces = openings.pieces(size, holes, material)
     shell.groups.append(wall.put([*pieces, wide(wall.length / 2, (0, 0.08), (0, 0.012), trim)]))
     s = random.uniform(-0.5, 0.5) * (wall.length - DOOR_M[0])
     half = DOOR_M[0] / 2
     if (not holes or random.random() < 0.3) and wall.take(s - half, s + half, 0, DOOR_M[1]):
-        door = openings.closed_door(random, looks, trim)
+        door = openings.closed_door(random, materials, trim)
         shell.groups.append(wall.put([part.moved((s, 0, 0)) for part in door]))
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from depthcli.datasets.rooms.layout import Shell, Wall
-from depthcli.datasets.rooms.looks import Looks
+from depthcli.datasets.rooms.materials import Materials
 from depthcli.datasets.rooms.openings import Opening
 from depthcli.datasets.rooms.solids import UPRIGHT, Part, Vector, rotation
 
@@ -21,7 +21,7 @@ class Light(NamedTuple):
 
 
 def ceiling_lamps(
-    random: np.random.Generator, looks: Looks, shell: Shell
+    random: np.random.Generator, materials: Materials, shell: Shell
 ) -> tuple[list[Light], list[Part]]:
     """A row along the room's longer side."""
     count = max(1, round(max(shell.width, shell.depth) / random.uniform(3, 5)))
@@ -36,8 +36,8 @@ def ceiling_lamps(
         power = random.uniform(0.6, 1.4) * shell.width * shell.depth / count
         # Below its body, which else would shade the room.
         lights.append(Light((x, y - 0.08, z), ((half, 0, 0), (0, 0, half)), power, tint))
-        parts.append(Part((x, y, z), (half, 0.05, half), looks.lamp, UPRIGHT))
-        parts.append(Part((x, y + drop / 2, z), (0.008, drop / 2, 0.008), looks.black))
+        parts.append(Part((x, y, z), (half, 0.05, half), materials.lamp, UPRIGHT))
+        parts.append(Part((x, y + drop / 2, z), (0.008, drop / 2, 0.008), materials.black))
     return lights, parts
 
 

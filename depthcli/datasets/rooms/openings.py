@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from depthcli.datasets.rooms.looks import Look, Looks
+from depthcli.datasets.rooms.materials import Material, Materials
 from depthcli.datasets.rooms.solids import Part, box, wide
 
 THICK_M = 0.2
@@ -42,27 +42,27 @@ def windows(random: np.random.Generator, size: tuple[float, float]) -> list[Open
     return [Opening(s - half, s + half, low, high, is_door=False) for s in middles]
 
 
-def pieces(size: tuple[float, float], holes: list[Opening], look: Look) -> list[Part]:
+def pieces(size: tuple[float, float], holes: list[Opening], material: Material) -> list[Part]:
     """What is left of a wall around its holes."""
     thick, parts, at = (-THICK_M, 0.0), [], -size[0] / 2 - THICK_M
     for hole in holes:
         across = (hole.left, hole.right)
-        parts.append(box((at, hole.left), (0, size[1]), thick, look))
-        parts.append(box(across, (hole.high, size[1]), thick, look))
-        parts += [box(across, (0, hole.low), thick, look)] if hole.low else []
+        parts.append(box((at, hole.left), (0, size[1]), thick, material))
+        parts.append(box(across, (hole.high, size[1]), thick, material))
+        parts += [box(across, (0, hole.low), thick, material)] if hole.low else []
         at = hole.right
-    return [*parts, box((at, size[0] / 2 + THICK_M), (0, size[1]), thick, look)]
+    return [*parts, box((at, size[0] / 2 + THICK_M), (0, size[1]), thick, material)]
 
 
 def window(
-    random: np.random.Generator, looks: Looks, hole: Opening, height: float, trim: Look
+    random: np.random.Generator, materials: Materials, hole: Opening, height: float, trim: Material
 ) -> list[Part]:
     """Frame, bars, sill; curtains or a blind."""
     half, low, high, z = (hole.right - hole.left) / 2, hole.low, hole.high, (-0.12, -0.07)
     parts = [box((x, x + 0.05), (low, high), z, trim) for x in (-half, -0.025, half - 0.05)]
     parts += [wide(half, (y, y + 0.05), z, trim) for y in (low, high - 0.05)]
     parts.append(wide(half + 0.05, (low - 0.03, low), (-0.1, 0.12), trim))
-    cloth, dress = looks.pick([looks.white, *looks.fabrics]), random.random()
+    cloth, dress = materials.pick([materials.white, *materials.fabrics]), random.random()
     if dress < 0.35:
         folds = (0.02 if random.random() < 0.6 else low - 0.1, min(high + 0.1, height))
         for i, x in enumerate(np.arange(half - 0.15, half + 0.15, 0.07)):
@@ -75,22 +75,22 @@ def window(
     return [part.moved(((hole.left + hole.right) / 2, 0, 0)) for part in parts]
 
 
-def radiator(looks: Looks) -> list[Part]:
+def radiator(materials: Materials) -> list[Part]:
     """Ten ribs around x = 0."""
     ribs = np.arange(-0.5, 0.5, 0.1)
-    return [box((x, x + 0.08), (0.15, 0.7), (0.04, 0.12), looks.white) for x in ribs]
+    return [box((x, x + 0.08), (0.15, 0.7), (0.04, 0.12), materials.white) for x in ribs]
 
 
 def next_room(
-    random: np.random.Generator, looks: Looks, hole: Opening, height: float, trim: Look
+    random: np.random.Generator, materials: Materials, hole: Opening, height: float, trim: Material
 ) -> list[Part]:
     """What is seen through a doorway, and the door, open."""
     a, b = hole.left - random.uniform(0.1, 1.5), hole.right + random.uniform(0.1, 1.5)
-    far, up, wall = -random.uniform(1.0, 4.5), (0.0, height), looks.wall()
+    far, up, wall = -random.uniform(1.0, 4.5), (0.0, height), materials.wall()
     z = (far, -THICK_M)
     parts = [
-        box((a, b), (-0.1, 0), z, looks.floor()),
-        box((a, b), (height, height + 0.1), z, looks.white),
+        box((a, b), (-0.1, 0), z, materials.floor()),
+        box((a, b), (height, height + 0.1), z, materials.white),
         box((a - 0.1, a), up, z, wall),
         box((b, b + 0.1), up, z, wall),
         box((a, b), up, (far - 0.1, far), wall),
@@ -103,18 +103,18 @@ def next_room(
     return parts + [part.moved(middle) for part in _frame(trim)]
 
 
-def closed_door(random: np.random.Generator, looks: Looks, trim: Look) -> list[Part]:
+def closed_door(random: np.random.Generator, materials: Materials, trim: Material) -> list[Part]:
     """A leaf with or without panels, its handle and its frame, around x = 0."""
-    look, (width, high) = looks.pick([trim, looks.white, *looks.woods]), DOOR_M
+    material, (width, high) = materials.pick([trim, materials.white, *materials.woods]), DOOR_M
     half, y = width / 2, (1.03, 1.06)
-    parts = [wide(half, (0.01, high), (0, 0.02), look), *_frame(trim)]
+    parts = [wide(half, (0.01, high), (0, 0.02), material), *_frame(trim)]
     if random.random() < 0.6:
-        parts += [wide(half - 0.15, (low, low + 0.7), (0.02, 0.03), look) for low in (0.2, 1.1)]
-    parts.append(box((half - 0.2, half - 0.06), y, (0.06, 0.08), looks.metal))
-    return [*parts, box((half - 0.09, half - 0.06), y, (0.02, 0.08), looks.metal)]
+        parts += [wide(half - 0.15, (low, low + 0.7), (0.02, 0.03), material) for low in (0.2, 1.1)]
+    parts.append(box((half - 0.2, half - 0.06), y, (0.06, 0.08), materials.metal))
+    return [*parts, box((half - 0.09, half - 0.06), y, (0.02, 0.08), materials.metal)]
 
 
-def _frame(look: Look) -> list[Part]:
+def _frame(material: Material) -> list[Part]:
     half, high, z = DOOR_M[0] / 2, DOOR_M[1], (-0.01, 0.03)
-    posts = [box((x, x + 0.07), (0, high + 0.07), z, look) for x in (-half - 0.07, half)]
-    return [*posts, wide(half + 0.07, (high, high + 0.07), z, look)]
+    posts = [box((x, x + 0.07), (0, high + 0.07), z, material) for x in (-half - 0.07, half)]
+    return [*posts, wide(half + 0.07, (high, high + 0.07), z, material)]

@@ -20,7 +20,7 @@ class View(NamedTuple):
 
     light: Floats  #: (H, W, 3) linear RGB, 1 for white under the room's usual light
     depth_m: Floats  #: (H, W) metres along the camera axis, 0 where nothing is met
-    gloss: Floats  #: (H, W) share of a mirror's reflection, [0, 1]
+    specular: Floats  #: (H, W) share of a mirror's reflection, [0, 1]
     slant: Floats  #: (H, W) absolute cosine of the angle between ray and normal
 
 
@@ -39,15 +39,15 @@ class Renderer:
     ) -> None:
         self._room, self._solids, self._camera = room, solids, camera
         self._illumination = Illumination(room, solids, (camera.width, camera.height), random)
-        looks = [part.look for part in solids.parts]
-        self._dark = np.array([look.dark for look in looks], np.float32).T
-        self._light = np.array([look.light for look in looks], np.float32).T
-        self._pattern = np.array([look.pattern for look in looks])
-        self._tile_m = np.array([look.tile_m for look in looks], np.float32)
-        self._glow = np.array([look.glow for look in looks], np.float32)
-        self._gloss = np.array([look.gloss for look in looks], np.float32)
-        self._shift = random.random((2, len(looks)), np.float32)
-        self._shift[:, [look.is_once for look in looks]] = 0.5
+        materials = [part.material for part in solids.parts]
+        self._dark = np.array([material.dark for material in materials], np.float32).T
+        self._light = np.array([material.light for material in materials], np.float32).T
+        self._pattern = np.array([material.pattern for material in materials])
+        self._tile_m = np.array([material.tile_m for material in materials], np.float32)
+        self._emission = np.array([material.emission for material in materials], np.float32)
+        self._specular = np.array([material.specular for material in materials], np.float32)
+        self._shift = random.random((2, len(materials)), np.float32)
+        self._shift[:, [material.is_once for material in materials]] = 0.5
         self._ground = (random.uniform(0.3, 1.0) + random.uniform(-0.1, 0.1, 3)).astype(np.float32)
 
     def view(self) -> View:
@@ -59,7 +59,7 @@ class Renderer:
         lit = self._illumination.smoothed(self._illumination.on(points), points.face)
         colour = self._colour(points, rays, lit)
         self._soften(colour, lit, points)
-        mirrored = np.flatnonzero((hits.solid >= 0) & (self._gloss[hits.solid] > 0))
+        mirrored = np.flatnonzero((hits.solid >= 0) & (self._specular[hits.solid] > 0))
         if mirrored.size:
             self._reflect(colour, points, rays, mirrored)
         shape = (camera.height, camera.width)
@@ -68,7 +68,7 @@ class Renderer:
         return View(
             np.moveaxis(colour.reshape(3, *shape), 0, -1),
             np.where(met, hits.distance, 0).reshape(shape),
-            np.where(met, self._gloss[hits.solid], 0).reshape(shape),
+            np.where(met, self._specular[hits.solid], 0).reshape(shape),
             np.abs((points.normal * rays).sum(0) / length).reshape(shape),
         )
 
@@ -78,7 +78,7 @@ class Renderer:
         amount = self._texture(points, rays, solid)
         dark = self._dark.take(solid, 1)
         albedo = dark + (self._light.take(solid, 1) - dark) * amount
-        colour = albedo * (lit + self._glow[solid])
+        colour = albedo * (lit + self._emission[solid])
         out = points.hits.solid < 0
         colour[:, out] = self._outdoors(rays[:, out])
         return colour
@@ -90,7 +90,7 @@ class Renderer:
         slant = np.abs((points.normal * rays).sum(0)) / np.linalg.norm(rays, axis=0)
         footprint_m = points.hits.distance / self._camera.focal_px / np.maximum(slant, 0.05)
         fade = 1 / (1 + np.square(footprint_m / tile_m * (TILE_PX / 6)))
-        tiles = self._room.looks.tiles
+        tiles = self._room.materials.tiles
         mean = tiles.mean((1, 2))[pattern]
         return np.asarray(mean + (sample(tiles, pattern, x, y) - mean) * fade, np.float32)
 
@@ -100,7 +100,7 @@ class Renderer:
             return np.full((3, rays.shape[1]), 0.01, np.float32)
         up = rays[1] / np.linalg.norm(rays, axis=0)
         around = np.arctan2(rays[0], rays[2]) / np.pi
-        tiles, pattern = self._room.looks.tiles, np.zeros(up.shape, np.int64)  # the softest
+        tiles, pattern = self._room.materials.tiles, np.zeros(up.shape, np.int64)  # the softest
         skyline = 0.5 * sample(tiles, pattern, around * 2, np.zeros_like(up)) - 0.1
         ground = (0.15 + sample(tiles, pattern, around * 3, up * 2)) * self._ground[:, None]
         sky = np.array([1.5, 1.6, 1.7], np.float32)[:, None] * (1 + 0.3 * up)
@@ -114,12 +114,12 @@ class Renderer:
         normal = points.normal[:, some]
         away = rays[:, some] - 2 * (rays[:, some] * normal).sum(0) * normal
         seen = meet(self._solids, points.at[:, some] + normal * STEP_M, away)
-        gloss = self._gloss[points.hits.solid[some]]
+        specular = self._specular[points.hits.solid[some]]
         face, lit = np.full(rays.shape[1], -1), np.zeros_like(colour)
         face[some], lit[:, some] = seen.face, self._illumination.on(seen)
         lit = self._illumination.smoothed(lit, face)
         mirrored = self._colour(seen, away, lit[:, some])
-        colour[:, some] += (mirrored - colour[:, some]) * gloss
+        colour[:, some] += (mirrored - colour[:, some]) * specular
 
     def _soften(self, colour: Floats, lit: Floats, points: Points) -> None:
         """Three more rays through pixels at edges, in the light of the nearest of the same face."""

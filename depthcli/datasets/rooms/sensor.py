@@ -61,6 +61,6 @@ def kinect(view: View, random: np.random.Generator) -> Floats:
     shadow = leftmost < position - 0.5
     smooth = cv2.GaussianBlur(random.standard_normal((height, width)), (0, 0), 3) * 10
     weak = view.slant + 0.1 * smooth < 0.16
-    shiny = (view.gloss > 0.5) | ((view.gloss > 0.03) & (smooth > 0))
+    shiny = (view.specular > 0.5) | ((view.specular > 0.03) & (smooth > 0))
     out = ~((measured >= _RANGE_M[0]) & (measured <= _RANGE_M[1])) | (view.depth_m == 0)
     return np.where(shadow | weak | shiny | out, 0, measured).astype(np.float32)

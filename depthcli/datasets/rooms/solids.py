@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.datasets.rooms.looks import Look
+from depthcli.datasets.rooms.materials import Material
 from depthcli.datasets.rooms.patterns import Floats
 
 Vector = tuple[float, float, float]
@@ -33,7 +33,7 @@ class Part(NamedTuple):
 
     centre: Vector  #: its middle, metres
     half: Vector  #: half of its size along its own axes, metres
-    look: Look  #: what it is made of
+    material: Material  #: what it is made of
     round: Vector = _UNROUNDED  #: weights w of the quadric Σ w q² ≤ 1; zeros for none
     cuts: tuple[Vector, ...] = ()  #: planes n of n · q ≤ 1, at most four
     axes: npt.NDArray[np.float64] = np.eye(3)  #: its own axes as rows, orthonormal
@@ -49,16 +49,16 @@ class Part(NamedTuple):
         return self._replace(axes=self.axes @ rotation(deg, axis).T)
 
 
-def box(x: Sequence[float], y: Sequence[float], z: Sequence[float], look: Look) -> Part:
+def box(x: Sequence[float], y: Sequence[float], z: Sequence[float], material: Material) -> Part:
     """A box between two values of each coordinate."""
     low, high = np.array([x, y, z], float).T
     centre, half = (low + high) / 2, (high - low) / 2
-    return Part(tuple(centre), tuple(half), look)
+    return Part(tuple(centre), tuple(half), material)
 
 
-def wide(half: float, y: Sequence[float], z: Sequence[float], look: Look) -> Part:
+def wide(half: float, y: Sequence[float], z: Sequence[float], material: Material) -> Part:
     """A box that reaches as far to the left as to the right."""
-    return box((-half, half), y, z, look)
+    return box((-half, half), y, z, material)
 
 
 def rotation(deg: float, axis: int) -> npt.NDArray[np.float64]:

@@ -12,7 +12,7 @@ from depthcli.datasets.rooms.furnish import Room, make_room
 from depthcli.datasets.rooms.furniture import PIECES
 from depthcli.datasets.rooms.layout import KINDS
 from depthcli.datasets.rooms.lighting import Light
-from depthcli.datasets.rooms.looks import Looks
+from depthcli.datasets.rooms.materials import Materials
 from depthcli.datasets.rooms.pair import Recipe, focal_px, render_pair
 from depthcli.datasets.rooms.render import Renderer, View
 from depthcli.datasets.rooms.sensor import kinect
@@ -38,17 +38,17 @@ def test_layouts_are_of_all_shapes(rooms: list[Room]) -> None:
     long = [max(shell.width, shell.depth) for shell in shells]
     assert min(long) < 4
     assert 8 < max(long) <= 12
-    looks = [part.look for room in rooms for part in room.solids.parts]
-    assert any(look.gloss > 0.9 for look in looks)
-    assert any(look.glow for look in looks)
+    materials = [part.material for room in rooms for part in room.solids.parts]
+    assert any(material.specular > 0.9 for material in materials)
+    assert any(material.emission for material in materials)
 
 
 @pytest.mark.parametrize("name", PIECES)
 def test_furniture_stands_in_its_footprint(name: str) -> None:
     random = np.random.default_rng(8)
-    looks = Looks(random)
+    materials = Materials(random)
     for _ in range(4):
-        piece = PIECES[name](random, looks)
+        piece = PIECES[name](random, materials)
         reach = [np.abs(part.axes.T) @ part.half for part in piece.parts]
         low = np.min([np.array(p.centre) - r for p, r in zip(piece.parts, reach, strict=True)], 0)
         high = np.max([np.array(p.centre) + r for p, r in zip(piece.parts, reach, strict=True)], 0)
@@ -104,10 +104,10 @@ def scene(*things: Part) -> tuple[Renderer, Room]:
 
 
 def test_a_mirror_shows_what_is_before_it_and_has_the_depth_of_its_glass() -> None:
-    looks = Looks(np.random.default_rng(0))
-    black = looks.black._replace(dark=(0, 0, 0), light=(0, 0, 0))
-    mirror = box((-2, 2), (-2, 2), (3, 3.1), black._replace(gloss=1.0))
-    shining = Part((0, 0, -2), (1, 1, 0.1), looks.lamp, BALL)
+    materials = Materials(np.random.default_rng(0))
+    black = materials.black._replace(dark=(0, 0, 0), light=(0, 0, 0))
+    mirror = box((-2, 2), (-2, 2), (3, 3.1), black._replace(specular=1.0))
+    shining = Part((0, 0, -2), (1, 1, 0.1), materials.lamp, BALL)
     view = scene(mirror, shining)[0].view()
     np.testing.assert_allclose(view.depth_m[8:-8, 12:-12], 3, rtol=1e-5)
     shown = view.light.max(-1) > 2
@@ -116,35 +116,37 @@ def test_a_mirror_shows_what_is_before_it_and_has_the_depth_of_its_glass() -> No
 
 
 def test_the_outdoors_is_bright_and_has_no_depth() -> None:
-    wall = scene(box((-9, 0), (-9, 9), (3, 3.1), Looks(np.random.default_rng(0)).white))[0].view()
+    wall = scene(box((-9, 0), (-9, 9), (3, 3.1), Materials(np.random.default_rng(0)).white))[
+        0
+    ].view()
     assert (wall.depth_m[:, 33:] == 0).all()
     assert (wall.depth_m[:, :31] > 2.9).all()
     assert wall.light[:20, 40:].mean() > wall.light[:20, :20].mean()
 
 
 def test_things_throw_shadows() -> None:
-    looks = Looks(np.random.default_rng(0))
-    floor = box((-9, 9), (-1.2, -1), (0, 9), looks.white)
-    roof = box((-0.6, 0.6), (0.5, 0.6), (1, 3), looks.white)
+    materials = Materials(np.random.default_rng(0))
+    floor = box((-9, 9), (-1.2, -1), (0, 9), materials.white)
+    roof = box((-0.6, 0.6), (0.5, 0.6), (1, 3), materials.white)
     light = scene(floor, roof)[0].view().light[-8, :, 1]
     assert light[32] < 0.7 * light[4]
 
 
 def test_walls_are_calm() -> None:
     """Samples of light leave no grain: neighbours on one plain wall are alike."""
-    looks = Looks(np.random.default_rng(0))
-    plain = looks.white._replace(dark=looks.white.light)
+    materials = Materials(np.random.default_rng(0))
+    plain = materials.white._replace(dark=materials.white.light)
     light = scene(box((-9, 9), (-9, 9), (3, 3.1), plain))[0].view().light[..., 1]
     assert np.abs(np.diff(light, axis=1)).mean() < 0.02 * light.mean()
 
 
 def flat(depth_m: float, **facts: float) -> View:
     shape = (240, 320)
-    of = {"gloss": 0.0, "slant": 1.0} | facts
+    of = {"specular": 0.0, "slant": 1.0} | facts
     return View(
         np.zeros((*shape, 3), np.float32),
         np.full(shape, depth_m, np.float32),
-        *(np.full(shape, of[name], np.float32) for name in ("gloss", "slant")),
+        *(np.full(shape, of[name], np.float32) for name in ("specular", "slant")),
     )
 
 
@@ -160,7 +162,7 @@ def test_the_noise_of_a_kinect_grows_with_the_square_of_the_distance() -> None:
     assert 0.004 < far[far > 0].std() < 0.08
 
 
-@pytest.mark.parametrize("view", [flat(0.3), flat(12), flat(2, gloss=0.9), flat(2, slant=0.05)])
+@pytest.mark.parametrize("view", [flat(0.3), flat(12), flat(2, specular=0.9), flat(2, slant=0.05)])
 def test_a_kinect_does_not_see_what_is_near_far_shiny_or_grazing(view: View) -> None:
     assert (measured(view) == 0).mean() > 0.6
 

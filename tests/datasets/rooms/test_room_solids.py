@@ -8,11 +8,11 @@ import pytest
 
 from depthcli.datasets.rooms.camera import place_camera
 from depthcli.datasets.rooms.furnish import make_room
-from depthcli.datasets.rooms.looks import Look
+from depthcli.datasets.rooms.materials import Material
 from depthcli.datasets.rooms.solids import BALL, UPRIGHT, Part, Solids, box
 from depthcli.datasets.rooms.surface import meet
 
-GRAY = Look(0, (0.0, 0.0, 0.0), (0.5, 0.5, 0.5))
+GRAY = Material(0, (0.0, 0.0, 0.0), (0.5, 0.5, 0.5))
 
 
 def first_hit(parts: list[Part], eye: npt.NDArray, ray: npt.NDArray) -> float:
