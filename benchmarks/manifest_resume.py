@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.io.listing.path_list import read_list
+from depthcli.io.manifest.files import manifest_name, write_manifest
+from depthcli.io.manifest.journal import Journal, known_rows
+from depthcli.io.manifest.row import OK, ManifestFormat, Origin, OutputFile, Row
+from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.parquet import write_table
 from depthcli.jobs.batch.account import rows_of, summary
-from depthcli.jobs.batch.journal import Journal, known_rows
-from depthcli.jobs.batch.manifest import OK, ManifestFormat, Origin, OutputFile, Row
 from depthcli.jobs.batch.plan import plan_files
-from depthcli.jobs.batch.row_files import manifest_name, write_manifest
-from depthcli.jobs.batch.shard import WHOLE, Shard
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

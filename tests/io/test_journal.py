@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.jobs.batch.journal import Journal, known_rows
-from depthcli.jobs.batch.manifest import (
+from depthcli.io.manifest.journal import Journal, known_rows
+from depthcli.io.manifest.row import (
     FAILED,
     OK,
     Origin,

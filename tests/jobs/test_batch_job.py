@@ -18,12 +18,12 @@ from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.errors import ModelError, UsageError
 from depthcli.io.listing.globs import NameFilter
+from depthcli.io.manifest.journal import known_rows
+from depthcli.io.manifest.row import FAILED, OK, Origin, Row, written
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.engines.threads import ThreadEngine
 from depthcli.jobs.batch.forecast import forecast
-from depthcli.jobs.batch.journal import known_rows
-from depthcli.jobs.batch.manifest import FAILED, OK, Origin, Row, written
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.plan import plan_files, plan_folder

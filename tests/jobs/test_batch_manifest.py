@@ -11,12 +11,12 @@ from batches import NAMES, pictures, request
 from tiny import synthetic_picture, write_picture
 
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.manifest.journal import Journal, known_rows
+from depthcli.io.manifest.row import FAILED, OK, ManifestFormat, Origin, OutputFile, Row
+from depthcli.io.manifest.shard import Shard
 from depthcli.io.parquet import Table, write_table
 from depthcli.jobs.batch.account import ModelInputs, Summary, failed, merge, rows_of, summary
-from depthcli.jobs.batch.journal import Journal, known_rows
-from depthcli.jobs.batch.manifest import FAILED, OK, ManifestFormat, Origin, OutputFile, Row
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.shard import Shard
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,7 +18,7 @@ from depthcli.jobs.batch.worker_spec import WorkerSpec
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.jobs.batch.manifest import Origin
+    from depthcli.io.manifest.row import Origin
 
 WRITING = WriterOptions()
 OPTIONS = BatchOptions()

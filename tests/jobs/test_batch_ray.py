@@ -20,10 +20,10 @@ from videos import write_mp4
 
 from depthcli._version import __version__
 from depthcli.errors import EngineError, ModelError, UsageError
+from depthcli.io.manifest.row import FAILED, OK
 from depthcli.jobs.batch.account import rows_of
 from depthcli.jobs.batch.engines.ray import LOCAL, RayEngine
 from depthcli.jobs.batch.engines.remote_worker import RemoteWorker
-from depthcli.jobs.batch.manifest import FAILED, OK
 from depthcli.jobs.batch.pictures import PictureWorker
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.worker_spec import WorkerSpec

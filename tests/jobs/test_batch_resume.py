@@ -12,10 +12,10 @@ from tiny import synthetic_picture, write_picture
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.manifest.journal import known_rows
+from depthcli.io.manifest.row import FAILED, OK
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
-from depthcli.jobs.batch.journal import known_rows
-from depthcli.jobs.batch.manifest import FAILED, OK
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.plan import plan_files
 from depthcli.jobs.batch.run import Batch

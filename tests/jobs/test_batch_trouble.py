@@ -13,8 +13,8 @@ from tiny import write_picture
 from videos import write_mp4
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.jobs.batch.journal import Journal, known_rows
-from depthcli.jobs.batch.manifest import FAILED, OK
+from depthcli.io.manifest.journal import Journal, known_rows
+from depthcli.io.manifest.row import FAILED, OK
 from depthcli.jobs.batch.run import Batch
 
 if TYPE_CHECKING:

@@ -18,6 +18,7 @@ from videos import flat_frames, write_video
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.listing.path_list import read_list
+from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.account import merge, rows_of, summary
@@ -25,7 +26,6 @@ from depthcli.jobs.batch.forecast import forecast
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.shard import WHOLE, Shard
 from depthcli.jobs.failed import Failed
 from depthcli.jobs.predict.pictures import Done
 from depthcli.jobs.predict.request import PredictRequest

@@ -12,8 +12,8 @@ from depthcli.cli.arguments.engine import EngineName, chosen_engine
 from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.core.choices import GPU_BATCH, MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, UsageError
+from depthcli.io.manifest.row import ManifestFormat
 from depthcli.io.writers.formats import Format
-from depthcli.jobs.batch.manifest import ManifestFormat
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -229,8 +229,8 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     """
     from depthcli.io.listing.globs import NameFilter
     from depthcli.io.listing.path_list import parse_list, read_list
+    from depthcli.io.manifest.shard import WHOLE, Shard
     from depthcli.jobs.batch.plan import plan_files, plan_folder
-    from depthcli.jobs.batch.shard import WHOLE, Shard
 
     folder, out, files, column = (given[name] for name in ("folder", "output", "files", "column"))
     shard = Shard.parse(given["shard"]) if given["shard"] else WHOLE

@@ -8,7 +8,7 @@ import typer
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
-from depthcli.jobs.batch.manifest import ManifestFormat
+from depthcli.io.manifest.row import ManifestFormat
 
 app = typer.Typer(
     rich_markup_mode=None,

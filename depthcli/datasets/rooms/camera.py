@@ -17,7 +17,7 @@ _TOO_NEAR = 20.0
 _ENOUGH = 5
 
 
-class Camera(NamedTuple):
+class PinholeCamera(NamedTuple):
     """A pinhole camera."""
 
     eye: Vector  #: metres
@@ -43,15 +43,15 @@ class Camera(NamedTuple):
 
 def place_camera(
     random: np.random.Generator, room: Room, solids: Solids, focal_px: float, size: tuple[int, int]
-) -> Camera:
+) -> PinholeCamera:
     """The best of a few cameras that somebody might hold there."""
     middle = (room.shell.width * 0.45, 1.6, room.shell.depth * 0.45)
-    best, score, seen = Camera(middle, _turn(0, 8, 0), focal_px, *size), -math.inf, 0
+    best, score, seen = PinholeCamera(middle, _turn(0, 8, 0), focal_px, *size), -math.inf, 0
     close = bool(room.tops) and random.random() < _CLOSE_SHARE
     for _ in range(_TRIES):
         eye, yaw, pitch = _at_table(random, room) if close else _standing(random, room)
         roll = random.normal(0, random.choice([1.0, 5.0]))
-        camera = Camera(eye, _turn(yaw, pitch, roll), focal_px, *size)
+        camera = PinholeCamera(eye, _turn(yaw, pitch, roll), focal_px, *size)
         if not _is_free(camera, room, solids):
             continue
         found = _score(camera, solids, close=close)
@@ -90,7 +90,7 @@ def _at_table(random: np.random.Generator, room: Room) -> tuple[Vector, float, f
     return eye, yaw + random.normal(0, 8), pitch + random.normal(0, 5)
 
 
-def _is_free(camera: Camera, room: Room, solids: Solids) -> bool:
+def _is_free(camera: PinholeCamera, room: Room, solids: Solids) -> bool:
     """Whether the eye is in the room, and nothing touches it."""
     x, _, z = camera.eye
     shell = room.shell
@@ -101,7 +101,7 @@ def _is_free(camera: Camera, room: Room, solids: Solids) -> bool:
     return bool(solids.cast(camera.origin, around, _FREE_M).solid.max() < 0)
 
 
-def _score(camera: Camera, solids: Solids, *, close: bool) -> float:
+def _score(camera: PinholeCamera, solids: Solids, *, close: bool) -> float:
     """Higher for many things in view, some way off, and nothing right before the lens."""
     focal_px = camera.focal_px * _LOOK[0] / camera.width
     small = camera._replace(width=_LOOK[0], height=_LOOK[1], focal_px=focal_px)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.datasets.rooms.camera import Camera
+from depthcli.datasets.rooms.camera import PinholeCamera
 from depthcli.datasets.rooms.furnish import Room
 from depthcli.datasets.rooms.illumination import Illumination
 from depthcli.datasets.rooms.patterns import TILE_PX, Floats, sample
@@ -35,7 +35,7 @@ class Renderer:
     """
 
     def __init__(
-        self, room: Room, solids: Solids, camera: Camera, random: np.random.Generator
+        self, room: Room, solids: Solids, camera: PinholeCamera, random: np.random.Generator
     ) -> None:
         self._room, self._solids, self._camera = room, solids, camera
         self._illumination = Illumination(room, solids, (camera.width, camera.height), random)

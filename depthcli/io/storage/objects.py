@@ -73,7 +73,7 @@ class Address(NamedTuple):
     name: str  #: what messages call it
 
 
-class Facts(NamedTuple):
+class ObjectInfo(NamedTuple):
     """What a store knows of an object."""
 
     size: int  #: in bytes
@@ -81,11 +81,11 @@ class Facts(NamedTuple):
     notes: Mapping[str, str]  #: what was noted when it was
 
 
-def facts(place: Address) -> Facts:
+def object_info(place: Address) -> ObjectInfo:
     """What there is to know of an object without its content."""
     found = _ask("get", place, options={"head": True})
     time_s = int(found.meta["last_modified"].timestamp())
-    return Facts(found.meta["size"], time_s, dict(found.attributes))
+    return ObjectInfo(found.meta["size"], time_s, dict(found.attributes))
 
 
 def read(place: Address, max_bytes: int | None = None) -> bytes:

@@ -140,7 +140,7 @@ class RemotePath(Path, PurePosixPath):
         """
         del follow_symlinks
         try:
-            known = objects.facts(self.address)
+            known = objects.object_info(self.address)
         except FileNotFoundError:
             if not self.is_dir():
                 raise
@@ -161,7 +161,7 @@ class RemotePath(Path, PurePosixPath):
         try:
             # What a signed address is good for is reading; S3 has no right to list as the same
             # answer as an object that is missing.
-            return bool(self.query or objects.facts(self.address))
+            return bool(self.query or objects.object_info(self.address))
         except (FileNotFoundError, PermissionError):
             return False
 

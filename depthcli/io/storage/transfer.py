@@ -95,7 +95,7 @@ def noted_checksum(path: RemotePath) -> tuple[int, str] | None:
         OSError: the store cannot be asked.
     """
     try:
-        known = objects.facts(path.address)
+        known = objects.object_info(path.address)
         digest = known.notes.get(SHA256_NOTE) or hashlib.sha256(path.read_bytes()).hexdigest()
     except FileNotFoundError:
         return None

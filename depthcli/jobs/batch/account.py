@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.jobs.batch.journal import Journal, Rows, known_rows
-from depthcli.jobs.batch.manifest import FAILED, ManifestFormat, Row
-from depthcli.jobs.batch.row_files import open_rows, row_files
-from depthcli.jobs.batch.rows_folder import rows_folder
-from depthcli.jobs.batch.shard import WHOLE
+from depthcli.io.manifest.files import open_rows, row_files
+from depthcli.io.manifest.journal import Journal, Rows, known_rows
+from depthcli.io.manifest.row import FAILED, ManifestFormat, Row
+from depthcli.io.manifest.rows_folder import rows_folder
+from depthcli.io.manifest.shard import WHOLE
 
 
 @dataclass(frozen=True, slots=True)

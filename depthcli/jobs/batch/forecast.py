@@ -9,11 +9,11 @@ from typing import Literal
 from depthcli.errors import InputError
 from depthcli.inference.session import Session
 from depthcli.io.listing.folder import InputFile, is_video
+from depthcli.io.manifest.journal import Rows, known_rows
+from depthcli.io.manifest.row import Origin
 from depthcli.io.pictures.decode import check
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
-from depthcli.jobs.batch.journal import Rows, known_rows
-from depthcli.jobs.batch.manifest import Origin
 from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.pictures import read_input

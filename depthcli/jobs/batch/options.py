@@ -6,10 +6,10 @@ from depthcli.core.camera import Camera
 from depthcli.core.choices import MAX_PIXELS, PLAIN, Detail
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.manifest.row import ManifestFormat
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.failure_budget import FailureBudget
-from depthcli.jobs.batch.manifest import ManifestFormat
 from depthcli.jobs.batch.plan import Plan
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.listing.places import Places
+from depthcli.io.manifest.journal import Rows
 from depthcli.io.writers.formats import FORMATS, Format
-from depthcli.jobs.batch.journal import Rows
 from depthcli.jobs.batch.plan import Plan
 from depthcli.jobs.batch.suspects import has_crashed
 from depthcli.jobs.batch.task import Task

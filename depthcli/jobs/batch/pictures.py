@@ -14,12 +14,12 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.listing.folder import InputFile
+from depthcli.io.manifest.row import OK, Origin, OutputFile, Row, written
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.facts import camera_words
 from depthcli.io.writers.formats import Format
-from depthcli.jobs.batch.manifest import OK, Origin, OutputFile, Row, written
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.suspects import check_picture
 from depthcli.jobs.batch.task import Result, Task, check_network

@@ -21,8 +21,8 @@ from depthcli.io.listing.skipped import (
     to_convert,
 )
 from depthcli.io.listing.store import list_objects, walk_order
+from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
-from depthcli.jobs.batch.shard import WHOLE, Shard
 from depthcli.jobs.tree_names import TreeNames
 
 

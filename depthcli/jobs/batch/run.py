@@ -13,13 +13,13 @@ from depthcli.core.choices import GPU_BATCH
 from depthcli.core.parallel.cores import share_cores
 from depthcli.core.progress import NO_PROGRESS
 from depthcli.inference.providers import CPU
+from depthcli.io.manifest.journal import Journal
+from depthcli.io.manifest.rows_folder import rows_folder
 from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporaries import remove_stale
 from depthcli.jobs.batch.engines.threads import ThreadEngine
-from depthcli.jobs.batch.journal import Journal
 from depthcli.jobs.batch.output_map import OutputMap
-from depthcli.jobs.batch.rows_folder import rows_folder
 from depthcli.jobs.batch.suspects import suspected
 from depthcli.jobs.batch.tally import Tally
 from depthcli.jobs.batch.task import Result

@@ -7,7 +7,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from depthcli.jobs.batch.manifest import Row
+    from depthcli.io.manifest.row import Row
     from depthcli.jobs.batch.task import Result
 
 

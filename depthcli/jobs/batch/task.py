@@ -10,8 +10,8 @@ from depthcli.errors import DepthcliError, ModelError, is_out_of_memory
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.listing.folder import InputFile
+from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
 from depthcli.io.writers.formats import Format
-from depthcli.jobs.batch.manifest import FAILED, OK, Origin, Row, is_intact
 from depthcli.video.formats import VideoFormat
 
 _Which = TypeVar("_Which", Format, VideoFormat)

@@ -10,10 +10,10 @@ from typing import TypeAlias
 from depthcli.core.camera import Camera
 from depthcli.core.progress import Progress
 from depthcli.errors import InputError
+from depthcli.io.manifest.row import FAILED, OK, Row, written
 from depthcli.io.storage.remote import path_of
 from depthcli.io.storage.transfer import local_copy
 from depthcli.io.writers.facts import camera_words
-from depthcli.jobs.batch.manifest import FAILED, OK, Row, written
 from depthcli.jobs.batch.pictures import PictureWorker
 from depthcli.jobs.batch.suspects import check_video
 from depthcli.jobs.batch.task import Result, Task, check_network

@@ -9,7 +9,7 @@ from depthcli.errors import ModelError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
-from depthcli.jobs.batch.manifest import Origin
+from depthcli.io.manifest.row import Origin
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.pictures import PictureWorker
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from depthcli.core.choices import Sensor
-from depthcli.datasets.rooms.camera import Camera
+from depthcli.datasets.rooms.camera import PinholeCamera
 from depthcli.datasets.rooms.furnish import Room, make_room
 from depthcli.datasets.rooms.furniture import PIECES
 from depthcli.datasets.rooms.layout import KINDS
@@ -99,7 +99,7 @@ def scene(*things: Part) -> tuple[Renderer, Room]:
     room = make_room(random, "office")
     room.is_day = True
     room.lights[:] = [Light((0, 3, 0), ((0.1, 0, 0), (0, 0, 0.1)), 20.0, (1, 1, 1))]
-    camera = Camera((0, 0, 0), np.eye(3, dtype=np.float32), 32.0, 64, 48)
+    camera = PinholeCamera((0, 0, 0), np.eye(3, dtype=np.float32), 32.0, 64, 48)
     return Renderer(room, Solids([list(things)]), camera, random), room
 
 

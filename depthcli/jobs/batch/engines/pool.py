@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 from depthcli._version import __version__
 from depthcli.core.text import one_line
 from depthcli.errors import EngineError, InputError
-from depthcli.jobs.batch.manifest import Origin
+from depthcli.io.manifest.row import Origin
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Sequence

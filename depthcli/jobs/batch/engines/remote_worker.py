@@ -20,7 +20,7 @@ from depthcli.jobs.batch.videos import VideoTask, VideoWorker
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from depthcli.jobs.batch.manifest import Origin
+    from depthcli.io.manifest.row import Origin
     from depthcli.jobs.batch.pictures import PictureTask, PictureWorker
     from depthcli.jobs.batch.task import Result, Task
     from depthcli.jobs.batch.worker_spec import WorkerSpec

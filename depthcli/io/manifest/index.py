@@ -9,7 +9,7 @@ from depthcli.errors import OutputError
 _CACHE_KIB = 65536
 
 
-class Place(NamedTuple):
+class RowPlace(NamedTuple):
     """Where a row stands."""
 
     source: int  #: number of the file
@@ -30,7 +30,7 @@ class RowIndex:
         ):
             self._database.execute(line)
 
-    def add(self, places: Iterable[tuple[str, Place]]) -> None:
+    def add(self, places: Iterable[tuple[str, RowPlace]]) -> None:
         """Put down where the rows of inputs stand, in place of where they stood.
 
         Raises:
@@ -45,26 +45,26 @@ class RowIndex:
                 "SQLITE_TMPDIR to a folder with room"
             ) from error
 
-    def find(self, name: str) -> Place | None:
+    def find(self, name: str) -> RowPlace | None:
         """Where the row of an input stands, if it has one."""
         found = self._database.execute(
             "SELECT source, position FROM rows WHERE name = ?", (_key(name),)
         ).fetchone()
-        return found and Place(*found)
+        return found and RowPlace(*found)
 
     def remove(self, name: str) -> None:
         """Forget an input."""
         self._database.execute("DELETE FROM rows WHERE name = ?", (_key(name),))
 
-    def as_they_stand(self) -> Iterator[Place]:
+    def as_they_stand(self) -> Iterator[RowPlace]:
         """All places, source by source and from its beginning to its end."""
         found = self._database.execute("SELECT source, position FROM rows ORDER BY 1, 2")
-        return (Place(*place) for place in found)
+        return (RowPlace(*place) for place in found)
 
-    def __iter__(self) -> Iterator[Place]:
+    def __iter__(self) -> Iterator[RowPlace]:
         """All places, in the order of the names' bytes."""
         found = self._database.execute("SELECT source, position FROM rows ORDER BY name")
-        return (Place(*place) for place in found)
+        return (RowPlace(*place) for place in found)
 
 
 def _key(name: str) -> bytes:

@@ -13,12 +13,8 @@ from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.parquet import check_pyarrow
-from depthcli.io.storage.atomic_folder import put_back
-from depthcli.io.storage.lock import folder_lock, open_locked
-from depthcli.jobs.batch.manifest import ManifestFormat, Row
-from depthcli.jobs.batch.row_files import (
-    JsonLines,
+from depthcli.io.manifest.files import (
+    JsonRows,
     RowFile,
     is_journal,
     is_of,
@@ -29,9 +25,13 @@ from depthcli.jobs.batch.row_files import (
     to_read,
     write_manifest,
 )
-from depthcli.jobs.batch.row_index import Place, RowIndex
-from depthcli.jobs.batch.rows_folder import RowsFolder, rows_folder
-from depthcli.jobs.batch.shard import WHOLE, Shard
+from depthcli.io.manifest.index import RowIndex, RowPlace
+from depthcli.io.manifest.row import ManifestFormat, Row
+from depthcli.io.manifest.rows_folder import RowsFolder, rows_folder
+from depthcli.io.manifest.shard import WHOLE, Shard
+from depthcli.io.parquet import check_pyarrow
+from depthcli.io.storage.atomic_folder import put_back
+from depthcli.io.storage.lock import folder_lock, open_locked
 
 
 class Rows:
@@ -53,7 +53,7 @@ class Rows:
         self._index = RowIndex()
         for source, file in enumerate(files):
             self._index.add(
-                (name, Place(source, position))
+                (name, RowPlace(source, position))
                 for name, position in file.rows()
                 if shard.holds(name)
             )
@@ -73,7 +73,7 @@ class Rows:
         """All rows, as they stand in the files."""
         return filter(None, map(self._at, self._index.as_they_stand()))
 
-    def _at(self, place: Place) -> Row | None:
+    def _at(self, place: RowPlace) -> Row | None:
         try:
             return self._files[place.source].row(place.position)
         except OSError as error:
@@ -136,7 +136,7 @@ class Journal(Rows):
                 raise _taken(folder)
             end = opened.enter_context(os.fdopen(handle, "ab", buffering=0))
             files = [opened.enter_context(closing(open_rows(path))) for path in self._earlier]
-            self._own = JsonLines(opened.enter_context(to_read(self._path)), end)
+            self._own = JsonRows(opened.enter_context(to_read(self._path)), end)
             super().__init__([*files, self._own], shard)
             if not self._own.ends_whole:  # the batch was killed in the middle of a line
                 self._own.append(b"\n")
@@ -150,7 +150,7 @@ class Journal(Rows):
             OutputError: the disk is full, say.
         """
         with _explained(self._path), self._lock:
-            place = Place(len(self._files) - 1, self._own.append(row.as_line()))
+            place = RowPlace(len(self._files) - 1, self._own.append(row.as_line()))
             self._index.add([(row.input, place)])
 
     def finish(self, names: Iterable[str] | None) -> None:

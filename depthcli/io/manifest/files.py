@@ -6,12 +6,12 @@ from io import FileIO
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
+from depthcli.io.manifest.row import ManifestFormat, Row, parse_row
+from depthcli.io.manifest.shard import Shard
+from depthcli.io.manifest.table import parsed_table_row, plain_text, write_rows
 from depthcli.io.parquet import Table
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.regular import regular_size
-from depthcli.jobs.batch.manifest import ManifestFormat, Row, parse_row
-from depthcli.jobs.batch.manifest_table import parsed_table_row, plain_text, write_rows
-from depthcli.jobs.batch.shard import Shard
 
 _NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.(jsonl|parquet)")
 
@@ -96,7 +96,7 @@ def open_rows(path: Path) -> RowFile:
         UsageError: they are in Parquet, and pyarrow is missing or a file is damaged.
     """
     return (
-        TableRows(path) if path.suffix == f".{ManifestFormat.PARQUET}" else JsonLines(to_read(path))
+        TableRows(path) if path.suffix == f".{ManifestFormat.PARQUET}" else JsonRows(to_read(path))
     )
 
 
@@ -120,7 +120,7 @@ class TableRows:
         self._table.close()
 
 
-class JsonLines:
+class JsonRows:
     """Rows as JSON, one a line."""
 
     def __init__(self, file: BinaryIO, end: FileIO | None = None) -> None:

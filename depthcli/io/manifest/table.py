@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from depthcli.io.manifest.row import Origin, Row, row_of
 from depthcli.io.parquet import write_table
 from depthcli.io.storage.atomic_folder import folder_in_place
-from depthcli.jobs.batch.manifest import Origin, Row, row_of
 
 _COLUMNS = {
     "input": str,
