@@ -175,7 +175,7 @@ def test_a_batch_that_was_killed_goes_on_elsewhere(
     killed = """
 import os, signal, sys
 from pathlib import Path
-from depthcli.jobs.batch import rows_folder
+from depthcli.io.manifest import rows_folder
 from test_remote_jobs import Batch, batch
 rows_folder._SEND_EVERY_S = 0
 job = Batch(batch(Path(sys.argv[1]), sys.argv[2], sys.argv[3]))
