@@ -111,6 +111,9 @@ def test_a_network_that_learned_squeezed_pictures(tmp_path: Path, fit: str) -> N
     assert depth.provenance is not None
     assert depth.provenance.input_size_px == (12, 12)
     np.testing.assert_allclose(depth.values, 1, rtol=1e-6)
+    assumed = pipeline.predict(black(40, 30)).provenance
+    assert assumed is not None
+    assert assumed.focal_px == pytest.approx(learned_px)
     assert '"pixel_aspect": 1.3333333333333333' in pipeline.card.to_json()
     assert ModelCard.from_json(pipeline.card.to_json()) == pipeline.card
 
