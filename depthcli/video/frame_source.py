@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.core.choices import MAX_PIXELS
+from depthcli.errors import InputError
 from depthcli.io.storage.remote import path_of
 from depthcli.video.number_pattern import is_pattern
 
@@ -18,9 +19,16 @@ if TYPE_CHECKING:
 
 
 def is_sequence(path: str | Path) -> bool:
-    """Whether a name stands for numbered pictures: a folder, or a pattern that is no file."""
+    """Whether a name stands for numbered pictures: a folder, or a pattern that is no file.
+
+    Raises:
+        InputError: it is in a store that does not answer.
+    """
     path = path_of(path)
-    return path.is_dir() or (is_pattern(path.name) and not path.exists())
+    try:
+        return path.is_dir() or (is_pattern(path.name) and not path.exists())
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
 
 
 def open_frames(

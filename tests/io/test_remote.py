@@ -199,7 +199,7 @@ def test_what_goes_on_failing_is_one_clear_line(
     ("words", "code"),
     [
         (("predict", "s3://bucket/a.jpg", "-o", "x.png"), 1),
-        (("video", "s3://bucket/a.mp4", "-o", "x.mkv"), 3),
+        (("video", "s3://bucket/a.mp4", "-o", "x.mkv"), 1),
         (("manifest", "summary", "s3://bucket/out"), 3),
     ],
 )
