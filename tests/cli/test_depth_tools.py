@@ -180,6 +180,8 @@ def depth_mkv(inside: Cli) -> Path:
 @pytest.mark.usefixtures("depth_mkv")
 def test_one_frame_of_a_depth_video_is_a_map(inside: Cli) -> None:
     assert inside("probe", "d.mkv", "3,3", "--frame", "2").stdout == b"3,3  3 m\n"
+    fifth = inside("probe", "d.mkv", "3,3", "--frame", "2", "--png-scale", "500")
+    assert fifth.stdout == b"3,3  0.6 m\n"
     assert inside("convert", "d.mkv", "d.npy", "--frame", "1").returncode == 0
     assert (np.load(inside.folder / "d.npy") == 2).all()
 
