@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from depthcli.errors import UsageError
-from depthcli.io.listing.path_list import read_list
+from depthcli.io.listing.path_list import listed_inputs, read_list
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -113,3 +113,12 @@ def test_without_pyarrow_one_line_says_what_to_do(
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(UsageError, match="need pyarrow; pip install pyarrow"):
         read_list(str(path))
+
+
+def test_a_file_uri_is_the_path_that_it_names(tmp_path: Path) -> None:
+    plain = tmp_path / "in" / "a b.png"
+    uri = plain.as_uri()
+    assert uri.startswith("file:///")
+    as_uri, as_path = (next(iter(listed_inputs([w], str(tmp_path)))) for w in (uri, str(plain)))
+    assert as_uri == as_path
+    assert as_uri.name == "in/a b.png"

@@ -84,13 +84,21 @@ def listed_inputs(words: Iterable[str], root: str) -> Iterator[InputFile]:
             root`` prints them, if more of the first thousand exist there.
         root: the folder whose tree is kept. A path outside it is named by all its folders.
     """
-    words = iter(words)
+    words = map(_plain, words)
     first = list(islice(words, _TRIED))
     base = os.path.abspath(root)  # noqa: PTH100 - links stay as named
     start = max((root, ""), key=lambda folder: _existing(first, folder))
     for word in chain(first, words):
         path = join(start, word)
         yield _listed_uri(path, root) or InputFile(_name(os.path.abspath(path), base), path)  # noqa: PTH100
+
+
+def _plain(word: str) -> str:
+    """A ``file://`` URI as the path that it names."""
+    try:
+        return os.fspath(path_of(word)) if word.lower().startswith("file://") else word
+    except UsageError:
+        return word  # what is wrong with it becomes the error of this input
 
 
 def _listed_uri(uri: str, root: str) -> InputFile | None:
