@@ -240,3 +240,11 @@ def test_a_listed_input_is_never_replaced_wherever_the_working_directory_was(
         plan = plan_files(["a.jpg", "a.depth.png"], "mine", "in", "in")
         with pytest.raises(UsageError, match=r"a\.depth\.png, the output for a\.jpg, is an input"):
             OutputMap(plan, (Format.PNG16,)).check_apart()
+
+
+def test_a_folder_and_its_outputs_may_be_file_uris(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    uris = ((tmp_path / name).as_uri() for name in ("in", "out"))
+    plan = plan_folder(*uris)
+    assert (plan.out, plan.inputs) == (tmp_path / "out", request(tmp_path).plan.inputs)
+    assert {file.name for file in plan.inputs} == set(NAMES)

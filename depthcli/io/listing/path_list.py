@@ -9,7 +9,7 @@ from pathlib import Path
 from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.parquet import column_texts, only_column
-from depthcli.io.storage.remote import RemotePath, is_remote, join, path_of
+from depthcli.io.storage.remote import RemotePath, is_remote, join, path_of, plain_name
 from depthcli.io.storage.transfer import local_copy
 
 _TRIED = 1000
@@ -96,7 +96,7 @@ def listed_inputs(words: Iterable[str], root: str) -> Iterator[InputFile]:
 def _plain(word: str) -> str:
     """A ``file://`` URI as the path that it names."""
     try:
-        return os.fspath(path_of(word)) if word.lower().startswith("file://") else word
+        return plain_name(word)
     except UsageError:
         return word  # what is wrong with it becomes the error of this input
 

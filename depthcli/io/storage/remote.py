@@ -21,6 +21,15 @@ _HTTP = ("http", "https")
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 
 
+def plain_name(name: str) -> str:
+    """A ``file://`` URI as the path that it names; any other name as it is.
+
+    Raises:
+        UsageError: the URI names a host.
+    """
+    return os.fspath(path_of(name)) if name.lower().startswith("file://") else name
+
+
 def path_of(name: str | os.PathLike[str]) -> Path:
     """The path that a name stands for, on this machine or elsewhere.
 

@@ -22,7 +22,7 @@ from depthcli.io.listing.skipped import (
 )
 from depthcli.io.listing.store import list_objects, walk_order
 from depthcli.io.manifest.shard import WHOLE, Shard
-from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
+from depthcli.io.storage.remote import RemotePath, check_writable, path_of, plain_name, safe_name
 from depthcli.jobs.tree_names import TreeNames
 
 
@@ -72,6 +72,7 @@ def plan_folder(root: str, out: str, wanted: NameFilter = ANY, shard: Shard = WH
             nothing.
         InputError: there are files, but no picture or video that can be read.
     """
+    root, out = plain_name(root), plain_name(out)
     place = path_of(root)
     is_store = isinstance(place, RemotePath) and not place.is_http  # listing it says what it is
     if not is_store and not place.is_dir():
@@ -116,6 +117,7 @@ def plan_files(
         UsageError: the patterns leave nothing.
         InputError: it lists nothing but outputs of depthcli.
     """
+    root, out = plain_name(root), plain_name(out)
     sorting = _Sorting(out, wanted, shard)
 
     def pictures() -> Iterator[InputFile]:
