@@ -30,7 +30,7 @@ from depthcli.training.config.changes import resolve
 from depthcli.training.config.presets import preset_file
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
-from depthcli.training.loop import Limits, train
+from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.run import Run
 from depthcli.training.watchers import Watcher
@@ -105,7 +105,7 @@ def loop(config: TrainConfig, dataset: DepthDataset, out: Path, steps: int) -> l
     board = Board(watch, out, config)
     fabric = Fabric(accelerator="auto", devices=1, precision=config.precision)
     data = TrainingData(dataset, "a benchmark's pairs", None)
-    train(config, data, out, fabric, board, Limits(steps=steps + 1))
+    fit(config, data, out, fabric, board, Limits(steps=steps + 1))
     board.close()
     return [after - before for before, after in pairwise(watch.ends)]
 

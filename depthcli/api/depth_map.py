@@ -86,7 +86,7 @@ class DepthMap(types.DepthMap):
         Raises:
             UsageError: the points do not fit the map, or not each other.
         """
-        points = [_anchor(anchor) for anchor in anchors]
+        points = [_anchor_of(anchor) for anchor in anchors]
         return self.of(scaling.fit_anchors(self, points), self.frame)
 
     def to_points(
@@ -111,7 +111,7 @@ class DepthMap(types.DepthMap):
         """
         scaling.check_camera(focal_px, hfov_deg)
         if hfov_deg is not None:
-            focal_px = scaling.focal_px(hfov_deg, self.width)
+            focal_px = scaling.focal_px_of_hfov(hfov_deg, self.width)
         if focal_px is None and self.camera_source is types.CameraSource.CARD:
             told = "no focal length is known; the point cloud assumes the camera the model learned"
             warnings.warn(told, DepthcliWarning, stacklevel=2)
@@ -215,7 +215,7 @@ class DepthMap(types.DepthMap):
             warnings.warn(f"{path}: {text}", DepthcliWarning, stacklevel=2)
 
 
-def _anchor(point: AnchorLike) -> Anchor:
+def _anchor_of(point: AnchorLike) -> Anchor:
     try:
         x, y, depth_m = point
         return Anchor(operator.index(x), operator.index(y), float(depth_m))

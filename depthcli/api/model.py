@@ -124,7 +124,7 @@ class DepthModel:
         self.pipeline.check_focal(focal_px, hfov_deg)
         frame = frame_of(picture)
         depth = self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
-        return _fitted(DepthMap.of(depth, frame), anchors)
+        return _with_anchors(DepthMap.of(depth, frame), anchors)
 
     def predict_many(
         self,
@@ -161,7 +161,7 @@ class DepthModel:
             frames = [frame_of(picture) for picture in some]
             depths = self.pipeline.predict_many(frames, focal_px=focal_px, hfov_deg=hfov_deg)
             return [
-                _fitted(DepthMap.of(depth, frame), anchors)
+                _with_anchors(DepthMap.of(depth, frame), anchors)
                 for depth, frame in zip(depths, frames, strict=True)
             ]
 
@@ -169,7 +169,7 @@ class DepthModel:
         return itertools.chain.from_iterable(done)
 
 
-def _fitted(depth: DepthMap, anchors: Sequence[AnchorLike]) -> DepthMap:
+def _with_anchors(depth: DepthMap, anchors: Sequence[AnchorLike]) -> DepthMap:
     return depth.fit_anchors(anchors) if anchors else depth
 
 

@@ -23,12 +23,12 @@ def folder() -> Path:
     return config_folder() / "profiles"
 
 
-def names() -> tuple[str, ...]:
+def profile_names() -> tuple[str, ...]:
     """The profiles that are there, in alphabetic order."""
     return tuple(sorted(path.stem for path in folder().glob(f"*{_SUFFIX}") if path.is_file()))
 
 
-def path_of(name: str) -> Path:
+def profile_path(name: str) -> Path:
     """A profile's file, there or not; a word that ends in ``.toml`` is a path itself.
 
     Raises:
@@ -50,11 +50,11 @@ def profile_text(name: str) -> str:
     Raises:
         UsageError: there is no such profile, or it cannot be read.
     """
-    path = path_of(name)
+    path = profile_path(name)
     try:
         return read_regular(path, _MAX_BYTES).decode()
     except FileNotFoundError:
-        there = ", ".join(names()) or "none yet"
+        there = ", ".join(profile_names()) or "none yet"
         raise UsageError(f"no profile named {name!r}; there are: {there}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"profile {path} cannot be read ({error}); save it again") from error
@@ -68,7 +68,7 @@ def read_profile(name: str) -> dict[str, Value]:
     """
     import tomllib
 
-    path = path_of(name)
+    path = profile_path(name)
     try:
         values = tomllib.loads(profile_text(name))
     except (ValueError, RecursionError) as error:
@@ -82,7 +82,7 @@ def read_profile(name: str) -> dict[str, Value]:
     return values
 
 
-def write(name: str, values: Mapping[str, Value], *, force: bool) -> Path:
+def write_profile(name: str, values: Mapping[str, Value], *, force: bool) -> Path:
     """Save a profile.
 
     Returns:
@@ -92,7 +92,7 @@ def write(name: str, values: Mapping[str, Value], *, force: bool) -> Path:
         UsageError: the name is no name, or it is taken and not to be replaced.
         OutputError: it cannot be written.
     """
-    path = path_of(name)
+    path = profile_path(name)
     if path.exists() and not force:
         raise UsageError(f"profile {name!r} already exists; give another name, or --force")
     check_home(path)
@@ -116,7 +116,7 @@ def remove_profile(name: str) -> Path:
         OutputError: it cannot be deleted.
     """
     profile_text(name)
-    path = path_of(name)
+    path = profile_path(name)
     try:
         path.unlink()
     except OSError as error:

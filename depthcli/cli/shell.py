@@ -38,7 +38,7 @@ class LazyGroup(TyperGroup):
             return load_command(cmd_name)
         if ctx.resilient_parsing:
             return None
-        raise UsageError(f"no command named {cmd_name!r}{_suggestion(cmd_name)}")
+        raise UsageError(f"no command named {cmd_name!r}{_command_suggestion(cmd_name)}")
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
         """The same text as without any module loaded."""
@@ -139,7 +139,7 @@ def _lacks_command(error: Exception) -> bool:
     return type(error).__name__ == "NoArgsIsHelpError"
 
 
-def _suggestion(name: str) -> str:
+def _command_suggestion(name: str) -> str:
     from difflib import get_close_matches
 
     close = get_close_matches(name, COMMANDS, n=1)

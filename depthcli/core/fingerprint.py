@@ -18,11 +18,11 @@ def fingerprint(*facts: object) -> str:
     Raises:
         TypeError: something else, which could look different the next time.
     """
-    text = json.dumps([_plain(fact) for fact in facts], sort_keys=True)
+    text = json.dumps([_json_value(fact) for fact in facts], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _plain(fact: object) -> object:
+def _json_value(fact: object) -> object:
     """What JSON has words for."""
     if isinstance(fact, Enum):
         return fact.value
@@ -31,9 +31,9 @@ def _plain(fact: object) -> object:
     if isinstance(fact, Fraction | PurePath):
         return str(fact)
     if is_dataclass(fact):
-        return {field.name: _plain(getattr(fact, field.name)) for field in fields(fact)}
+        return {field.name: _json_value(getattr(fact, field.name)) for field in fields(fact)}
     if isinstance(fact, Mapping):
-        return {str(key): _plain(value) for key, value in fact.items()}
+        return {str(key): _json_value(value) for key, value in fact.items()}
     if isinstance(fact, tuple | list):
-        return [_plain(part) for part in fact]
+        return [_json_value(part) for part in fact]
     raise TypeError(f"{type(fact).__name__} has no fingerprint")

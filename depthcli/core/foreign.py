@@ -101,7 +101,7 @@ def merged(base: _T, changes: object) -> _T:
         FieldError: something is unknown, of another type or out of range.
     """
     given: Any = base
-    readers = dict(_fields(cast("Any", type(base))))
+    readers = dict(_field_readers(cast("Any", type(base))))
     for name in readers:
         old = getattr(base, name)
         if is_dataclass(old):
@@ -121,7 +121,7 @@ _DECODER = json.JSONDecoder(object_pairs_hook=_once)
 
 
 @cache
-def _fields(kind: type) -> dict[str, _Read]:
+def _field_readers(kind: type) -> dict[str, _Read]:
     """What reads each field of a dataclass."""
     hints = get_type_hints(kind, include_extras=True)
     return {field.name: _reader(hints[field.name]) for field in fields(kind)}
@@ -161,24 +161,24 @@ def _reader(hint: Any, rule: Rule | None = None) -> _Read:  # noqa: ANN401, PLR0
         words = {str(choice): choice for choice in parts or hint}
         return _choice(words)
     if origin is tuple:
-        return _items(_reader(parts[0]), rule.what if rule else "a list")
+        return _sequence_reader(_reader(parts[0]), rule.what if rule else "a list")
     if origin is not None:  # dict, Mapping
-        return _named(_reader(parts[1]), rule.what if rule else "an object")
+        return _mapping_reader(_reader(parts[1]), rule.what if rule else "an object")
     if hint is Any:
         return _free
     if is_dataclass(hint):
-        return _group(hint)
-    return _scalar(hint, rule or Rule(_WORDS[hint], bool))
+        return _dataclass_reader(hint)
+    return _scalar_reader(hint, rule or Rule(_WORDS[hint], bool))
 
 
-def _group(kind: Any) -> _Read:  # noqa: ANN401
+def _dataclass_reader(kind: Any) -> _Read:  # noqa: ANN401
     optional = {
         f.name for f in fields(kind) if (f.default, f.default_factory) != (MISSING, MISSING)
     }
 
     def read(values: Any) -> Any:  # noqa: ANN401
-        given = _read_fields(_fields(kind), values)
-        for name in _fields(kind):
+        given = _read_fields(_field_readers(kind), values)
+        for name in _field_readers(kind):
             if name not in given and name not in optional:
                 raise FieldError("is missing", name)
         return kind(**given)
@@ -186,9 +186,9 @@ def _group(kind: Any) -> _Read:  # noqa: ANN401
     return read
 
 
-def _scalar(kind: type, rule: Rule) -> _Read:
+def _scalar_reader(kind: type, rule: Rule) -> _Read:
     def read(value: Any) -> Any:  # noqa: ANN401
-        if kind is float and type(value) is int and _is_whole(value):
+        if kind is float and type(value) is int and _is_exact_integer(value):
             return float(value)
         if type(value) is kind and (kind not in _NUMBERS or _is_good(cast("float", value), rule)):
             return value
@@ -198,10 +198,14 @@ def _scalar(kind: type, rule: Rule) -> _Read:
 
 
 def _is_good(number: float, rule: Rule) -> bool:
-    return _is_whole(number) if type(number) is int else math.isfinite(number) or not rule.is_finite
+    return (
+        _is_exact_integer(number)
+        if type(number) is int
+        else math.isfinite(number) or not rule.is_finite
+    )
 
 
-def _is_whole(number: float) -> bool:
+def _is_exact_integer(number: float) -> bool:
     return -_LARGEST <= number < _LARGEST
 
 
@@ -224,7 +228,7 @@ def _choice(choices: dict[str, Any]) -> _Read:
     return read
 
 
-def _items(read: _Read, what: str) -> Callable[[Any], tuple[Any, ...]]:
+def _sequence_reader(read: _Read, what: str) -> Callable[[Any], tuple[Any, ...]]:
     def read_all(value: Any) -> tuple[Any, ...]:  # noqa: ANN401
         if not isinstance(value, (list, tuple)):
             raise FieldError.unless(what, value)
@@ -234,7 +238,7 @@ def _items(read: _Read, what: str) -> Callable[[Any], tuple[Any, ...]]:
     return read_all
 
 
-def _named(read: _Read, what: str) -> Callable[[Any], dict[str, Any]]:
+def _mapping_reader(read: _Read, what: str) -> Callable[[Any], dict[str, Any]]:
     def read_all(value: Any) -> dict[str, Any]:  # noqa: ANN401
         if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
             raise FieldError.unless(what, value)

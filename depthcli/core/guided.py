@@ -46,7 +46,7 @@ class GuidedMap:
             reach: coarse pixels from the middle of a window to its border; a wider one smears
                 depth. As many as a pixel of the network's own output is wide.
         """
-        mean = partial(_mean, reach=reach)
+        mean = partial(_box_mean, reach=reach)
         mean_guide, mean_coarse = mean(guide), mean(coarse)
         # Differences of large numbers lose float32's digits, so the map is taken from its mean.
         centred = np.asarray(coarse - coarse.mean(), np.float32)
@@ -76,6 +76,6 @@ class GuidedMap:
         return np.asarray(cv2.min(cv2.max(values, low, dst=values), high, dst=values))
 
 
-def _mean(values: npt.NDArray[np.float32], reach: int) -> npt.NDArray[np.float32]:
+def _box_mean(values: npt.NDArray[np.float32], reach: int) -> npt.NDArray[np.float32]:
     size = (2 * reach + 1,) * 2
     return np.asarray(cv2.blur(values, size, borderType=cv2.BORDER_REPLICATE))

@@ -32,7 +32,7 @@ def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
         raise UsageError(f"a field of view of {hfov_deg:g}° is not {HFOV_DEG.what}")
 
 
-def focal_px(hfov_deg: float, width: int) -> float:
+def focal_px_of_hfov(hfov_deg: float, width: int) -> float:
     """Focal length in pixels of a picture ``width`` pixels wide, of a field of view in degrees.
 
     Raises:
@@ -76,10 +76,10 @@ def fit_anchors(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
     """
     if not points:
         raise UsageError("there are no anchors to fit the map to; give one or more")
-    values = np.array([_value(depth, p) for p in points], np.float64)
+    values = np.array([_value_at(depth, p) for p in points], np.float64)
     truth_m = np.array([p.depth_m for p in points], np.float64)
     inverse = depth.kind is DepthKind.INVERSE
-    scale, shift = _line(values, 1 / truth_m if inverse else truth_m)
+    scale, shift = _fit_scale_and_shift(values, 1 / truth_m if inverse else truth_m)
     if (values * scale + shift <= 0).any():
         raise UsageError("the anchors fit no depth ahead of the camera; check their metres")
     fitted = depth.values * np.float32(scale) + np.float32(shift)
@@ -103,7 +103,7 @@ def fitted(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
         raise InputError(str(error)) from error
 
 
-def _value(depth: DepthMap, point: Anchor) -> float:
+def _value_at(depth: DepthMap, point: Anchor) -> float:
     if not 0 < point.depth_m < math.inf:
         raise UsageError(
             f"anchor {point.x},{point.y} has a depth of {point.depth_m:g} m; give one above 0"
@@ -118,7 +118,9 @@ def _value(depth: DepthMap, point: Anchor) -> float:
     return value
 
 
-def _line(values: npt.NDArray[np.float64], wanted: npt.NDArray[np.float64]) -> tuple[float, float]:
+def _fit_scale_and_shift(
+    values: npt.NDArray[np.float64], wanted: npt.NDArray[np.float64]
+) -> tuple[float, float]:
     """Scale and shift of the best line; the scale alone for a single point."""
     if len(values) == 1:
         if values[0] <= 0:

@@ -18,10 +18,10 @@ def compact(ids: Iterable[str]) -> str:
     breaks = [(a, b) for a, b in pairwise(numbers) if b != a + 1]
     firsts = [numbers[0], *(b for _, b in breaks)]
     lasts = [*(a for a, _ in breaks), numbers[-1]]
-    return ",".join(_range(a, b) for a, b in zip(firsts, lasts, strict=True))
+    return ",".join(_range_text(a, b) for a, b in zip(firsts, lasts, strict=True))
 
 
-def _range(first: int, last: int) -> str:
+def _range_text(first: int, last: int) -> str:
     start = f"{first:0{_DIGITS}d}"
     return start if first == last else f"{start}-{last:0{_DIGITS}d}"
 

@@ -169,7 +169,7 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
     if not folder.is_dir():
         raise DatasetError(f"{folder} is missing: the data set needs rgb/ and depth/ side by side")
     found: dict[str, Path] = {}
-    for file in _files(folder):
+    for file in _files_below(folder):
         if file.name.startswith(".") or file.suffix.lower() not in suffixes or not file.is_file():
             continue
         name = file.relative_to(folder).with_suffix("").as_posix()
@@ -183,7 +183,7 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
     return found
 
 
-def _files(folder: Path) -> list[Path]:
+def _files_below(folder: Path) -> list[Path]:
     """All files below a folder in the order of their names; links are followed, not in circles."""
     found, entered = [], set()
     for place, folders, names in os.walk(folder, followlinks=True):

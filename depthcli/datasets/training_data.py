@@ -113,12 +113,12 @@ def _training_part(whole: DepthDataset, split: str) -> TrainingData:
     """The pairs that a test of this split never shows."""
     if split == "official":
         rows = [i for i, part in enumerate(whole.official_split) if part == "train"]
-        return TrainingData(_some(whole, rows, split), NYU_OFFICIAL, NYU_HFOV_DEG)
+        return TrainingData(_subset_or_all(whole, rows, split), NYU_OFFICIAL, NYU_HFOV_DEG)
     rows = [i for i, name in enumerate(whole.ids) if int(name) < PAPER_TRAIN_COUNT]
-    return TrainingData(_some(whole, rows, split), NYU_PAPER, NYU_HFOV_DEG)
+    return TrainingData(_subset_or_all(whole, rows, split), NYU_PAPER, NYU_HFOV_DEG)
 
 
-def _some(whole: DepthDataset, rows: Sequence[int], split: str) -> DepthDataset:
+def _subset_or_all(whole: DepthDataset, rows: Sequence[int], split: str) -> DepthDataset:
     if not rows:
         raise DatasetError(
             f"no pair here belongs to the training part of the {split} split: give the complete "

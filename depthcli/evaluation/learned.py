@@ -55,9 +55,9 @@ def learned_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | 
     split = card.training.get(TRAIN_SPLIT)
     try:
         if isinstance(split, str):
-            return _numbers(dataset, train_positions(dataset, SplitName(split)))
+            return _numeric_ids(dataset, train_positions(dataset, SplitName(split)))
         if str(card.training.get("data", "")).startswith(_NYU):
-            return _numbers(dataset, _of_config(card.training["config"]["data"], dataset))
+            return _numeric_ids(dataset, _of_config(card.training["config"]["data"], dataset))
     except (DatasetError, KeyError, TypeError, ValueError):
         return None  # a card's training is free text: what cannot be read tells nothing
     return None
@@ -73,5 +73,5 @@ def _of_config(data: Mapping[str, Any], dataset: DepthDataset) -> Sequence[int]:
     return [i for i in rows if dataset.scenes[i] not in held_out]
 
 
-def _numbers(dataset: DepthDataset, rows: Iterable[int]) -> frozenset[int]:
+def _numeric_ids(dataset: DepthDataset, rows: Iterable[int]) -> frozenset[int]:
     return frozenset(int(dataset.ids[i]) for i in rows)

@@ -88,7 +88,7 @@ def evaluate_nyu(
         train_count=len(task.split.train) if options.trivial else 0,
         protocol=options.protocol,
         rows=(*(PUBLISHED if comparable else ()), *rows),
-        notes=tuple(_notes(task.split, comparable=comparable, trivial=options.trivial)),
+        notes=tuple(_nyu_notes(task.split, comparable=comparable, trivial=options.trivial)),
     )
 
 
@@ -126,7 +126,7 @@ def _trivial_entries(task: EvalTask, options: EvalOptions, progress: Progress) -
     return [entry_for(mean, wanted) for mean in means]
 
 
-def _notes(split: Split, *, comparable: bool, trivial: bool) -> list[str]:
+def _nyu_notes(split: Split, *, comparable: bool, trivial: bool) -> list[str]:
     notes = []
     if not comparable:
         notes.append(

@@ -64,8 +64,8 @@ class EvalProtocol:
             (self.averaging != HEADLINE.averaging, f"{self.averaging} average"),
             (self.crop != HEADLINE.crop, f"{self.crop} crop"),
             (self.mask != HEADLINE.mask, f"{self.mask}-valid mask"),
-            (self.compare_px is not None, f"compared at {_size(self.compare_px)}"),
-            (self.full_size_px != HEADLINE.full_size_px, f"truth {_size(self.full_size_px)}"),
+            (self.compare_px is not None, f"compared at {_size_text(self.compare_px)}"),
+            (self.full_size_px != HEADLINE.full_size_px, f"truth {_size_text(self.full_size_px)}"),
             (self.min_m != HEADLINE.min_m, f"min {self.min_m:g} m"),
             (self.max_m != HEADLINE.max_m, f"max {self.max_m:g} m"),
             (self.upsampling != HEADLINE.upsampling, f"{self.upsampling} upsampling"),
@@ -79,7 +79,7 @@ class EvalProtocol:
         frame = "full frame" if self.crop is Crop.NONE else f"{self.crop} crop"
         truth = "in-filled depth" if self.mask is Mask.FILLED else "raw-valid depth"
         average = "mean of images" if self.averaging is Averaging.IMAGE else "pooled pixels"
-        size = _size(self.compare_px or self.full_size_px)
+        size = _size_text(self.compare_px or self.full_size_px)
         return f"{truth}, {frame} at {size}, {self.min_m:g} < g < {self.max_m:g} m, {average}"
 
     def truth(
@@ -98,11 +98,11 @@ class EvalProtocol:
         if self.full_size_px is not None and (width, height) != self.full_size_px:
             raise DatasetError(
                 f"the depth is {width}×{height} but the protocol is about "
-                f"{_size(self.full_size_px)}: give the data set at its full size"
+                f"{_size_text(self.full_size_px)}: give the data set at its full size"
             )
         valid = (depth_m > self.min_m) & (depth_m < self.max_m)
         if self.mask is Mask.RAW:
-            valid &= _measured(raw_depth_m, depth_m.shape)
+            valid &= _sensor_mask(raw_depth_m, depth_m.shape)
         if self.crop is Crop.EIGEN:
             valid &= _eigen_crop(depth_m.shape)
         if self.compare_px is not None:
@@ -146,7 +146,7 @@ def _chosen(
     return values.ravel() if valid.all() else values[valid]
 
 
-def _size(size_px: tuple[int, int] | None) -> str:
+def _size_text(size_px: tuple[int, int] | None) -> str:
     return "any size" if size_px is None else f"{size_px[0]}×{size_px[1]}"
 
 
@@ -154,7 +154,7 @@ def _tile(tile_px: int | None) -> str:
     return "3/4 of the width" if tile_px == AUTO_TILE else f"{tile_px} px"
 
 
-def _measured(
+def _sensor_mask(
     raw_depth_m: npt.NDArray[np.float32] | None, shape: tuple[int, ...]
 ) -> npt.NDArray[np.bool_]:
     if raw_depth_m is None:

@@ -49,7 +49,7 @@ def entry_for(
 
 
 @dataclass(frozen=True, slots=True)
-class _Measured:
+class _ImageScores:
     """What a row makes of one image: a few numbers, so that no pixel has to wait for its turn."""
 
     sums: PixelSums
@@ -73,7 +73,7 @@ class _OpenRow:
         total = Accumulator(protocol.averaging)
         return cls(entry.predictor, alignment, total, entry.learned_count, edges=edges)
 
-    def add(self, image_id: str, measured: _Measured, *, keep: bool) -> None:
+    def add(self, image_id: str, measured: _ImageScores, *, keep: bool) -> None:
         scores = self.total.add(measured.sums)
         if self.edges is not None and measured.boundary is not None:
             self.edges.update(measured.boundary)
@@ -134,8 +134,8 @@ def evaluate(
 
     advance = progress.begin("comparing images", len(test))
 
-    def measured(position: int) -> list[_Measured]:
-        return _measured(dataset, position, entries, protocol)
+    def measured(position: int) -> list[_ImageScores]:
+        return _score_image(dataset, position, entries, protocol)
 
     with (
         one_thread_each(workers),
@@ -148,9 +148,9 @@ def evaluate(
     return tuple(row.close() for row in rows)
 
 
-def _measured(
+def _score_image(
     dataset: DepthDataset, position: int, entries: Sequence[Entry], protocol: EvalProtocol
-) -> list[_Measured]:
+) -> list[_ImageScores]:
     """One image for every row; for any thread."""
     sample, truth = Sample(dataset, position), _truth(dataset, position, protocol)
     found = []
@@ -159,7 +159,7 @@ def _measured(
         for alignment in entry.alignments:
             pixels = protocol.compare(depth, truth, alignment)
             boundary = compare_boundaries(pixels, truth) if protocol.boundary else None
-            found.append(_Measured(PixelSums.over(pixels), boundary))
+            found.append(_ImageScores(PixelSums.over(pixels), boundary))
     return found
 
 

@@ -62,7 +62,7 @@ class RunsReport(Comparison):
         """The report as JSON; values that do not exist are null."""
         differences = [_difference(difference) for difference in self.differences]
         more = {"differences": differences} if differences else {}
-        return self.document([_row(row) for row in self.rows], **more)
+        return self.document([_run_json(row) for row in self.rows], **more)
 
     def to_csv(self) -> str:
         """One line per row: what it is, what it cost, then mean and deviation of every metric."""
@@ -71,13 +71,13 @@ class RunsReport(Comparison):
         for line in self.rows:
             row, spread = line.row, line.spread
             known = [row.name, row.source, row.alignment or "", self.split]
-            known += [str(row.image_count), self.protocol.name, *_facts(line.training)]
+            known += [str(row.image_count), self.protocol.name, *_training_columns(line.training)]
             deviations = map(csv_cell, spread.values) if spread else [""] * len(METRICS)
             lines.append([*known, *map(csv_cell, row.scores.values), *deviations])
         return csv_text(lines)
 
 
-def _row(line: RunsRow) -> dict[str, Any]:
+def _run_json(line: RunsRow) -> dict[str, Any]:
     entry = row_json(line.row)
     training = line.training
     if training is not None:
@@ -101,7 +101,7 @@ def _difference(difference: Difference) -> dict[str, Any]:
     }
 
 
-def _facts(training: Training | None) -> list[str]:
+def _training_columns(training: Training | None) -> list[str]:
     """In the order of ``_FACTS``; several seeds are separated by spaces."""
     if training is None:
         return [""] * len(_FACTS)

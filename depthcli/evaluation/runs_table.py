@@ -49,8 +49,8 @@ def evaluate_runs(
     scored = tuple(replace(row, images=()) for row in scored)
     rows = [RunsRow(row) for row in scored if row.name not in by_name]
     rows += [
-        _folded(name, groups[name], scored, alignment)
-        for name in sorted(groups, key=_place)
+        _row_of_seeds(name, groups[name], scored, alignment)
+        for name in sorted(groups, key=_table_order)
         for alignment in dict.fromkeys(options.alignments)
     ]
     rows += [RunsRow(row) for row in PUBLISHED if published]
@@ -62,7 +62,7 @@ def evaluate_runs(
         protocol=options.protocol,
         rows=tuple(rows),
         notes=(
-            *_notes(task, models, trivial=options.trivial, published=published),
+            *_runs_notes(task, models, trivial=options.trivial, published=published),
             *([_RAW] if weights is Weights.RAW else []),
         ),
         differences=differences,
@@ -84,13 +84,13 @@ def _differences(
     return differences_from(against, rows, scenes)
 
 
-def _place(name: str) -> tuple[int, str]:
+def _table_order(name: str) -> tuple[int, str]:
     """The paper's order, then by name."""
     known = name in _TABLE_ORDER
     return (_TABLE_ORDER.index(name) if known else len(_TABLE_ORDER), name)
 
 
-def _folded(
+def _row_of_seeds(
     name: str, members: Sequence[TrainedModel], scored: Sequence[ReportRow], alignment: Alignment
 ) -> RunsRow:
     """The seeds of one method as one line."""
@@ -107,10 +107,12 @@ def _folded(
         scores=Scores.of(**{metric: mean for metric, (mean, _) in folded.items()}),
         empty_count=rows[0].empty_count,
     )
-    return RunsRow(mean, Scores.of(**spreads) if spreads else None, _training(members), tuple(rows))
+    return RunsRow(
+        mean, Scores.of(**spreads) if spreads else None, _training_of(members), tuple(rows)
+    )
 
 
-def _training(members: Sequence[TrainedModel]) -> Training:
+def _training_of(members: Sequence[TrainedModel]) -> Training:
     runs = [member.run for member in members]
     return Training(
         seeds=tuple(run.seed for run in runs),
@@ -124,7 +126,7 @@ def _training(members: Sequence[TrainedModel]) -> Training:
     )
 
 
-def _notes(
+def _runs_notes(
     task: EvalTask, models: Sequence[TrainedModel], *, trivial: bool, published: bool
 ) -> list[str]:
     notes = ["± is the sample standard deviation over the seeds"]

@@ -60,11 +60,11 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
         ),
         camera=None if hfov_deg is None else CameraSpec(hfov_deg),
         onnx=OnnxSpec(options.opset, IR_VERSION),
-        training=_training(saved),
+        training=_training_facts(saved),
     )
 
 
-def _training(saved: Checkpoint) -> dict[str, Any]:
+def _training_facts(saved: Checkpoint) -> dict[str, Any]:
     progress = saved.progress
     return {
         "data": progress.data,

@@ -35,7 +35,7 @@ def build_graph(
         network = MirrorAverage(network)
     model = optimizer.optimize(_traced(network, opset))
     model.ir_version = min(model.ir_version, IR_VERSION)
-    _strip(model.graph)
+    _strip_metadata(model.graph)
     onnx.checker.check_model(model, full_check=True)
     return model
 
@@ -66,7 +66,7 @@ def _traced(network: nn.Module, opset: int) -> onnx.ModelProto:
         return onnx.load(path)
 
 
-def _strip(graph: onnx.GraphProto) -> None:
+def _strip_metadata(graph: onnx.GraphProto) -> None:
     """Drop what tools noted on the way: it is no part of the model, nor known to its IR version."""
     del graph.value_info[:]
     for node in graph.node:

@@ -41,7 +41,7 @@ def camera_of(
     The one given, as focal length in pixels or as horizontal field of view in degrees, else the
     one in its EXIF, else that of the card.
     """
-    known = _known(frame, focal_px, hfov_deg)
+    known = _stated_camera(frame, focal_px, hfov_deg)
     if card.camera is None or not gives_metres(card):
         return known
     camera = known or _assumed(card.input, card.camera, frame)
@@ -51,7 +51,7 @@ def camera_of(
 
 def learned_focal_px(spec: InputSpec, camera: CameraSpec) -> float:
     """The focal length that a model learned, in pixels of its input."""
-    return scaling.focal_px(camera.hfov_deg, spec.width) * math.sqrt(spec.pixel_aspect)
+    return scaling.focal_px_of_hfov(camera.hfov_deg, spec.width) * math.sqrt(spec.pixel_aspect)
 
 
 def _shrink(spec: InputSpec, frame: Frame, place: Layout) -> float:
@@ -64,11 +64,13 @@ def _shrink(spec: InputSpec, frame: Frame, place: Layout) -> float:
     return min(across * root, down / root)
 
 
-def _known(frame: Frame, focal_px: float | None, hfov_deg: float | None) -> PictureCamera | None:
+def _stated_camera(
+    frame: Frame, focal_px: float | None, hfov_deg: float | None
+) -> PictureCamera | None:
     if focal_px is not None:
         return PictureCamera(focal_px, CameraSource.OPTION)
     if hfov_deg is not None:
-        return PictureCamera(scaling.focal_px(hfov_deg, frame.width), CameraSource.OPTION)
+        return PictureCamera(scaling.focal_px_of_hfov(hfov_deg, frame.width), CameraSource.OPTION)
     if frame.focal_35mm is not None:
         in_px = scaling.focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
         return PictureCamera(in_px, CameraSource.EXIF)
@@ -85,4 +87,4 @@ def _assumed(spec: InputSpec, camera: CameraSpec, frame: Frame) -> PictureCamera
     long, short = sorted((frame.width, frame.height), reverse=True)
     long_px = max(long, short * max(aspect, 1 / aspect))
     width_px = long_px if aspect >= 1 else long_px * aspect
-    return PictureCamera(width_px * scaling.focal_px(camera.hfov_deg, 1), CameraSource.CARD)
+    return PictureCamera(width_px * scaling.focal_px_of_hfov(camera.hfov_deg, 1), CameraSource.CARD)

@@ -49,7 +49,7 @@ class Layout:
 def layout(spec: InputSpec, width: int, height: int) -> Layout:
     """Where a picture of ``width`` x ``height`` pixels goes."""
     if spec.fit is Fit.STRETCH:
-        return _filled(spec.width, spec.height)
+        return _without_padding(spec.width, spec.height)
     if spec.fit is Fit.LOWER_BOUND or spec.fit is Fit.UPPER_BOUND:
         return _bounded(spec, width, height)
     if spec.dynamic:
@@ -63,7 +63,7 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Lay
     It is (1, C, H, W) float32, normalised.
     """
     place = layout(spec, frame.width, frame.height)
-    small = _shrunk(spec, frame, place)
+    small = _resized_planes(spec, frame, place)
     small = small.reshape(place.inner_height, place.inner_width, spec.colour.channels)
     if place.is_padded:
         small = _pad(small, place)
@@ -72,7 +72,7 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Lay
     return np.ascontiguousarray(batch), place
 
 
-def _shrunk(spec: InputSpec, frame: Frame, place: Layout) -> npt.NDArray[np.float32]:
+def _resized_planes(spec: InputSpec, frame: Frame, place: Layout) -> npt.NDArray[np.float32]:
     planes = _PLANES[spec.colour]
     size = place.inner_width, place.inner_height
     if spec.resize is Resize.AREA and frame.width * frame.height > _LARGE_PIXELS:
@@ -90,7 +90,7 @@ def _same_area(spec: InputSpec, width: int, height: int) -> Layout:
     sides = math.sqrt(area * wanted), math.sqrt(area / wanted)
     columns, rows = (_multiple(side, spec.multiple_of) for side in sides)
     if wanted == aspect:
-        return _filled(columns, rows)
+        return _without_padding(columns, rows)
     return _inside(spec, columns, rows, width, height)
 
 
@@ -113,22 +113,22 @@ def _bounded(spec: InputSpec, width: int, height: int) -> Layout:
     lower = spec.fit is Fit.LOWER_BOUND
     scale = (max if lower else min)(spec.height / height, spec.width / width)
     if lower and scale**2 * width * height > _MOST_PIXELS * spec.width * spec.height:
-        return _strip(spec, width, height)
+        return _layout_of_strip(spec, width, height)
     bound = _at_least if lower else _at_most
-    return _filled(
+    return _without_padding(
         bound(scale * width, spec.multiple_of, spec.width),
         bound(scale * height, spec.multiple_of, spec.height),
     )
 
 
-def _strip(spec: InputSpec, width: int, height: int) -> Layout:
+def _layout_of_strip(spec: InputSpec, width: int, height: int) -> Layout:
     """A picture so long that its lower bound would not fit into memory: 100 GB for 1 x 5000."""
     most = _MOST_PIXELS * spec.width * spec.height
     scale = math.sqrt(most / (width * height))
     short = _multiple(scale * min(width, height), spec.multiple_of)
     longest = max(spec.multiple_of, most // short // spec.multiple_of * spec.multiple_of)
     long = min(_multiple(scale * max(width, height), spec.multiple_of), longest)
-    return _filled(long, short) if width > height else _filled(short, long)
+    return _without_padding(long, short) if width > height else _without_padding(short, long)
 
 
 def _at_least(size: float, step: int, least: int) -> int:
@@ -141,7 +141,7 @@ def _at_most(size: float, step: int, most: int) -> int:
     return nearest if nearest <= most else max(step, math.floor(size / step) * step)
 
 
-def _filled(width: int, height: int) -> Layout:
+def _without_padding(width: int, height: int) -> Layout:
     return Layout(width, height, 0, 0, width, height)
 
 

@@ -95,15 +95,15 @@ def refine(
         return overall
     grid = TileGrid.plan(frame.width, tile_px, overall.shape)
     if not blends_in_log(spec):
-        return _joined(overall, frame, grid, predict)
+        return _blend_tiles(overall, frame, grid, predict)
 
     def predict_log(tile: Frame) -> npt.NDArray[np.float32]:
         return np.log(in_range(spec, predict(tile)))
 
-    return np.exp(_joined(np.log(in_range(spec, overall)), frame, grid, predict_log))
+    return np.exp(_blend_tiles(np.log(in_range(spec, overall)), frame, grid, predict_log))
 
 
-def _joined(
+def _blend_tiles(
     overall: npt.NDArray[np.float32],
     frame: Frame,
     grid: TileGrid,
@@ -118,7 +118,7 @@ def _joined(
         found = resize_bilinear(predict(_cut(frame, grid, tile)), *grid.tile_size)
         # A tile with holes has nothing to add.
         good = np.isfinite(found).all()
-        total[tile] += fade * (_fitted(found, whole[tile], small) if good else whole[tile])
+        total[tile] += fade * (_fit_tile(found, whole[tile], small) if good else whole[tile])
         weight[tile] += fade
     return total / weight
 
@@ -152,7 +152,7 @@ def _fade(height: int, width: int) -> npt.NDArray[np.float32]:
     return np.asarray(np.outer(down, across) + 1e-6, np.float32)
 
 
-def _fitted(
+def _fit_tile(
     found: npt.NDArray[np.float32], wanted: npt.NDArray[np.float32], small: tuple[int, ...]
 ) -> npt.NDArray[np.float32]:
     """Scale and shift in the least-squares sense, then without what drifts.

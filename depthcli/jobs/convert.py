@@ -109,7 +109,7 @@ def _seen_by(depth: DepthMap, camera: Camera) -> DepthMap:
     """The same depth with a camera that is given in place of the stated one."""
     focal_px = camera.focal_px
     if camera.hfov_deg is not None:
-        focal_px = scaling.focal_px(camera.hfov_deg, depth.width)
+        focal_px = scaling.focal_px_of_hfov(camera.hfov_deg, depth.width)
     if focal_px is None:
         return depth
     source = replace(

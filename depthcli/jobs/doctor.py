@@ -23,13 +23,13 @@ def check_installation(model: str | None = None, provider: str = "auto") -> Iter
     yield from check_versions()
     yield from check_modules()
     yield from check_families()
-    yield from _guarded("model", lambda: _model(model, provider))
-    yield from _guarded("providers", lambda: _providers(model))
-    yield from _guarded("codecs", _codecs)
-    yield from _guarded("codec .exr", _exr)
+    yield from _guarded("model", lambda: _check_model(model, provider))
+    yield from _guarded("providers", lambda: _check_providers(model))
+    yield from _guarded("codecs", _check_codecs)
+    yield from _guarded("codec .exr", _check_openexr)
 
 
-def _model(name: str | None, provider: str) -> Iterator[Check]:
+def _check_model(name: str | None, provider: str) -> Iterator[Check]:
     import onnxruntime
 
     from depthcli.inference.providers import available_providers
@@ -46,7 +46,7 @@ def _model(name: str | None, provider: str) -> Iterator[Check]:
     yield Check("model", "warning" if session.warnings else "ok", found)
 
 
-def _providers(name: str | None) -> Iterator[Check]:
+def _check_providers(name: str | None) -> Iterator[Check]:
     """Whether each provider of this onnxruntime runs the model, but for one that takes minutes."""
     from depthcli.inference.providers import SLOW_TO_START, available_providers
     from depthcli.inference.trial import try_model
@@ -65,7 +65,7 @@ def _providers(name: str | None) -> Iterator[Check]:
             yield Check(title, "ok", "runs the model")
 
 
-def _codecs() -> Iterator[Check]:
+def _check_codecs() -> Iterator[Check]:
     from depthcli.io.pictures.codecs import PICTURE_SUFFIXES, can_code
 
     for suffix in PICTURE_SUFFIXES:
@@ -74,7 +74,7 @@ def _codecs() -> Iterator[Check]:
         yield Check(f"codec {suffix}", "ok" if works else "warning", detail)
 
 
-def _exr() -> Iterator[Check]:
+def _check_openexr() -> Iterator[Check]:
     import OpenEXR
 
     yield Check("codec .exr", "ok", f"OpenEXR {OpenEXR.__version__}")

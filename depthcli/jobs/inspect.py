@@ -96,7 +96,7 @@ def read_map(path: Path, *, scale: float | None = None, frame: int | None = None
         if frame is None:
             raise UsageError(f"{path} is a video; say which frame with --frame, 0 for the first")
         with local_copy(path) as video:
-            return _frame(video, scale, frame)
+            return _video_frame(video, scale, frame)
     if frame is not None:
         raise UsageError(f"--frame is for depth videos (.mkv), but {path} is not one; remove it")
     return read_depth(path, png_scale=scale)
@@ -126,7 +126,7 @@ def _check_scale(path: Path, scale: float | None) -> None:
         )
 
 
-def _frame(path: Path, scale: float | None, number: int) -> DepthMap:
+def _video_frame(path: Path, scale: float | None, number: int) -> DepthMap:
     count = 0
     for count, depth in enumerate(DepthVideo(path, scale=scale), start=1):
         if count > number:

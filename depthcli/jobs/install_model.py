@@ -67,7 +67,7 @@ def add_model(
     if sha256 is not None and not _SHA256.fullmatch(sha256):
         raise UsageError(f"{sha256!r} is no SHA-256 checksum, which has 64 hex digits")
     if name is not None:
-        _target(_checked_name(name), force=force)  # before anything is fetched
+        _install_target(_checked_name(name), force=force)  # before anything is fetched
     try:
         with local_copy(path, progress, max_bytes=catalog.MAX_BYTES) as file:
             return _added(file, card, name=name, force=force, sha256=sha256)
@@ -84,7 +84,7 @@ def _added(
         raise ModelError(f"{path} is another file: its sha256 is {found}; it is not added")
     draft = _draft(path, data, card)
     complete = _complete(draft, path, data, name)
-    target = _target(complete.name, force=force)
+    target = _install_target(complete.name, force=force)
     if target.is_dir():  # the old one stays until the new card is there
         complete = replace(complete, file=f"model-{found[:12]}.onnx")
     with workspace(target.parent) as work:
@@ -116,7 +116,7 @@ def remove_model(name: str) -> Path:
         OutputError: it cannot be deleted.
     """
     folder = places.user_root() / _checked_name(name)
-    place = _place(folder)
+    place = _user_place(folder)
     if place is None:
         raise UsageError(
             f"{name!r} is not among the models in {places.user_root()}; only those are removed"
@@ -174,7 +174,7 @@ def _complete(draft: CardDraft, path: Path, data: bytes, name: str | None) -> Mo
     return ModelCard.from_json(json.dumps(fields), where=draft.where)
 
 
-def _place(folder: Path) -> Place | None:
+def _user_place(folder: Path) -> Place | None:
     """A model of the user's folder, in a folder of its own or as one file."""
     return places.place_at(folder) or places.place_at(folder.with_name(f"{folder.name}.onnx"))
 
@@ -188,7 +188,7 @@ def _checked_name(name: str) -> str:
     return name
 
 
-def _target(name: str, *, force: bool) -> Path:
+def _install_target(name: str, *, force: bool) -> Path:
     target = places.user_root() / name
     check_home(target)
     taken = next((p for n, p in places.list_places() if n == name), None)

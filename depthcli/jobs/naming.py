@@ -48,7 +48,7 @@ def plan_outputs(
         plans = [_one_file(sources, path_of(out), suffixes)]
     else:
         plans = _in_folders(sources, None if out is None else path_of(out), suffixes)
-    _check(plans)
+    _check_collisions(plans)
     return plans
 
 
@@ -75,21 +75,23 @@ def _one_file(
 def _in_folders(
     sources: Sequence[Path | None], out: Path | None, suffixes: Mapping[str, str]
 ) -> list[OutputPlan]:
-    folders = [_folder(source, out) for source in sources]
+    folders = [_output_folder(source, out) for source in sources]
     stems = [
         folder / (s.stem if s else STDIN_STEM) for folder, s in zip(folders, sources, strict=True)
     ]
-    shared = Counter(map(_folded, stems))
+    shared = Counter(map(_case_folded_path, stems))
     plans = []
     for source, stem, base in zip(sources, stems, output_bases(sources), strict=True):
-        is_whole = source is not None and shared[_folded(stem)] > 1 and base == source.stem
+        is_whole = (
+            source is not None and shared[_case_folded_path(stem)] > 1 and base == source.stem
+        )
         name = source.name if source and is_whole else base
         wanted = {} if source and not source.name else suffixes
         plans.append(OutputPlan(source, {f: stem.parent / (name + s) for f, s in wanted.items()}))
     return plans
 
 
-def _folder(source: Path | None, out: Path | None) -> Path:
+def _output_folder(source: Path | None, out: Path | None) -> Path:
     """Where an input's outputs go."""
     if out is not None:
         return out
@@ -127,15 +129,15 @@ def _names_in(folder: Path, own: set[str]) -> list[str]:
     return [name for stem in stems for name in folder.names_after(stem)]
 
 
-def _check(plans: Sequence[OutputPlan]) -> None:
+def _check_collisions(plans: Sequence[OutputPlan]) -> None:
     places = Places()
     sources = (plan.source for plan in plans if plan.source is not None)
-    inputs = {_folded(place) for source in sources for place in places.all_of(source)}
+    inputs = {_case_folded_path(place) for source in sources for place in places.all_of(source)}
     owners: dict[str, Path | None] = {}
     for plan in plans:
         for path in plan.outputs.values():
             check_writable(path)
-            place = _folded(places.of(path))
+            place = _case_folded_path(places.of(path))
             if place in inputs:
                 raise UsageError(f"{path} is an input; choose another -o")
             if place in owners:
@@ -146,6 +148,6 @@ def _check(plans: Sequence[OutputPlan]) -> None:
             owners[place] = plan.source
 
 
-def _folded(path: str | Path) -> str:
+def _case_folded_path(path: str | Path) -> str:
     """Names that a case-insensitive file system takes for one are one."""
     return os.path.normcase(os.path.abspath(path)).casefold()  # noqa: PTH100 - links stay as named

@@ -11,7 +11,7 @@ import numpy as np
 from depthcli.core.parallel.process_map import process_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.paired_folder import CAMERAS, MILLIMETRES
-from depthcli.datasets.rooms.pair import VERSION, Recipe, focal_px, render_pair
+from depthcli.datasets.rooms.pair import VERSION, Recipe, render_pair, room_focal_px
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.depth.steps import quantized
 from depthcli.io.png.encode import encode_png
@@ -52,10 +52,10 @@ def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> Rendered
     """
     _claim(request)
     missing = [
-        i for i in range(request.count) if not all(f.exists() for f in _files(request.out, i))
+        i for i in range(request.count) if not all(f.exists() for f in _pair_files(request.out, i))
     ]
     done = progress.begin("", len(missing), "rooms")
-    write = partial(_write, request.out, request.recipe)
+    write = partial(_write_pair, request.out, request.recipe)
     for _ in process_map(write, missing, workers=min(request.workers, len(missing))):
         done(1)
     return Rendered(request.out, request.count, len(missing))
@@ -81,29 +81,29 @@ def _claim(request: RenderRequest) -> None:
                 f"{out} holds rooms of other options: {held}; give these or another --out"
             )
     write_text(wanted + "\n", path)
-    count = max(request.count, _named(out / CAMERAS))
-    rows = (f"{_name(i)},{focal_px(request.recipe, i):.6f}\n" for i in range(count))
+    count = max(request.count, _camera_count(out / CAMERAS))
+    rows = (f"{_pair_name(i)},{room_focal_px(request.recipe, i):.6f}\n" for i in range(count))
     write_text("id,focal_px\n" + "".join(rows), out / CAMERAS)
 
 
-def _named(cameras: Path) -> int:
+def _camera_count(cameras: Path) -> int:
     """How many rooms an earlier run was asked for."""
     return len(cameras.read_text("utf-8").splitlines()) - 1 if cameras.exists() else 0
 
 
-def _name(index: int) -> str:
+def _pair_name(index: int) -> str:
     """A folder for every hundred is a scene, so that some can be held out for validation."""
     return f"{index // _PER_FOLDER:04}/{index:06}"
 
 
-def _files(out: Path, index: int) -> tuple[Path, Path]:
-    name = _name(index)
+def _pair_files(out: Path, index: int) -> tuple[Path, Path]:
+    name = _pair_name(index)
     return out / "rgb" / f"{name}.jpg", out / "depth" / f"{name}.png"
 
 
-def _write(out: Path, recipe: Recipe, index: int) -> None:
+def _write_pair(out: Path, recipe: Recipe, index: int) -> None:
     pair = render_pair(recipe, index)
-    picture, depth = _files(out, index)
+    picture, depth = _pair_files(out, index)
     quality = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY)
     encoded = cv2.imencode(".jpg", cv2.cvtColor(pair.rgb, cv2.COLOR_RGB2BGR), quality)[1]
     steps, _ = quantized(pair.depth_m.astype(np.float32), MILLIMETRES)

@@ -31,7 +31,10 @@ class TreeNames:
             names: paths from the root, with ``/`` between their parts.
         """
         found = np.fromiter(
-            ((_hash(name), _hash(_folded(name)), _hash(_folded(_stem(name)))) for name in names),
+            (
+                (_hash(name), _hash(_normalised(name)), _hash(_normalised(_stem(name))))
+                for name in names
+            ),
             _FIELDS,
         )
         _, first = np.unique(found["name"], return_index=True)
@@ -44,16 +47,16 @@ class TreeNames:
 
     def base(self, name: str) -> str:
         """Path of an input's outputs from the output folder, without a suffix."""
-        if _is_in(self._alike, _folded(name)):
+        if _is_in(self._alike, _normalised(name)):
             return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
-        return name if _is_in(self._shared, _folded(_stem(name))) else _stem(name)
+        return name if _is_in(self._shared, _normalised(_stem(name))) else _stem(name)
 
 
 def _stem(name: str) -> str:
     return os.path.splitext(name)[0]  # noqa: PTH122 - a name with "/" on any system
 
 
-def _folded(name: str) -> str:
+def _normalised(name: str) -> str:
     """Names that some file system takes for one are one."""
     return unicodedata.normalize("NFC", name).casefold()
 

@@ -68,7 +68,7 @@ class BoundaryAccumulator:
     def compute(self) -> BoundaryScores:
         """Means so far; NaN for a score that no image has."""
         columns = zip(*self._scores, strict=True) if self._scores else [()] * len(BOUNDARY_NAMES)
-        return BoundaryScores(*(_mean([v for v in c if not math.isnan(v)]) for c in columns))
+        return BoundaryScores(*(_mean_or_nan([v for v in c if not math.isnan(v)]) for c in columns))
 
 
 def boundary_scores(
@@ -185,5 +185,5 @@ def _steps(
     return right, down
 
 
-def _mean(values: list[float]) -> float:
+def _mean_or_nan(values: list[float]) -> float:
     return math.fsum(values) / len(values) if values else math.nan

@@ -54,7 +54,7 @@ def read_model(place: Place) -> Model:
     """
     card = _read_card(place.card) if place.card else None
     path = _onnx_path(place, card)
-    data = _read(path, MAX_BYTES)
+    data = _read_limited(path, MAX_BYTES)
     sha256 = hashlib.sha256(data).hexdigest()
     if card:
         check_file(card, path, len(data), sha256)
@@ -76,7 +76,7 @@ def read_onnx(path: Path) -> bytes:
     Raises:
         ModelError: it is not one.
     """
-    data = _read(path, MAX_BYTES)
+    data = _read_limited(path, MAX_BYTES)
     onnx_file.refuse_external_data(data, str(path))
     onnx_file.metadata(data, str(path))
     return data
@@ -88,7 +88,7 @@ def read_card(path: Path) -> bytes:
     Raises:
         ModelError: it cannot be read, or is too large for a card.
     """
-    return _read(path, _MAX_CARD_BYTES)
+    return _read_limited(path, _MAX_CARD_BYTES)
 
 
 def _onnx_path(place: Place, card: ModelCard | None) -> Path:
@@ -103,7 +103,7 @@ def _read_card(path: Path) -> ModelCard:
     return ModelCard.from_json(read_card(path), where=str(path))
 
 
-def _read(path: Path, max_bytes: int) -> bytes:
+def _read_limited(path: Path, max_bytes: int) -> bytes:
     try:
         if isinstance(path, RemotePath):
             return path.read_some(max_bytes)

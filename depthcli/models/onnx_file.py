@@ -38,10 +38,10 @@ def metadata(data: bytes, where: str) -> dict[str, str]:
     entries: dict[str, str] = {}
     has_graph = False
     try:
-        for number, start, end in _fields(data, 0, len(data)):
+        for number, start, end in _message_fields(data, 0, len(data)):
             has_graph = has_graph or number == _GRAPH
             if number == _METADATA:
-                parts = {field: data[a:b] for field, a, b in _fields(data, start, end)}
+                parts = {field: data[a:b] for field, a, b in _message_fields(data, start, end)}
                 entries[parts.get(1, b"").decode()] = parts.get(2, b"").decode()
     except (IndexError, ValueError) as error:
         raise ModelError(
@@ -60,11 +60,11 @@ def versions(data: bytes, where: str) -> tuple[int, int]:
     """
     opset = ir = 0
     try:
-        for number, start, end in _fields(data, 0, len(data)):
+        for number, start, end in _message_fields(data, 0, len(data)):
             if number == _IR_VERSION:
                 ir = _varint(data, start)[0]
             elif number == _OPSETS:
-                parts = {field: (a, b) for field, a, b in _fields(data, start, end)}
+                parts = {field: (a, b) for field, a, b in _message_fields(data, start, end)}
                 domain = data[slice(*parts.get(_OPSET_DOMAIN, (0, 0)))]
                 if domain in _ONNX_DOMAINS and _OPSET_VERSION in parts:
                     opset = _varint(data, parts[_OPSET_VERSION][0])[0]
@@ -100,7 +100,7 @@ def _has_external_tensor(data: bytes) -> bool:
     while messages:
         kind, at, stop = messages.pop()
         holds = _HOLDS.get(kind, {})
-        for number, start, end in _fields(data, at, stop):
+        for number, start, end in _message_fields(data, at, stop):
             if number in holds:
                 messages.append((holds[number], start, end))
             elif kind == _TENSOR and (
@@ -110,7 +110,7 @@ def _has_external_tensor(data: bytes) -> bool:
     return False
 
 
-def _fields(data: bytes, position: int, end: int) -> Iterator[tuple[int, int, int]]:
+def _message_fields(data: bytes, position: int, end: int) -> Iterator[tuple[int, int, int]]:
     """Each field of a message as (number, start, end) of its payload."""
     while position < end:
         key, position = _varint(data, position)

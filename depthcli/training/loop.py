@@ -31,7 +31,7 @@ class Limits:
         return seconds >= 60 * self.minutes or steps >= self.steps
 
 
-def train(
+def fit(
     config: TrainConfig,
     data: TrainingData,
     folder: Path,

@@ -13,14 +13,16 @@ def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> torch.o
     """AdamW over the networks of a phase, which is Adam where nothing decays."""
     networks, heads = method.networks(phase), method.heads() if optim.head_learning_rate else []
     body = [network for network in networks if network not in heads]
-    groups = _groups(body, optim.weight_decay)
-    for group in _groups([network for network in networks if network in heads], optim.weight_decay):
+    groups = _parameter_groups(body, optim.weight_decay)
+    for group in _parameter_groups(
+        [network for network in networks if network in heads], optim.weight_decay
+    ):
         betas = (optim.head_beta1, optim.head_beta2)
         groups.append(group | {"lr": optim.head_learning_rate, "betas": betas})
     return torch.optim.AdamW(groups, optim.learning_rate, (optim.beta1, optim.beta2))
 
 
-def _groups(networks: list[nn.Module], weight_decay: float) -> list[dict[str, Any]]:
+def _parameter_groups(networks: list[nn.Module], weight_decay: float) -> list[dict[str, Any]]:
     """Kernels and matrices, which decay, and the rest, which does not."""
     weights = [w for network in networks for w in network.parameters()]
     groups: list[dict[str, Any]] = [

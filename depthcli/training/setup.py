@@ -36,7 +36,7 @@ def set_up(
 ) -> Prepared:
     """Read the pairs, build the networks, and take up the folder's checkpoint if there is one.
 
-    The arguments and errors are those of :func:`depthcli.training.loop.train`.
+    The arguments and errors are those of :func:`depthcli.training.loop.fit`.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)

@@ -50,7 +50,7 @@ def draw_views(
     least = max(1.0, float(cover.max()))  # zoom at which the view fits into the picture
     zoom = _zooms(count, data, random) * least
     view = _affine(zoom, cover, data, random)
-    grid = _grid(view, *size)
+    grid = _sampling_grid(view, *size)
     metric_zoom = zoom / _CROP_286 if data.crop_286 else zoom
     depth_scale = 1 / metric_zoom.view(-1, 1, 1, 1)
     if not data.turn:
@@ -86,7 +86,7 @@ def _affine(zoom: Tensor, cover: Tensor, data: DataConfig, random: torch.Generat
     return torch.stack([row_x, row_y], 1)
 
 
-def _grid(view: Tensor, width: int, height: int) -> Tensor:
+def _sampling_grid(view: Tensor, width: int, height: int) -> Tensor:
     """Where each pixel of the views lies in the pictures, (B, H, W, 2) in [-1, 1]."""
     # F.affine_grid gives the same, but its batched matrix product takes 1.4 ms of a 190 ms step.
     x = (torch.arange(width) * 2 + 1) / width - 1

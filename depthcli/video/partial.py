@@ -50,11 +50,11 @@ def partial_video(path: Path, fingerprint: str) -> Iterator[PartialVideo | None]
     try:
         for other in set(path.parent.glob(f"{start}*")) - set(files):
             other.unlink(missing_ok=True)
-        written, earlier = sorted(files, key=_size)
+        written, earlier = sorted(files, key=_bytes_there)
         with before_ending(partial(_remove_empty, files)):
             yield PartialVideo(earlier, written)
     except BaseException:
-        longer = max(files, key=_size)
+        longer = max(files, key=_bytes_there)
         stay = [longer] if next(held_steps(longer), None) is not None else []
         raise
     finally:
@@ -73,9 +73,9 @@ def held_steps(path: Path) -> Iterator[npt.NDArray[np.uint16]]:
 
 def _remove_empty(files: list[Path]) -> None:
     for file in files:
-        if not _size(file):
+        if not _bytes_there(file):
             file.unlink(missing_ok=True)
 
 
-def _size(file: Path) -> int:
+def _bytes_there(file: Path) -> int:
     return file.stat().st_size if file.exists() else 0

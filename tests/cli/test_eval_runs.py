@@ -27,7 +27,7 @@ from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
 from depthcli.inference.pipeline import load
 from depthcli.training.config.changes import updated
-from depthcli.training.loop import Limits, train
+from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
 from depthcli.training.watchers import Watcher
@@ -52,7 +52,7 @@ def _config(method: str, seed: int = 0) -> TrainConfig:
 def _train(config: TrainConfig, data: DepthDataset, folder: Path, steps: float = math.inf) -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
     opened = TrainingData(data, "rooms", None)
-    train(config, opened, folder, fabric, Watcher(), Limits(steps=steps))
+    fit(config, opened, folder, fabric, Watcher(), Limits(steps=steps))
 
 
 def _large() -> Rooms:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from depthcli.core.codec import DepthCodec, Transform
 from depthcli.core.colour import luma, rgb, value_channel
 from depthcli.core.resize import resize_area, resize_bilinear
-from depthcli.core.scaling import fit_anchors, focal_px, focal_px_of_35mm
+from depthcli.core.scaling import fit_anchors, focal_px_of_35mm, focal_px_of_hfov
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import UsageError
 
@@ -105,11 +105,11 @@ def test_reciprocal_of_nothing_is_infinitely_far() -> None:
 
 
 def test_focal_lengths() -> None:
-    assert focal_px(63.3, 640) == pytest.approx(518.86, rel=2e-3)
-    assert focal_px(90, 1000) == pytest.approx(500)
+    assert focal_px_of_hfov(63.3, 640) == pytest.approx(518.86, rel=2e-3)
+    assert focal_px_of_hfov(90, 1000) == pytest.approx(500)
     assert focal_px_of_35mm(36, 360, 240) == pytest.approx(360)
     with pytest.raises(UsageError):
-        focal_px(180, 640)
+        focal_px_of_hfov(180, 640)
 
 
 @pytest.mark.parametrize("kind", list(DepthKind))

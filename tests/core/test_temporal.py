@@ -17,7 +17,7 @@ from depthcli.core.temporal.smoothing import (
     Smoother,
     from_steps,
     kept_share,
-    sample,
+    sample_cells,
     to_steps,
 )
 from depthcli.core.types import DepthKind, DepthMap
@@ -207,8 +207,8 @@ def test_no_depth_has_no_logarithm() -> None:
 
 def test_a_sample_is_the_middle_of_each_cell() -> None:
     values = np.arange(48, dtype=np.float32).reshape(6, 8)
-    np.testing.assert_array_equal(sample(values, (2, 2)), [[10, 14], [34, 38]])
-    np.testing.assert_array_equal(sample(values, (6, 8)), values)
+    np.testing.assert_array_equal(sample_cells(values, (2, 2)), [[10, 14], [34, 38]])
+    np.testing.assert_array_equal(sample_cells(values, (6, 8)), values)
 
 
 def test_the_range_is_an_exponential_mean_of_logarithms() -> None:

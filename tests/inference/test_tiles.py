@@ -87,7 +87,7 @@ def test_no_seam_shows(network: Callable[[Frame], np.ndarray], tile_px: int) -> 
 def test_without_fitting_a_seam_would_show(monkeypatch: pytest.MonkeyPatch) -> None:
     frame = ramp()
     fitted = refine(METRIC, moody(frame), frame, 90, moody)
-    monkeypatch.setattr("depthcli.inference.tiles._fitted", lambda found, *_: found)
+    monkeypatch.setattr("depthcli.inference.tiles._fit_tile", lambda found, *_: found)
     raw = refine(METRIC, moody(frame), frame, 90, moody)
     truth = 10 * np.asarray(frame.pixels, np.float64).mean()
     assert abs(fitted.mean() - moody(frame).mean()) < 0.02 * truth

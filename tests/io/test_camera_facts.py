@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from depthcli.cli.screen.predict import json_of, text_of
+from depthcli.cli.screen.predict import picture_json, picture_text
 from depthcli.core.types import CameraSource, DepthMap, Provenance
 from depthcli.io.depth.facts import stated_facts
 from depthcli.io.depth.read import read_depth
@@ -60,16 +60,16 @@ def test_a_file_says_which_camera(
 @pytest.mark.parametrize("source", WORDS)
 def test_predict_says_which_camera(source: CameraSource | None) -> None:
     done = Done("a.jpg", ("a.png",), seen_by(source), "cpu", 0.1, ())
-    assert text_of(done).endswith(f"max 1.000 m  camera: {WORDS[source]}")
-    facts = json.loads(json.dumps(json_of(done)))
+    assert picture_text(done).endswith(f"max 1.000 m  camera: {WORDS[source]}")
+    facts = json.loads(json.dumps(picture_json(done)))
     assert (facts["focal_px"], facts["camera_source"]) == (2, source)
     assert facts["camera"] == WORDS[source]
 
 
 def test_a_camera_that_nobody_knows_is_not_named() -> None:
     done = Done("a.jpg", ("a.png",), seen_by(None, None), "cpu", 0.1, ())
-    assert "camera" not in text_of(done)
-    assert (json_of(done)["camera"], json_of(done)["focal_px"]) == (None, None)
+    assert "camera" not in picture_text(done)
+    assert (picture_json(done)["camera"], picture_json(done)["focal_px"]) == (None, None)
 
 
 def test_a_source_that_another_program_wrote_is_no_source(tmp_path: Path) -> None:

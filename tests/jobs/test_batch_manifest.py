@@ -15,7 +15,7 @@ from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import FAILED, OK, ManifestFormat, Origin, OutputFile, Row
 from depthcli.io.manifest.shard import Shard
 from depthcli.io.parquet import Table, write_table
-from depthcli.jobs.batch.account import ModelInputs, Summary, failed, merge, rows_of, summary
+from depthcli.jobs.batch.account import ModelInputs, Summary, failed_rows, merge, rows_of, summarize
 from depthcli.jobs.batch.run import Batch
 
 if TYPE_CHECKING:
@@ -88,9 +88,9 @@ def test_parts_of_shards_are_summed_up_and_merged(tmp_path: Path) -> None:
     (tmp_path / ".depthcli-batch-2-of-4.jsonl").write_bytes(row("0", 9.0).as_line())
     for _ in range(2):
         found = rows_of(tmp_path)
-        counted = summary(found)
+        counted = summarize(found)
         assert counted == Summary(22, 2, 20, 240, 18.5, (ModelInputs("tiny", "1" * 64, "1.0", 22),))
-        assert {one.input for one in failed(found)} == {"x", "y"}
+        assert {one.input for one in failed_rows(found)} == {"x", "y"}
         assert merge(tmp_path, ManifestFormat.PARQUET) == tmp_path / "manifest.parquet"
         assert [path.name for path in tmp_path.iterdir()] == ["manifest.parquet"]
     names = [one.input for one in rows_of(tmp_path)]

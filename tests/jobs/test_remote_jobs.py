@@ -21,7 +21,7 @@ from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format
-from depthcli.jobs.batch.account import merge, rows_of, summary
+from depthcli.jobs.batch.account import merge, rows_of, summarize
 from depthcli.jobs.batch.forecast import forecast
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
@@ -206,7 +206,7 @@ def test_shards_into_a_bucket_become_one_manifest(
     for number in (1, 2):
         list(Batch(batch(tmp_path, source, out, Shard(number, 2))))
     assert {"manifest-1-of-2.jsonl", "manifest-2-of-2.jsonl"} <= results_in(bucket).keys()
-    assert summary(rows_of(path_of(out))).inputs == 5
+    assert summarize(rows_of(path_of(out))).inputs == 5
     assert str(merge(path_of(out))) == f"{out}/manifest.jsonl"
     found = results_in(bucket)
     assert len(rows(found.pop("manifest.jsonl"))) == 5

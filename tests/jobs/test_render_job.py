@@ -14,7 +14,7 @@ from command_line import Cli
 from depthcli.cli.shell import run
 from depthcli.core.types import Frame
 from depthcli.datasets.paired_folder import open_paired_folder
-from depthcli.datasets.rooms.pair import Recipe, focal_px, render_pair
+from depthcli.datasets.rooms.pair import Recipe, render_pair, room_focal_px
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError
 from depthcli.inference.camera import camera_of
@@ -73,7 +73,7 @@ def test_files_hold_what_was_rendered(folder: Path) -> None:
     assert pairs.ids == tuple(f"0000/{i:06}" for i in range(COUNT))
     np.testing.assert_allclose(pairs.depth_m(3), pair.depth_m, atol=0.00051)
     assert np.abs(pairs.image(3).astype(int) - pair.rgb).mean() < 6
-    assert pairs.focal_px == pytest.approx([focal_px(RECIPE, i) for i in range(COUNT)])
+    assert pairs.focal_px == pytest.approx([room_focal_px(RECIPE, i) for i in range(COUNT)])
 
 
 @pytest.mark.parametrize("other", [RECIPE._replace(seed=5), RECIPE._replace(size=(16, 12))])

@@ -20,7 +20,7 @@ from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.initial import start_from
-from depthcli.training.loop import Limits, train
+from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.proposed import Proposed
 from depthcli.training.networks.build import build_generator
 from depthcli.training.watchers import Watcher
@@ -46,7 +46,7 @@ def _train(config: TrainConfig, folder: Path, start: Path | None = None, extra: 
     if extra is not None:
         data = data._replace(extra=open_paired_folder(extra))
     fabric = Fabric(accelerator="cpu", devices=1)
-    return train(config, data, folder, fabric, Watcher(), Limits(steps=2), start=start)
+    return fit(config, data, folder, fabric, Watcher(), Limits(steps=2), start=start)
 
 
 def test_a_batch_has_its_share_of_extra_pairs() -> None:

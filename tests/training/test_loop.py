@@ -22,7 +22,7 @@ from depthcli.training.config.schema import OutputConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.finite import finite_losses
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG
-from depthcli.training.loop import Limits, train
+from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
 from depthcli.training.schedule import factor
 
@@ -64,7 +64,7 @@ def _train(
     config: TrainConfig, folder: Path, notes: Notes | None = None, **limits: float
 ) -> RunProgress:
     fabric = Fabric(accelerator="cpu", devices=1, precision=config.precision)
-    return train(config, room_data(), folder, fabric, notes or Notes(), Limits(**limits))
+    return fit(config, room_data(), folder, fabric, notes or Notes(), Limits(**limits))
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -169,7 +169,7 @@ def test_validation_goes_as_far_as_the_output(tmp_path: Path) -> None:
         config = replace(EFFICIENT, output=OutputConfig("log", 0.4, max_m))
         data = TrainingData(far, "ten times as large", None)
         folder = tmp_path / f"{max_m}"
-        found.append(train(config, data, folder, fabric, Notes()).scores["rmse"])
+        found.append(fit(config, data, folder, fabric, Notes()).scores["rmse"])
     assert math.isnan(found[0])
     assert 0 < found[1] < 80
 

@@ -14,7 +14,7 @@ from rooms import EFFICIENT, room_data
 from depthcli.training import metrics_log
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG
-from depthcli.training.loop import Limits, train
+from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
 from depthcli.training.watchers import Watcher
 
@@ -63,7 +63,7 @@ def test_crash_between_line_and_checkpoint_does_not_repeat_the_epoch(
 
     def go_on() -> None:
         fabric = Fabric(accelerator="cpu", devices=1)
-        train(EFFICIENT, room_data(), tmp_path, fabric, Watcher(), Limits(steps=5))
+        fit(EFFICIENT, room_data(), tmp_path, fabric, Watcher(), Limits(steps=5))
 
     save = Run.save
     with monkeypatch.context() as patch:

@@ -46,9 +46,9 @@ def cards(incomplete: str) -> list[str]:
 
 def profiles(incomplete: str) -> list[str]:
     """Names of saved profiles."""
-    from depthcli.cli.profile_files import names
+    from depthcli.cli.profile_files import profile_names
 
-    return _beginning(names(), incomplete)
+    return _beginning(profile_names(), incomplete)
 
 
 def presets(incomplete: str) -> list[str]:

@@ -47,7 +47,7 @@ def field_of_view(value: float | None) -> float | None:
     return value
 
 
-def picture_size(word: str) -> tuple[int, int]:
+def parse_size(word: str) -> tuple[int, int]:
     """Width and height of ``640x480``.
 
     Raises:
@@ -61,7 +61,7 @@ def picture_size(word: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def field_of_view_range(word: str) -> tuple[float, float]:
+def parse_hfov_range(word: str) -> tuple[float, float]:
     """Narrowest and widest of ``30-110``, or twice the same of ``63.3``, degrees.
 
     Raises:

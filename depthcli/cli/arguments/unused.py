@@ -26,12 +26,12 @@ def refuse_unused(
         users = [format_ for format_, options in used_by.items() if name in options]
         if users and set(users).isdisjoint(formats):
             raise UsageError(
-                f"{word} is for {_listed(users)}, and only {' and '.join(formats)} would be "
+                f"{word} is for {_alternatives(users)}, and only {' and '.join(formats)} would be "
                 "written; remove it, or choose another format"
             )
 
 
-def _listed(names: Sequence[str]) -> str:
+def _alternatives(names: Sequence[str]) -> str:
     """``a``, ``a or b``, ``a, b or c``."""
     return " or ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
 

@@ -22,13 +22,13 @@ def writer_options(parameters: Mapping[str, Any]) -> WriterOptions:
         for field in fields(WriterOptions)
         if parameters.get(field.name) is not None
     }
-    _check(given)
+    _check_together(given)
     if given.get("near", Near.WARM) != Near.WARM:
         given["colormap"] = Colormap.GRAY.value
     return WriterOptions(**given)
 
 
-def _check(given: Mapping[str, Any]) -> None:
+def _check_together(given: Mapping[str, Any]) -> None:
     """Refuse options that contradict each other."""
     if given.get("png_normalize") and "png_scale" in given:
         raise UsageError("give --png-scale or --png-normalize, not both")

@@ -199,7 +199,7 @@ def batch(
     # The machine that a cluster is asked from need not have the GPUs that its workers have.
     here = session_loader(model, "cpu", threads, None) if engine == EngineName.RAY else loader
     loading = here.start()
-    from depthcli.cli.screen.batch import Report, Stopping, tell_forecasts
+    from depthcli.cli.screen.batch import Report, Stopping, print_forecasts
     from depthcli.cli.signals import finishing
     from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 
@@ -208,7 +208,7 @@ def batch(
     if dry_run:
         from depthcli.jobs.batch.forecast import forecast
 
-        tell_forecasts(forecast(request, loading.result()), plan, as_json=as_json)
+        print_forecasts(forecast(request, loading.result()), plan, as_json=as_json)
         return ExitCode.OK
     from depthcli.jobs.batch.run import Batch
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import options
-from depthcli.cli.arguments.numbers import picture_size
+from depthcli.cli.arguments.numbers import parse_size
 from depthcli.cli.screen import console
 from depthcli.core.choices import Upsampling
 from depthcli.errors import ExitCode
@@ -63,7 +63,7 @@ def bench(
     from depthcli.jobs.bench import BenchRequest, run_bench
 
     loader = session_loader(model, provider, threads, provider_option)
-    request = BenchRequest(loader, image, picture_size(size), upsample, workers, seconds)
+    request = BenchRequest(loader, image, parse_size(size), upsample, workers, seconds)
     if sys.stderr.isatty() and not as_json:
         console.note(f"measuring for about {_MEASUREMENTS * seconds:.0f} s")
     done = run_bench(request, console.warn)
@@ -71,11 +71,11 @@ def bench(
         facts = dataclasses.asdict(done)
         console.out_json(facts | facts.pop("speed"))
     else:
-        _tell(done)
+        _print_bench(done)
     return ExitCode.OK
 
 
-def _tell(done: BenchResult) -> None:
+def _print_bench(done: BenchResult) -> None:
     speed = done.speed
     console.out(f"{done.model} on {done.provider}")
     console.out(f"network        {_latency(speed.network)}")

@@ -70,7 +70,7 @@ def convert(
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import writer_options
-    from depthcli.cli.screen.convert import tell, tell_json
+    from depthcli.cli.screen.convert import print_conversion, print_conversion_json
     from depthcli.jobs import convert as job
 
     chosen = job.target_format(target, format_)
@@ -88,7 +88,7 @@ def convert(
         )
     )
     if as_json:
-        tell_json(done)
+        print_conversion_json(done)
     elif not quiet:
-        tell(done)
+        print_conversion(done)
     return ExitCode.OK

@@ -74,7 +74,7 @@ def export_onnx(
 
     Nothing is written if torch and onnxruntime disagree by more than the tolerance.
     """
-    from depthcli.cli.screen.export import tell, tell_json
+    from depthcli.cli.screen.export import print_export, print_export_json
     from depthcli.export.onnx import export_checkpoint
     from depthcli.export.options import ExportOptions
 
@@ -83,12 +83,12 @@ def export_onnx(
     options = ExportOptions(
         name, model_version, fp16, mirror, opset, tolerance, int8, license_name, hfov, weights
     )
-    done = export_checkpoint(checkpoint, _target(checkpoint, output), options)
-    (tell_json if as_json else tell)(done)
+    done = export_checkpoint(checkpoint, _export_path(checkpoint, output), options)
+    (print_export_json if as_json else print_export)(done)
     return ExitCode.OK
 
 
-def _target(checkpoint: Path, output: Path | None) -> Path:
+def _export_path(checkpoint: Path, output: Path | None) -> Path:
     if output is None:
         return checkpoint.with_suffix(".onnx")
     return output if output.suffix == ".onnx" else output / "model.onnx"

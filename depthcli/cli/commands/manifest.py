@@ -27,9 +27,9 @@ _Manifest = Annotated[
 def show_summary(out: _Manifest, as_json: _Json = False) -> int:
     """Count inputs, failures and outputs, of all shards together."""
     from depthcli.io.storage.remote import path_of
-    from depthcli.jobs.batch.account import rows_of, summary
+    from depthcli.jobs.batch.account import rows_of, summarize
 
-    found = summary(rows_of(path_of(out)))
+    found = summarize(rows_of(path_of(out)))
     if as_json:
         console.out_json(asdict(found))
         return ExitCode.OK
@@ -46,9 +46,9 @@ def show_summary(out: _Manifest, as_json: _Json = False) -> int:
 def list_failed(out: _Manifest, as_json: _Json = False) -> int:
     """List the inputs that failed, each with the reason."""
     from depthcli.io.storage.remote import path_of
-    from depthcli.jobs.batch.account import failed, rows_of
+    from depthcli.jobs.batch.account import failed_rows, rows_of
 
-    for row in failed(rows_of(path_of(out))):
+    for row in failed_rows(rows_of(path_of(out))):
         if as_json:
             console.out_json(row.as_json())
         else:

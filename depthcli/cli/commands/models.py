@@ -36,13 +36,13 @@ _Name = Annotated[
 ]
 
 
-app.command()(models_own.add)
-app.command()(models_own.remove)
-app.command()(models_own.cards)
+app.command("add")(models_own.add_own)
+app.command("remove")(models_own.remove_models)
+app.command("cards")(models_own.list_cards)
 
 
 @app.callback()
-def _group(context: typer.Context) -> None:
+def _models_group(context: typer.Context) -> None:
     """The models that are bundled or installed; without a command, their list."""
     if context.invoked_subcommand is None:
         list_models()
@@ -60,16 +60,16 @@ def list_models(as_json: _Json = False) -> int:
     found = [(name, place, _card_or_error(place)) for name, place in list_places()]
     if as_json:
         for name, place, card in found:
-            console.out_json(_listed(name, place, card))
+            console.out_json(_model_json(name, place, card))
     else:
-        rows = [_row(name, place, card) for name, place, card in found]
-        console.table(("name", "version", "kind", "size", "summary", "path"), rows)
+        rows = [_model_row(name, place, card) for name, place, card in found]
+        console.print_table(("name", "version", "kind", "size", "summary", "path"), rows)
     broken = any(isinstance(card, DepthcliError) for _, _, card in found)
     return ExitCode.FAILURE if broken else ExitCode.OK
 
 
-@app.command()
-def show(model: _Name = "default") -> int:
+@app.command("show")
+def show_model(model: _Name = "default") -> int:
     """Show a model's card, or a ready card, as JSON."""
     from depthcli.models.catalog import find_model
     from depthcli.models.places import list_places
@@ -99,11 +99,11 @@ def verify(
     failed = False
     for check in verify_models(models or ()):
         failed = failed or isinstance(check.found, DepthcliError)
-        _tell(check, as_json=as_json)
+        _print_check(check, as_json=as_json)
     return ExitCode.FAILURE if failed else ExitCode.OK
 
 
-def _tell(check: ModelCheck, *, as_json: bool) -> None:
+def _print_check(check: ModelCheck, *, as_json: bool) -> None:
     name, found = check.name, check.found
     if isinstance(found, DepthcliError):
         if as_json:
@@ -111,12 +111,12 @@ def _tell(check: ModelCheck, *, as_json: bool) -> None:
         else:
             console.error(str(found))
     elif as_json:
-        console.out_json({"model": name, "status": "ok", **_facts(found)})
+        console.out_json({"model": name, "status": "ok", **_file_facts(found)})
     else:
         console.out(f"{one_line(name)}: ok, sha256 {found.sha256}")
 
 
-def _facts(model: Model) -> dict[str, object]:
+def _file_facts(model: Model) -> dict[str, object]:
     return {"path": str(model.path), "sha256": model.sha256, "bytes": len(model.data)}
 
 
@@ -129,7 +129,7 @@ def _card_or_error(place: Place) -> ModelCard | DepthcliError:
         return error
 
 
-def _listed(name: str, place: Place, card: ModelCard | DepthcliError) -> dict[str, object]:
+def _model_json(name: str, place: Place, card: ModelCard | DepthcliError) -> dict[str, object]:
     if isinstance(card, DepthcliError):
         return {"name": name, "path": str(place.path), "status": "failed", "error": str(card)}
     return {
@@ -145,7 +145,7 @@ def _listed(name: str, place: Place, card: ModelCard | DepthcliError) -> dict[st
     }
 
 
-def _row(name: str, place: Place, card: ModelCard | DepthcliError) -> tuple[str, ...]:
+def _model_row(name: str, place: Place, card: ModelCard | DepthcliError) -> tuple[str, ...]:
     if isinstance(card, DepthcliError):
         return (name, "", "damaged", "", str(card), str(place.path))
     size = "" if card.size_bytes is None else f"{card.size_bytes / 1e6:.1f} MB"

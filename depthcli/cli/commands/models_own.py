@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
-def add(
+def add_own(
     file: Annotated[
         str,
         typer.Argument(metavar="FILE", help="ONNX file with embedded weights, or its URL."),
@@ -73,7 +73,7 @@ def add(
     return ExitCode.OK
 
 
-def remove(
+def remove_models(
     models: Annotated[
         list[str],
         typer.Argument(
@@ -89,16 +89,16 @@ def remove(
     return ExitCode.OK
 
 
-def cards(as_json: _Json = False) -> int:
+def list_cards(as_json: _Json = False) -> int:
     """List ready cards for well-known models to download."""
     from depthcli.models.ready_cards import ready_card, ready_names
 
     found = {name: ready_card(name) for name in ready_names()}
     if as_json:
         for name, card in found.items():
-            console.out_json(_listed(name, card))
+            console.out_json(_card_json(name, card))
         return ExitCode.OK
-    console.table(
+    console.print_table(
         ("card", "output", "license", "run with real weights", "summary"),
         [(n, what_comes_out(c), c.license, _ran(c), c.summary) for n, c in found.items()],
     )
@@ -146,7 +146,7 @@ def _warn_of_preprocessing(card: ModelCard) -> None:
         )
 
 
-def _listed(name: str, card: ModelCard) -> dict[str, object]:
+def _card_json(name: str, card: ModelCard) -> dict[str, object]:
     return {
         "name": name,
         "kind": card.output.kind.value,

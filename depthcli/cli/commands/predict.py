@@ -108,12 +108,12 @@ def predict(
     )
     for name in () if quiet else own:
         console.warn(f"{safe_name(name)} was written by depthcli; skipped")
-    from depthcli.cli.screen.predict import tell
+    from depthcli.cli.screen.predict import print_picture
     from depthcli.jobs.failed import Failed
 
     failed = []
     for result in results:
-        tell(result, as_json=as_json, quiet=quiet, to_stderr=to_stdout)
+        print_picture(result, as_json=as_json, quiet=quiet, to_stderr=to_stdout)
         if isinstance(result, Failed):
             failed.append(one_line(result.name) or "''")
     if failed and len(pictures) > 1:

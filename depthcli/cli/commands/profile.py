@@ -31,7 +31,7 @@ _Name = Annotated[
 
 
 @app.callback()
-def _group(context: typer.Context) -> None:
+def _profile_group(context: typer.Context) -> None:
     """Options that are saved under a name; without a command, their list."""
     if context.invoked_subcommand is None:
         list_profiles()
@@ -55,7 +55,7 @@ def save(
     from depthcli.cli.profiles.check import check_together
 
     check_together(values)
-    path = profile_files.write(name, values, force=force)
+    path = profile_files.write_profile(name, values, force=force)
     console.say(f"saved {one_line(str(path))}")
     return ExitCode.OK
 
@@ -63,12 +63,12 @@ def save(
 @app.command("list")
 def list_profiles(as_json: _Json = False) -> int:
     """List the profiles."""
-    names = profile_files.names()
+    names = profile_files.profile_names()
     if not names and not as_json:
         console.note("no profile is saved yet; 'depthcli profile save NAME' with options saves one")
     for name in names:
         if as_json:
-            path, values = str(profile_files.path_of(name)), profile_files.read_profile(name)
+            path, values = str(profile_files.profile_path(name)), profile_files.read_profile(name)
             console.out_json({"name": name, "path": path, "options": values})
         else:
             options = profile_files.profile_text(name).strip().replace("\n", "; ")
@@ -76,16 +76,16 @@ def list_profiles(as_json: _Json = False) -> int:
     return ExitCode.OK
 
 
-@app.command()
-def show(name: _Name) -> int:
+@app.command("show")
+def show_profile(name: _Name) -> int:
     """Show a profile, as TOML."""
     for line in profile_files.profile_text(name).splitlines():
         console.out(one_line(line))
     return ExitCode.OK
 
 
-@app.command()
-def remove(
+@app.command("remove")
+def remove_profiles(
     profiles: Annotated[
         list[str],
         typer.Argument(
@@ -142,24 +142,24 @@ def _saved(key: str, variants: list[Any]) -> Any:  # noqa: ANN401 - typer's own 
         value = check(context, used, value) if check else value
         source = context.get_parameter_source(used.name)
         if source is not None and source.name == "COMMANDLINE":
-            context.meta.setdefault(_GIVEN, {})[key] = _plain(key, value)
+            context.meta.setdefault(_GIVEN, {})[key] = _toml_value(key, value)
         return value
 
     option.callback, option.expose_value, option.required = remember, False, False
     return option
 
 
-def _plain(key: str, value: Any) -> Value:  # noqa: ANN401 - whatever an option converts to
+def _toml_value(key: str, value: Any) -> Value:  # noqa: ANN401 - whatever an option converts to
     if isinstance(value, list | tuple):
-        return [_scalar(part) for part in value]
-    word = _scalar(value)
+        return [_toml_scalar(part) for part in value]
+    word = _toml_scalar(value)
     is_path = isinstance(word, str) and (os.sep in word or word.endswith(".onnx"))
     if key == "model" and is_path and Path(str(word)).exists():
         return str(Path(str(word)).resolve())  # so that it is found from every folder
     return word
 
 
-def _scalar(value: Any) -> Scalar:  # noqa: ANN401 - whatever an option converts to
+def _toml_scalar(value: Any) -> Scalar:  # noqa: ANN401 - whatever an option converts to
     if isinstance(value, Enum):
         value = value.value
     return value if isinstance(value, bool | int | float) else str(value)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.arguments.numbers import field_of_view_range, picture_size
+from depthcli.cli.arguments.numbers import parse_hfov_range, parse_size
 from depthcli.cli.arguments.options import QuietOption
 from depthcli.core.choices import Sensor
 from depthcli.errors import ExitCode
@@ -14,7 +14,7 @@ app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Render trai
 
 
 @app.callback()
-def _group() -> None:
+def _render_group() -> None:
     """Render training data."""
 
 
@@ -56,7 +56,7 @@ def rooms(
     from depthcli.datasets.rooms.pair import Recipe
     from depthcli.jobs.render import RenderRequest, render
 
-    recipe = Recipe(seed, picture_size(size), field_of_view_range(hfov), sensor)
+    recipe = Recipe(seed, parse_size(size), parse_hfov_range(hfov), sensor)
     request = RenderRequest(out, count, recipe, share_cores(workers)[0])
     with drawn(silent=quiet or as_json) as progress:
         done = render(request, progress)

@@ -160,6 +160,6 @@ def train(
     if not result.is_first:
         return ExitCode.OK
     if not quiet and not as_json:
-        screen.summary(result, out)
+        screen.print_result(result, out)
     number = result.signal_number
     return ExitCode.OK if number is None else SIGNAL_BASE + number

@@ -36,8 +36,8 @@ def train_all(context: typer.Context) -> int:
     queue = Queue(_request(context))
     screen = QueueScreen(as_json=options["as_json"], quiet=options["quiet"])
     for event in queue:
-        screen.tell(event)
-    screen.summary(queue.sittings)
+        screen.print_event(event)
+    screen.print_summary(queue.sittings)
     if queue.signal_number is not None:
         return SIGNAL_BASE + queue.signal_number
     failed = any(sitting.state == "failed" for sitting in queue.sittings)
@@ -52,8 +52,8 @@ def _request(context: typer.Context) -> QueueRequest:
     return QueueRequest(
         data=Path(options["data"]),
         out=Path(options["out"]),
-        methods=() if options["methods"] is None else _listed(options["methods"]),
-        seeds=() if seeds is None else tuple(_seed(text) for text in _listed(seeds)),
+        methods=() if options["methods"] is None else _split_list(options["methods"]),
+        seeds=() if seeds is None else tuple(_seed(text) for text in _split_list(seeds)),
         preset=options["preset"],
         files=tuple(Path(file) for file in options["config"] or ()),
         settings=tuple(options["settings"] or ()),
@@ -64,7 +64,7 @@ def _request(context: typer.Context) -> QueueRequest:
     )
 
 
-def _listed(text: str) -> tuple[str, ...]:
+def _split_list(text: str) -> tuple[str, ...]:
     """Words between commas, each once."""
     words = tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
     if not words:

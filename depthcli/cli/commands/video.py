@@ -203,8 +203,8 @@ def video(
             result = job.video(request, progress)
     except (InputError, OutputError) as error:
         result = Failed(safe_name(file), error)
-    from depthcli.cli.screen.video import tell  # what it needs is there by now
+    from depthcli.cli.screen.video import print_video  # what it needs is there by now
 
-    tell(result, as_json=as_json, quiet=quiet, to_stderr=to_stdout)
+    print_video(result, as_json=as_json, quiet=quiet, to_stderr=to_stdout)
     is_whole = not isinstance(result, Failed) and result.problem is None
     return ExitCode.OK if is_whole else ExitCode.SOME_FAILED

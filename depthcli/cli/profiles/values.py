@@ -60,7 +60,7 @@ def apply(context: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN
         if key in own:
             defaults[str(own[key].name)] = _checked(context, name, key, own[key], value)
         elif key not in _all_keys():
-            raise UsageError(f"profile {name!r}: no option named {key!r}{_suggestion(key)}")
+            raise UsageError(f"profile {name!r}: no option named {key!r}{_option_suggestion(key)}")
     context.default_map = Defaults(context, defaults)
 
 
@@ -101,7 +101,7 @@ def _checked(
     return value
 
 
-def _suggestion(key: str) -> str:
+def _option_suggestion(key: str) -> str:
     from difflib import get_close_matches
 
     close = get_close_matches(key, _all_keys(), n=1)

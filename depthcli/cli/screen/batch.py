@@ -56,7 +56,7 @@ class Report:
             with drawn(silent=self.quiet or self.as_json) as progress, closing(batch):
                 stage = progress.begin("", batch.tally.total, "inputs")
                 for result in batch:
-                    self._tell(result)
+                    self._print(result)
                     failed = len(batch.tally.failures)
                     stage.note = f"{failed} failed" if failed else ""
                     (stage.skip if result.is_kept else stage)(1)
@@ -66,10 +66,10 @@ class Report:
             raise
         finally:
             for result in batch.late:
-                self._tell(result)
+                self._print(result)
             self._sum_up(plan, batch)
 
-    def _tell(self, result: Result) -> None:
+    def _print(self, result: Result) -> None:
         if self.as_json:
             console.out_json(result.row.as_json() | {"kept": result.is_kept})
         elif not self.quiet and not result.is_kept:
@@ -112,7 +112,7 @@ def _speed(tally: Tally) -> str:
     return f"{tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s"
 
 
-def tell_forecasts(forecasts: Iterable[Forecast], plan: Plan, *, as_json: bool) -> None:
+def print_forecasts(forecasts: Iterable[Forecast], plan: Plan, *, as_json: bool) -> None:
     """What would become of each input, and how many there are of each fate."""
     for warning in plan.warnings:
         console.warn(warning)
@@ -120,9 +120,9 @@ def tell_forecasts(forecasts: Iterable[Forecast], plan: Plan, *, as_json: bool) 
     for one in forecasts:
         counts[one.would] += 1
         paths = [str(path) for path in one.outputs]
-        _tell_one(one.would, one.input, paths, one.error, as_json=as_json)
+        _print_forecast(one.would, one.input, paths, one.error, as_json=as_json)
     for file in plan.skipped:
-        _tell_one("skip", file.name, [], file.reason, as_json=as_json)
+        _print_forecast("skip", file.name, [], file.reason, as_json=as_json)
     rest = f"; {counted(plan.skipped)}" if plan.skipped else ""
     console.note(
         f"would process {counts['do']}, keep {counts['keep']} already done, fail "
@@ -130,7 +130,7 @@ def tell_forecasts(forecasts: Iterable[Forecast], plan: Plan, *, as_json: bool) 
     )
 
 
-def _tell_one(
+def _print_forecast(
     what: str, name: str, outputs: Sequence[str], problem: str | None, *, as_json: bool
 ) -> None:
     if as_json:

@@ -75,13 +75,13 @@ def _clear_bar() -> None:
 def out(text: str) -> None:
     """A line of results, to standard output."""
     _told.add("results")
-    _write(sys.stdout, text)
+    _write_line(sys.stdout, text)
 
 
 def say(text: str) -> None:
     """A line about files that were written, to standard output."""
     _told.add("files")
-    _write(sys.stdout, text)
+    _write_line(sys.stdout, text)
 
 
 def out_json(values: Mapping[str, object]) -> None:
@@ -93,17 +93,17 @@ def out_json(values: Mapping[str, object]) -> None:
 
 def note(text: str) -> None:
     """A line about the run, to standard error."""
-    _write(sys.stderr, text)
+    _write_line(sys.stderr, text)
 
 
 def warn(text: str) -> None:
     """A warning, one line on standard error."""
-    _write(sys.stderr, f"depthcli: warning: {one_line(text)}")
+    _write_line(sys.stderr, f"depthcli: warning: {one_line(text)}")
 
 
 def error(text: str) -> None:
     """An error, one line on standard error."""
-    _write(sys.stderr, f"depthcli: error: {one_line(text)}")
+    _write_line(sys.stderr, f"depthcli: error: {one_line(text)}")
 
 
 def untold(problem: OSError, code: int) -> int:
@@ -135,7 +135,7 @@ def trace(problem: BaseException) -> None:
     traceback.print_exception(problem, file=sys.stderr)
 
 
-def _write(stream: TextIO, text: str) -> None:
+def _write_line(stream: TextIO, text: str) -> None:
     """A line, with escapes for what a terminal would obey or the encoding does not have."""
     text = _CONTROL.sub(lambda found: one_line(found[0]), text)
     if _bars and stream.isatty():
@@ -152,7 +152,7 @@ def _encodable(text: str, stream: TextIO) -> str:
     return text.encode(encoding, "backslashreplace").decode(encoding)
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table on standard output: in columns on a terminal, tab-separated elsewhere.
 
     Nothing is cut short or folded, so that names and paths can be copied: where a terminal is too

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _NOT_READ_BACK = {"max_error": None, "mean_error": None, "lost": None}
 
 
-def tell_json(done: Converted) -> None:
+def print_conversion_json(done: Converted) -> None:
     """The object of ``--json``."""
     console.out_json(
         {
@@ -27,7 +27,7 @@ def tell_json(done: Converted) -> None:
     )
 
 
-def tell(done: Converted) -> None:
+def print_conversion(done: Converted) -> None:
     """One line, and the warnings."""
     line = f"{done.source} -> {done.target}"
     if done.round_trip is not None:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from depthcli.export.onnx import Exported
 
 
-def tell(done: Exported) -> None:
+def print_export(done: Exported) -> None:
     """Two lines for people."""
     card, parity = done.card, done.parity
     console.say(
@@ -20,7 +20,7 @@ def tell(done: Exported) -> None:
     )
 
 
-def tell_json(done: Exported) -> None:
+def print_export_json(done: Exported) -> None:
     """One JSON object."""
     parity = done.parity
     console.out_json(

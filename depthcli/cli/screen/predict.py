@@ -15,22 +15,22 @@ if TYPE_CHECKING:
     from depthcli.jobs.predict.pictures import Done
 
 
-def tell(result: Done | Failed, *, as_json: bool, quiet: bool, to_stderr: bool) -> None:
+def print_picture(result: Done | Failed, *, as_json: bool, quiet: bool, to_stderr: bool) -> None:
     """Say what became of an input: as one JSON object a line or as text; quiet says errors only.
 
     Text goes to standard error where standard output carries a depth map.
     """
     if isinstance(result, Failed):
-        tell_failed(result, as_json=as_json)
+        print_failed(result, as_json=as_json)
     elif as_json:
-        console.out_json(json_of(result))
+        console.out_json(picture_json(result))
     elif not quiet:
-        (console.note if to_stderr else console.say)(text_of(result))
+        (console.note if to_stderr else console.say)(picture_text(result))
         for warning in result.warnings:
             console.warn(f"{result.name}: {warning}")
 
 
-def tell_failed(failed: Failed, *, as_json: bool) -> None:
+def print_failed(failed: Failed, *, as_json: bool) -> None:
     """Say that an input failed, and why."""
     reason = str(failed.error)
     if as_json:
@@ -38,7 +38,7 @@ def tell_failed(failed: Failed, *, as_json: bool) -> None:
     console.error(reason if reason.startswith(failed.name) else f"{failed.name}: {reason}")
 
 
-def json_of(done: Done) -> dict[str, object]:
+def picture_json(done: Done) -> dict[str, object]:
     """The fields of one line of ``--json``."""
     known = Facts.of(done.depth)
     return {
@@ -57,7 +57,7 @@ def json_of(done: Done) -> dict[str, object]:
     }
 
 
-def text_of(done: Done) -> str:
+def picture_text(done: Done) -> str:
     """One line: where the outputs are, the range of depth, and the camera it belongs to."""
     files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
     spread = DepthRange.of(done.depth)

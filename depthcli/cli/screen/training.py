@@ -49,7 +49,7 @@ def _assignments(values: dict[str, object]) -> None:
         console.out(f"{name} = {json.dumps(value)}")
 
 
-def summary(result: TrainResult, out: Path) -> None:
+def print_result(result: TrainResult, out: Path) -> None:
     """How far the run has come, for people."""
     done = result.progress
     console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")

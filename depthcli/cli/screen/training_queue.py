@@ -13,26 +13,26 @@ class QueueScreen:
     def __init__(self, *, as_json: bool, quiet: bool) -> None:
         self._as_json, self._quiet = as_json, quiet
 
-    def tell(self, event: Turn | Epoch | Sitting) -> None:
+    def print_event(self, event: Turn | Epoch | Sitting) -> None:
         """A run begins, has an epoch more, was finished before, or ends for now."""
         if self._quiet:
             return
         if isinstance(event, Epoch):
             console.out_json({"run": event.run.name, **event.line})
         elif isinstance(event, Turn):
-            self._turn(event)
+            self._print_turn(event)
         elif self._as_json:
             console.out_json(_values(event))
         else:
-            console.note(_line(event))
+            console.note(_sitting_line(event))
 
-    def _turn(self, turn: Turn) -> None:
+    def _print_turn(self, turn: Turn) -> None:
         if not self._as_json:
             finite = math.isfinite(turn.share_s)
             limit = f"for {turn.share_s / 60:.1f} min" if finite else "to its end"
             console.note(f"{turn.run.name}: training {limit}")
 
-    def summary(self, sittings: Sequence[Sitting]) -> None:
+    def print_summary(self, sittings: Sequence[Sitting]) -> None:
         """How many are done; those that failed, even if quiet."""
         failed = [f"{s.run.name} ({s.reason})" for s in sittings if s.state == "failed"]
         finished = sum(s.state == "finished" for s in sittings)
@@ -57,7 +57,7 @@ def _values(sitting: Sitting) -> dict[str, object]:
     }
 
 
-def _line(sitting: Sitting) -> str:
+def _sitting_line(sitting: Sitting) -> str:
     progress, run = sitting.progress, sitting.run
     reason = f" ({sitting.reason})" if sitting.reason else ""
     epochs = f"epoch {progress.epoch} of {run.config.optim.epochs}"

@@ -1,24 +1,24 @@
 """What is said of a video, as text and as JSON."""
 
 from depthcli.cli.screen import console
-from depthcli.cli.screen.predict import tell_failed
+from depthcli.cli.screen.predict import print_failed
 from depthcli.core.text import one_line
 from depthcli.jobs.failed import Failed
 from depthcli.jobs.video.result import VideoDone
 
 
-def tell(result: VideoDone | Failed, *, as_json: bool, quiet: bool, to_stderr: bool) -> None:
+def print_video(result: VideoDone | Failed, *, as_json: bool, quiet: bool, to_stderr: bool) -> None:
     """Say what became of a video: as one JSON object or as text; quiet says errors only.
 
     Text goes to standard error where standard output carries a video.
     """
     if isinstance(result, Failed):
-        tell_failed(result, as_json=as_json)
+        print_failed(result, as_json=as_json)
         return
     if as_json:
-        console.out_json(json_of(result))
+        console.out_json(video_json(result))
     elif not quiet:
-        (console.note if to_stderr else console.say)(text_of(result))
+        (console.note if to_stderr else console.say)(video_text(result))
         for warning in result.warnings:
             console.warn(f"{result.name}: {warning}")
     if result.problem:
@@ -26,7 +26,7 @@ def tell(result: VideoDone | Failed, *, as_json: bool, quiet: bool, to_stderr: b
         console.error(f"{result.name}: {result.problem}; {written}")
 
 
-def json_of(done: VideoDone) -> dict[str, object]:
+def video_json(done: VideoDone) -> dict[str, object]:
     """The object of ``--json``."""
     return {
         "input": done.name,
@@ -41,7 +41,7 @@ def json_of(done: VideoDone) -> dict[str, object]:
     }
 
 
-def text_of(done: VideoDone) -> str:
+def video_text(done: VideoDone) -> str:
     """One line: where the outputs are, how many frames, how steady, the camera."""
     from depthcli.io.writers.facts import camera_words
 

@@ -26,11 +26,14 @@ class RangeLock:
             self._ends = (low, high)
         else:
             before_low, before_high = self._ends
-            self._ends = (_mean(before_low, low, kept), _mean(before_high, high, kept))
+            self._ends = (
+                _weighted_mean(before_low, low, kept),
+                _weighted_mean(before_high, high, kept),
+            )
         return self._ends
 
 
-def _mean(before: float, now: float, kept: float) -> float:
+def _weighted_mean(before: float, now: float, kept: float) -> float:
     if before > 0 and now > 0:
         return math.exp(kept * math.log(before) + (1 - kept) * math.log(now))
     return kept * before + (1 - kept) * now

@@ -99,7 +99,9 @@ class FlickerMeter:
         return self._sum / self._count if self._count else None
 
 
-def sample(values: npt.NDArray[np.float32], shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
+def sample_cells(
+    values: npt.NDArray[np.float32], shape: tuple[int, ...]
+) -> npt.NDArray[np.float32]:
     """The values at the middle of each cell of a coarser grid; (H, W) to ``shape``, float32."""
     rows, columns = (
         ((np.arange(n) + 0.5) * size / n).astype(int)

@@ -54,7 +54,7 @@ def place_camera(
         camera = PinholeCamera(eye, _turn(yaw, pitch, roll), focal_px, *size)
         if not _is_free(camera, room, solids):
             continue
-        found = _score(camera, solids, close=close)
+        found = _view_score(camera, solids, close=close)
         if found > score:
             best, score = camera, found
         seen += 1
@@ -101,7 +101,7 @@ def _is_free(camera: PinholeCamera, room: Room, solids: Solids) -> bool:
     return bool(solids.cast(camera.origin, around, _FREE_M).solid.max() < 0)
 
 
-def _score(camera: PinholeCamera, solids: Solids, *, close: bool) -> float:
+def _view_score(camera: PinholeCamera, solids: Solids, *, close: bool) -> float:
     """Higher for many things in view, some way off, and nothing right before the lens."""
     focal_px = camera.focal_px * _LOOK[0] / camera.width
     small = camera._replace(width=_LOOK[0], height=_LOOK[1], focal_px=focal_px)

@@ -43,7 +43,7 @@ def make_room(random: np.random.Generator, kind: str = "") -> Room:
     room = Room(kind, shell, materials, is_day=bool(random.random() < 0.75))
     for wish in shell.kind.wishes.split():
         if random.random() < 0.95:
-            _place(random, room, wish)
+            _place_piece(random, room, wish)
     _hang_pictures(random, room)
     if room.is_day:
         room.lights += [daylight(random, wall, hole) for wall, hole in shell.windows]
@@ -56,7 +56,7 @@ def make_room(random: np.random.Generator, kind: str = "") -> Room:
     return room
 
 
-def _place(random: np.random.Generator, room: Room, name: str) -> None:
+def _place_piece(random: np.random.Generator, room: Room, name: str) -> None:
     """A piece with its chairs, on the floor or against a wall, where there is room."""
     piece = PIECES[name](random, room.materials)
     is_free = name.endswith("chair") or (name.endswith("table") and random.random() < 0.7)

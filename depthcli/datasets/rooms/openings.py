@@ -100,21 +100,21 @@ def next_room(
         turned = leaf.moved((0, 0, 0), random.uniform(60, 120))
         parts.append(turned.moved((hole.left, 0, -THICK_M - 0.02)))
     middle = ((hole.left + hole.right) / 2, 0, 0)
-    return parts + [part.moved(middle) for part in _frame(trim)]
+    return parts + [part.moved(middle) for part in _door_frame(trim)]
 
 
 def closed_door(random: np.random.Generator, materials: Materials, trim: Material) -> list[Part]:
     """A leaf with or without panels, its handle and its frame, around x = 0."""
     material, (width, high) = materials.pick([trim, materials.white, *materials.woods]), DOOR_M
     half, y = width / 2, (1.03, 1.06)
-    parts = [wide(half, (0.01, high), (0, 0.02), material), *_frame(trim)]
+    parts = [wide(half, (0.01, high), (0, 0.02), material), *_door_frame(trim)]
     if random.random() < 0.6:
         parts += [wide(half - 0.15, (low, low + 0.7), (0.02, 0.03), material) for low in (0.2, 1.1)]
     parts.append(box((half - 0.2, half - 0.06), y, (0.06, 0.08), materials.metal))
     return [*parts, box((half - 0.09, half - 0.06), y, (0.02, 0.08), materials.metal)]
 
 
-def _frame(material: Material) -> list[Part]:
+def _door_frame(material: Material) -> list[Part]:
     half, high, z = DOOR_M[0] / 2, DOOR_M[1], (-0.01, 0.03)
     posts = [box((x, x + 0.07), (0, high + 0.07), z, material) for x in (-half - 0.07, half)]
     return [*posts, wide(half + 0.07, (high, high + 0.07), z, material)]

@@ -33,13 +33,13 @@ class Pair(NamedTuple):
     depth_m: npt.NDArray[np.float32]  #: (H, W) metres along the camera axis, 0 where there is none
 
 
-def focal_px(recipe: Recipe, index: int) -> float:
+def room_focal_px(recipe: Recipe, index: int) -> float:
     """Focal length of a room's camera in pixels, known without rendering."""
     low, high = recipe.hfov_deg
     usual = min(max(USUAL_HFOV_DEG, low), high)
     random = _random(recipe, index, 0)
     hfov_deg = random.triangular(low, usual, high) if low < high else low
-    return scaling.focal_px(hfov_deg, recipe.size[0])
+    return scaling.focal_px_of_hfov(hfov_deg, recipe.size[0])
 
 
 def render_pair(recipe: Recipe, index: int) -> Pair:
@@ -52,7 +52,7 @@ def render_pair(recipe: Recipe, index: int) -> Pair:
     random = _random(recipe, index, 1)
     room = make_room(random)
     solids = room.solids
-    camera = place_camera(random, room, solids, focal_px(recipe, index), recipe.size)
+    camera = place_camera(random, room, solids, room_focal_px(recipe, index), recipe.size)
     view = Renderer(room, solids, camera, random).view()
     rgb = photograph(view.light, random)
     return Pair(rgb, kinect(view, random) if recipe.sensor is Sensor.KINECT else view.depth_m)

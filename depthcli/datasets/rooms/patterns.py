@@ -26,7 +26,7 @@ def _clouds(random: np.random.Generator) -> Floats:
     return (4 * _noise(random, 4, 4) + 2 * _noise(random, 9, 9) + _noise(random, 32, 32)) / 7
 
 
-def _grid() -> tuple[Floats, Floats]:
+def _tile_coordinates() -> tuple[Floats, Floats]:
     x, y = np.meshgrid(*2 * [(np.arange(TILE_PX, dtype=np.float32) + 0.5) / TILE_PX])
     return x, y
 
@@ -36,14 +36,14 @@ def _plaster(random: np.random.Generator) -> Floats:
 
 
 def _wood(random: np.random.Generator) -> Floats:
-    x, _ = _grid()
+    x, _ = _tile_coordinates()
     rings = np.sin(2 * np.pi * (x * random.integers(2, 6) + 0.6 * _noise(random, 4, 2)))
     return 0.35 + 0.2 * rings + 0.45 * _noise(random, 64, 4)
 
 
 def _planks(random: np.random.Generator) -> Floats:
     rows = int(random.integers(4, 9))
-    x, y = _grid()
+    x, y = _tile_coordinates()
     row = np.floor(x * rows).astype(int)
     shade = random.random((rows, 2), np.float32)
     along = y * 2 + 0.37 * row
@@ -54,7 +54,7 @@ def _planks(random: np.random.Generator) -> Floats:
 
 def _tiles(random: np.random.Generator) -> Floats:
     across, down = int(random.integers(2, 6)), int(random.integers(2, 6))
-    x, y = _grid()
+    x, y = _tile_coordinates()
     shift = 0.5 * (np.floor(y * down) % 2) * random.integers(2)
     edge = np.minimum((x * across + shift) % 1 / across, y * down % 1 / down)
     joint = edge < random.uniform(0.01, 0.03)
@@ -62,7 +62,7 @@ def _tiles(random: np.random.Generator) -> Floats:
 
 
 def _checks(random: np.random.Generator) -> Floats:
-    x, y = _grid()
+    x, y = _tile_coordinates()
     n = 2 * int(random.integers(1, 4))
     return ((np.floor(x * n) + np.floor(y * n)) % 2) * 0.8 + 0.2 * _noise(random, 64, 64)
 
@@ -72,14 +72,14 @@ def _stripes(random: np.random.Generator) -> Floats:
 
 
 def _weave(random: np.random.Generator) -> Floats:
-    x, y = _grid()
+    x, y = _tile_coordinates()
     n = 2 * np.pi * int(random.integers(10, 24))
     woven: Floats = 0.25 + 0.25 * np.sin(x * n) * np.sin(y * n) + 0.5 * _clouds(random)
     return woven
 
 
 def _carpet(random: np.random.Generator) -> Floats:
-    x, y = _grid()
+    x, y = _tile_coordinates()
     waves = np.sin(2 * np.pi * 3 * np.abs(x - 0.5)) * np.sin(2 * np.pi * 4 * np.abs(y - 0.5))
     edge = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
     knots = np.where(edge < 0.08, 0.1, 0.5 + 0.4 * np.sign(waves))
@@ -135,7 +135,7 @@ def draw_all(random: np.random.Generator) -> Floats:
     return np.clip(drawn, 0, 1).astype(np.float32)
 
 
-def sample(tiles: Floats, pattern: npt.NDArray[np.int64], x: Floats, y: Floats) -> Floats:
+def sample_pattern(tiles: Floats, pattern: npt.NDArray[np.int64], x: Floats, y: Floats) -> Floats:
     """Patterns at coordinates (N), counted in repetitions, between their pixels."""
     flat = tiles.ravel()
     left, top = np.floor(x * TILE_PX).astype(np.int64), np.floor(y * TILE_PX).astype(np.int64)

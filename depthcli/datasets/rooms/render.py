@@ -8,7 +8,7 @@ import numpy.typing as npt
 from depthcli.datasets.rooms.camera import PinholeCamera
 from depthcli.datasets.rooms.furnish import Room
 from depthcli.datasets.rooms.illumination import Illumination
-from depthcli.datasets.rooms.patterns import TILE_PX, Floats, sample
+from depthcli.datasets.rooms.patterns import TILE_PX, Floats, sample_pattern
 from depthcli.datasets.rooms.solids import Solids
 from depthcli.datasets.rooms.surface import STEP_M, Points, meet
 
@@ -92,7 +92,7 @@ class Renderer:
         fade = 1 / (1 + np.square(footprint_m / tile_m * (TILE_PX / 6)))
         tiles = self._room.materials.tiles
         mean = tiles.mean((1, 2))[pattern]
-        return np.asarray(mean + (sample(tiles, pattern, x, y) - mean) * fade, np.float32)
+        return np.asarray(mean + (sample_pattern(tiles, pattern, x, y) - mean) * fade, np.float32)
 
     def _outdoors(self, rays: Floats) -> Floats:
         """(3, N) sky, and below it what stands and grows before a house, a few times as bright."""
@@ -101,8 +101,8 @@ class Renderer:
         up = rays[1] / np.linalg.norm(rays, axis=0)
         around = np.arctan2(rays[0], rays[2]) / np.pi
         tiles, pattern = self._room.materials.tiles, np.zeros(up.shape, np.int64)  # the softest
-        skyline = 0.5 * sample(tiles, pattern, around * 2, np.zeros_like(up)) - 0.1
-        ground = (0.15 + sample(tiles, pattern, around * 3, up * 2)) * self._ground[:, None]
+        skyline = 0.5 * sample_pattern(tiles, pattern, around * 2, np.zeros_like(up)) - 0.1
+        ground = (0.15 + sample_pattern(tiles, pattern, around * 3, up * 2)) * self._ground[:, None]
         sky = np.array([1.5, 1.6, 1.7], np.float32)[:, None] * (1 + 0.3 * up)
         bright = np.where(up < skyline, ground, sky)
         return np.asarray(bright * (4 * self._illumination.ambient() + 0.3), np.float32)

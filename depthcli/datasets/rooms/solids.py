@@ -128,7 +128,7 @@ class Solids:
     def _cast(self, origin: Floats, rays: Floats, hits: Hits) -> None:
         for group, passes in enumerate(self._passes(origin, rays, hits.distance)):
             near = np.flatnonzero(passes)
-            start, along = _some(origin, near), rays.take(near, 1)
+            start, along = _take_columns(origin, near), rays.take(near, 1)
             inverse = 1 / along
             a = (self._low[group][:, None] - start) * inverse
             b = (self._high[group][:, None] - start) * inverse
@@ -136,7 +136,7 @@ class Solids:
             inside = (leave >= np.maximum(enter, 0)) & (enter < hits.distance[near])
             if not inside.all():
                 keep = np.flatnonzero(inside)
-                near, start, along = near[keep], _some(start, keep), along.take(keep, 1)
+                near, start, along = near[keep], _take_columns(start, keep), along.take(keep, 1)
             if near.size:
                 distance, solid = self._nearest(self._members[group], start, along)
                 closer = distance < hits.distance[near]
@@ -171,7 +171,7 @@ class Solids:
         for i, solid in enumerate(range(members.start, members.stop)):
             if self.parts[solid].round != _UNROUNDED or self.parts[solid].cuts:
                 some = np.flatnonzero(enter[i] < leave[i])
-                interval = self._inside(solid, _some(start[i], some), step[i].take(some, 1))
+                interval = self._inside(solid, _take_columns(start[i], some), step[i].take(some, 1))
                 enter[i, some] = np.maximum(enter[i, some], interval[0])
                 leave[i, some] = np.minimum(leave[i, some], interval[1])
         enter[~((enter < leave) & (enter > 0))] = np.inf
@@ -198,7 +198,7 @@ class Solids:
         return enter.astype(np.float32), leave.astype(np.float32)
 
 
-def _some(vectors: Floats, index: npt.NDArray[np.int64]) -> Floats:
+def _take_columns(vectors: Floats, index: npt.NDArray[np.int64]) -> Floats:
     """Columns of vectors (3, N); of (3, 1) the one that stands for all."""
     return vectors if vectors.shape[1] == 1 else vectors.take(index, 1)
 

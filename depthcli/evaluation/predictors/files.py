@@ -68,11 +68,11 @@ def open_predictions(
             f"(first: {missing[0]}{suffix}): every image of the split needs one"
         )
     if kind is None:
-        kind = _kind(folder / f"{ids[0]}{suffix}")
+        kind = _stated_kind(folder / f"{ids[0]}{suffix}")
     return FilePredictor(folder, suffix, kind)
 
 
-def _kind(path: Path) -> DepthKind:
+def _stated_kind(path: Path) -> DepthKind:
     try:
         return read_depth(path).kind
     except InputError as error:

@@ -85,7 +85,7 @@ def _from_the_middle(members: Sequence[int]) -> list[int]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
+class _FigureRow:
     """One picture with all that is shown of it."""
 
     picture: npt.NDArray[np.uint8]  #: (H, W, 3) RGB uint8, gray
@@ -111,27 +111,33 @@ def draw_figures(
     """
     advance, rows = progress.begin("drawing pictures", len(positions)), []
     for position in positions:
-        rows.append(_row(task.dataset, position, predictors))
+        rows.append(_figure_row(task.dataset, position, predictors))
         advance(1)
     columns = ["input", *titles, "truth"]
     shown = ", ".join(task.dataset.ids[i] for i in positions)
     rule = f"pictures {shown} from top to bottom; each row has the range of its truth"
-    gray = contact_sheet([_cells(row, "gray", legend=False) for row in rows], columns)
-    coloured = contact_sheet([_cells(row, _COLORMAP, legend=True) for row in rows], columns)
+    gray = contact_sheet([_pictures_of_row(row, "gray", legend=False) for row in rows], columns)
+    coloured = contact_sheet(
+        [_pictures_of_row(row, _COLORMAP, legend=True) for row in rows], columns
+    )
     return (
         Figure("depth-gray", f"Depth in gray, near is white; {rule}.", encode_png(gray)),
         Figure("depth-colour", f"Depth in colour; {rule}, on the right.", encode_png(coloured)),
     )
 
 
-def _row(dataset: DepthDataset, position: int, predictors: Sequence[Predictor]) -> _Row:
+def _figure_row(
+    dataset: DepthDataset, position: int, predictors: Sequence[Predictor]
+) -> _FigureRow:
     sample, truth_m = Sample(dataset, position), dataset.depth_m(position)
     picture = np.rint(255 * value_channel(sample.frame.pixels)).astype(np.uint8)
     maps = [_in_metres(predictor.predict(sample), truth_m) for predictor in predictors]
     known = truth_m[truth_m > 0] if (truth_m > 0).any() else np.ones(1, np.float32)
     near, far = np.percentile(known, (_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT))
     truth = DepthMap(np.where(truth_m > 0, truth_m, np.float32(np.nan)))
-    return _Row(np.repeat(picture[..., None], 3, 2), (*maps, truth), (float(near), float(far)))
+    return _FigureRow(
+        np.repeat(picture[..., None], 3, 2), (*maps, truth), (float(near), float(far))
+    )
 
 
 def _in_metres(depth: DepthMap, truth_m: npt.NDArray[np.float32]) -> DepthMap:
@@ -150,17 +156,19 @@ def _sized(values: npt.NDArray[np.float32], shape: tuple[int, ...]) -> npt.NDArr
     return resize_area(values, shape[1], shape[0])
 
 
-def _cells(row: _Row, colormap: str, *, legend: bool) -> list[npt.NDArray[np.uint8]]:
+def _pictures_of_row(
+    row: _FigureRow, colormap: str, *, legend: bool
+) -> list[npt.NDArray[np.uint8]]:
     near, far = row.limits_m
     writer = PreviewWriter(colormap, vmin=near, vmax=far)
     shape = row.picture.shape
-    cells = [_shrunk(image, shape) for image in (row.picture, *map(writer.render, row.depths))]
+    cells = [_cell_image(image, shape) for image in (row.picture, *map(writer.render, row.depths))]
     if legend:
         cells[-1] = with_legend(cells[-1], colour_table(colormap), near, far, DepthKind.METRIC)
     return cells
 
 
-def _shrunk(image: npt.NDArray[np.uint8], shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
+def _cell_image(image: npt.NDArray[np.uint8], shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
     """All cells of a row have the size that the picture gives them."""
     height = max(1, round(shape[0] * _CELL_WIDTH_PX / shape[1]))
     shrunk = resize_area(image.astype(np.float32), _CELL_WIDTH_PX, height)

@@ -42,9 +42,9 @@ def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
         f"<h1>{escape(page.title)}</h1>",
         f"<p>{escape(page.subtitle)}</p>",
         '<div class="scroll"><table>',
-        f"<thead><tr>{_cells('th', header)}</tr></thead>",
+        f"<thead><tr>{_tagged('th', header)}</tr></thead>",
         "<tbody>",
-        *(f"<tr>{_cells('td', row)}</tr>" for row in rows),
+        *(f"<tr>{_tagged('td', row)}</tr>" for row in rows),
         "</tbody></table></div>",
         "<ul>",
         *(f"<li>{escape(note)}</li>" for note in page.notes),
@@ -55,7 +55,7 @@ def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _cells(tag: str, texts: Sequence[str]) -> str:
+def _tagged(tag: str, texts: Sequence[str]) -> str:
     return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
 
 

@@ -18,13 +18,15 @@ _FACTS = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
 def runs_page(report: RunsReport) -> Page:
     """A report in words."""
     header = ["row", "align", *_FACTS, "images", *_METRICS]
-    table = [header, *(_row(line) for line in report.rows)]
+    table = [header, *(_run_cells(line) for line in report.rows)]
     differences = None
     if report.differences:
         name = one_line(report.differences[0].name)
         title = f"{name} minus each row, 95 % of draws of whole scenes; ! clear of zero"
         differences = title, _difference_cells(report)
-    return Page(report.title, report.protocol.description, table, _notes(report), differences)
+    return Page(
+        report.title, report.protocol.description, table, _runs_footnotes(report), differences
+    )
 
 
 def _difference_cells(report: RunsReport) -> list[list[str]]:
@@ -44,39 +46,45 @@ def _interval(interval: Interval) -> str:
     return f"{interval.mean:+.4f}{clear} [{interval.low:+.3f},{interval.high:+.3f}]"
 
 
-def _notes(report: RunsReport) -> list[str]:
+def _runs_footnotes(report: RunsReport) -> list[str]:
     """What stands under the table."""
     marked = [f"* {line.row.note}" for line in report.rows if line.row.note]
     return ["higher is better for d1, d2, d3, lower for the others", *marked, *report.notes]
 
 
-def _row(line: RunsRow) -> list[str]:
+def _run_cells(line: RunsRow) -> list[str]:
     row = line.row
     name = one_line(row.name) + ("*" if row.note else "")
-    scores = [_score(metric, row.scores, line.spread) for metric in _METRICS]
-    return [name, row.alignment or "-", *_facts(line.training), str(row.image_count), *scores]
+    scores = [_score_cell(metric, row.scores, line.spread) for metric in _METRICS]
+    return [
+        name,
+        row.alignment or "-",
+        *_training_cells(line.training),
+        str(row.image_count),
+        *scores,
+    ]
 
 
-def _score(metric: str, mean: Scores, spread: Scores | None) -> str:
+def _score_cell(metric: str, mean: Scores, spread: Scores | None) -> str:
     if math.isnan(mean[metric]):
         return "-"
     return f"{mean[metric]:.4f}" + (f"±{spread[metric]:.4f}" if spread else "")
 
 
-def _facts(training: Training | None) -> list[str]:
+def _training_cells(training: Training | None) -> list[str]:
     if training is None:
         return ["-"] * len(_FACTS)
     return [
         "yes" if training.paired else "no",
         str(len(training.seeds)),
-        f"{_range(training.epochs)}/{training.epochs_planned}",
-        _range(training.steps),
+        f"{_min_to_max(training.epochs)}/{training.epochs_planned}",
+        _min_to_max(training.steps),
         f"{sum(training.minutes) / len(training.minutes):.1f}",
         f"{training.parameters / 1e6:.2f}M",
         f"{training.latency_ms:.1f}",
     ]
 
 
-def _range(values: Sequence[int]) -> str:
+def _min_to_max(values: Sequence[int]) -> str:
     low, high = min(values), max(values)
     return str(low) if low == high else f"{low}-{high}"

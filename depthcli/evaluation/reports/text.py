@@ -36,11 +36,11 @@ class Page:
 def report_page(report: EvalReport) -> Page:
     """A report in words."""
     header = ["row", "align", "images", *report.columns]
-    table = [header, *(_cells(row, report) for row in report.rows)]
-    return Page(report.title, report.protocol.description, table, _notes(report))
+    table = [header, *(_table_row(row, report) for row in report.rows)]
+    return Page(report.title, report.protocol.description, table, _report_footnotes(report))
 
 
-def _cells(row: ReportRow, report: EvalReport) -> list[str]:
+def _table_row(row: ReportRow, report: EvalReport) -> list[str]:
     name = one_line(row.name) + ("*" if row.note else "")
     scores = [
         "-" if math.isnan(value) else f"{value:.{_DECIMALS.get(metric, 4)}f}"
@@ -60,7 +60,7 @@ def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join(padded).rstrip()
 
 
-def _notes(report: EvalReport) -> list[str]:
+def _report_footnotes(report: EvalReport) -> list[str]:
     """What stands under the table."""
     marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
     empty = sorted({row.empty_count for row in report.rows} - {0})

@@ -55,11 +55,11 @@ def write_exr(
     except RuntimeError as error:
         # 'Failed to ... image file "name". No space left on device.'
         raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
-    if not _is_whole(path, len(next(iter(channels.values())))):
+    if not _has_all_rows(path, len(next(iter(channels.values())))):
         raise OSError("its end did not reach the disk, which may be full")
 
 
-def _is_whole(path: Path, height: int) -> bool:
+def _has_all_rows(path: Path, height: int) -> bool:
     """Whether a file of one part has all its rows: OpenEXR says nothing where its end is lost."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
@@ -113,7 +113,7 @@ def read_exr_channels(path: Path) -> dict[str, npt.NDArray[np.float32]]:
     try:
         with _plain_name(path) as name, _silence():
             for part in OpenEXR.File(name, header_only=True).parts:
-                _check_size(path, part.header)
+                _check_pixel_count(path, part.header)
             parts = OpenEXR.File(name, separate_channels=True).parts
         if not parts or not all(part.channels for part in parts):  # all that becomes of damage
             raise InputError(f"{path} is damaged: its pixels cannot be read; copy it again")
@@ -126,14 +126,14 @@ def read_exr_channels(path: Path) -> dict[str, npt.NDArray[np.float32]]:
     return channels
 
 
-def _check_size(path: Path, header: dict[str, Any]) -> None:
+def _check_pixel_count(path: Path, header: dict[str, Any]) -> None:
     for window in ("dataWindow", "displayWindow"):
-        width, height = _size(header[window])
+        width, height = _window_size(header[window])
         if width * height > MAX_PIXELS:
             raise InputError(f"{path} claims {width}×{height} pixels, more than {MAX_PIXELS:,}")
 
 
-def _size(window: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]) -> tuple[int, int]:
+def _window_size(window: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]) -> tuple[int, int]:
     (left, top), (right, bottom) = (map(int, corner) for corner in window)
     return right - left + 1, bottom - top + 1
 
@@ -144,7 +144,7 @@ def _in_window(pixels: npt.NDArray[Any], header: dict[str, Any]) -> npt.NDArray[
     data, display = header["dataWindow"], header["displayWindow"]
     if np.array_equal(data, display):
         return values
-    width, height = _size(display)
+    width, height = _window_size(display)
     left, top = (int(a) - int(b) for a, b in zip(data[0], display[0], strict=True))
     frame = np.full((height, width), np.nan, np.float32)
     rows = np.arange(max(top, 0), min(top + values.shape[0], height))

@@ -42,7 +42,7 @@ def read_depth(path: str | Path, *, png_scale: float | None = None) -> DepthMap:
         case ".png":
             return _png(path, png_scale)
         case ".exr":
-            return _exr(path)
+            return _read_exr(path)
         case ".npy":
             return _npy(path)
     raise InputError(
@@ -65,7 +65,7 @@ def _png(path: Path, png_scale: float | None) -> DepthMap:
         share = (steps.astype(np.float64) - 1) / (TOP - 1)
         values = (low + share * (high - low)).astype(np.float32)
         depth = np.where(steps == 0, np.float32(np.nan), values)
-    return DepthMap(depth, _kind(facts.get("kind")), provenance_of(facts))
+    return DepthMap(depth, _kind_named(facts.get("kind")), provenance_of(facts))
 
 
 def _npy(path: Path) -> DepthMap:
@@ -84,11 +84,11 @@ def _npy(path: Path) -> DepthMap:
     with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is infinitely far
         depth = np.ascontiguousarray(values, np.float32)
     # The format cannot state its kind itself.
-    kind = _kind(str(sidecar_facts(path).get("kind")))
+    kind = _kind_named(str(sidecar_facts(path).get("kind")))
     return DepthMap(depth, kind, provenance_of(completed(path, {})))
 
 
-def _exr(path: Path) -> DepthMap:
+def _read_exr(path: Path) -> DepthMap:
     # Reading PNG need not wait for OpenEXR.
     from depthcli.io.depth.exr import read_exr_channels, read_exr_texts  # noqa: PLC0415
 
@@ -102,7 +102,7 @@ def _exr(path: Path) -> DepthMap:
         if name != layer + "Z" and other is not None and not _equal(other, channels[name]):
             raise InputError(f"{path} holds colours, not depth; it has {', '.join(channels)}")
     facts = completed(path, read_exr_texts(path))
-    return DepthMap(channels[name], _kind(facts.get("kind")), provenance_of(facts))
+    return DepthMap(channels[name], _kind_named(facts.get("kind")), provenance_of(facts))
 
 
 def depth_channel(names: Sequence[str]) -> str | None:
@@ -126,7 +126,7 @@ def _equal(one: npt.NDArray[np.float32], other: npt.NDArray[np.float32]) -> bool
     return np.array_equal(one, other, equal_nan=True)
 
 
-def _kind(text: str | None) -> DepthKind:
+def _kind_named(text: str | None) -> DepthKind:
     return DepthKind(text) if text in set(DepthKind) else DepthKind.METRIC
 
 

@@ -100,7 +100,7 @@ class _Walk:
             folders = []
             for child in children:
                 child_name = f"{name}/{child.name}" if name else child.name
-                if _is_folder(child):
+                if _is_directory_entry(child):
                     entered = self._enter(child, child_name, above)
                     folders += [(child.path, child_name, entered)] if entered else []
                     continue
@@ -124,7 +124,7 @@ class _Walk:
         return (*above, identity)
 
 
-def _is_folder(entry: os.DirEntry[str]) -> bool:
+def _is_directory_entry(entry: os.DirEntry[str]) -> bool:
     try:
         return entry.is_dir()
     except OSError:  # a link to itself, say: reading it will tell

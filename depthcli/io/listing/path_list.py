@@ -84,16 +84,17 @@ def listed_inputs(words: Iterable[str], root: str) -> Iterator[InputFile]:
             root`` prints them, if more of the first thousand exist there.
         root: the folder whose tree is kept. A path outside it is named by all its folders.
     """
-    words = map(_plain, words)
+    words = map(_local_path, words)
     first = list(islice(words, _TRIED))
     base = os.path.abspath(root)  # noqa: PTH100 - links stay as named
     start = max((root, ""), key=lambda folder: _existing(first, folder))
     for word in chain(first, words):
         path = join(start, word)
-        yield _listed_uri(path, root) or InputFile(_name(os.path.abspath(path), base), path)  # noqa: PTH100
+        name = _relative_name(os.path.abspath(path), base)  # noqa: PTH100 - links stay as named
+        yield _listed_uri(path, root) or InputFile(name, path)
 
 
-def _plain(word: str) -> str:
+def _local_path(word: str) -> str:
     """A ``file://`` URI as the path that it names."""
     try:
         return plain_name(word)
@@ -121,7 +122,7 @@ def _existing(words: Iterable[str], folder: str) -> int:
     return sum(os.path.lexists(os.path.join(folder, word)) for word in words)  # noqa: PTH118
 
 
-def _name(path: str, base: str) -> str:
+def _relative_name(path: str, base: str) -> str:
     inside = path.startswith(base.rstrip(os.sep) + os.sep)
     tail = path[len(base.rstrip(os.sep)) :] if inside else os.path.splitdrive(path)[1]
     return tail.lstrip(os.sep).replace(os.sep, "/")

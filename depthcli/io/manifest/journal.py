@@ -90,7 +90,7 @@ def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
         OutputError: it cannot be read.
     """
     place = rows_folder(folder)
-    with _explained(folder):
+    with _as_output_error(folder):
         return Rows([open_rows(path) for path in row_files(place.path, shard)], shard, place)
 
 
@@ -118,7 +118,7 @@ class Journal(Rows):
         """
         self._path = folder / journal_name(shard)
         table = folder / manifest_name(shard, ManifestFormat.PARQUET)
-        with ExitStack() as opened, _explained(self._path):
+        with ExitStack() as opened, _as_output_error(self._path):
             folder.mkdir(parents=True, exist_ok=True)
             if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
                 raise _taken(folder)
@@ -149,7 +149,7 @@ class Journal(Rows):
         Raises:
             OutputError: the disk is full, say.
         """
-        with _explained(self._path), self._lock:
+        with _as_output_error(self._path), self._lock:
             place = RowPlace(len(self._files) - 1, self._own.append(row.as_line()))
             self._index.add([(row.input, place)])
 
@@ -168,13 +168,13 @@ class Journal(Rows):
             OutputError: the manifest cannot be written; the journal stays.
         """
         write_manifest(self.manifest, self._rows(names))
-        with _explained(self._path):
+        with _as_output_error(self._path):
             if sys.platform == "win32":  # which removes nothing that is open
                 self._opened.close()
             self._path.unlink(missing_ok=True)  # before another batch can lock it
             for path in self._earlier:
                 if path != self.manifest and is_of(path, self._shard):
-                    remove(path)
+                    remove_path(path)
             self._opened.close()
 
     def _rows(self, names: Iterable[str] | None) -> Iterator[Row]:
@@ -191,7 +191,7 @@ class Journal(Rows):
 
 
 @contextmanager
-def _explained(path: Path) -> Iterator[None]:
+def _as_output_error(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -199,7 +199,7 @@ def _explained(path: Path) -> Iterator[None]:
         raise OutputError(f"cannot write {path}: {reason}; choose another --out") from error
 
 
-def remove(path: Path) -> None:
+def remove_path(path: Path) -> None:
     """Remove a file or a folder."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)

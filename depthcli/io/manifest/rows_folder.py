@@ -55,7 +55,7 @@ class RemoteRows(RowsFolder):
                 self._fetch(name)
         except OSError as error:
             raise OutputError(f"cannot use {out}: {error.strerror or error}") from error
-        self._states = {name: _state(self.path / name) for name in self._objects}
+        self._states = {name: _file_state(self.path / name) for name in self._objects}
 
     def keep(self) -> None:
         """Send the journal's new rows, if it is time.
@@ -75,10 +75,10 @@ class RemoteRows(RowsFolder):
         """
         with self._lock:
             self._send_rows()
-            here = {file.relative_to(self.path).as_posix() for file in _files(self.path)}
+            here = {file.relative_to(self.path).as_posix() for file in _local_files(self.path)}
             for name in sorted(here):
                 file = self.path / name
-                if not name.startswith(".") and _state(file) != self._states.get(name):
+                if not name.startswith(".") and _file_state(file) != self._states.get(name):
                     with atomic_path(self._out / name) as temporary:
                         shutil.copyfile(file, temporary)
             for name, objects in self._objects.items():
@@ -133,11 +133,11 @@ def rows_folder(out: Path) -> RowsFolder:
     return RemoteRows(out) if isinstance(out, RemotePath) else RowsFolder(out)
 
 
-def _files(folder: Path) -> list[Path]:
+def _local_files(folder: Path) -> list[Path]:
     return [path for path in folder.rglob("*") if path.is_file()]
 
 
-def _state(file: Path) -> tuple[int, int]:
+def _file_state(file: Path) -> tuple[int, int]:
     status = file.stat()
     return status.st_size, status.st_mtime_ns
 

@@ -87,7 +87,7 @@ def _pixels(picture: ArrayLike) -> npt.NDArray[Any]:
 
 def _of_pil(image: Any) -> Frame:  # noqa: ANN401 - PIL need not be installed
     try:
-        pixels = _pixels(_plain(image))
+        pixels = _pixels(_gray_or_rgb(image))
     except OSError as error:
         raise InputError(f"the PIL picture cannot be read: {error}") from error
     if image.format is None:  # a program made or changed it; its EXIF is still that of a file
@@ -103,7 +103,7 @@ def _of_pil(image: Any) -> Frame:  # noqa: ANN401 - PIL need not be installed
     )
 
 
-def _plain(image: Any) -> Any:  # noqa: ANN401 - PIL need not be installed
+def _gray_or_rgb(image: Any) -> Any:  # noqa: ANN401 - PIL need not be installed
     """The picture without a palette, alpha or other colours than RGB."""
     if image.mode in _GRAY_MODES:
         return image.convert("L")

@@ -19,7 +19,7 @@ _SHARED = 4  # items may use the same bytes, but not all of them all the time
 _HEADER_BYTES = 1024  # more than the fields before the size can take
 
 
-def box(data: bytes, wanted: bytes) -> bytes:
+def find_box(data: bytes, wanted: bytes) -> bytes:
     """Content of the first box of a kind; empty if there is none."""
     at = 0
     while at + _HEAD <= len(data):
@@ -46,21 +46,21 @@ def avif_size(data: bytes) -> tuple[int, int] | None:
     sizes = [struct.unpack_from(">II", claims, start) for start in starts]
     if not sizes:
         return None
-    coded = [size for item in _items(data) for size in _coded_sizes(item)]
+    coded = [size for item in _item_payloads(data) for size in _coded_sizes(item)]
     return max(sizes + coded, key=lambda size: size[0] * size[1])
 
 
-def _items(data: bytes) -> Iterator[memoryview]:
+def _item_payloads(data: bytes) -> Iterator[memoryview]:
     """The content of each item, and the file from each first chunk of an animation on."""
     for found in islice(_CHUNKS.finditer(data), _MAX_TRACKS):
         count, at = struct.unpack_from(">II", data, found.end())
         if count:
             yield memoryview(data)[at:]
-    meta = box(data, b"meta")[4:]  # a version comes before its boxes
-    places = box(meta, b"iloc")
+    meta = find_box(data, b"meta")[4:]  # a version comes before its boxes
+    places = find_box(meta, b"iloc")
     if not places:
         return
-    inside, left = box(meta, b"idat"), _SHARED * len(data)
+    inside, left = find_box(meta, b"idat"), _SHARED * len(data)
     for is_inside, extents in _places(places):
         whole = memoryview(inside if is_inside else data)
         parts = [whole[at : at + n if n else None] for at, n in extents]

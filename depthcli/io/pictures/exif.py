@@ -6,7 +6,7 @@ from collections.abc import Collection
 from contextlib import suppress
 from typing import NamedTuple
 
-from depthcli.io.pictures.avif import box
+from depthcli.io.pictures.avif import find_box
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_tags
 
 _ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
@@ -80,16 +80,16 @@ def _in_chunks(
 def _parse(tiff: bytes) -> Exif:
     if not tiff.startswith(TIFF_STARTS):
         return Exif()
-    first = _numbers(tiff, (_ORIENTATION, _EXIF_IFD))
+    first = _first_values(tiff, (_ORIENTATION, _EXIF_IFD))
     orientation = first.get(_ORIENTATION, 1)
-    inner = _numbers(tiff, (_FOCAL_35MM,), first[_EXIF_IFD]) if _EXIF_IFD in first else {}
+    inner = _first_values(tiff, (_FOCAL_35MM,), first[_EXIF_IFD]) if _EXIF_IFD in first else {}
     focal = inner.get(_FOCAL_35MM, 0)
     return Exif(
         orientation if orientation in _ORIENTATIONS else 1, float(focal) if focal > 0 else None
     )
 
 
-def _numbers(tiff: bytes, wanted: Collection[int], at: int | None = None) -> dict[int, int]:
+def _first_values(tiff: bytes, wanted: Collection[int], at: int | None = None) -> dict[int, int]:
     """The first value of each wanted tag of a directory, as far as that goes."""
     found = {}
     with suppress(struct.error):
@@ -100,9 +100,9 @@ def _numbers(tiff: bytes, wanted: Collection[int], at: int | None = None) -> dic
 
 def _avif_orientation(data: bytes) -> int:
     """The EXIF orientation that is the same as a file's irot and imir properties."""
-    meta = box(data, b"meta")[4:]  # a version comes before its boxes
-    properties = box(box(meta, b"iprp"), b"ipco")
-    turn, axis = box(properties, b"irot")[:1], box(properties, b"imir")[:1]
+    meta = find_box(data, b"meta")[4:]  # a version comes before its boxes
+    properties = find_box(find_box(meta, b"iprp"), b"ipco")
+    turn, axis = find_box(properties, b"irot")[:1], find_box(properties, b"imir")[:1]
     quarters = turn[0] & 3 if turn else 0
     if not axis:
         return _TURNED[quarters]

@@ -15,12 +15,12 @@ _NETPBM = re.compile(rb"P[1-6]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(
 def picture_size(data: bytes) -> tuple[int, int] | None:
     """(width, height) that a file of a known picture format claims; None if there is none."""
     try:
-        return _size(data)
+        return _size_of_kind(data)
     except (struct.error, IndexError):
         return None
 
 
-def _size(data: bytes) -> tuple[int, int] | None:
+def _size_of_kind(data: bytes) -> tuple[int, int] | None:
     if data[:8] == b"\x89PNG\r\n\x1a\n":
         return struct.unpack_from(">II", data, 16)
     if data[:2] == b"\xff\xd8":

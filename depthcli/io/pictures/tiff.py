@@ -16,7 +16,7 @@ _CODINGS |= _DEFLATE
 _PIECE_BYTES = 2**20
 
 
-class _Layout(NamedTuple):
+class _TiffLayout(NamedTuple):
     """Where TIFF and its 64-bit form keep things: forms of `struct`, offsets in bytes."""
 
     order: str
@@ -28,10 +28,10 @@ class _Layout(NamedTuple):
 
 
 _LAYOUTS = {
-    b"II*\0": _Layout("<", 4, "I", "H", 12, 8),
-    b"MM\0*": _Layout(">", 4, "I", "H", 12, 8),
-    b"II+\0": _Layout("<", 8, "Q", "Q", 20, 12),
-    b"MM\0+": _Layout(">", 8, "Q", "Q", 20, 12),
+    b"II*\0": _TiffLayout("<", 4, "I", "H", 12, 8),
+    b"MM\0*": _TiffLayout(">", 4, "I", "H", 12, 8),
+    b"II+\0": _TiffLayout("<", 8, "Q", "Q", 20, 12),
+    b"MM\0+": _TiffLayout(">", 8, "Q", "Q", 20, 12),
 }
 TIFF_STARTS = tuple(_LAYOUTS)
 

@@ -93,7 +93,7 @@ def read(place: Address, max_bytes: int | None = None) -> bytes:
     found = _ask("get", place)
     if max_bytes is not None and found.meta["size"] > max_bytes:
         raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", place.name)
-    with _explained(place):
+    with _as_os_errors(place):
         return bytes(found.bytes())
 
 
@@ -113,12 +113,12 @@ def parts(place: Address) -> Iterator[bytes]:
     """An object's content, a few megabytes at a time; the first item is its size in decimals."""
     found = _ask("get", place)
     yield str(found.meta["size"]).encode()
-    with _explained(place):
+    with _as_os_errors(place):
         for part in found.stream(min_chunk_size=_PART_BYTES):
             yield bytes(part)
 
 
-def write(place: Address, file: Path, notes: Mapping[str, str] | None = None) -> None:
+def put(place: Address, file: Path, notes: Mapping[str, str] | None = None) -> None:
     """Send a file; large ones in parts. The object appears, or is replaced, when all is there."""
     part_bytes = max(_PART_BYTES, file.stat().st_size // _MOST_PARTS)
     _ask("put", place, file, chunk_size=part_bytes, attributes=dict(notes or {}))
@@ -129,7 +129,7 @@ def delete(place: Address) -> None:
     _ask("delete", place)
 
 
-def names(place: Address, after: str = "") -> Iterator[str]:
+def list_names(place: Address, after: str = "") -> Iterator[str]:
     """Names below a folder, as they come, behind one of them."""
     start = f"{place.key}/" if place.key else ""
     pages: Iterator[Any] | None = None
@@ -173,7 +173,7 @@ def _tried(place: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
     from random import uniform  # noqa: PLC0415 - little used, and slow to load
 
     for tries in count():
-        with _explained(place):
+        with _as_os_errors(place):
             try:
                 return request()
             except _library(place).exceptions.BaseError as error:
@@ -258,7 +258,7 @@ def _aws_credentials() -> Any:  # noqa: ANN401 - boto3 has no types
 
 
 @contextmanager
-def _explained(place: Address) -> Iterator[None]:
+def _as_os_errors(place: Address) -> Iterator[None]:
     """The library's errors as those of files, one line each."""
     library = _library(place)
     try:

@@ -259,4 +259,4 @@ class RemotePath(Path, PurePosixPath):
         Raises:
             OSError: the store cannot be asked.
         """
-        return objects.names(self.address, after)
+        return objects.list_names(self.address, after)

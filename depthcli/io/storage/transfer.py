@@ -83,7 +83,7 @@ def uploaded(path: RemotePath) -> Iterator[Path]:
         yield file
         with file.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()
-        objects.write(path.address, file, {SHA256_NOTE: digest})
+        objects.put(path.address, file, {SHA256_NOTE: digest})
 
 
 def noted_checksum(path: RemotePath) -> tuple[int, str] | None:

@@ -13,15 +13,15 @@ _NOWHERE = Path(os.path.abspath(os.devnull))  # noqa: PTH100 - Windows has it ev
 
 def data_folder() -> Path:
     """Models: ``XDG_DATA_HOME``, else the platform's folder for an application's data."""
-    return _folder("XDG_DATA_HOME", "LOCALAPPDATA", ".local/share")
+    return _base_folder("XDG_DATA_HOME", "LOCALAPPDATA", ".local/share")
 
 
 def config_folder() -> Path:
     """Profiles: ``XDG_CONFIG_HOME``, else the platform's folder for an application's settings."""
-    return _folder("XDG_CONFIG_HOME", "APPDATA", ".config")
+    return _base_folder("XDG_CONFIG_HOME", "APPDATA", ".config")
 
 
-def _folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
+def _base_folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
     stated = os.environ.get(variable, "")
     if os.path.isabs(stated):  # noqa: PTH117 - the XDG specification has relative ones ignored
         return Path(stated) / _PROGRAM

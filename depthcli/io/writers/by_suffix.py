@@ -30,13 +30,13 @@ def write_depth(
     name = format_of(path)
     if name is None:
         raise UsageError(f"{path} says no format; end it in {', '.join(ENDINGS)}")
-    writer = writer_class(name)(**_own(name, options))
+    writer = writer_class(name)(**_checked_options(name, options))
     inputs = () if frame is None or frame.path is None else (frame.path,)
     with atomic_path(path, inputs=inputs) as temporary:
         return writer.write(depth, temporary, frame)
 
 
-def _own(name: Format, options: Mapping[str, object]) -> dict[str, object]:
+def _checked_options(name: Format, options: Mapping[str, object]) -> dict[str, object]:
     """The given options, all of which are the writer's."""
     given = {option: value for option, value in options.items() if value is not None}
     for option in given:

@@ -31,7 +31,7 @@ class PlyWriter:
                 f"a point cloud needs metres, and {depth.kind} depth has none; fit it with --anchor"
             )
         source = depth.provenance or Provenance()
-        focal_px = source.focal_px or scaling.focal_px(self.hfov_deg, depth.width)
+        focal_px = source.focal_px or scaling.focal_px_of_hfov(self.hfov_deg, depth.width)
         points = _points(point_cloud(depth, focal_px, frame=frame))
         lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]

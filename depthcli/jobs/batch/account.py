@@ -55,7 +55,7 @@ def rows_of(path: Path) -> Rows:
         raise UsageError(f"cannot read the manifest {path}: {error.strerror}") from error
 
 
-def summary(rows: Rows) -> Summary:
+def summarize(rows: Rows) -> Summary:
     """The sums of all rows."""
     counts: Counter[str] = Counter()
     models: Counter[tuple[str, str, str]] = Counter()
@@ -77,7 +77,7 @@ def summary(rows: Rows) -> Summary:
     )
 
 
-def failed(rows: Rows) -> Iterator[Row]:
+def failed_rows(rows: Rows) -> Iterator[Row]:
     """The rows of inputs that failed."""
     return (row for row in rows if row.status == FAILED)
 

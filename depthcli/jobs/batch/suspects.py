@@ -53,15 +53,15 @@ def check_picture(name: str, data: bytes) -> None:
     Raises:
         InputError: the process crashed; whatever else is wrong is for the caller to find.
     """
-    _check(name, [_PICTURE], data)
+    _decode_apart(name, [_PICTURE], data)
 
 
 def check_video(name: str, path: Path) -> None:
     """Decode a video in a process of its own, as :func:`check_picture` does."""
-    _check(name, [_VIDEO, str(path)], b"")
+    _decode_apart(name, [_VIDEO, str(path)], b"")
 
 
-def _check(name: str, words: list[str], data: bytes) -> None:
+def _decode_apart(name: str, words: list[str], data: bytes) -> None:
     command = [sys.executable, "-P", "-c", *words]
     done = subprocess.run(command, input=data, capture_output=True, check=False)  # noqa: S603 - our own
     if done.returncode in _CRASHES:

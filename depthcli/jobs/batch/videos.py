@@ -44,7 +44,7 @@ class VideoWorker:
         origin = self.pictures.origin
         try:
             with local_copy(path_of(task.input.path)) as source:
-                before = _state(source)
+                before = _identity_of(source)
                 sha256 = checked_video(task, source, self.pictures.options.camera)
                 row = task.kept(self.pictures.out, sha256, origin)
                 if row is not None:
@@ -74,7 +74,7 @@ class VideoWorker:
             input=name,
             status=FAILED if done.problem else OK,
             origin=self.pictures.origin,
-            outputs=tuple(written(out, path) for path in _files(task.outputs, done.numbers)),
+            outputs=tuple(written(out, path) for path in _output_files(task.outputs, done.numbers)),
             seconds=done.seconds,
             input_sha256=sha256,
             error=done.problem,
@@ -83,7 +83,7 @@ class VideoWorker:
         )
 
 
-def _state(path: Path) -> tuple[int, int, int] | None:
+def _identity_of(path: Path) -> tuple[int, int, int] | None:
     """What changes when somebody writes to a file or replaces it; None if it cannot be read."""
     try:
         status = path.stat()
@@ -93,11 +93,11 @@ def _state(path: Path) -> tuple[int, int, int] | None:
 
 
 def _check_unchanged(path: Path, before: tuple[int, int, int] | None) -> None:
-    if _state(path) != before:
+    if _identity_of(path) != before:
         raise InputError(f"{path} changed while it was read; run the batch again")
 
 
-def _files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
+def _output_files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
     for which, path in outputs.items():
         if which not in SEQUENCES:
             yield path

@@ -54,7 +54,7 @@ def each_picture(
 
 def _done(request: PredictRequest, plan: PicturePlan, loading: Background[Session]) -> Done:
     start = time.perf_counter()
-    frame = _read(request, plan)
+    frame = _read_picture(request, plan)
     session = loading.result()
     camera = request.camera
     depth = Pipeline(session, request.detail).predict(
@@ -63,7 +63,7 @@ def _done(request: PredictRequest, plan: PicturePlan, loading: Background[Sessio
     depth = fitted(depth, camera.anchors)
     warnings = list(session.warnings)
     for name, path in plan.outputs.items():
-        warnings += _write(request, name, depth, frame, path)
+        warnings += _write_picture(request, name, depth, frame, path)
     return Done(
         name=plan.name,
         outputs=tuple(str(path or STANDARD) for path in plan.outputs.values()),
@@ -74,7 +74,7 @@ def _done(request: PredictRequest, plan: PicturePlan, loading: Background[Sessio
     )
 
 
-def _read(request: PredictRequest, plan: PicturePlan) -> Frame:
+def _read_picture(request: PredictRequest, plan: PicturePlan) -> Frame:
     if not plan.name:
         raise InputError("an input's name is empty; is a variable of the command not set?")
     try:
@@ -88,7 +88,7 @@ def _read(request: PredictRequest, plan: PicturePlan) -> Frame:
         raise InputError("does not fit into memory; make it smaller") from error
 
 
-def _write(
+def _write_picture(
     request: PredictRequest, name: Format, depth: DepthMap, frame: Frame, path: Path | None
 ) -> tuple[str, ...]:
     if path is not None:

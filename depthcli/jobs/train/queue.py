@@ -18,7 +18,7 @@ from pathlib import Path
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.jobs.train.signal_relay import SignalRelay
-from depthcli.jobs.train.sitting import Epoch, Sitting, Turn, failed, looked_up
+from depthcli.jobs.train.sitting import Epoch, Sitting, Turn, failed_sitting, looked_up
 from depthcli.training.methods.table import METHODS
 from depthcli.training.planned_runs import PlannedRun, next_share_s, plan_runs
 from depthcli.training.resolve import resolve_config
@@ -92,7 +92,7 @@ class Queue:
         yield Turn(run, share_s)
         code = yield from self._epochs(run, _words(self._request, run, share_s))
         if code and self.signal_number is None:
-            return failed(run, _meaning(code))
+            return failed_sitting(run, _meaning(code))
         return looked_up(run, "stopped")
 
     def _epochs(self, run: PlannedRun, words: Sequence[str]) -> Generator[Epoch, None, int]:

@@ -70,7 +70,7 @@ def train(request: TrainRequest, watcher: Watcher) -> TrainResult:
         interrupt = Interrupt(*request.signals)
         with closing(board) if board else nullcontext(watcher) as told:
             limits = loop.Limits(minutes=request.minutes)
-            done = loop.train(config, data, out, fabric, told, limits, interrupt, request.start)
+            done = loop.fit(config, data, out, fabric, told, limits, interrupt, request.start)
     return TrainResult(done, interrupt.number, first)
 
 

@@ -41,11 +41,11 @@ def looked_up(run: PlannedRun, unfinished: State = "waiting") -> Sitting:
     try:
         progress = run.progress()
     except CheckpointError as error:
-        return failed(run, str(error))
+        return failed_sitting(run, str(error))
     return Sitting(run, "finished" if run.is_finished(progress) else unfinished, progress)
 
 
-def failed(run: PlannedRun, reason: str) -> Sitting:
+def failed_sitting(run: PlannedRun, reason: str) -> Sitting:
     """A run that failed."""
     try:
         progress = run.progress()

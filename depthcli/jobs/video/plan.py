@@ -115,7 +115,7 @@ def plan_video(
         names = _file_names(path_of(output), formats, wanted)
     written = stdout if output == STANDARD else None
     plan = VideoPlan(
-        safe_name(name), source, folder, names, _codecs(names, codec), has_sound, written
+        safe_name(name), source, folder, names, _preview_codecs(names, codec), has_sound, written
     )
     for which in names:
         check_writable(plan.path(which))
@@ -164,7 +164,9 @@ def _base(source: Path | None) -> str:
     return without_number(source.stem) if is_pattern(source.name) else source.resolve().name
 
 
-def _codecs(names: dict[VideoFormat, str], asked: PreviewCodec | None) -> dict[VideoFormat, Codec]:
+def _preview_codecs(
+    names: dict[VideoFormat, str], asked: PreviewCodec | None
+) -> dict[VideoFormat, Codec]:
     previews = [which for which in names if VIDEO_FORMATS[which].is_preview]
     codec = None if asked is None else Codec(asked)
     return {which: preview_codec(f".{which}", codec) for which in previews}

@@ -16,7 +16,7 @@ from depthcli.core.temporal.smoothing import (
     Smoother,
     from_steps,
     kept_share,
-    sample,
+    sample_cells,
     to_steps,
 )
 from depthcli.core.types import DepthMap
@@ -93,7 +93,7 @@ class FrameStages:
             values = metres(quantized(depth.values, self._scale)[0], self._scale)
             depth = dataclasses.replace(depth, values=values)
         guide = temporal.guide(picture.pixels)
-        small = DepthMap(sample(depth.values, guide.shape), depth.kind)
+        small = DepthMap(sample_cells(depth.values, guide.shape), depth.kind)
         steps = to_steps(depth) if self._settings.smooth_s else None
         spread, is_kept = percentiles(small), kept is not None
         return PredictedFrame(picture, depth, guide, steps, to_steps(small), spread, is_kept)
@@ -120,7 +120,7 @@ class FrameStages:
         if frame.steps is not None:
             kept = kept_share(interval_s, self._settings.smooth_s)
             steps = self._smoother.step(frame.steps, change, kept)
-            self.smoothed.step(sample(steps, frame.guide.shape), change)
+            self.smoothed.step(sample_cells(steps, frame.guide.shape), change)
             depth = dataclasses.replace(depth, values=steps)
         return VideoFrame(frame.picture, depth, spread, frame.is_kept)
 

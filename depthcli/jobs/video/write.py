@@ -75,7 +75,7 @@ def write_video(
                 advance(1)
         if stages.first is None:
             raise InputError(_nothing(plan, source))
-        done = _done(plan, pipeline, settings, source, stages, stages.first)
+        done = _video_done(plan, pipeline, settings, source, stages, stages.first)
         warnings = [warning for output in outputs for warning in output.finish()]
         if sidecar is not None:
             sidecar.write_text(done.sidecar(), "utf-8")
@@ -133,7 +133,7 @@ def _numbered(source: FrameSource, settings: VideoSettings) -> Iterator[Frame]:
         yield dataclasses.replace(frame, index=frame.index + shift, rate=rate)
 
 
-def _done(
+def _video_done(
     plan: VideoPlan,
     pipeline: Pipeline,
     settings: VideoSettings,

@@ -91,13 +91,13 @@ def check_range(config: TrainConfig) -> None:
         )
     if config.optim.epochs < 1:
         raise UsageError("a run has at least one epoch: raise optim.epochs_decay")
-    _check_size(config)
+    _check_network_size(config)
     _check_views(config)
     _check_pairing(config)
     _check_generator(config)
 
 
-def _check_size(config: TrainConfig) -> None:
+def _check_network_size(config: TrainConfig) -> None:
     """Refuse networks that no machine holds."""
     for group, most in _AT_MOST.items():
         for name, high in most.items():

@@ -55,7 +55,7 @@ def augment(
         inside = geometry.inside.to(rgb.device)
         known = inside if known is None else known & inside
     views = Views(_relit(gray, data, random), depth_m, known)
-    return _mixed(views, data.cutmix, random) if data.cutmix else views
+    return _cutmix_views(views, data.cutmix, random) if data.cutmix else views
 
 
 def network_input(rgb: Tensor, data: DataConfig) -> Tensor:
@@ -70,7 +70,7 @@ def _gray(rgb: Tensor, data: DataConfig) -> Tensor:
     return (rgb * weights).sum(1, keepdim=True)
 
 
-def _mixed(views: Views, share: float, random: torch.Generator) -> Views:
+def _cutmix_views(views: Views, share: float, random: torch.Generator) -> Views:
     maps = [views.gray, views.depth_m, *([] if views.known is None else [views.known])]
     gray, depth_m, *known = cutmix(maps, share, random)
     return Views(gray, depth_m, known[0] if known else None)

@@ -80,7 +80,7 @@ class Batches:
 
     def __getitem__(self, step: int) -> TrainingBatch:
         """Batch of a step, counted from 0 over the whole run."""
-        random = torch.Generator().manual_seed(_mixed(self.seed, step, 1))
+        random = torch.Generator().manual_seed(_stream_seed(self.seed, step, 1))
         size = view_size(self.data, random)
         rows = self._rows(self.store, step, self.batch_size, stream=2)
         views = self._augmented(self.store, rows, size, random)
@@ -92,7 +92,7 @@ class Batches:
             return self._part(TrainingBatch(*views))
         extra_rows = self._rows(self.extra, step, self._extra_size, stream=4)
         more = self._augmented(self.extra, extra_rows, size, random)
-        return _joined(views, more)
+        return _concatenated(views, more)
 
     def _part(self, whole: TrainingBatch) -> TrainingBatch:
         """What this process sees of the batch that a single one would see."""
@@ -102,7 +102,7 @@ class Batches:
     def _rows(self, store: PairStore, step: int, size: int, stream: int) -> Tensor:
         """The ``size`` pairs of a step, in an order of the store that each epoch draws anew."""
         epoch, index = divmod(step, len(store) // size)
-        random = torch.Generator().manual_seed(_mixed(self.seed, epoch, stream))
+        random = torch.Generator().manual_seed(_stream_seed(self.seed, epoch, stream))
         order = torch.randperm(len(store), generator=random)
         return order[index * size : (index + 1) * size]
 
@@ -115,11 +115,11 @@ class Batches:
         return augment(rgb, depth_m, self.data, random, known, size)
 
 
-def _joined(views: Views, more: Views) -> TrainingBatch:
+def _concatenated(views: Views, more: Views) -> TrainingBatch:
     """One batch of the pairs and the extra ones."""
     known = None
     if views.known is not None or more.known is not None:
-        known = torch.cat([_known(views), _known(more)])
+        known = torch.cat([_known_mask(views), _known_mask(more)])
     extra = torch.arange(len(views.gray) + len(more.gray)) >= len(views.gray)
     return TrainingBatch(
         torch.cat([views.gray, more.gray]),
@@ -129,10 +129,10 @@ def _joined(views: Views, more: Views) -> TrainingBatch:
     )
 
 
-def _known(views: Views) -> Tensor:
+def _known_mask(views: Views) -> Tensor:
     everywhere = torch.ones_like(views.depth_m, dtype=torch.bool)
     return everywhere if views.known is None else views.known
 
 
-def _mixed(seed: int, count: int, stream: int) -> int:
+def _stream_seed(seed: int, count: int, stream: int) -> int:
     return int(np.random.SeedSequence((seed, count, stream)).generate_state(1, np.uint64)[0] >> 1)

@@ -33,14 +33,14 @@ def shrink(depth_m: npt.NDArray[np.float32], size: tuple[int, int]) -> Measured 
     if not measured.any():
         return None
     mean_m = np.divide(total_m, share, out=total_m, where=measured)
-    return Measured(_filled(mean_m, measured), None if measured.all() else measured)
+    return Measured(_nearest_known(mean_m, measured), None if measured.all() else measured)
 
 
 def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray[np.float32]:
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _filled(
+def _nearest_known(
     depth_m: npt.NDArray[np.float32], known: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.float32]:
     """The value of the nearest known pixel everywhere else."""

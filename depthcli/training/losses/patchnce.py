@@ -24,7 +24,7 @@ def patch_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> T
     """
     with full_precision(query):
         logits = torch.bmm(query.float(), key.detach().float().transpose(1, 2)) / temperature
-        return _own(logits)
+        return _patch_cross_entropy(logits)
 
 
 def cfl_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> Tensor:
@@ -39,10 +39,10 @@ def cfl_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> Ten
         to_prediction = torch.bmm(query, query.detach().transpose(1, 2)) / temperature
         itself = torch.eye(query.shape[1], dtype=torch.bool, device=query.device)
         to_prediction = to_prediction.masked_fill(itself, -torch.inf)
-        return _own(torch.cat([to_truth, to_prediction], 2))
+        return _patch_cross_entropy(torch.cat([to_truth, to_prediction], 2))
 
 
-def _own(logits: Tensor) -> Tensor:
+def _patch_cross_entropy(logits: Tensor) -> Tensor:
     """Cross-entropy with patch i as the target of row i; logits (B, P, at least P)."""
     batch, patches, _ = logits.shape
     target = torch.arange(patches, device=logits.device).repeat(batch)

@@ -95,7 +95,7 @@ def present(part: _Part | None) -> _Part:
     return part
 
 
-def built(*networks: nn.Module | None) -> list[nn.Module]:
+def not_none(*networks: nn.Module | None) -> list[nn.Module]:
     """Those of the networks that the weights of the losses call for."""
     return [network for network in networks if network is not None]
 

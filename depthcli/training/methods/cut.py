@@ -9,7 +9,7 @@ from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.methods.base import Method, Phase, built, frozen, present, translated
+from depthcli.training.methods.base import Method, Phase, frozen, not_none, present, translated
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.networks.build import build_discriminator
 
@@ -35,8 +35,8 @@ class Cut(Method):
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G and the patch heads; or the discriminator."""
         if phase == "generator":
-            return built(self.generator, self.sampler)
-        return built(self.judge)
+            return not_none(self.generator, self.sampler)
+        return not_none(self.judge)
 
     def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The discriminator's term, or the generator's."""

@@ -9,7 +9,15 @@ from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.image_pool import ImagePool
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
-from depthcli.training.methods.base import Method, Phase, built, frozen, present, sized, translated
+from depthcli.training.methods.base import (
+    Method,
+    Phase,
+    frozen,
+    not_none,
+    present,
+    sized,
+    translated,
+)
 from depthcli.training.networks.build import build_discriminator, build_generator
 
 
@@ -52,8 +60,8 @@ class CycleGan(Method):
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G and F; or the discriminators."""
         if phase == "generator":
-            return built(self.generator, self.backward_generator)
-        return built(self.judge_depth, self.judge_gray)
+            return not_none(self.generator, self.backward_generator)
+        return not_none(self.judge_depth, self.judge_gray)
 
     def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The generators' terms, or the discriminators'."""
@@ -100,7 +108,7 @@ class CycleGan(Method):
     def _deceive(self, x: Tensor, y: Tensor, made: Made) -> Tensor:
         """The generators' half of eq. 5 and 6."""
         gan, judge_y, judge_x = self.weights.gan, present(self.judge_depth), self.judge_gray
-        with frozen(built(judge_y, judge_x)):
+        with frozen(not_none(judge_y, judge_x)):
             loss = generator_loss(gan, judge_y, real=y, fake=made.fake_y)
             if judge_x is not None:
                 loss = loss + generator_loss(gan, judge_x, real=x, fake=present(made.fake_x))

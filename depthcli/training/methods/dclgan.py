@@ -9,7 +9,7 @@ from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.methods.base import Method, Phase, built, frozen, present, translated
+from depthcli.training.methods.base import Method, Phase, frozen, not_none, present, translated
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.networks.build import build_discriminator, build_generator
 
@@ -60,11 +60,11 @@ class DclGan(Method):
         """G, F and the heads; or the discriminators."""
         if phase == "generator":
             return [self.generator, self.backward_generator, *self.heads()]
-        return built(self.judge_depth, self.judge_gray)
+        return not_none(self.judge_depth, self.judge_gray)
 
     def heads(self) -> list[nn.Module]:
         """The patch heads of both domains."""
-        return built(self.sampler_gray, self.sampler_depth)
+        return not_none(self.sampler_gray, self.sampler_depth)
 
     def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The discriminators' terms, or the generators'."""

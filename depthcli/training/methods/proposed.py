@@ -12,7 +12,7 @@ from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.paired import paired_losses
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
 from depthcli.training.losses.regularised_l1 import regularised_l1
-from depthcli.training.methods.base import Phase, built, present, sized
+from depthcli.training.methods.base import Phase, not_none, present, sized
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.methods.cyclegan import CycleGan, Made
 
@@ -45,7 +45,7 @@ class Proposed(CycleGan):
 
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G, F and the patch heads; or the discriminators."""
-        heads = built(self.sampler) if phase == "generator" else []
+        heads = not_none(self.sampler) if phase == "generator" else []
         return super().networks(phase) + heads
 
     def _terms(self, batch: TrainingBatch, y: Tensor, made: Made) -> dict[str, Tensor]:

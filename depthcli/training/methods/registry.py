@@ -81,10 +81,10 @@ def check_terms(config: TrainConfig) -> None:
 def _check_settings(config: TrainConfig, known: frozenset[str]) -> None:
     usual = default_config(config.method)
     for path in sorted(frozenset().union(*(method_class(name).SETTINGS for name in METHODS))):
-        if path not in known and _value(config, path) != _value(usual, path):
+        if path not in known and _setting(config, path) != _setting(usual, path):
             raise UsageError(f"{config.method} does not use {path}: remove it")
 
 
-def _value(config: TrainConfig, path: str) -> object:
+def _setting(config: TrainConfig, path: str) -> object:
     group, name = path.split(".")
     return getattr(getattr(config, group), name)

@@ -13,7 +13,7 @@ from depthcli.datasets.rooms.furniture import PIECES
 from depthcli.datasets.rooms.layout import KINDS
 from depthcli.datasets.rooms.lighting import Light
 from depthcli.datasets.rooms.materials import Materials
-from depthcli.datasets.rooms.pair import Recipe, focal_px, render_pair
+from depthcli.datasets.rooms.pair import Recipe, render_pair, room_focal_px
 from depthcli.datasets.rooms.render import Renderer, View
 from depthcli.datasets.rooms.sensor import kinect
 from depthcli.datasets.rooms.solids import BALL, Part, Solids, box
@@ -86,11 +86,11 @@ def test_pictures_have_light_and_depth() -> None:
 
 
 def test_focal_lengths_are_in_the_range_that_is_asked_for() -> None:
-    angles = [2 * math.degrees(math.atan(32 / focal_px(SMALL, i))) for i in range(200)]
+    angles = [2 * math.degrees(math.atan(32 / room_focal_px(SMALL, i))) for i in range(200)]
     assert 30 <= min(angles) < 40
     assert 100 < max(angles) <= 110
     exact = SMALL._replace(hfov_deg=(63.3, 63.3))
-    assert focal_px(exact, 7) == pytest.approx(32 / math.tan(math.radians(31.65)))
+    assert room_focal_px(exact, 7) == pytest.approx(32 / math.tan(math.radians(31.65)))
 
 
 def scene(*things: Part) -> tuple[Renderer, Room]:

@@ -15,7 +15,7 @@ from tiny_methods import tiny
 from depthcli.errors import UsageError
 from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.folder import CHECKPOINT
-from depthcli.training.loop import Limits, train
+from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import build_method
 from depthcli.training.methods.table import METHODS
 from depthcli.training.watchers import Watcher
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:
     fabric = Fabric(accelerator="cpu", devices=1)
-    return train(config, room_data(), folder, fabric, Watcher(), Limits(steps=steps)).step
+    return fit(config, room_data(), folder, fabric, Watcher(), Limits(steps=steps)).step
 
 
 @pytest.mark.parametrize("name", METHODS)

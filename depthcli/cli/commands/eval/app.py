@@ -11,7 +11,7 @@ app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare mod
 
 
 @app.callback()
-def _group() -> None:
+def _eval_group() -> None:
     """Compare models on a data set."""
 
 

@@ -150,7 +150,7 @@ def nyu(
         data,
         models=tuple(session_loader(name, provider, share, provider_option) for name in names),
         predictions=tuple(predictions or ()),
-        predictions_kind=_kind(predictions_kind),
+        predictions_kind=_parse_kind(predictions_kind),
         split=split,
         limit=limit,
         options=EvalOptions(
@@ -181,7 +181,7 @@ def _check_options(
         raise UsageError("--per-image is part of the JSON output: add --json")
 
 
-def _kind(name: str | None) -> DepthKind | None:
+def _parse_kind(name: str | None) -> DepthKind | None:
     from depthcli.core.types import DepthKind
 
     if name not in {None, *DepthKind}:

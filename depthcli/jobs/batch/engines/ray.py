@@ -112,7 +112,9 @@ class RayEngine:
         kind = ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)(RemoteWorker)
         here = os.getcwd()  # noqa: PTH109
         pool = Pool(_Actors(lambda: kind.remote(spec, here, self._cpus), self._go_on))
-        calls = chain(map(Call, _groups(iter(chunks))), (Call(video=video) for video in videos))
+        calls = chain(
+            map(Call, _chunk_groups(iter(chunks))), (Call(video=video) for video in videos)
+        )
         try:
             for results in pool.results(calls, self._workers):
                 record(results)
@@ -169,7 +171,9 @@ class _Actors:
             ray.wait(flights, num_returns=len(flights), timeout=_END_S)
 
 
-def _groups(chunks: Iterator[Sequence[PictureTask]]) -> Iterator[tuple[Sequence[PictureTask], ...]]:
+def _chunk_groups(
+    chunks: Iterator[Sequence[PictureTask]],
+) -> Iterator[tuple[Sequence[PictureTask], ...]]:
     while group := tuple(islice(chunks, _CHUNKS_A_CALL)):
         yield group
 
