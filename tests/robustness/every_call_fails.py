@@ -3,17 +3,20 @@
 ::
 
     python tests/robustness/every_call_fails.py [COMMAND...] [--calls open,write]
-        [--errors ENOSPC,EIO] [--every N]
+        [--errors ENOSPC,EIO] [--all]
 
 runs each command of ``faulty_commands.py`` with its first, second, third ``open``, ``write``,
 ``fsync``, ``rename``, ``mkdir`` or ``read`` of a file below its folder failing, with each error
 that the call can end with, until the run makes no such call any more. Calls of native libraries
-(OpenEXR, FFmpeg, torch) are among them. As on a full disk, in a folder that became read-only and on
-a mount that is gone, all calls of the kind after it fail as well once more. After each:
+(OpenEXR, FFmpeg, torch) are among them. Of calls that the same lines of Python make on files of one
+suffix, the first and the last fail; with ``--all``, each. As on a full disk, in a folder that
+became read-only and on a mount that is gone, all calls of the kind after it fail as well once more.
+Calls on files elsewhere, those of Python and of packages, are left alone. After each:
 
 - the exit code is 0 and all outputs are there, or it is 1, 2 or 3 with one line that says why;
 - no file under a final name is half: each is what a run without faults writes, or what was there;
-- the same command without a fault ends with 0, the same bytes, and no temporary file.
+- the same command without a fault ends with 0, the same bytes, and no temporary file. (Once for
+  each state of the folder that faults leave: most leave one that another has left before.)
 
 It needs Linux and a C compiler.
 """
@@ -26,6 +29,8 @@ import os
 import subprocess
 import sys
 import tempfile
+import traceback
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,7 +38,7 @@ from typing import TYPE_CHECKING
 from faults import CALLS, ERRORS, LASTING, NAMES, Fault, Injector, library
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from faults import Ended
     from faulty_commands import Command
@@ -50,7 +55,7 @@ def main() -> int:
     parser.add_argument("commands", nargs="*", metavar="COMMAND")
     parser.add_argument("--calls", default=",".join(CALLS))
     parser.add_argument("--errors", default=",".join(NAMES))
-    parser.add_argument("--every", type=int, default=1, help="only every N-th call")
+    parser.add_argument("--all", action="store_true", help="also those from the same place")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="faults-") as name:
         if _LIBRARY not in os.environ:
@@ -64,7 +69,12 @@ def _preloaded(folder: Path) -> int:
     if path is None:
         print("needs Linux and a C compiler")
         return 2
-    environment = {**os.environ, "LD_PRELOAD": str(path), _LIBRARY: str(path)}
+    environment = {
+        **os.environ,
+        "OMP_NUM_THREADS": "1",
+        "LD_PRELOAD": str(path),
+        _LIBRARY: str(path),
+    }
     return subprocess.run([sys.executable, *sys.argv], env=environment, check=False).returncode
 
 
@@ -73,19 +83,27 @@ def _run(asked: argparse.Namespace, folder: Path) -> int:
     import faulty_commands  # noqa: PLC0415 - only where the library is loaded
 
     injector = Injector(Path(os.environ[_LIBRARY]), faulty_commands.ENVIRONMENT)
-    short = 0
-    for name in asked.commands or faulty_commands.COMMANDS:
-        command = faulty_commands.COMMANDS[name]
-        _load(command)
-        trial = Trial(injector, command, folder / name.replace(" ", "-"))
-        count = 0
-        for fault in trial.faults(asked.calls.split(","), asked.errors.split(","), asked.every):
-            count += 1
-            for problem in trial.problems(fault):
-                short += 1
-                print(f"{name}: {fault}: {problem}", flush=True)
-        print(f"{name}: {count} faults of {trial.counts}", flush=True)
-    print(f"{short} fell short")
+    # Each command is loaded in a process of its own: libraries that have run in one cannot be used
+    # in those that are forked from it.
+    names = asked.commands or faulty_commands.COMMANDS
+    codes = [_in_a_fork(partial(_attack, name, injector, folder, asked)) for name in names]
+    return int(any(codes))
+
+
+def _attack(name: str, injector: Injector, folder: Path, asked: argparse.Namespace) -> int:
+    """All faults of one command; whether something fell short."""
+    from faulty_commands import COMMANDS  # noqa: PLC0415 - only where the library is loaded
+
+    command = COMMANDS[name]
+    _load(command)
+    trial = Trial(injector, command, folder / name.replace(" ", "-"))
+    count = short = 0
+    for fault in trial.faults(asked.calls.split(","), asked.errors.split(","), asked.all):
+        count += 1
+        for problem in trial.problems(fault):
+            short += 1
+            print(f"{name}: {fault}: {problem}", flush=True)
+    print(f"{name}: {count} faults of {trial.counts}, {short} fell short", flush=True)
     return int(short > 0)
 
 
@@ -106,20 +124,29 @@ class Trial:
         self._template = folder / "template"
         self._folder = folder / "run"
         self._template.mkdir(parents=True)
-        _in_a_fork(lambda: command.prepare(self._template))
+        if _in_a_fork(lambda: command.prepare(self._template)):
+            raise RuntimeError("inputs cannot be made")
         self._before = self._contents(self._template)
         self._fresh()
-        done = self._injector.run(command.words, self._folder)
-        if done.code:
-            raise RuntimeError(f"{command.words}: {done.err}")
+        done, self._calls = self._injector.calls(command.words, self._folder)
+        if done.code != 0:
+            raise RuntimeError(f"{command.words}: {done.code}: {done.err}")
         self._whole = self._contents(self._folder)
+        self._known: set[bytes] = set()
         self.counts = done.counts
 
-    def faults(self, calls: list[str], errors: list[str], every: int) -> Iterator[Fault]:
+    def faults(self, calls: list[str], errors: list[str], every: bool) -> Iterator[Fault]:
         """All that can befall it."""
-        for call in calls:
-            for number in range(1, self.counts[call] + 1, every):
-                for error in (one for one in ERRORS[call] if errno.errorcode[one] in errors):
+        ends: dict[tuple[str, str], set[int]] = {}
+        for call in self._calls:
+            same = ends.setdefault((call.kind, call.place), set())
+            ends[call.kind, call.place] = (
+                {*same, call.number} if every else {min(same, default=call.number), call.number}
+            )
+        chosen = {(kind, number) for (kind, _), some in ends.items() for number in some}
+        for call, number in sorted(chosen):
+            for error in ERRORS[call] if call in calls else ():
+                if errno.errorcode[error] in errors:
                     yield Fault(call, number, error)
                     if (call, error) in LASTING:
                         yield Fault(call, number, error, onwards=True)
@@ -138,19 +165,28 @@ class Trial:
             known = content in (self._whole.get(name), self._before.get(name, b""))
             if content is None or not (known or may_grow):
                 yield f"{name} is half ({done.where})"
+        state = self._state()
+        if state not in self._known:
+            again = list(self._again())
+            yield from (f"{problem} ({done.where})" for problem in again)
+            if not again:
+                self._known.add(state)
+
+    def _again(self) -> Iterator[str]:
+        """What falls short of the same command without a fault."""
         again = self._injector.run(self._command.words, self._folder)
         found = self._contents(self._folder)
-        if again.code:
+        if again.code != 0:
             if not self._is_done(found, again):
-                yield f"the next run ends with {again.code}: {again.err.strip()} ({done.where})"
-        elif found != self._whole:
+                yield f"the next run ends with {again.code}: {again.err.strip()}"
+            return
+        if found != self._whole:
             others = {
                 name for name in {*found, *self._whole} if found.get(name) != self._whole.get(name)
             }
-            yield f"the next run leaves other bytes: {sorted(others)} ({done.where})"
-        left = self._hidden()
-        if left and not again.code:
-            yield f"the next run leaves {left} ({done.where})"
+            yield f"the next run leaves other bytes: {sorted(others)}"
+        if left := self._hidden():
+            yield f"the next run leaves {left}"
 
     def _said(self, done: Ended, found: dict[str, bytes | None]) -> Iterator[str]:
         errors = [line for line in done.err.splitlines() if line.startswith("depthcli: error")]
@@ -179,24 +215,31 @@ class Trial:
 
         return contents(folder, self._command)
 
+    def _state(self) -> bytes:
+        from faulty_commands import state  # noqa: PLC0415
+
+        return state(self._folder)
+
     def _hidden(self) -> list[str]:
         from faulty_commands import hidden  # noqa: PLC0415
 
         return hidden(self._folder)
 
 
-def _in_a_fork(work: object) -> None:
-    """Threads that the work starts are of no use in processes that are forked later."""
+def _in_a_fork(work: Callable[[], int | None]) -> int:
+    """The work's code; threads that it starts are of no use in processes that are forked later."""
+    sys.stdout.flush()
     child = os.fork()
     if not child:
         code = 1
         try:
-            work()  # type: ignore[operator]
-            code = 0
+            code = work() or 0
+        except Exception:  # noqa: BLE001 - a process of its own says it itself
+            traceback.print_exc()
         finally:
+            sys.stdout.flush()
             os._exit(code)
-    if os.waitpid(child, 0)[1]:
-        raise RuntimeError("inputs cannot be made")
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 if __name__ == "__main__":

@@ -33,6 +33,7 @@ static char root[PATH_MAX];
 static size_t root_length;
 static int failing = -1, error_number, goes_on;
 static long failing_at;
+static void (*listener)(int call, const char *path);
 
 /* Memory that a process shares with those that it forks. */
 struct shared *faults_shared(void) {
@@ -50,9 +51,13 @@ void faults_arm(const char *folder, int call, long at, int number, int onwards) 
     root_length = strlen(root);
 }
 
+/* Whom to tell of each call that is counted, before it is made. */
+void faults_tell(void (*to)(int call, const char *path)) { listener = to; }
+
 static int below(const char *path) { return strncmp(path, root, root_length) == 0; }
 
 static int fails(int call, const char *path) {
+    if (listener) listener(call, path);
     long number = __atomic_add_fetch(&shared->count[call], 1, __ATOMIC_SEQ_CST);
     if (call != failing || number < failing_at || (number > failing_at && !goes_on)) return 0;
     if (number == failing_at) snprintf(shared->where, sizeof shared->where, "%s", path);

@@ -10,8 +10,14 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 CALLS = ("open", "write", "fsync", "rename", "mkdir", "read")
 ERRORS = {
@@ -62,6 +68,21 @@ class Ended:
     where: str
 
 
+@dataclass(frozen=True)
+class Call:
+    """One call of a run without faults.
+
+    Attributes:
+        kind: which.
+        number: among those of its kind, from 1.
+        place: a hash of the lines of Python that it was made from, and of its file's suffix.
+    """
+
+    kind: str
+    number: int
+    place: str
+
+
 class _Shared(ctypes.Structure):
     _fields_ = (("count", ctypes.c_long * len(CALLS)), ("where", ctypes.c_char * 256))
 
@@ -78,6 +99,17 @@ def library(folder: Path) -> Path | None:
     return target
 
 
+_LISTENER = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_char_p)
+
+
+def _stack() -> Iterator[str]:
+    """Lines of Python that this thread is in, but for those of the listener."""
+    frame = sys._getframe(2)  # the traceback module would read files
+    while frame is not None:
+        yield f"{frame.f_code.co_filename}:{frame.f_lineno}"
+        frame = frame.f_back
+
+
 class Injector:
     """Runs commands; this process was started with the library preloaded."""
 
@@ -87,16 +119,37 @@ class Injector:
         self._shared = self._library.faults_shared().contents
         self._environment = environment
 
-    def run(self, words: tuple[str, ...], folder: Path, fault: Fault | None = None) -> Ended:
-        """A command in a folder, to its end."""
+    def run(
+        self,
+        words: tuple[str, ...],
+        folder: Path,
+        fault: Fault | None = None,
+        log: Path | None = None,
+    ) -> Ended:
+        """A command in a folder, to its end; with ``log``, its calls are written there."""
         streams = [folder.with_name(f"{folder.name}.{name}") for name in ("out", "err")]
         child = os.fork()
         if not child:
+            if log is not None:
+                self._listen(log)
             self._become(words, folder, fault, streams)
         code = _awaited(child)
         out, err = (path.read_text("utf-8", "replace") for path in streams)
         counts = dict(zip(CALLS, self._shared.count, strict=True))
         return Ended(code, out, err, counts, self._shared.where.decode())
+
+    def calls(self, words: tuple[str, ...], folder: Path) -> tuple[Ended, list[Call]]:
+        """A command without a fault, with each call that it made."""
+        log = folder.with_name(f"{folder.name}.calls")
+        log.unlink(missing_ok=True)
+        done = self.run(words, folder, log=log)
+        counts: Counter[str] = Counter()
+        calls = []
+        for line in log.read_text().splitlines():
+            kind, place = line.split()
+            counts[kind] += 1
+            calls.append(Call(kind, counts[kind], place))
+        return done, calls
 
     def _become(
         self, words: tuple[str, ...], folder: Path, fault: Fault | None, streams: list[Path]
@@ -119,6 +172,17 @@ class Injector:
         finally:
             sys.stderr.flush()
             os._exit(code)
+
+    def _listen(self, log: Path) -> None:
+        """From now on write down each call, and where the code is that makes it."""
+        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+
+        def heard(kind: int, path: bytes) -> None:
+            place = " ".join((Path(os.fsdecode(path)).suffix, *_stack()))
+            os.write(handle, f"{CALLS[kind]} {sha256(place.encode()).hexdigest()}\n".encode())
+
+        self._listener = _LISTENER(heard)  # which has to live as long as the process
+        self._library.faults_tell(self._listener)
 
     def _arm(self, folder: Path, fault: Fault | None) -> None:
         fault = fault or Fault("open", 0, 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -126,6 +127,7 @@ def _array(folder: Path) -> None:
     np.save(folder / "a.npy", np.full((24, 32), 2.5, np.float32))
 
 
+_SECONDS = re.compile(rb'"seconds": ?[0-9.e-]+')
 _ALL = ("png16", "preview", "exr", "npy", "ply")
 _FORMATS = tuple(word for name in _ALL for word in ("--format", name))
 _PREDICT = ("predict", "a.png", "-o", "out/", *_FORMATS, "--sidecar", "--threads", "1")
@@ -177,6 +179,16 @@ def contents(folder: Path, command: Command) -> dict[str, bytes | None]:
     root = folder / command.outputs
     names = (path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
     return {name: _steady(root / name) for name in names if "/." not in f"/{name}"}
+
+
+def state(folder: Path) -> bytes:
+    """A hash of all files, hidden ones too, that does not depend on seconds."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    contents = (
+        _steady(path) if path.suffix == ".ckpt" else _SECONDS.sub(b"", path.read_bytes())
+        for path in files
+    )
+    return hashlib.sha256(repr([*zip(files, contents, strict=True)]).encode()).digest()
 
 
 def hidden(folder: Path) -> list[str]:
