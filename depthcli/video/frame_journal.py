@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
@@ -57,7 +58,8 @@ class FrameJournal:
         trace: TracebackType | None,
     ) -> None:
         self._ending.__exit__(None, None, None)
-        self._file.close()
+        with suppress(OSError):  # of a full disk, which add has told already
+            self._file.close()
         if kind is None:
             self._path.unlink(missing_ok=True)
         self._drop_empty()
