@@ -5,16 +5,22 @@ from contextlib import contextmanager
 
 import cv2
 
-_SILENT = 0
+SILENT, WARNINGS = 0, 3
+
+
+def set_log_level(level: int) -> int:
+    """Let OpenCV print what is as urgent as a level, in all threads; gives the level before."""
+    log = getattr(cv2.utils, "logging", cv2)  # OpenCV 4 has these in cv2 itself
+    before: int = log.getLogLevel()
+    log.setLogLevel(level)
+    return before
 
 
 @contextmanager
 def silent_opencv() -> Iterator[None]:
     """Keep OpenCV silent, in all threads at once."""
-    log = getattr(cv2.utils, "logging", cv2)  # OpenCV 4 has these in cv2 itself
-    level = log.getLogLevel()
-    log.setLogLevel(_SILENT)
+    level = set_log_level(SILENT)
     try:
         yield
     finally:
-        log.setLogLevel(level)
+        set_log_level(level)

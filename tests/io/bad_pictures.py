@@ -55,10 +55,16 @@ def _without_middle(data: bytes) -> bytes:
     return data[:middle] + bytes(40) + data[middle + 40 :]
 
 
+def _without_first(tiff: bytes) -> bytes:
+    """OpenCV puts the pixels right after the eight bytes of the header."""
+    return tiff[:8] + b"\x81" * 40 + tiff[48:]
+
+
 _DEFLATED = [
     encoded(".tiff", cv2.IMWRITE_TIFF_COMPRESSION, 8, *options)
     for options in ((), (cv2.IMWRITE_TIFF_ROWSPERSTRIP, 8))
 ]
+_CHECKED_BY_LIBTIFF = {"LZW": 5, "PackBits": 32773}
 _LOST = "is damaged, or of a variant that cannot be decoded; save it again"
 _NO_PICTURE = "is not a picture"
 
@@ -84,6 +90,13 @@ BAD: dict[str, tuple[bytes, str]] = {
     **{
         f"TIFF of damaged Deflate {number}": (_without_middle(data), "cannot be inflated")
         for number, data in enumerate(_DEFLATED)
+    },
+    **{
+        f"TIFF of damaged {kind}": (
+            _without_first(encoded(".tiff", cv2.IMWRITE_TIFF_COMPRESSION, coding)),
+            _LOST,
+        )
+        for kind, coding in _CHECKED_BY_LIBTIFF.items()
     },
     "TIFF without its last pixels": (made.tiff(PIXELS)[:-1], "pixels of the TIFF are missing"),
     "TIFF of a cut directory": (made.tiff(PIXELS)[:55], "directory is not whole"),

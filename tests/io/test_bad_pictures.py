@@ -77,8 +77,10 @@ def test_what_is_only_unusual_is_read(name: str, capfd: pytest.CaptureFixture[st
     assert capfd.readouterr().err == ""
 
 
-def test_each_thread_hears_of_its_own_picture() -> None:
-    damaged, _ = BAD["baseline cut at 50 %, closed"]
+@pytest.mark.parametrize("name", ["baseline cut at 50 %, closed", "TIFF of damaged LZW"])
+def test_each_thread_hears_of_its_own_picture(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    damaged, _ = BAD[name]
+    level = cv2.utils.logging.getLogLevel()
     wrong: list[bool] = []
 
     def decode_often(data: bytes, *, whole: bool) -> None:
@@ -94,6 +96,8 @@ def test_each_thread_hears_of_its_own_picture() -> None:
     for thread in threads:
         thread.join()
     assert not wrong
+    assert cv2.utils.logging.getLogLevel() == level
+    assert capfd.readouterr().err == ""
 
 
 def test_a_training_picture_with_lost_pixels_is_refused(tmp_path: Path) -> None:

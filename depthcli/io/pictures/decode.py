@@ -10,7 +10,6 @@ import numpy.typing as npt
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, is_out_of_memory
-from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.pictures.complaints import complaints
 from depthcli.io.pictures.ending import flaw
 from depthcli.io.pictures.size import picture_size
@@ -20,10 +19,11 @@ from depthcli.io.storage.remote import RemotePath
 MAX_FILE_BYTES = 2**32
 """More than so many pixels take as float colours."""
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-# Where libjpeg says so, it made up pixels. Bytes too many before the end (0xd9) harm nothing.
+# Where libjpeg or libtiff says so, pixels are made up. Bytes too many before a JPEG's end (0xd9)
+# harm nothing.
 _LOST = re.compile(
     rb"premature end|bad Huffman code|bad arithmetic code|instead of RST"
-    rb"|extraneous bytes before marker 0x(?:c4|da|d[0-7])",
+    rb"|extraneous bytes before marker 0x(?:c4|da|d[0-7])|TIFF_Error|PackBitsDecode: Discarding",
     re.IGNORECASE,
 )
 _GRAY_ALPHA, _RGB, _RGBA = 2, 3, 4
@@ -90,7 +90,7 @@ def decoded(data: bytes, flags: int) -> npt.NDArray[np.generic] | None:
     Raises:
         cv2.error: the decoder gave up.
     """
-    with silent_opencv(), complaints() as said:
+    with complaints() as said:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     return None if pixels is None or pixels.size == 0 or _LOST.search(said) else pixels
 

@@ -80,8 +80,8 @@ def tiff_size(data: bytes) -> tuple[int, int] | None:
 def tiff_flaw(data: bytes) -> str | None:
     """What is wrong with the coding or a strip of a TIFF; None if nothing is.
 
-    OpenCV makes black pixels of what libtiff cannot read. Only Deflate has checksums: damage in
-    the pixels of other codings is not seen.
+    OpenCV makes black pixels of what libtiff cannot read. Only Deflate has checksums, which libtiff
+    does not come to; of damage in other codings the decoder may complain.
 
     Args:
         data: the whole file.
