@@ -1,4 +1,4 @@
-"""How fast a model is here: the network alone, whole pictures one by one, and many at a time."""
+"""How fast a model is here: the network alone, end to end, and many pictures at a time."""
 
 import sys
 import time
@@ -44,8 +44,8 @@ class Speed:
     """What was measured."""
 
     network: Latency  #: one picture through the network alone
-    whole: Latency  #: one picture from an encoded file to a 16-bit PNG on the disk
-    pictures_per_s: float  #: of whole pictures, by several workers at a time
+    end_to_end: Latency  #: one picture from an encoded file to a 16-bit PNG on the disk
+    pictures_per_s: float  #: end to end, by several workers at a time
     #: most memory of this process so far, in MB; None where the system does not tell
     peak_memory_mb: float | None
 
@@ -99,9 +99,11 @@ def measure_speed(
     batch, _ = prepare(alone.card.input, frame)
     with temporary_folder() as folder:
         network = measure_latency(lambda: alone.session.run(batch), seconds)
-        whole = measure_latency(lambda: _convert(alone, picture, folder / "alone.png"), seconds)
+        end_to_end = measure_latency(
+            lambda: _convert(alone, picture, folder / "alone.png"), seconds
+        )
         rate = _throughput(shared, picture, folder, workers, seconds)
-    return Speed(network, whole, rate, peak_memory_mb())
+    return Speed(network, end_to_end, rate, peak_memory_mb())
 
 
 def made_picture(width: int, height: int) -> bytes:

@@ -19,8 +19,7 @@ def test_measures_add_up(inside: Cli) -> None:
     done = inside("bench", *QUICK, "--size", "1200x900", "--workers", "2", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    network, whole = found["network"], found["whole"]
-    for latency in (network, whole):
+    for latency in (found["network"], found["end_to_end"]):
         assert 0 < latency["min_ms"] <= latency["median_ms"]
         assert latency["noise"] >= 0
         assert latency["runs"] >= 5
@@ -35,7 +34,7 @@ def test_a_picture_of_ones_own(inside: Cli, picture: Path) -> None:
     assert done.returncode == 0, done.stderr
     lines = done.stdout.decode().splitlines()
     assert [line.split("  ")[0] for line in lines[1:]] == [
-        *("network", "whole picture", "throughput", "peak memory")
+        *("network", "end-to-end", "throughput", "peak memory")
     ]
 
 

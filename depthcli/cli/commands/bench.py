@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(rich_markup_mode=None)
 
-_MEASUREMENTS = 3  # network, whole picture, throughput
+_MEASUREMENTS = 3  # network, end to end, throughput
 
 
 @app.command()
@@ -79,7 +79,7 @@ def _print_bench(done: BenchResult) -> None:
     speed = done.speed
     console.out(f"{done.model} on {done.provider}")
     console.out(f"network        {_latency(speed.network)}")
-    console.out(f"whole picture  {_latency(speed.whole)}")
+    console.out(f"end-to-end     {_latency(speed.end_to_end)}")
     console.out(f"throughput     {speed.pictures_per_s:8.1f} pictures/s, {done.workers} at a time")
     if speed.peak_memory_mb is not None:
         console.out(f"peak memory    {speed.peak_memory_mb:8.0f} MB")
