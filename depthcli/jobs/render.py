@@ -4,6 +4,7 @@ import json
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from depthcli.io.png.encode import encode_png
 from depthcli.io.storage.atomic import atomic_path, write_text
 
 RECIPE = "rooms.json"
+_OPTIONS = {"seed": "--seed", "size": "--size", "hfov_deg": "--hfov", "sensor": "--sensor"}
 _PER_FOLDER = 100
 _JPEG_QUALITY = 95
 
@@ -64,10 +66,9 @@ def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> Rendered
 def _claim(request: RenderRequest) -> None:
     """Make sure that the folder is for this recipe, and name the camera of every room."""
     out, path = request.out, request.out / RECIPE
-    recipe = {"version": VERSION, **request.recipe._asdict()}
-    wanted = json.dumps(recipe)
+    wanted = json.dumps({"version": VERSION, **request.recipe._asdict()})
     try:
-        held = json.dumps(json.loads(path.read_text("utf-8")))
+        held = json.loads(path.read_text("utf-8"))
     except FileNotFoundError:
         if any((out / name).exists() for name in ("rgb", "depth", CAMERAS)):
             raise UsageError(f"{out} holds other pictures; give another --out") from None
@@ -76,14 +77,30 @@ def _claim(request: RenderRequest) -> None:
             f"cannot read {path}: {error}; remove it or give another --out"
         ) from error
     else:
-        if held != wanted:
+        if json.dumps(held) != wanted:
             raise UsageError(
-                f"{out} holds rooms of other options: {held}; give these or another --out"
+                f"{out} holds rooms made with {_differing(held, json.loads(wanted))}; give the "
+                "same options or another --out"
             )
     write_text(wanted + "\n", path)
     count = max(request.count, _camera_count(out / CAMERAS))
     rows = (f"{_pair_name(i)},{room_focal_px(request.recipe, i):.6f}\n" for i in range(count))
     write_text("id,focal_px\n" + "".join(rows), out / CAMERAS)
+
+
+def _differing(held: Any, wanted: dict[str, object]) -> str:  # noqa: ANN401 - any JSON
+    """What the rooms that are there were made with, as it is typed, where that is not wanted."""
+    if not isinstance(held, dict) or held.get("version") != VERSION:
+        return "another version of depthcli"
+    others = {name: held.get(name) for name, value in wanted.items() if held.get(name) != value}
+    return " ".join(f"{_OPTIONS[name]} {_typed(name, value)}" for name, value in others.items())
+
+
+def _typed(name: str, value: object) -> str:
+    """A value as the option takes it: ``256x192``, ``30-110``, ``kinect``."""
+    between = "x" if name == "size" else "-"
+    parts = value if isinstance(value, list) else [value]
+    return between.join(str(part).removesuffix(".0") for part in parts)
 
 
 def _camera_count(cameras: Path) -> int:

@@ -76,12 +76,26 @@ def test_files_hold_what_was_rendered(folder: Path) -> None:
     assert pairs.focal_px == pytest.approx([room_focal_px(RECIPE, i) for i in range(COUNT)])
 
 
-@pytest.mark.parametrize("other", [RECIPE._replace(seed=5), RECIPE._replace(size=(16, 12))])
-def test_rooms_of_other_options_are_not_mixed(folder: Path, other: Recipe) -> None:
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        (RECIPE._replace(seed=5), f"--seed {RECIPE.seed}"),
+        (RECIPE._replace(size=(16, 12)), "--size {}x{}".format(*RECIPE.size)),
+        (RECIPE._replace(hfov_deg=(20.0, 20.5)), "--hfov {:g}-{:g}".format(*RECIPE.hfov_deg)),
+    ],
+)
+def test_rooms_of_other_options_are_not_mixed(folder: Path, other: Recipe, named: str) -> None:
     before = contents(folder)
-    with pytest.raises(UsageError, match="other options"):
+    with pytest.raises(UsageError, match=f"holds rooms made with {named}; give the same options"):
         render(RenderRequest(folder, COUNT, other))
     assert contents(folder) == before
+
+
+@pytest.mark.parametrize("held", ['{"version": 0}', "[]"])
+def test_rooms_of_another_version_are_not_mixed(tmp_path: Path, held: str) -> None:
+    (tmp_path / "rooms.json").write_text(held)
+    with pytest.raises(UsageError, match="rooms made with another version of depthcli"):
+        render(RenderRequest(tmp_path, 1, RECIPE))
 
 
 def test_other_pictures_are_left_alone(tmp_path: Path) -> None:
