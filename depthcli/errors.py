@@ -4,13 +4,13 @@ The tree::
 
     DepthcliError                 exit 3
     ├── UsageError                exit 2   the command or its options do not fit together
+    ├── DatasetError              exit 2   a data set is missing, incomplete or in the wrong unit
     ├── InputError                exit 1   one input cannot be used; the others go on
     ├── OutputError               exit 1   one output cannot be written; the others go on
     ├── ModelError                exit 3   a model file, its card or its checksum is wrong
     │   ├── ProviderError         exit 3   the execution provider asked for is not there
     │   └── ParityError           exit 3   onnxruntime and torch disagree about a model
     ├── EngineError               exit 3   a cluster, or a machine of it, cannot be used
-    ├── DatasetError              exit 3   a data set is missing, incomplete or in the wrong unit
     ├── CheckpointError           exit 3   a checkpoint is truncated, foreign or of another run
     └── TrainingError             exit 3   training cannot go on (a loss that is not finite, say)
 
@@ -80,6 +80,8 @@ class EngineError(DepthcliError):
 
 class DatasetError(DepthcliError):
     """A data set cannot be read: missing, empty, unpaired, or depth in another unit."""
+
+    exit_code = ExitCode.USAGE
 
 
 class CheckpointError(DepthcliError):

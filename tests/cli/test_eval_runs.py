@@ -337,5 +337,5 @@ def test_ids_choose_the_pictures(
 def test_folder_without_runs(
     tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _run(tmp_path, data) == 3
+    assert _run(tmp_path, data) == 2
     assert "holds no run" in capsys.readouterr().err

@@ -207,6 +207,6 @@ def test_a_method_without_pairs_takes_two_lists(folder: Path) -> None:
 def test_a_method_with_pairs_does_not(folder: Path) -> None:
     _without_pairs(folder)
     done = _train(folder)
-    assert done.returncode == 3
+    assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "without a partner" in done.stderr

@@ -184,7 +184,7 @@ def test_missing_data_are_said_once(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)
-    assert main(_command("--all", "--data", "nowhere")[3:]) == 3
+    assert main(_command("--all", "--data", "nowhere")[3:]) == 2
     errors = capsys.readouterr().err
     assert errors.count("\n") == 1
     assert "nowhere" in errors

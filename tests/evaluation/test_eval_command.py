@@ -231,7 +231,7 @@ def test_csv_that_cannot_be_written(
 
 
 def test_paper_split_of_the_first_thousand(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert _run(data, "--no-model") == ExitCode.FAILURE
+    assert _run(data, "--no-model") == ExitCode.USAGE
     output = capsys.readouterr()
     assert output.out == ""
     assert len(output.err.splitlines()) == 1
