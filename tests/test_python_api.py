@@ -376,7 +376,7 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     assert depthcli.read_depth(tmp_path / "a.exr").values == pytest.approx(depth.values, rel=1e-3)
     with pytest.raises(depthcli.UsageError, match=r"half is for \.depth\.exr"):
         depth.save(tmp_path / "b.png", half=True)
-    with pytest.raises(depthcli.UsageError, match="says no format"):
+    with pytest.raises(depthcli.UsageError, match="selects a format"):
         depth.save(tmp_path / "b.jpg")
     assert not list(tmp_path.glob("b.*"))
 

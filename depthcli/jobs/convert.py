@@ -16,7 +16,7 @@ from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.io.writers.formats import ENDINGS, Format, format_of
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.inspect import read_map
-from depthcli.jobs.naming import is_folder
+from depthcli.jobs.naming import check_fit, is_folder
 
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
@@ -26,7 +26,7 @@ class ConvertRequest:
     """A depth file, and what is to be made of it."""
 
     source: str  #: a map, or a depth video
-    target: str  #: the file to write
+    target: str  #: the file to write; a name without suffix gets that of the format
     format: Format | None = None  #: of the target; None for what its suffix says
     scale: float | None = None  #: steps a metre of the source; None for what it states
     frame: int | None = None  #: of a depth video, from 0
@@ -59,7 +59,7 @@ class Converted:
     """A file that was converted."""
 
     source: str  #: the input, as the user wrote it
-    target: str  #: the output, as the user wrote it
+    target: str  #: the file that was written
     depth: DepthMap  #: what was written
     round_trip: RoundTrip | None  #: what that cost; None for a format that is not read back
     warnings: tuple[str, ...]  #: one-line texts
@@ -78,29 +78,34 @@ def convert(request: ConvertRequest) -> Converted:
     depth = _seen_by(depth, request.camera)
     colours = None if request.picture is None else _colours(request.picture, depth)
     inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
-    target = path_of(request.target)
+    name = request.target
+    name += "" if path_of(name).suffix else wanted.facts.suffix
+    target = path_of(name)
     check_writable(target)
     with atomic_path(target, inputs=inputs) as temporary:
         warnings = request.writing.writer(wanted).write(depth, temporary, colours)
         again = read_depth(temporary) if wanted in _READABLE else None
     round_trip = None if again is None else RoundTrip.of(depth, again)
-    return Converted(safe_name(request.source), request.target, depth, round_trip, warnings)
+    return Converted(safe_name(request.source), name, depth, round_trip, warnings)
 
 
 def target_format(target: str, asked: Format | None) -> Format:
     """The format to write: the one asked for, else what the target's name says.
 
     Raises:
-        UsageError: it says none, or is no file.
+        UsageError: it says none or another one, or is no file.
     """
     if target == "-" or is_folder(target):
         raise UsageError(
             f"{target} is not a file; name one, for example {target.rstrip('/')}/depth.exr"
         )
+    if asked is not None:
+        check_fit("", target, asked)
     found = asked or format_of(target)
     if found is None:
         raise UsageError(
-            f"{target} says no format; end it in {', '.join(ENDINGS)}, or give --format"
+            f"{target} has no suffix that selects a format; use {', '.join(ENDINGS)}, or give "
+            "--format"
         )
     return found
 

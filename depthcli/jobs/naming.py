@@ -3,15 +3,15 @@
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import NamedTuple
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_media
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.places import Places
-from depthcli.io.storage.remote import RemotePath, check_writable, path_of
-from depthcli.io.writers.formats import stem_of
+from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
+from depthcli.io.writers.formats import Format, fits, stem_of
 
 STDIN_STEM = "stdin"
 
@@ -37,7 +37,8 @@ def plan_outputs(
 
     Args:
         sources: the inputs; None is standard input, whose outputs go to the working directory.
-        out: a file (for one input and one format), or a folder: it exists or ends in ``/``.
+        out: a file (for one input), or a folder: it exists or ends in ``/``. Several formats, and
+            one for a name without suffix, put their own suffixes after the file's stem.
         suffixes: of each format, as ``.depth.png``.
 
     Raises:
@@ -57,6 +58,20 @@ def is_folder(out: str) -> bool:
     return out.endswith(("/", os.sep)) or path_of(out).is_dir()
 
 
+def check_fit(option: str, name: str, asked: Format) -> None:
+    """Accept a file name that says the format which is asked for, or none.
+
+    Raises:
+        UsageError: it says another one; whoever opens the file would go by its name.
+    """
+    if not is_folder(name) and not fits(name, asked):
+        end = PurePath(asked.facts.suffix).suffix
+        raise UsageError(
+            f"{option}{safe_name(name)} does not end in {end}; the suffix has to match --format "
+            f"{asked}"
+        )
+
+
 def _one_file(
     sources: Sequence[Path | None], file: Path, suffixes: Mapping[str, str]
 ) -> OutputPlan:
@@ -64,9 +79,9 @@ def _one_file(
         raise UsageError(
             f"-o {file} is one file but there are {len(sources)} inputs; name a folder: {file}/"
         )
-    if len(suffixes) == 1:
+    if len(suffixes) == 1 and file.suffix:
         return OutputPlan(sources[0], dict.fromkeys(suffixes, file))
-    # Several formats of one input share the stem that the user gave.
+    # Several formats of one input share the stem that the user gave; one completes it.
     return OutputPlan(
         sources[0], {f: file.with_name(stem_of(file.name) + s) for f, s in suffixes.items()}
     )

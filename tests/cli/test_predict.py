@@ -145,6 +145,20 @@ def test_a_suffix_that_says_nothing_is_wrong_usage(inside: Cli) -> None:
     assert here(inside) == {"room.png"}
 
 
+def test_a_name_without_suffix_gets_the_format_s(inside: Cli) -> None:
+    room(inside)
+    assert inside("predict", "room.png", "-o", "x", "--format", "preview").returncode == 0
+    assert here(inside) == {"room.png", "x.preview.png"}
+
+
+def test_a_suffix_of_another_format_is_wrong_usage(inside: Cli) -> None:
+    room(inside)
+    done = inside("predict", "room.png", "-o", "depth.exr", "--format", "npy")
+    assert done.returncode == 2
+    assert "-o depth.exr does not end in .npy" in error_lines(done)[0]
+    assert here(inside) == {"room.png"}
+
+
 def test_a_sidecar_leaves_the_output_s_name_alone(inside: Cli) -> None:
     room(inside)
     assert inside("predict", "room.png", "-o", "depth.exr", "--sidecar").returncode == 0
@@ -521,5 +535,11 @@ def test_a_sidecar_does_not_take_the_place_of_the_depth(inside: Cli) -> None:
     done = inside("predict", "room.png", "-o", "e.json", "--format", "exr", "--sidecar")
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2
-    assert b"take the place of -o e.json" in line
+    assert b"-o e.json does not end in .exr" in line
     assert not (inside.folder / "e.json").exists()
+
+
+def test_a_sidecar_alone_is_one_file(inside: Cli) -> None:
+    room(inside)
+    assert inside("predict", "room.png", "-o", "e.json", "--sidecar").returncode == 0
+    assert here(inside) == {"room.png", "e.json"}

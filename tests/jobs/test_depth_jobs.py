@@ -11,6 +11,7 @@ from depthcli.core.camera import Camera
 from depthcli.core.types import CameraSource, DepthMap
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.depth.read import read_depth
+from depthcli.io.writers.formats import Format
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert
 from depthcli.jobs.inspect import MapFacts, depth_at, inspect_file, read_map
@@ -62,6 +63,17 @@ def test_what_a_conversion_cost(depth_npy: Path, capfd: pytest.CaptureFixture[st
 def test_a_format_that_is_not_read_back_has_no_cost(depth_npy: Path) -> None:
     request = ConvertRequest(str(depth_npy), str(depth_npy.with_name("d.preview.png")))
     assert convert(request).round_trip is None
+
+
+def test_a_target_without_suffix_gets_the_format_s(depth_npy: Path) -> None:
+    done = convert(ConvertRequest(str(depth_npy), str(depth_npy.with_name("x")), Format.EXR))
+    assert done.target == str(depth_npy.with_name("x.depth.exr"))
+    assert read_depth(depth_npy.with_name("x.depth.exr")).width == done.depth.width
+
+
+def test_a_target_s_suffix_has_to_match_its_format(depth_npy: Path) -> None:
+    with pytest.raises(UsageError, match=r"does not end in \.exr"):
+        convert(ConvertRequest(str(depth_npy), "other.npy", Format.EXR))
 
 
 def test_nothing_is_lost_where_nothing_was() -> None:

@@ -29,7 +29,7 @@ def write_depth(
     """
     name = format_of(path)
     if name is None:
-        raise UsageError(f"{path} says no format; end it in {', '.join(ENDINGS)}")
+        raise UsageError(f"{path} has no suffix that selects a format; use {', '.join(ENDINGS)}")
     writer = writer_class(name)(**_checked_options(name, options))
     inputs = () if frame is None or frame.path is None else (frame.path,)
     with atomic_path(path, inputs=inputs) as temporary:

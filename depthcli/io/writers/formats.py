@@ -79,6 +79,12 @@ def format_of(path: str | PurePath) -> Format | None:
     return next((f for f, facts in FORMATS.items() if facts.ending == suffix), None)
 
 
+def fits(path: str | PurePath, asked: Format) -> bool:
+    """Whether a file's name says the same format, or none: ``a.png`` fits a preview, too."""
+    end = PurePath(path).suffix.lower()
+    return format_of(path) is None or end == PurePath(asked.facts.suffix).suffix
+
+
 def stem_of(path: str | PurePath) -> str:
     """A file's name without what says its format: ``a`` of ``a.png`` and of ``a.preview.png``."""
     name = PurePath(path).name

@@ -8,7 +8,7 @@ from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of
-from depthcli.jobs.naming import is_folder, plan_outputs
+from depthcli.jobs.naming import check_fit, is_folder, plan_outputs
 
 STANDARD = "-"
 DEFAULT_FORMATS = (Format.PNG16, Format.PREVIEW)
@@ -43,11 +43,13 @@ def picture_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format
     """What to write: what was asked for, else what the output's suffix says, else the default.
 
     Raises:
-        UsageError: the output is empty, or a file whose suffix says nothing.
+        UsageError: the output is empty, or a file whose suffix says nothing or another format.
     """
     if output == "":
         raise UsageError("-o is empty; name a file or a folder, or omit -o")
     if asked:
+        if output is not None and len(set(asked)) == 1:
+            check_fit("-o ", output, asked[0])
         return tuple(dict.fromkeys(asked))
     if output is None or is_folder(output):
         return DEFAULT_FORMATS
@@ -56,8 +58,8 @@ def picture_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format
     found = format_of(output)
     if found is None:
         raise UsageError(
-            f"-o {safe_name(output)} says no format; end it in {', '.join(ENDINGS)}, give "
-            "--format, or end it in '/' for a folder"
+            f"-o {safe_name(output)} has no suffix that selects a format; use "
+            f"{', '.join(ENDINGS)}, give --format, or end the name in '/' for a folder"
         )
     return (found,)
 
@@ -91,9 +93,5 @@ def plan_pictures(
     if beside and output is not None:
         json_path = str(path_of(output).with_suffix(".json"))
         (plan,) = plan_outputs(sources, json_path, {Format.JSON: ""})
-        if plan.outputs[Format.JSON] in pictures[0].outputs.values():
-            raise UsageError(
-                f"the sidecar would take the place of -o {output}; choose another name"
-            )
         pictures[0].outputs[Format.JSON] = plan.outputs[Format.JSON]
     return tuple(pictures)

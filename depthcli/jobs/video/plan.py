@@ -67,8 +67,8 @@ def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vid
         chosen = (found,)
     else:
         raise UsageError(
-            f"--out {safe_name(output)} says no format; end it in .mkv, .mp4, .webm or .mov, or "
-            f"name a folder ({safe_name(output)}/) and give --format"
+            f"--out {safe_name(output)} has no suffix that selects a format; use .mkv, .mp4, .webm "
+            f"or .mov, or name a folder ({safe_name(output)}/) and give --format"
         )
     if set(chosen) == {VideoFormat.JSON}:
         raise UsageError("json only describes other outputs; give another --format with it")
