@@ -39,12 +39,14 @@ class Mutant(NamedTuple):
 
     Attributes:
         line: where the fault is, from 1.
+        function: the line where the outermost function around it begins; 0 where there is none.
         before: the code that was there.
         after: the code that is there now.
         source: the whole module.
     """
 
     line: int
+    function: int
     before: str
     after: str
     source: str
@@ -56,14 +58,25 @@ def mutants(source: str) -> Iterator[Mutant]:
     starts = [0]
     for line in data.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
-    for node, faulty in _faults(ast.parse(source)):
+    tree = ast.parse(source)
+    functions = sorted(_functions(tree))
+    for node, faulty in _faults(tree):
         begin = starts[node.lineno - 1] + node.col_offset
         end = starts[(node.end_lineno or 0) - 1] + (node.end_col_offset or 0)
         new = ast.unparse(faulty)
         if isinstance(faulty, ast.expr) and not isinstance(faulty, ast.Constant):
             new = f"({new})"
         changed = data[:begin] + new.encode() + data[end:]
-        yield Mutant(node.lineno, _line(data[begin:end].decode()), _line(new), changed.decode())
+        within = (first for first, last in functions if first <= node.lineno <= last)
+        texts = _line(data[begin:end].decode()), _line(new), changed.decode()
+        yield Mutant(node.lineno, next(within, 0), *texts)
+
+
+def _functions(tree: ast.AST) -> Iterator[tuple[int, int]]:
+    """First and last lines of the bodies of all functions, also of those within others."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            yield node.body[0].lineno, node.end_lineno or 0
 
 
 def _line(code: str) -> str:

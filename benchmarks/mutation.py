@@ -1,153 +1,267 @@
 """How many small faults the tests notice.
 
 Figure of merit: the share of mutants (a comparison, an operator, a constant or a flag changed, a
-statement or a keyword argument dropped) with which at least one test of the module fails. The
-tests of a module are those that import it: of its package's folder in tests/, else of any, and
-where none does, all of that folder. Mutants run in a copy of the tree; the survivors are printed,
-each on a line.
-Run: ``python benchmarks/mutation.py depthcli/core/*.py [--sample N] [--seed S] [--tests FILE ...]``
+statement or a keyword argument dropped) with which a test fails that runs the changed line, of the
+tests of the module's own folder or of those given. All tests are loaded once and run once, to see
+which lines each of them runs and how long it takes; then each mutant has a process of its own, a
+copy of this one, in which it takes the place of its module and its tests run, the quickest first,
+until one fails. No file is changed; what tests start as new programs has no mutant in it. A test
+that failed has to pass where its module is replaced by the same source, else it counts as passed.
+Run: ``python benchmarks/mutation.py depthcli/core [MORE...] [--sample N] [--seed S] [--tests ...]``
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import gc
 import importlib
 import multiprocessing
 import os
 import random
-import re
-import shutil
+import resource
+import signal
 import sys
 import tempfile
 import time
+from collections import defaultdict
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
+import coverage
+import hypothesis
 import pytest
+from _pytest.runner import runtestprotocol
+from graft import Functions, change_values
 from mutants import Mutant, mutants
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from multiprocessing.connection import Connection
 
 ROOT = Path(__file__).resolve().parents[1]
-COPIED = (
-    *("depthcli", "docs", "models", "tests", "pyproject.toml"),
-    *("README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "benchmarks"),
-)
-FORK = multiprocessing.get_context("fork")
-LOADED_ONCE = ("cv2", "hypothesis", "numpy", "onnx", "onnxruntime")
-_LEAST_S, _TIMES = 20, 6  # a mutant that runs this much longer than the module itself is noticed
+_FORK = multiprocessing.get_context("fork")
+_LEAST_S, _TIMES = 40, 8  # a mutant that runs this much longer than its tests did is noticed
+_CPU_S = 30
+T = TypeVar("T")
 
 
-class Trial(NamedTuple):
-    """A mutant and what has to notice it."""
+class Place(NamedTuple):
+    """A mutant and its module, relative to the tree."""
 
     module: Path
     mutant: Mutant
-    tests: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """The module as it is imported."""
+        return ".".join(self.module.with_suffix("").parts).removesuffix(".__init__")
 
 
-def tests_of(module: Path) -> tuple[str, ...]:
-    """Test files of a module, relative to the tree."""
-    names = module.with_suffix("").parts
-    package, name = re.escape(".".join(names[:-1])), names[-1]
-    imports = re.compile(
-        rf"import {package}\.{name}\b|from {package}(\.{name}\b| import .*\b{name}\b)"
-    )
-    folder = ROOT / "tests" / names[1]
-    own = _importing(imports, folder) or _importing(imports, ROOT / "tests")
-    return tuple(str(file.relative_to(ROOT)) for file in own or folder.rglob("test_*.py"))
+class Record(NamedTuple):
+    """What one run of the tests showed.
+
+    Attributes:
+        seconds: how long each test that passed took.
+        lines: of each module, the tests that ran a line of a function.
+    """
+
+    seconds: dict[str, float]
+    lines: dict[Path, dict[int, list[str]]]
+
+    def tests(self, place: Place, limit_s: float) -> Iterator[str]:
+        """The quickest tests that run a mutant, for so many seconds in all."""
+        module, mutant = place
+        lines = self.lines[module]
+        if mutant.function:
+            above = range(mutant.line, mutant.function - 1, -1)
+            found = set(next((lines[n] for n in above if n in lines), []))
+        else:  # runs when the module is loaded, for whoever uses it
+            found = set().union(*lines.values()) or set(self.seconds)
+        for test in sorted(found & self.seconds.keys(), key=self.seconds.__getitem__):
+            limit_s -= self.seconds[test]
+            if limit_s < 0:
+                return
+            yield test
 
 
-def _importing(imports: re.Pattern[str], folder: Path) -> list[Path]:
-    files = sorted(folder.rglob("test_*.py"))
-    return [file for file in files if imports.search(file.read_text("utf-8"))]
+class Trials:
+    """A pytest plugin that runs mutants in place of the tests.
+
+    Attributes:
+        noticed_by: each mutant's test that failed, or how it ended otherwise; empty if it survived.
+    """
+
+    def __init__(self, places: Sequence[Place], limit_s: float) -> None:
+        """Take the mutants, and how many seconds of tests are run with each."""
+        self._places = places
+        self._limit_s = limit_s
+        self.noticed_by: dict[Place, str] = {}
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Leave out the tests of the built wheel, which no mutant is in."""
+        items[:] = [i for i in items if "installed" not in getattr(i, "fixturenames", ())]
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Once the tests are loaded."""
+        vars(session.config)["_tmp_path_factory"].getbasetemp()  # one for all
+        items = {item.nodeid: item for item in session.items}
+        for place in self._places:
+            importlib.import_module(place.name)
+        self._functions = Functions({str(ROOT / place.module) for place in self._places})
+        gc.collect()
+        gc.freeze()  # the copies of this process share what they do not change
+        record = _apart(lambda: _record(session.items, {p.module for p in self._places}), 3600)
+        if not isinstance(record, Record):
+            raise SystemExit(f"the tests could not be run: {record}")
+        took_s = sum(record.seconds.values())
+        print(f"{len(record.seconds)} of {len(items)} tests pass, in {took_s:.0f} s")
+        for place in self._places:
+            tests = [items[name] for name in record.tests(place, self._limit_s)]
+            self.noticed_by[place] = end = self._trial(place, tests, record) if tests else ""
+            line, _, before, after, _ = place.mutant
+            ended = end or ("SURVIVED" if tests else "SURVIVED, no test runs it")
+            print(f"{place.module}:{line}: {before}  ->  {after}  [{ended}]", flush=True)
+        self._doubt(items)
+        return True
+
+    def _doubt(self, items: dict[str, pytest.Item]) -> None:
+        """Take back what was noticed by tests that fail with the module's own source as well."""
+        doubted = defaultdict(list)
+        for place, end in self.noticed_by.items():
+            if end in items:
+                source = (ROOT / place.module).read_text("utf-8")
+                same = Mutant(0, min(1, place.mutant.function), "", "", source)
+                doubted[Place(place.module, same)].append(place)
+        for same, places in doubted.items():
+            tests = [items[name] for name in sorted({self.noticed_by[place] for place in places})]
+            failed = _apart(partial(self._with, same, tests, first=False), 3600)
+            for place in places:
+                if self.noticed_by[place] in failed:
+                    print(f"fails without a mutant: {self.noticed_by[place]}")
+                    self.noticed_by[place] = ""
+
+    def _trial(self, place: Place, tests: list[pytest.Item], record: Record) -> str:
+        usual_s = sum(record.seconds[test.nodeid] for test in tests)
+        limit_s = max(_LEAST_S, _TIMES * usual_s)
+        found = _apart(partial(self._with, place, tests, first=True), limit_s)
+        return found if isinstance(found, str) else "".join(found[:1])
+
+    def _with(self, place: Place, tests: list[pytest.Item], *, first: bool) -> list[str]:
+        """The tests that fail with a mutant, or the first of them."""
+        _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+        resource.setrlimit(resource.RLIMIT_CPU, (_CPU_S if first else 3600, hard))
+        try:
+            self._functions.change(str(ROOT / place.module), place.mutant.source)
+            if not place.mutant.function:
+                change_values(sys.modules[place.name], place.mutant.source)
+        except Exception as error:  # noqa: BLE001
+            return [f"loading the module: {type(error).__name__}"]
+        failed = []
+        for name, passed, _ in _run(tests):
+            if not passed:
+                failed.append(name)
+                if first:
+                    break
+        return failed
 
 
-def passes(folder: Path, tests: Sequence[str], limit_s: float) -> bool:
-    """Whether all tests pass in a copy of the tree, within some seconds."""
-    process = FORK.Process(target=_test, args=(folder, tests))
+def _run(tests: list[pytest.Item]) -> Iterator[tuple[str, bool, float]]:
+    for test, following in zip(tests, [*tests[1:], None], strict=True):
+        start = time.monotonic()
+        reports = runtestprotocol(test, log=False, nextitem=following)
+        passed = all(report.passed for report in reports)
+        yield test.nodeid, passed, time.monotonic() - start
+
+
+def _record(tests: list[pytest.Item], modules: Iterable[Path]) -> Record:
+    files = {module: str(ROOT / module) for module in modules}
+    measured = coverage.Coverage(None, config_file=False, include=list(files.values()))
+    measured.start()
+    seconds = {}
+    measured.switch_context(tests[0].nodeid)
+    for test, (name, passed, took_s) in zip([*tests[1:], tests[0]], _run(tests), strict=True):
+        if passed:
+            seconds[name] = took_s
+        measured.switch_context(test.nodeid)
+    measured.stop()
+    data = measured.get_data()
+    return Record(seconds, {module: data.contexts_by_lineno(f) for module, f in files.items()})
+
+
+def _apart(work: Callable[[], T], limit_s: float) -> T | str:
+    """The result of some work in a copy of this process, or how it ended without one."""
+    hearer, teller = _FORK.Pipe(duplex=False)
+    process = _FORK.Process(target=_tell, args=(work, teller))
     process.start()
-    process.join(limit_s)
-    if process.is_alive():
-        process.kill()
+    teller.close()
+    try:
+        return hearer.recv() if hearer.poll(limit_s) else "time"
+    except EOFError:
         process.join()
-    return process.exitcode == 0
+        return "time" if process.exitcode == -signal.SIGXCPU else "a crash"
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid or 0, signal.SIGKILL)
+        process.join()
 
 
-def _test(folder: Path, tests: Sequence[str]) -> NoReturn:
+def _tell(work: Callable[[], object], teller: Connection) -> None:
+    os.setsid()  # so that what it starts can be ended with it
     silence = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):
         os.dup2(silence, stream)
-    os.chdir(folder)
-    os.environ["PYTHONPATH"] = str(folder)
-    sys.path.insert(0, str(folder))
-    sys.dont_write_bytecode = True  # of two mutants within a second, the first would be run twice
-    sys.exit(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests]))
-
-
-def survives(folder: Path, trial: Trial, limit_s: float) -> bool:
-    """Whether the tests pass with the mutant in place of its module."""
-    place = folder / trial.module
-    whole = place.read_text("utf-8")
-    place.write_text(trial.mutant.source, "utf-8")
     try:
-        return passes(folder, trial.tests, limit_s)
-    finally:
-        place.write_text(whole, "utf-8")
+        teller.send(work())
+    except BaseException as error:  # noqa: BLE001
+        teller.send([f"{type(error).__name__} beyond the tests"])
 
 
-def seconds(folder: Path, test: str) -> float:
-    """How long a test file takes.
-
-    Raises:
-        SystemExit: it fails without any mutant.
-    """
-    start = time.monotonic()
-    if not passes(folder, [test], 600):
-        raise SystemExit(f"fails without a mutant: {test}")
-    return time.monotonic() - start
-
-
-def plan(options: argparse.Namespace) -> list[Trial]:
-    """The trials, or a random sample of them, by module and line."""
-    trials = []
-    for path in options.modules:
-        module = path.resolve().relative_to(ROOT)
-        tests = tuple(options.tests or tests_of(module))
-        found = mutants((ROOT / module).read_text("utf-8"))
-        trials += [Trial(module, mutant, tests) for mutant in found]
-    if options.sample and options.sample < len(trials):
-        trials = random.Random(options.seed).sample(trials, options.sample)  # noqa: S311
-    return sorted(trials, key=lambda trial: (trial.module, trial.mutant.line))
+def sampled(folder: Path, count: int | None, seed: int) -> list[Place]:
+    """Mutants of a module, or of a folder's modules: all, or a random sample."""
+    path = folder.resolve().relative_to(ROOT)
+    modules = sorted(path.rglob("*.py")) if path.is_dir() else [path]
+    found = [Place(m, mutant) for m in modules for mutant in mutants((ROOT / m).read_text("utf-8"))]
+    print(f"{path}: {len(found)} mutants")
+    if count and count < len(found):
+        found = random.Random(seed).sample(found, count)  # noqa: S311
+    return sorted(found, key=lambda place: (place.module, place.mutant.line))
 
 
 def main() -> None:
-    """Run the trials and print the survivors."""
+    """Run the trials and print how each mutant ended."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("modules", nargs="+", type=Path)
-    parser.add_argument("--sample", type=int, help="how many mutants; all by default")
+    parser.add_argument("folders", nargs="+", type=Path, help="modules, or folders of them")
+    parser.add_argument("--sample", type=int, help="how many mutants of each; all by default")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--tests", nargs="+", help="test files, in place of the modules' own")
+    parser.add_argument(
+        "--tests",
+        nargs=argparse.REMAINDER,
+        help="in place of those of the folders; any words of pytest",
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=12, help="of tests that are run with a mutant"
+    )
     options = parser.parse_args()
-    trials, survived = plan(options), 0
-    for name in LOADED_ONCE:
-        importlib.import_module(name)
+    os.chdir(ROOT)
+    sys.path.insert(0, str(ROOT))
+    of_folder = {f: sampled(f, options.sample, options.seed) for f in options.folders}
+    own = sorted({f"tests/{places[0].module.parts[1]}" for places in of_folder.values()})
+    trials = Trials([place for places in of_folder.values() for place in places], options.seconds)
+    words = ["-q", "-s", "-p", "no:cacheprovider", "-o", "tmp_path_retention_policy=none"]
+    hypothesis.settings.register_profile(
+        "mutants", database=None, derandomize=True, deadline=None, phases=list(hypothesis.Phase)[:3]
+    )
     with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        for name in COPIED:
-            copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copyfile
-            copy(ROOT / name, folder / name)
-        names = {name for trial in trials for name in trial.tests}
-        taken_s = {name: seconds(folder, name) for name in sorted(names)}
-        for trial in trials:
-            usual_s = sum(taken_s[name] for name in trial.tests)
-            if survives(folder, trial, max(_LEAST_S, _TIMES * usual_s)):
-                survived += 1
-                line, before, after, _ = trial.mutant
-                print(f"{trial.module}:{line}: {before}  ->  {after}", flush=True)
-    killed = len(trials) - survived
-    print(f"{killed} of {len(trials)} mutants were noticed ({killed / max(1, len(trials)):.0%})")
+        hypothesis.configuration.set_hypothesis_home_dir(temporary)
+        words += ["--hypothesis-profile", "mutants", "--basetemp", temporary + "/tests"]
+        pytest.main([*words, *(options.tests or own)], [trials])
+    for folder, places in of_folder.items():
+        ends = [trials.noticed_by[place] for place in places]
+        count = sum(map(bool, ends))
+        print(f"{folder}: {count} of {len(ends)} noticed ({count / len(ends):.0%})", end=", ")
+        print(f"{ends.count('time')} by time")
 
 
 if __name__ == "__main__":
