@@ -84,7 +84,7 @@ def fit_anchors(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
         raise UsageError("the anchors fit no depth ahead of the camera; check their metres")
     fitted = depth.values * np.float32(scale) + np.float32(shift)
     if inverse:
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore"):
             fitted = np.float32(1) / fitted
     fitted = np.where(fitted > 0, fitted, np.float32(np.nan)).astype(np.float32)
     source = replace(depth.provenance or Provenance(), anchors=tuple(points))

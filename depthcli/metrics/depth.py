@@ -43,8 +43,8 @@ class Metric:
 
     name: str  #: the field's name for it, also the key in JSON and CSV
     sums: Sums  #: of the per-pixel quantities whose means the metric is made of
-    finish: Callable[..., float] = _as_is  #: the means, in the same order, to the value
-    higher_is_better: bool = False  #: direction of improvement
+    finish: Callable[..., float]  #: the means, in the same order, to the value
+    higher_is_better: bool  #: direction of improvement
 
     def __call__(self, pixels: DepthPixels) -> float:
         """Value over the pixels of one image; NaN if there are none."""

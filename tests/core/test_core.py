@@ -162,11 +162,19 @@ def test_one_anchor_never_turns_near_into_far(value: float, kind: DepthKind) -> 
 
 
 @pytest.mark.parametrize(
-    "points",
-    [[Point(9, 0, 1)], [Point(2, 0, 1)], [Point(0, 0, 2), Point(1, 0, 1)]],
-    ids=["outside", "no depth", "order contradicted"],
+    ("points", "why"),
+    [
+        ([Point(3, 0, 1)], "outside the picture of 3×1"),
+        ([Point(0, 1, 1)], "outside the picture of 3×1"),
+        ([Point(2, 0, 1)], "no depth"),
+        ([Point(0, 0, 2), Point(1, 0, 1)], "contradict"),
+        ([Point(0, 0, 1), Point(0, 0, 2)], "all anchors have the same depth"),
+        ([Point(0, 0, 0.0)], "give one above 0"),
+        ([Point(0, 0, math.inf)], "give one above 0"),
+        ([], "there are no anchors"),
+    ],
 )
-def test_impossible_anchors_are_refused(points: list[Point]) -> None:
+def test_impossible_anchors_are_refused(points: list[Point], why: str) -> None:
     depth = DepthMap(np.array([[1.0, 2.0, np.nan]], np.float32))
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match=why):
         fit_anchors(depth, points)
