@@ -12,6 +12,7 @@ import pytest
 
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers, session
+from depthcli.inference.pipeline import load
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
 
@@ -125,6 +126,8 @@ def test_a_broken_model_is_no_matter_of_the_provider(
 def test_options_need_a_provider_that_takes_them(model_folder: Path, name: str) -> None:
     with pytest.raises(UsageError, match="takes no options"):
         Session(find_model(model_folder), provider=name, provider_options={"device_id": "1"})
+    with pytest.raises(UsageError, match="takes no options"):
+        load(model_folder, provider=name, provider_options={"device_id": "1"})
 
 
 def test_options_reach_the_provider(monkeypatch: pytest.MonkeyPatch, model_folder: Path) -> None:

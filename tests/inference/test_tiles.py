@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -242,8 +243,19 @@ def test_memory_bounds_tiles(camera: Callable[[Detail], Pipeline]) -> None:
     frame = Frame(np.broadcast_to(np.uint8(0), (8000, 8000)))
     room = Detail(tile_px=AUTO_TILE, max_memory_bytes=400_000_000)
     assert tile_width_px(spec, frame, room) == 6000
-    with pytest.raises(InputError, match=r"give --tile \d+"):
-        tile_width_px(spec, frame, Detail(tile_px=2, max_memory_bytes=400_000_000))
+    with pytest.raises(InputError, match=r"give --tile \d+") as refused:
+        tile_width_px(spec, frame, Detail(tile_px=3, max_memory_bytes=400_000_000))
+    said = re.search(r"to (\d+)M or give --tile (\d+)", str(refused.value))
+    assert said is not None
+    megabytes, least = map(int, said.groups())
+    for tile_px, limit_mb in ((3, megabytes), (least, 400)):  # what it says is what is needed
+        detail = Detail(tile_px=tile_px, max_memory_bytes=limit_mb * 1_000_000)
+        assert tile_width_px(spec, frame, detail) == tile_px
+    for tile_px, limit_mb in ((3, megabytes - 1), (least - 1, 400)):
+        with pytest.raises(InputError):
+            tile_width_px(
+                spec, frame, Detail(tile_px=tile_px, max_memory_bytes=limit_mb * 1_000_000)
+            )
 
 
 def test_a_picture_that_needs_more_is_refused(camera: Callable[[Detail], Pipeline]) -> None:
