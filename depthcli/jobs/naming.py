@@ -3,7 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import NamedTuple
 
 from depthcli.errors import UsageError
@@ -11,7 +11,7 @@ from depthcli.io.listing.folder import is_media
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.places import Places
 from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
-from depthcli.io.writers.formats import Format, fits, stem_of
+from depthcli.io.writers.formats import Format, ending_of, fits, stem_of
 
 STDIN_STEM = "stdin"
 
@@ -65,10 +65,9 @@ def check_fit(option: str, name: str, asked: Format) -> None:
         UsageError: it says another one; whoever opens the file would go by its name.
     """
     if not is_folder(name) and not fits(name, asked):
-        end = PurePath(asked.facts.suffix).suffix
         raise UsageError(
-            f"{option}{safe_name(name)} does not end in {end}; the suffix has to match --format "
-            f"{asked}"
+            f"{option}{safe_name(name)} does not end in {ending_of(asked)}; the suffix has to "
+            f"match --format {asked}"
         )
 
 

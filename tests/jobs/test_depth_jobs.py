@@ -13,7 +13,7 @@ from depthcli.errors import OutputError, UsageError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.npy import NpyWriter
-from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert
+from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, target_format
 from depthcli.jobs.inspect import MapFacts, depth_at, inspect_file, read_map
 
 if TYPE_CHECKING:
@@ -69,6 +69,12 @@ def test_a_target_without_suffix_gets_the_format_s(depth_npy: Path) -> None:
     done = convert(ConvertRequest(str(depth_npy), str(depth_npy.with_name("x")), Format.EXR))
     assert done.target == str(depth_npy.with_name("x.depth.exr"))
     assert read_depth(depth_npy.with_name("x.depth.exr")).width == done.depth.width
+
+
+@pytest.mark.parametrize("wanted", Format)
+def test_a_target_s_own_suffix_matches(tmp_path: Path, wanted: Format) -> None:
+    for name in (f"a{wanted.facts.suffix}", f"a{wanted.facts.ending or '.png'}", "a.dat"):
+        assert target_format(str(tmp_path / name), wanted) is wanted
 
 
 def test_a_target_s_suffix_has_to_match_its_format(depth_npy: Path) -> None:

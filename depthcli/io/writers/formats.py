@@ -81,8 +81,12 @@ def format_of(path: str | PurePath) -> Format | None:
 
 def fits(path: str | PurePath, asked: Format) -> bool:
     """Whether a file's name says the same format, or none: ``a.png`` fits a preview, too."""
-    end = PurePath(path).suffix.lower()
-    return format_of(path) is None or end == PurePath(asked.facts.suffix).suffix
+    return format_of(path) is None or PurePath(path).suffix.lower() == ending_of(asked)
+
+
+def ending_of(asked: Format) -> str:
+    """The file suffix of a format: ``.png`` of ``.depth.png``."""
+    return PurePath(f"a{asked.facts.suffix}").suffix
 
 
 def stem_of(path: str | PurePath) -> str:
