@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import ROOT, Cli
 from onnx import TensorProto, helper
 from tiny import write_model, write_picture
 
@@ -95,4 +96,6 @@ def test_at_some_moments_nothing_is_left_and_the_next_run_gives_the_same_bytes(
 ) -> None:
     """A sample of the long command tests/robustness/killed.py."""
     names = ("batch", "frames")
-    assert killed.attack(killed.room(tmp_path, names), names, moments=3, seed=3) == []
+    killed.room(tmp_path, names)
+    cli = Cli(ROOT, tmp_path, tmp_path / "models")
+    assert killed.attack(cli, names, moments=3, seed=3, cold_every=1) == []

@@ -86,7 +86,7 @@ def _run(asked: argparse.Namespace, folder: Path) -> int:
     # Each command is loaded in a process of its own: libraries that have run in one cannot be used
     # in those that are forked from it.
     names = asked.commands or faulty_commands.COMMANDS
-    codes = [_in_a_fork(partial(_attack, name, injector, folder, asked)) for name in names]
+    codes = [in_a_fork(partial(_attack, name, injector, folder, asked)) for name in names]
     return int(any(codes))
 
 
@@ -95,7 +95,7 @@ def _attack(name: str, injector: Injector, folder: Path, asked: argparse.Namespa
     from faulty_commands import COMMANDS  # noqa: PLC0415 - only where the library is loaded
 
     command = COMMANDS[name]
-    _load(command)
+    load(command)
     trial = Trial(injector, command, folder / name.replace(" ", "-"))
     count = short = 0
     for fault in trial.faults(asked.calls.split(","), asked.errors.split(","), asked.all):
@@ -107,7 +107,7 @@ def _attack(name: str, injector: Injector, folder: Path, asked: argparse.Namespa
     return int(short > 0)
 
 
-def _load(command: Command) -> None:
+def load(command: Command) -> None:
     """What the command loads, so that each fork has it."""
     from depthcli.cli.shell import load_command  # noqa: PLC0415
 
@@ -124,7 +124,7 @@ class Trial:
         self._template = folder / "template"
         self._folder = folder / "run"
         self._template.mkdir(parents=True)
-        if _in_a_fork(lambda: command.prepare(self._template)):
+        if in_a_fork(lambda: command.prepare(self._template)):
             raise RuntimeError("inputs cannot be made")
         self._before = self._contents(self._template)
         self._fresh()
@@ -226,7 +226,7 @@ class Trial:
         return hidden(self._folder)
 
 
-def _in_a_fork(work: Callable[[], int | None]) -> int:
+def in_a_fork(work: Callable[[], int | None]) -> int:
     """The work's code; threads that it starts are of no use in processes that are forked later."""
     sys.stdout.flush()
     child = os.fork()

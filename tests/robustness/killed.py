@@ -1,24 +1,26 @@
 """Commands that a signal ends at any moment, and what the next run makes of what they left.
 
-    python tests/robustness/killed.py                           # 200 moments, about half an hour
+    python tests/robustness/killed.py                           # 200 moments, about ten minutes
     python tests/robustness/killed.py --moments 20 --jobs batch --seed 7
 
 Each job is run once without a break. Then it is started again and again, and gets SIGINT, SIGTERM,
-SIGHUP or SIGKILL at a moment that is drawn from the time it took. It must end at once with the
-signal's exit code, without a word of Python's or a library's, and without temporary files unless
-it was killed; the same command must then give the bytes of the unbroken run, and leave nothing
-hidden. Prints a line for each job and signal; exits with 1 if anything fell short.
+SIGHUP or SIGKILL at a moment that is drawn from the time it took; each eighth time from the very
+start of Python, else in a process that has the libraries loaded, forked from this one. It must end
+at once with the signal's exit code, without a word of Python's or a library's, and without
+temporary files unless it was killed; the same command must then give the bytes of the unbroken run,
+and leave nothing hidden. Prints a line for each job and signal; exits with 1 if anything fell
+short.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import random
 import re
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -30,8 +32,12 @@ from typing import TYPE_CHECKING, Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "training"))
 from command_line import Cli
+from every_call_fails import in_a_fork, load
+from faulty_commands import COMMANDS
 from tiny import synthetic_picture, write_model, write_picture
 from videos import flat_frames, write_video
+
+from depthcli.cli.app import main as main_of_depthcli
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -115,10 +121,9 @@ JOBS = {
 }
 
 
-def room(folder: Path, names: tuple[str, ...]) -> Cli:
+def room(folder: Path, names: tuple[str, ...]) -> None:
     """A folder with what the jobs read."""
-    cli = Cli(TESTS.parent, folder, folder / "models")
-    write_model(cli.models / "default")
+    write_model(folder / "models" / "default")
     for i in range(40):
         write_picture(folder / "in" / f"{i % 3}" / f"{i:02}.png", synthetic_picture(96, 128))
     write_video(folder / "in" / "short.mkv", flat_frames(range(20, 240, 20), 60, 80))
@@ -128,7 +133,6 @@ def room(folder: Path, names: tuple[str, ...]) -> Cli:
 
         write_rooms(folder / "data")
         (folder / "small.toml").write_text(SMALL)
-    return cli
 
 
 def command(cli: Cli, job: Job) -> list[str]:
@@ -154,44 +158,66 @@ def hidden(cli: Cli) -> list[str]:
     return [name for name in names if not CONTINUED.fullmatch(name)]
 
 
-def ended(cli: Cli, job: Job, number: signal.Signals, delay_s: float) -> tuple[str, list[str]]:
+def started(cli: Cli, job: Job, *, cold: bool) -> int:
+    """The number of a process that runs the command; from the start of Python if cold."""
+    child = os.fork()
+    if child:
+        return child
+    try:
+        os.chdir(cli.folder)
+        for handle, path in ((1, os.devnull), (2, cli.folder / "said")):
+            os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666), handle)
+        words = command(cli, job)
+        if cold:
+            os.execve(words[0], words, cli.environment)  # noqa: S606 - a command of our own
+        os.environ.clear()
+        os.environ.update(cli.environment)
+        sys.argv = ["depthcli", *words[words.index("depthcli") + 1 :]]
+        main_of_depthcli()
+    finally:
+        os._exit(70)
+
+
+def exit_code(process: int, longest_s: float = 120) -> int | None:
+    """How a process ended, negative for a signal; None for one that had to be killed."""
+    until_s = time.monotonic() + longest_s
+    while time.monotonic() < until_s:
+        found, status = os.waitpid(process, os.WNOHANG)
+        if found:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.005)
+    os.kill(process, signal.SIGKILL)
+    os.waitpid(process, 0)
+    return None
+
+
+def said(cli: Cli) -> str:
+    """What the latest process wrote to standard error."""
+    return (cli.folder / "said").read_text("utf-8", "replace").strip()
+
+
+def ended(cli: Cli, process: int, number: signal.Signals, delay_s: float) -> tuple[str, list[str]]:
     """How a run ends that gets a signal, and where it falls short."""
-    process = subprocess.Popen(
-        command(cli, job),
-        cwd=cli.folder,
-        env=cli.environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
     time.sleep(delay_s)
     sent_s = time.monotonic()
-    process.send_signal(number)
-    try:
-        _, said = process.communicate(timeout=60)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.communicate()
-        return "never", [f"did not end on {number.name}"]
-    code, faults = process.returncode, []
+    os.kill(process, number)
+    code, faults = exit_code(process), []
     if code not in {0, 128 + number, -number}:
         faults.append(f"exit code {code}")
     if time.monotonic() - sent_s > LONGEST_END_S:
         faults.append(f"took {time.monotonic() - sent_s:.1f} s to end")
-    if any(word in said for word in NOISE):
-        faults.append(f"said {said.strip()!r}")
+    if any(word in said(cli) for word in NOISE):
+        faults.append(f"said {said(cli)!r}")
     if number is not signal.SIGKILL and hidden(cli):
         faults.append(f"left {hidden(cli)}")
     return str(code), faults
 
 
-def resumed(cli: Cli, job: Job, wanted: dict[str, object]) -> list[str]:
+def resumed(cli: Cli, job: Job, wanted: dict[str, object], *, cold: bool) -> list[str]:
     """Where the next run of the same command falls short."""
-    done = subprocess.run(
-        command(cli, job), cwd=cli.folder, env=cli.environment, capture_output=True, check=False
-    )
-    if done.returncode:
-        return [f"next run: exit code {done.returncode}, {done.stderr.decode().strip()!r}"]
+    code = exit_code(started(cli, job, cold=cold))
+    if code != 0:
+        return [f"next run: exit code {code}, {said(cli)!r}"]
     found = content(cli, job)
     return [
         f"next run: {name} {'differs' if name in found and name in wanted else 'is odd'}"
@@ -206,40 +232,42 @@ def fresh(cli: Cli) -> None:
     (cli.folder / "out").mkdir()
 
 
-def unbroken(cli: Cli, job: Job) -> tuple[float, dict[str, object]]:
+def unbroken(cli: Cli, job: Job, *, cold: bool = False) -> tuple[float, dict[str, object]]:
     """How long a job takes, and what it writes."""
     fresh(cli)
     start_s = time.monotonic()
-    subprocess.run(
-        command(cli, job), cwd=cli.folder, env=cli.environment, check=True, capture_output=True
-    )
+    if exit_code(started(cli, job, cold=cold)) != 0:
+        raise RuntimeError(f"{job.words}: {said(cli)}")
     return time.monotonic() - start_s, content(cli, job)
 
 
-def attack(cli: Cli, names: tuple[str, ...], moments: int, seed: int) -> list[str]:
-    """End jobs at random moments.
+def attack(
+    cli: Cli, names: tuple[str, ...], moments: int, seed: int, cold_every: int = 8
+) -> list[str]:
+    """End jobs at random moments, every so many from the start of Python.
 
     Returns:
         All that fell short, a line each.
     """
     rng = random.Random(seed)  # noqa: S311 - to be repeated, not to be secret
-    known: dict[str, tuple[float, dict[str, object]]] = {}
+    known: dict[tuple[str, bool], tuple[float, dict[str, object]]] = {}
     ends: Counter[tuple[str, str, str]] = Counter()
     shortfalls = []
     for moment in range(moments):
         name = rng.choices(names, [JOBS[one].share for one in names])[0]
         number, part, job = rng.choice(SIGNALS), rng.random(), JOBS[name]
+        cold = moment % cold_every == 0
         if name == "export" and not (cli.folder / "last.ckpt").exists():
             unbroken(cli, JOBS["train"])
             shutil.copy(cli.folder / "out/last.ckpt", cli.folder)
-        if name not in known:
-            known[name] = unbroken(cli, job)
-        seconds, wanted = known[name]
+        if (name, cold) not in known:
+            known[name, cold] = unbroken(cli, job, cold=cold)
+        seconds, wanted = known[name, cold]
         fresh(cli)
-        code, faults = ended(cli, job, number, part * seconds)
+        code, faults = ended(cli, started(cli, job, cold=cold), number, part * seconds)
         ends[name, number.name, code] += 1
-        faults += resumed(cli, job, wanted)
-        what = f"{name} {number.name} at {part * seconds:.3f} s"
+        faults += resumed(cli, job, wanted, cold=cold)
+        what = f"{name} {number.name} at {part * seconds:.3f} s{', cold' if cold else ''}"
         print(f"{moment + 1:4} {what}: exit code {code}", *faults, sep="; ", file=sys.stderr)
         shortfalls += [f"{what}: {one}" for one in faults]
     for (name, number, code), count in sorted(ends.items()):
@@ -258,8 +286,12 @@ def main() -> int:
     parser.add_argument("--jobs", default=",".join(JOBS))
     asked = parser.parse_args()
     names = tuple(asked.jobs.split(","))
+    for name in names:
+        load(COMMANDS[JOBS[name].words[0].partition("-")[0]])
     with tempfile.TemporaryDirectory() as folder:
-        shortfalls = attack(room(Path(folder), names), names, asked.moments, asked.seed)
+        in_a_fork(lambda: room(Path(folder), names))
+        cli = Cli(TESTS.parent, Path(folder), Path(folder) / "models")
+        shortfalls = attack(cli, names, asked.moments, asked.seed)
     print(*shortfalls, sep="\n")
     print(f"{asked.moments} moments, {len(shortfalls)} shortfalls")
     return 1 if shortfalls else 0
