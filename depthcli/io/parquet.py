@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import accumulate, chain, count, islice
 from typing import TYPE_CHECKING, Any
 
 from depthcli.core.extras import INSTALL_PYARROW
+from depthcli.core.text import one_line
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -44,30 +46,47 @@ class Table:
             UsageError: pyarrow is missing, or one is no Parquet file.
             OSError: one cannot be read.
         """
-        self._files = [open_parquet(path) for path in sorted(folder.glob("*.parquet"))]
-        self._groups = [(file, n) for file in self._files for n in range(file.num_row_groups)]
-        sizes = (file.metadata.row_group(n).num_rows for file, n in self._groups)
+        self._paths = sorted(folder.glob("*.parquet"))
+        self._files = [open_parquet(path) for path in self._paths]
+        self._groups = [
+            (at, group)
+            for at, file in enumerate(self._files)
+            for group in range(file.num_row_groups)
+        ]
+        sizes = (self._files[at].metadata.row_group(n).num_rows for at, n in self._groups)
         self._starts = list(accumulate(sizes, initial=0))
         self._group: tuple[int, pa.Table] | None = None
         self._block: tuple[int, list[dict[str, Any]]] | None = None
 
     def column(self, name: str) -> Iterator[Any]:
-        """All values of a column; none if the files have no such column."""
-        for file in self._files:
-            if name in file.schema_arrow.names:
-                for batch in file.iter_batches(columns=[name]):
-                    yield from batch.column(0).to_pylist()
+        """All values of a column; none if the files have no such column.
+
+        Raises:
+            UsageError: a file is damaged.
+            OSError: one cannot be read.
+        """
+        for path, file in zip(self._paths, self._files, strict=True):
+            with _reading(path):
+                if name in file.schema_arrow.names:
+                    for batch in file.iter_batches(columns=[name]):
+                        yield from batch.column(0).to_pylist()
 
     def row(self, number: int) -> dict[str, Any]:
-        """A row by its number in the whole table; cheap next to the one that was asked for last."""
+        """A row by its number in the whole table; cheap next to the one that was asked for last.
+
+        Raises:
+            UsageError: its file is damaged.
+            OSError: it cannot be read.
+        """
         group = bisect_right(self._starts, number) - 1
         first = self._starts[group]
         start = number - (number - first) % _BLOCK_ROWS
-        if self._group is None or self._group[0] != group:
-            file, index = self._groups[group]
-            self._group = (group, file.read_row_group(index))
-        if self._block is None or self._block[0] != start:
-            self._block = (start, self._group[1].slice(start - first, _BLOCK_ROWS).to_pylist())
+        at, index = self._groups[group]
+        with _reading(self._paths[at]):
+            if self._group is None or self._group[0] != group:
+                self._group = (group, self._files[at].read_row_group(index))
+            if self._block is None or self._block[0] != start:
+                self._block = (start, self._group[1].slice(start - first, _BLOCK_ROWS).to_pylist())
         row: dict[str, Any] = self._block[1][number - start]
         return row
 
@@ -129,7 +148,7 @@ def column_texts(path: Path, column: str | None) -> Iterator[str]:
     if not paths:
         raise UsageError(f"no .parquet file in {path}")
     for one in paths:  # before any is read
-        with open_parquet(one) as file:
+        with open_parquet(one) as file, _reading(one):
             _text_column(file, column, one)
     return (text for one in paths for text in _texts(one, column))
 
@@ -142,14 +161,27 @@ def open_parquet(path: Path) -> pq.ParquetFile:
         OSError: it cannot be read.
     """
     check_pyarrow()
-    import pyarrow as pa  # noqa: PLC0415 - an extra
-    import pyarrow.parquet as pq  # noqa: PLC0415
+    import pyarrow.parquet as pq  # noqa: PLC0415 - an extra
 
     path.open("rb").close()  # pyarrow's own words for what is missing are of several lines
-    try:
+    with _reading(path):
         return pq.ParquetFile(path)
-    except pa.ArrowInvalid as error:
-        raise UsageError(f"{path} is no whole Parquet file: {error}") from error
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Say one thing of all that pyarrow raises for a damaged file."""
+    import pyarrow as pa  # noqa: PLC0415 - an extra
+
+    try:
+        yield
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        if isinstance(error, OSError) and error.errno is not None:  # it is the disk
+            raise
+        reason = " ".join(str(error).split())
+        raise UsageError(
+            f"{path} is no whole Parquet file: {one_line(reason)}; make it again, or move it away"
+        ) from error
 
 
 def only_column(columns: Sequence[str], column: str | None, path: Path) -> str:
@@ -179,7 +211,7 @@ def _text_column(file: pq.ParquetFile, column: str | None, path: Path) -> str:
 
 
 def _texts(path: Path, column: str | None) -> Iterator[str]:
-    with open_parquet(path) as file:
+    with open_parquet(path) as file, _reading(path):
         wanted = _text_column(file, column, path)
         for batch in file.iter_batches(columns=[wanted]):
             yield from filter(None, batch.column(0).to_pylist())

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from command_line import ROOT, Cli
@@ -18,9 +17,6 @@ from depthcli.cli.signals import ending_signals, finishing
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "robustness"))
 import killed
-
-if TYPE_CHECKING:
-    from command_line import Cli
 
 
 def endless_onnx() -> bytes:

@@ -16,9 +16,11 @@ from typing import Any, NamedTuple
 import cv2
 import h5py
 import numpy as np
+import pyarrow as pa
 import torch
 from command_line import ROOT, InProcess
 from PIL import Image
+from pyarrow import parquet
 from tiny import CARD, tiny_onnx, write_model
 from videos import encode, flat_frames
 
@@ -31,6 +33,10 @@ from depthcli.io.depth.facts import stated_facts
 from depthcli.io.depth.read import read_depth
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.path_list import listed_inputs, parse_list
+from depthcli.io.manifest.files import TableRows
+from depthcli.io.manifest.row import parse_row
+from depthcli.io.manifest.table import write_rows
+from depthcli.io.parquet import column_texts
 from depthcli.io.pictures.ending import flaw
 from depthcli.io.pictures.exif import read_exif
 from depthcli.io.pictures.read import read_image
@@ -310,6 +316,34 @@ def manifests() -> list[bytes]:
     return ["".join(f"{line}\n" for line in lines).encode()]
 
 
+def tables() -> list[bytes]:
+    """Manifests in Parquet."""
+    rows = [row for line in manifests()[0].splitlines() if (row := parse_row(line))]
+    with TemporaryDirectory() as folder:
+        write_rows(Path(folder) / "a", rows)
+        return [path.read_bytes() for path in Path(folder).glob("a/*.parquet")]
+
+
+def _path_tables() -> list[bytes]:
+    """Lists of paths in Parquet, in other codings, too."""
+    made = []
+    names = [f"{number}/a.png" for number in range(40)]
+    for options in ({}, {"compression": "none", "use_dictionary": False}, {"version": "1.0"}):
+        file = io.BytesIO()
+        parquet.write_table(pa.table({"path": names}), file, **options)
+        made.append(file.getvalue())
+    return made
+
+
+def _read_table(path: Path) -> None:
+    rows = TableRows(path.parent)
+    try:
+        for _, position in rows.rows():
+            rows.row(position)
+    finally:
+        rows.close()
+
+
 class UnexpectedError(Exception):
     """The command line met an error that it does not know."""
 
@@ -424,5 +458,7 @@ TARGETS: dict[str, Target] = {
     ),
     "manifest": Target("manifest.jsonl", manifests, _batch, 0.7),
     "frame-journal": Target(".a.depthcli-frames", lambda: [b'"tiny"\n0\n1\n2\n'], _read_journal),
+    "parquet-manifest": Target("a.parquet", tables, _read_table, 2),
+    "parquet-list": Target("a.parquet", _path_tables, lambda path: [*column_texts(path, None)], 2),
     "list": Target("a.txt", lambda: [b"a.png\nb/c.png\n", b"a.png\0b\nc.png\0"], _read_list),
 }

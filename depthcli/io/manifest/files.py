@@ -109,7 +109,8 @@ class TableRows:
     def rows(self) -> Iterator[tuple[str, int]]:
         """Input and position of each row, in their order."""
         for position, name in enumerate(self._table.column("input")):
-            yield plain_text(name), position
+            if isinstance(name, str):
+                yield plain_text(name), position
 
     def row(self, position: int) -> Row | None:
         """The row at a position."""
