@@ -54,6 +54,16 @@ class HasRawDepth(Protocol):
 
 
 @runtime_checkable
+class HasFocalLengths(Protocol):
+    """A data set that may know the focal length of each picture."""
+
+    @property
+    def focal_px(self) -> Sequence[float]:
+        """Focal length of each picture, in its own pixels; empty if they are not known."""
+        ...
+
+
+@runtime_checkable
 class HasCamera(Protocol):
     """A data set whose pictures one known camera took."""
 

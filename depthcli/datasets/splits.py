@@ -10,6 +10,9 @@ from enum import StrEnum
 from depthcli.datasets.base import DepthDataset
 from depthcli.errors import DatasetError
 
+NYU = "NYU Depth v2"
+ALL_PAIRS = "all"
+"""What the split of a data set is called that has none: all of its pairs are compared."""
 LABELLED_COUNT = 1449
 PAPER_TRAIN_COUNT = 1000
 OFFICIAL_TRAIN_COUNT = 795
@@ -30,7 +33,7 @@ class SplitName(StrEnum):
 class Split:
     """Positions in a data set."""
 
-    name: SplitName  #: which division
+    name: str  #: a :class:`SplitName`, or ``ALL_PAIRS``
     train: tuple[int, ...]  #: positions of the training pairs that are there
     test: tuple[int, ...]  #: positions of the test pairs that are there
     train_count: int  #: training pairs of the complete split
@@ -70,8 +73,13 @@ def train_positions(dataset: DepthDataset, name: SplitName) -> tuple[int, ...]:
     return _DIVIDE[name](dataset, [_label(dataset_id) for dataset_id in dataset.ids]).train
 
 
+def is_label(dataset_id: str) -> bool:
+    """Whether an id is a label number of NYU Depth v2."""
+    return dataset_id.isdecimal() and int(dataset_id) < LABELLED_COUNT
+
+
 def _label(dataset_id: str) -> int:
-    if not dataset_id.isdecimal() or int(dataset_id) >= LABELLED_COUNT:
+    if not is_label(dataset_id):
         raise DatasetError(
             f"id {dataset_id!r} is not a label number of NYU Depth v2: "
             f"number the pairs 0000 to {LABELLED_COUNT - 1}"

@@ -19,7 +19,7 @@ from depthcli.datasets.paired_folder import (
     list_files,
     open_paired_folder,
 )
-from depthcli.datasets.splits import LABELLED_COUNT, PAPER_TRAIN_COUNT
+from depthcli.datasets.splits import PAPER_TRAIN_COUNT, is_label
 from depthcli.datasets.subset import Subset
 from depthcli.datasets.unpaired_folder import open_unpaired_folder
 from depthcli.errors import DatasetError
@@ -89,7 +89,7 @@ def open_training_data(
         if units_per_metre != MILLIMETRES:
             raise DatasetError(f"{path} is in a unit that is known: remove data.units_per_metre")
         whole = opener(path)
-        if opener is open_nyu and all(_is_label(name) for name in whole.ids):
+        if opener is open_nyu and all(map(is_label, whole.ids)):
             return _training_part(whole, split)
         hfov_deg = whole.hfov_deg if isinstance(whole, HasCamera) else None
         return TrainingData(whole, f"own pairs ({path.resolve().name})", hfov_deg)
@@ -103,10 +103,6 @@ def open_training_data(
         return data
     pairs = pairs.for_camera(NYU_HFOV_DEG, data.aspect)
     return data._replace(dataset=pairs, hfov_deg=NYU_HFOV_DEG)
-
-
-def _is_label(name: str) -> bool:
-    return name.isdecimal() and int(name) < LABELLED_COUNT
 
 
 def _training_part(whole: DepthDataset, split: str) -> TrainingData:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from depthcli.datasets import id_ranges
-from depthcli.datasets.splits import SplitName, held_out_scenes, train_positions
+from depthcli.datasets.splits import NYU, SplitName, held_out_scenes, train_positions
 from depthcli.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ TRAIN_IDS = "nyu_train_ids"
 """Field of a card's ``training``: ids of the pairs, as :mod:`~depthcli.datasets.id_ranges`."""
 TRAIN_SPLIT = "nyu_split"
 """The same for a model of others: the split whose training scenes it learned."""
-_NYU = "NYU Depth v2"
 
 
 @runtime_checkable
@@ -56,7 +55,7 @@ def learned_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | 
     try:
         if isinstance(split, str):
             return _numeric_ids(dataset, train_positions(dataset, SplitName(split)))
-        if str(card.training.get("data", "")).startswith(_NYU):
+        if str(card.training.get("data", "")).startswith(NYU):
             return _numeric_ids(dataset, _of_config(card.training["config"]["data"], dataset))
     except (DatasetError, KeyError, TypeError, ValueError):
         return None  # a card's training is free text: what cannot be read tells nothing

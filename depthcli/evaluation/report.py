@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from depthcli.datasets.splits import SplitName
+from depthcli.datasets.splits import ALL_PAIRS
 from depthcli.evaluation.choices import Source
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.metrics.accumulate import Scores
@@ -52,13 +52,13 @@ class ReportRow:
 class Comparison:
     """What the numbers of a table belong to."""
 
-    split: SplitName  #: which division of the data set
+    dataset: str  #: name of the data set
+    split: str  #: which division of it
     image_count: int  #: test images that were compared
     split_count: int  #: test images of the complete split
     train_count: int  #: training pairs behind the trivial rows; 0 without them
     protocol: EvalProtocol  #: how prediction and truth were compared
     notes: tuple[str, ...] = ()  #: what a reader has to know besides
-    dataset: str = "NYU Depth v2"  #: name of the data set
 
     def titled(self, split: str) -> str:
         """Data set, split in words, number of images and protocol in one line."""
@@ -91,7 +91,7 @@ class EvalReport(Comparison):
     @property
     def title(self) -> str:
         """Data set, split, number of images and protocol in one line."""
-        return self.titled(f"{self.split} split")
+        return self.titled("all pairs" if self.split == ALL_PAIRS else f"{self.split} split")
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -55,7 +55,7 @@ class RunsReport(Comparison):
     @property
     def title(self) -> str:
         """Data set, split, number of images and protocol in one line."""
-        held_out = self.split is SplitName.VAL
+        held_out = self.split == SplitName.VAL
         return self.titled("scenes that the runs held out" if held_out else self.split)
 
     def to_json(self) -> str:

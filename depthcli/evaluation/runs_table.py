@@ -7,10 +7,16 @@ from depthcli.core.choices import Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.differences import Difference, differences_from
-from depthcli.evaluation.nyu import HEADLINE_TABLE, EvalOptions, EvalTask, score_nyu, trivial_notes
 from depthcli.evaluation.published import PUBLISHED, PUBLISHED_COUNT
 from depthcli.evaluation.report import ReportRow
 from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
+from depthcli.evaluation.table import (
+    HEADLINE_TABLE,
+    EvalOptions,
+    EvalTask,
+    score_rows,
+    trivial_notes,
+)
 from depthcli.evaluation.trained import TrainedModel, grouped, mean_and_spread
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.choices import Alignment
@@ -44,7 +50,7 @@ def evaluate_runs(
         for name, members in grouped([model.run for model in models]).items()
     }
     options = replace(options, per_image=against is not None)
-    scored = score_nyu(task, [model.predictor for model in models], options, progress)
+    scored = score_rows(task, [model.predictor for model in models], options, progress)
     differences = () if against is None else _differences(against, task, groups, scored)
     scored = tuple(replace(row, images=()) for row in scored)
     rows = [RunsRow(row) for row in scored if row.name not in by_name]
@@ -55,6 +61,7 @@ def evaluate_runs(
     ]
     rows += [RunsRow(row) for row in PUBLISHED if published]
     return RunsReport(
+        dataset=task.title,
         split=task.split.name,
         image_count=len(task.test),
         split_count=task.split.test_count,
@@ -138,7 +145,7 @@ def _runs_notes(
     short = [m.run.name for m in models if m.run.epochs < m.run.epochs_planned]
     if short:
         notes.append(f"stopped before their schedule's end: {', '.join(short)}")
-    if published and task.split.name is not SplitName.PAPER:
+    if published and task.split.name != SplitName.PAPER:
         notes.append(
             f"the paper's rows are of its own {PUBLISHED_COUNT} test pictures, not of these: "
             "no digit of theirs is comparable"

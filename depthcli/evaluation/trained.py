@@ -10,7 +10,7 @@ import numpy as np
 
 from depthcli.datasets.splits import Split, SplitName
 from depthcli.errors import DatasetError, UsageError
-from depthcli.evaluation.nyu import EvalTask, plan_nyu
+from depthcli.evaluation.table import EvalTask, plan_nyu
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

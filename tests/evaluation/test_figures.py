@@ -12,10 +12,10 @@ from small_set import Playback, SmallSet, noisy, small_set
 from depthcli.core.types import DepthKind
 from depthcli.datasets.splits import Split, SplitName
 from depthcli.errors import UsageError
-from depthcli.evaluation.nyu import EvalTask
 from depthcli.evaluation.reports.figures import Figure, choose, draw_figures, scene_type
 from depthcli.evaluation.reports.html import html_page
 from depthcli.evaluation.reports.text import Page
+from depthcli.evaluation.table import EvalTask
 from depthcli.visual.contact_sheet import contact_sheet
 
 CELL = (240, 180)

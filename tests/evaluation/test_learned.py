@@ -10,7 +10,7 @@ from small_set import Playback, small_set
 
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.learned import learned_count, learned_numbers
-from depthcli.evaluation.nyu import plan_nyu
+from depthcli.evaluation.table import plan_nyu
 from depthcli.models.ready_cards import ready_card
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from small_set import HEIGHT, WIDTH, Playback, Watched, noisy, small_set
 
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.choices import Source
-from depthcli.evaluation.nyu import EvalOptions, evaluate_nyu, plan_nyu
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.published import PUBLISHED
+from depthcli.evaluation.table import EvalOptions, evaluate_models, plan_nyu
 from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import METRICS
 
@@ -40,7 +40,7 @@ def test_trivial_rows_know_the_training_part_only() -> None:
     dataset = small_set(**AROUND_1000)
     task = plan_nyu(dataset, SplitName.PAPER)
     assert task.ids == ("1000", "1001", "1002")
-    report = evaluate_nyu(task, [], EvalOptions(ANY_SIZE))
+    report = evaluate_models(task, [], EvalOptions(ANY_SIZE))
     assert dataset.depth_reads == dict.fromkeys(range(8), 1)
     assert [(row.name, row.alignment) for row in report.rows] == [
         ("constant mean", "none"),
@@ -49,21 +49,21 @@ def test_trivial_rows_know_the_training_part_only() -> None:
         ("per-pixel mean", "median"),
     ]
     dataset.depths_m[5:] *= 0.5
-    changed = evaluate_nyu(task, [], EvalOptions(ANY_SIZE))
+    changed = evaluate_models(task, [], EvalOptions(ANY_SIZE))
     assert report.rows[0].scores != changed.rows[0].scores
     assert any("know 5 of the split's 1000 training pairs" in note for note in report.notes)
 
 
 def test_trivial_rows_get_every_alignment_that_is_asked_for() -> None:
     task = plan_nyu(small_set(**AROUND_1000), SplitName.PAPER)
-    report = evaluate_nyu(task, [], EvalOptions(ANY_SIZE, alignments=(Alignment.DEPTH,)))
+    report = evaluate_models(task, [], EvalOptions(ANY_SIZE, alignments=(Alignment.DEPTH,)))
     alignments = [row.alignment for row in report.rows if row.name == "per-pixel mean"]
     assert alignments == ["none", "median", "depth"]
 
 
 def test_trivial_rows_can_be_left_out() -> None:
     dataset = small_set(**AROUND_1000)
-    report = evaluate_nyu(
+    report = evaluate_models(
         plan_nyu(dataset, SplitName.PAPER), [], EvalOptions(ANY_SIZE, trivial=False)
     )
     assert report.rows == ()
@@ -72,7 +72,7 @@ def test_trivial_rows_can_be_left_out() -> None:
 
 def test_test_part_alone_has_no_trivial_rows_and_says_so() -> None:
     task = plan_nyu(small_set(3, first=1000), SplitName.PAPER)
-    report = evaluate_nyu(task, [], EvalOptions(ANY_SIZE))
+    report = evaluate_models(task, [], EvalOptions(ANY_SIZE))
     assert report.rows == ()
     assert any("baselines are omitted" in note for note in report.notes)
 
@@ -83,9 +83,9 @@ def test_published_rows_stand_beside_the_headline_of_the_paper_split_only() -> N
         plan_nyu(dataset, name, limit=1) for name in (SplitName.PAPER, SplitName.OFFICIAL)
     )
     pooled = EvalProtocol(averaging=Averaging.POOLED)
-    assert evaluate_nyu(paper, [], EvalOptions(trivial=False)).rows == PUBLISHED
-    assert evaluate_nyu(official, [], EvalOptions(trivial=False)).rows == ()
-    other = evaluate_nyu(paper, [], EvalOptions(pooled, trivial=False))
+    assert evaluate_models(paper, [], EvalOptions(trivial=False)).rows == PUBLISHED
+    assert evaluate_models(official, [], EvalOptions(trivial=False)).rows == ()
+    other = evaluate_models(paper, [], EvalOptions(pooled, trivial=False))
     assert other.rows == ()
     assert any("the paper's rows" in note for note in other.notes)
 
@@ -99,9 +99,9 @@ def test_limit_is_spread_over_the_split() -> None:
 
 def test_title_names_split_images_and_protocol() -> None:
     task = plan_nyu(small_set(**AROUND_1000), SplitName.PAPER)
-    report = evaluate_nyu(task, [], EvalOptions(ANY_SIZE))
+    report = evaluate_models(task, [], EvalOptions(ANY_SIZE))
     assert report.title == ("NYU Depth v2 · paper split, 3 of 449 images · truth 16×12 protocol")
-    val = evaluate_nyu(plan_nyu(small_set(), SplitName.OFFICIAL), [], EvalOptions(ANY_SIZE))
+    val = evaluate_models(plan_nyu(small_set(), SplitName.OFFICIAL), [], EvalOptions(ANY_SIZE))
     assert "official split, 3 of 654 images" in val.title
 
 
@@ -109,7 +109,7 @@ def test_json_holds_every_number_and_what_it_means() -> None:
     dataset = small_set(**AROUND_1000)
     predictor = Playback(noisy(dataset), model_sha256="ab" * 32)
     task = plan_nyu(dataset, SplitName.PAPER)
-    report = evaluate_nyu(task, [predictor], EvalOptions(ANY_SIZE, per_image=True))
+    report = evaluate_models(task, [predictor], EvalOptions(ANY_SIZE, per_image=True))
     document = json.loads(report.to_json())
     assert document["split"]["name"] == "paper"
     assert document["split"]["images"] == 3
@@ -125,7 +125,7 @@ def test_json_holds_every_number_and_what_it_means() -> None:
 
 def test_json_of_published_rows_has_null_where_nothing_was_printed() -> None:
     dataset = small_set(**AROUND_1000, shape=(480, 640))
-    report = evaluate_nyu(
+    report = evaluate_models(
         plan_nyu(dataset, SplitName.PAPER, limit=1), [], EvalOptions(trivial=False)
     )
     first = json.loads(report.to_json())["rows"][0]
@@ -137,7 +137,7 @@ def test_json_of_published_rows_has_null_where_nothing_was_printed() -> None:
 def test_csv_names_protocol_and_split_in_every_line() -> None:
     dataset = small_set(**AROUND_1000, shape=(480, 640))
     task = plan_nyu(dataset, SplitName.PAPER, limit=1)
-    report = evaluate_nyu(task, [Playback(noisy(dataset))], EvalOptions(trivial=False))
+    report = evaluate_models(task, [Playback(noisy(dataset))], EvalOptions(trivial=False))
     lines = list(csv.DictReader(io.StringIO(report.to_csv())))
     assert len(lines) == 8
     assert {(line["split"], line["protocol"]) for line in lines} == {("paper", "headline")}
@@ -150,7 +150,7 @@ def test_csv_names_protocol_and_split_in_every_line() -> None:
 def test_progress_has_two_stages() -> None:
     watched = Watched()
     task = plan_nyu(small_set(**AROUND_1000), SplitName.PAPER)
-    evaluate_nyu(task, [], EvalOptions(ANY_SIZE), watched)
+    evaluate_models(task, [], EvalOptions(ANY_SIZE), watched)
     assert watched.stages == {"mean of training images": [5, 5], "comparing images": [3, 3]}
 
 

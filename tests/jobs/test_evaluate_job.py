@@ -12,12 +12,12 @@ from tiny import write_model
 
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
-from depthcli.evaluation.nyu import EvalOptions
 from depthcli.evaluation.reports.text import report_page
+from depthcli.evaluation.table import EvalOptions
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import Session
 from depthcli.jobs.evaluate.files import EvaluationFiles
-from depthcli.jobs.evaluate.nyu import NyuRequest, compare_on_nyu
+from depthcli.jobs.evaluate.models import ModelsRequest, compare_models
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ COUNT = 8
 
 
 @pytest.fixture
-def request_of_val(tmp_path: Path) -> NyuRequest:
+def request_of_val(tmp_path: Path) -> ModelsRequest:
     """Eight scenes of one pair, and the tiny model."""
     for name in ("rgb", "depth"):
         (tmp_path / "nyu" / name).mkdir(parents=True)
@@ -39,7 +39,7 @@ def request_of_val(tmp_path: Path) -> NyuRequest:
         rows.append(f"{i:04d},room_{i:04d},train")
     (tmp_path / "nyu" / "index.csv").write_text("\n".join(rows))
     loader = SessionLoader(write_model(tmp_path / "tiny"), "cpu", 1)
-    return NyuRequest(
+    return ModelsRequest(
         tmp_path / "nyu",
         (loader,),
         split=SplitName.VAL,
@@ -49,9 +49,9 @@ def request_of_val(tmp_path: Path) -> NyuRequest:
 
 
 def test_a_program_gets_the_table_and_the_figures(
-    request_of_val: NyuRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    request_of_val: ModelsRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    done = compare_on_nyu(request_of_val)
+    done = compare_models(request_of_val)
     (row,) = done.report.rows
     assert (row.image_count, len(done.figures)) == (1, 2)
     files = EvaluationFiles(tmp_path / "t.csv", tmp_path / "sheets", tmp_path / "t.html")
@@ -62,7 +62,7 @@ def test_a_program_gets_the_table_and_the_figures(
 
 
 def test_what_a_model_settled_for_is_said_once(
-    request_of_val: NyuRequest, monkeypatch: pytest.MonkeyPatch
+    request_of_val: ModelsRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def settled(self: SessionLoader) -> Session:
         session = Session(find_model(self.model), provider="cpu")
@@ -72,10 +72,10 @@ def test_what_a_model_settled_for_is_said_once(
     monkeypatch.setattr(SessionLoader, "load", settled)
     said: list[str] = []
     twice = (*request_of_val.models, *request_of_val.models)
-    compare_on_nyu(replace(request_of_val, models=twice, shown_ids=None), warn=said.append)
+    compare_models(replace(request_of_val, models=twice, shown_ids=None), warn=said.append)
     assert said == ["runs on cpu"]
 
 
-def test_nothing_to_compare(request_of_val: NyuRequest) -> None:
+def test_nothing_to_compare(request_of_val: ModelsRequest) -> None:
     with pytest.raises(UsageError, match="nothing to compare"):
-        compare_on_nyu(replace(request_of_val, models=()))
+        compare_models(replace(request_of_val, models=()))

@@ -4,7 +4,7 @@ from functools import cached_property
 from typing import Protocol
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths
 from depthcli.evaluation.choices import Source
 
 
@@ -13,10 +13,15 @@ class Sample:
 
     Attributes:
         id: its name in the data set.
+        focal_px: focal length of the picture in its own pixels; None if it is not known.
+        hfov_deg: in its place the horizontal field of view in degrees, if that is known.
     """
 
     def __init__(self, dataset: DepthDataset, position: int) -> None:
         self.id = dataset.ids[position]
+        focal_px = dataset.focal_px if isinstance(dataset, HasFocalLengths) else ()
+        self.focal_px = focal_px[position] if focal_px else None
+        self.hfov_deg = dataset.hfov_deg if isinstance(dataset, HasCamera) else None
         self._dataset = dataset
         self._position = position
 

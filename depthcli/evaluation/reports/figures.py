@@ -13,8 +13,8 @@ from depthcli.core.resize import resize_area
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.datasets.base import DepthDataset
 from depthcli.errors import UsageError
-from depthcli.evaluation.nyu import EvalTask
 from depthcli.evaluation.predictors.base import Predictor, Sample
+from depthcli.evaluation.table import EvalTask
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.preview import PreviewWriter
 from depthcli.metrics.alignment import SUITABLE, align

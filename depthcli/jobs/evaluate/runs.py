@@ -9,11 +9,11 @@ from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import DepthcliError, UsageError
-from depthcli.evaluation.nyu import HEADLINE_TABLE, EvalOptions
 from depthcli.evaluation.predictors.model import open_models
 from depthcli.evaluation.reports.figures import Figure, choose, draw_figures
 from depthcli.evaluation.runs_report import RunsReport
 from depthcli.evaluation.runs_table import evaluate_runs
+from depthcli.evaluation.table import HEADLINE_TABLE, EvalOptions
 from depthcli.evaluation.trained import TrainedModel, grouped, plan_comparison
 from depthcli.export.trained import export_run, find_runs, open_run
 from depthcli.inference.latency import measure_ms

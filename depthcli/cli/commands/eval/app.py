@@ -1,10 +1,9 @@
 """``depthcli eval``: models and training runs compared on a data set."""
 
-from __future__ import annotations
-
 import typer
 
 from depthcli.cli.commands.eval.nyu import nyu
+from depthcli.cli.commands.eval.pairs import pairs
 from depthcli.cli.commands.eval.runs import runs
 
 app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare models on a data set.")
@@ -17,3 +16,4 @@ def _eval_group() -> None:
 
 app.command()(runs)
 app.command()(nyu)
+app.command()(pairs)

@@ -30,13 +30,7 @@ def runs(
             "no run was trained on it."
         ),
     ] = SplitName.VAL,
-    align: Annotated[
-        list[Alignment] | None,
-        typer.Option(
-            help="Alignment to ground truth per image: none, median, depth or disparity; "
-            "repeatable, one row each. Default: none."
-        ),
-    ] = None,
+    align: evaluation.AlignOption = None,
     weights: Annotated[
         Weights,
         typer.Option(help="averaged: the moving average, of runs that keep one; raw: without it."),
@@ -66,10 +60,11 @@ def runs(
     Runs whose folders differ only in -seedK are one row: mean and standard deviation.
     """
     from depthcli.cli.arguments.provider import session_loader
+    from depthcli.cli.screen.evaluation import print_report
     from depthcli.cli.screen.progress import drawn
     from depthcli.core.parallel.cores import usable_cores
-    from depthcli.evaluation.nyu import EvalOptions
     from depthcli.evaluation.reports.runs_text import runs_page
+    from depthcli.evaluation.table import EvalOptions
     from depthcli.jobs.evaluate.files import EvaluationFiles
 
     shown_ids = evaluation.shown_ids(ids, figures, html)
@@ -93,12 +88,9 @@ def runs(
     )
     with drawn(silent=quiet or as_json, announces=True) as progress:
         done = compare_runs(request, progress, console.warn)
-    page = runs_page(done.report)
-    console.out(done.report.to_json() if as_json else page.to_text())
     files = EvaluationFiles(csv, figures, html)
-    for path in files.write(page, done.report.to_csv(), done.figures):
-        if not (quiet or as_json):
-            console.note(str(path))
+    page = runs_page(done.report)
+    print_report(done.report, page, done.figures, files, as_json=as_json, quiet=quiet)
     if done.failed:
         console.error(f"{len(done.failed)} runs are skipped: {'; '.join(done.failed)}")
     return ExitCode.SOME_FAILED if done.failed else ExitCode.OK

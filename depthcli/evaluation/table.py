@@ -1,4 +1,4 @@
-"""Table I on NYU Depth v2: published rows, trivial rows, and whatever is to be compared."""
+"""A table of scores: published rows, trivial rows, and whatever is to be compared."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ import numpy as np
 
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.base import DepthDataset
-from depthcli.datasets.splits import Split, SplitName, split_nyu
+from depthcli.datasets.splits import ALL_PAIRS, NYU, Split, SplitName, split_nyu
 from depthcli.evaluation.learned import learned_count
 from depthcli.evaluation.predictors.base import Predictor
 from depthcli.evaluation.predictors.trivial import fit_trivial
@@ -39,10 +39,16 @@ HEADLINE_TABLE = EvalOptions()
 class EvalTask:
     """What to compare on."""
 
-    dataset: DepthDataset  #: the labelled set or a part of it
+    dataset: DepthDataset  #: the pairs
     split: Split  #: the division, with all pairs that are there
     #: positions of the images that are compared: all of the split's, or fewer
     test: tuple[int, ...]
+    title: str = NYU  #: what tables call the data set
+
+    @property
+    def is_nyu(self) -> bool:
+        """Whether the pairs are those of NYU Depth v2, which published rows and cards know."""
+        return self.split.name in tuple(SplitName)
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -67,7 +73,14 @@ def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) 
     return EvalTask(dataset, divided, divided.test).thinned(limit)
 
 
-def evaluate_nyu(
+def plan_pairs(dataset: DepthDataset, title: str, limit: int | None = None) -> EvalTask:
+    """Choose all pairs of a data set of one's own, or at most ``limit``, evenly over them."""
+    every = tuple(range(len(dataset)))
+    split = Split(ALL_PAIRS, (), every, 0, len(every))
+    return EvalTask(dataset, split, every, title).thinned(limit)
+
+
+def evaluate_models(
     task: EvalTask,
     predictors: Sequence[Predictor],
     options: EvalOptions = HEADLINE_TABLE,
@@ -79,27 +92,28 @@ def evaluate_nyu(
         DatasetError: a pair cannot be read or does not fit the protocol.
         UsageError: no alignment suits a predictor.
     """
-    rows = score_nyu(task, predictors, options, progress)
-    comparable = task.split.name is SplitName.PAPER and options.protocol.is_headline
+    rows = score_rows(task, predictors, options, progress)
+    comparable = task.split.name == SplitName.PAPER and options.protocol.is_headline
     return EvalReport(
+        dataset=task.title,
         split=task.split.name,
         image_count=len(task.test),
         split_count=task.split.test_count,
         train_count=len(task.split.train) if options.trivial else 0,
         protocol=options.protocol,
         rows=(*(PUBLISHED if comparable else ()), *rows),
-        notes=tuple(_nyu_notes(task.split, comparable=comparable, trivial=options.trivial)),
+        notes=tuple(_notes(task, comparable=comparable, trivial=options.trivial)),
     )
 
 
-def score_nyu(
+def score_rows(
     task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions, progress: Progress
 ) -> tuple[ReportRow, ...]:
-    """The rows that are measured here; arguments and errors as in :func:`evaluate_nyu`."""
-    entries = [
-        entry_for(p, options.alignments, learned_count(p, task.dataset, task.ids))
-        for p in predictors
-    ]
+    """The rows that are measured here; arguments and errors as in :func:`evaluate_models`."""
+    entries = []
+    for predictor in predictors:
+        learned = learned_count(predictor, task.dataset, task.ids) if task.is_nyu else None
+        entries.append(entry_for(predictor, options.alignments, learned))
     if options.trivial and task.split.train:
         entries = [*_trivial_entries(task, options, progress), *entries]
     return evaluate(
@@ -126,14 +140,14 @@ def _trivial_entries(task: EvalTask, options: EvalOptions, progress: Progress) -
     return [entry_for(mean, wanted) for mean in means]
 
 
-def _nyu_notes(split: Split, *, comparable: bool, trivial: bool) -> list[str]:
+def _notes(task: EvalTask, *, comparable: bool, trivial: bool) -> list[str]:
     notes = []
-    if not comparable:
+    if task.is_nyu and not comparable:
         notes.append(
             "the paper's rows belong to the paper split and the headline protocol and are "
             "omitted here"
         )
-    return [*notes, *(trivial_notes(split) if trivial else ())]
+    return [*notes, *(trivial_notes(task.split) if trivial else ())]
 
 
 def trivial_notes(split: Split) -> list[str]:

@@ -1,0 +1,60 @@
+"""``depthcli eval pairs``: the same table for pictures and depth of one's own."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from depthcli.cli.arguments import evaluation, options
+from depthcli.cli.arguments.numbers import positive
+from depthcli.core.choices import Upsampling
+from depthcli.metrics.choices import Averaging
+
+
+def pairs(
+    *,
+    data: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR",
+            help="Folder with rgb/ and depth/ (16-bit PNG in millimetres) of the same names, and "
+            "cameras.csv (id,focal_px) if the focal lengths are known.",
+        ),
+    ],
+    model: evaluation.ModelsOption = None,
+    predictions: evaluation.PredictionsOption = None,
+    predictions_kind: evaluation.PredictionsKindOption = None,
+    align: evaluation.AlignOption = None,
+    average: evaluation.AverageOption = Averaging.IMAGE,
+    max_depth: Annotated[
+        float,
+        typer.Option(
+            metavar="METRES",
+            callback=positive,
+            help="Farthest depth that counts; predictions are clamped to it.",
+        ),
+    ] = 10.0,
+    compare_at: evaluation.CompareAtOption = None,
+    boundary: evaluation.BoundaryOption = False,
+    upsample: evaluation.UpsampleOption = Upsampling.BILINEAR,
+    tile: options.TileOption = None,
+    limit: evaluation.LimitOption = None,
+    provider: options.ProviderOption = "auto",
+    provider_option: options.ProviderSettingsOption = None,
+    workers: evaluation.WorkersOption = None,
+    threads: evaluation.ThreadsOption = None,
+    as_json: evaluation.JsonOption = False,
+    per_image: evaluation.PerImageOption = False,
+    csv: evaluation.CsvOption = None,
+    figures: evaluation.FiguresOption = None,
+    ids: evaluation.IdsOption = None,
+    html: evaluation.HtmlOption = None,
+    quiet: evaluation.QuietOption = False,
+) -> None:
+    """Evaluate depth metrics on pictures and depth of your own.
+
+    Metric models are rescaled to the focal length of each picture, where it is known.
+    """
+    from depthcli.cli.commands.eval.comparison import compare
+
+    compare(locals(), None, model or ([] if predictions else [None]))

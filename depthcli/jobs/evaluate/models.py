@@ -1,0 +1,105 @@
+"""Models, files of other tools and trivial rows, compared on a data set."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from depthcli.core.choices import Detail
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.types import DepthKind
+from depthcli.datasets.layouts import opener_of
+from depthcli.datasets.nyu import open_nyu
+from depthcli.datasets.paired_folder import open_paired_folder
+from depthcli.datasets.splits import SplitName, is_label
+from depthcli.errors import UsageError
+from depthcli.evaluation.predictors.base import Predictor
+from depthcli.evaluation.predictors.files import open_predictions
+from depthcli.evaluation.predictors.model import open_models
+from depthcli.evaluation.report import EvalReport
+from depthcli.evaluation.reports.figures import Figure, choose, draw_figures
+from depthcli.evaluation.table import (
+    HEADLINE_TABLE,
+    EvalOptions,
+    EvalTask,
+    evaluate_models,
+    plan_nyu,
+    plan_pairs,
+)
+from depthcli.inference.loading import SessionLoader
+
+
+@dataclass(frozen=True, slots=True)
+class ModelsRequest:
+    """What is compared, on which pictures, and how."""
+
+    data: Path  #: NYU Depth v2, as a file or a folder; or a folder of other pairs
+    models: tuple[SessionLoader, ...] = ()  #: a row each
+    predictions: tuple[Path, ...] = ()  #: folders with depth files of other tools, a row each
+    predictions_kind: DepthKind | None = None  #: what those files mean; None to believe them
+    #: which division of NYU Depth v2; None for all pairs of a data set of one's own
+    split: SplitName | None = SplitName.PAPER
+    limit: int | None = None  #: at most so many pictures, evenly over the split; None for all
+    options: EvalOptions = HEADLINE_TABLE  #: how the table is made
+    #: pictures to draw; empty for some of every type of scene, None for no figures
+    shown_ids: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ModelsResult:
+    """The table, and sheets of sample pictures if there is a model or file to show."""
+
+    report: EvalReport
+    figures: tuple[Figure, ...]
+
+
+def compare_models(
+    request: ModelsRequest,
+    progress: Progress = NO_PROGRESS,
+    warn: Callable[[str], object] = lambda _text: None,
+) -> ModelsResult:
+    """Make the table; ``warn`` is told, in one line, where a model does not run as it should.
+
+    Raises:
+        UsageError: there is nothing to compare, an id to show is not compared, or no alignment
+            suits a predictor.
+        DatasetError: the data set or a prediction is not there, or cannot be read.
+        ModelError: a model is not there or cannot be used.
+    """
+    task = _plan(request)
+    positions = () if request.shown_ids is None else choose(task, request.shown_ids)
+    if not (
+        request.models or request.predictions or (request.options.trivial and task.split.train)
+    ):
+        raise UsageError(
+            "nothing to compare: give --model or --predictions, or remove --no-model or "
+            "--no-trivial (baselines need training pairs of the split)"
+        )
+    predictors = _open_predictors(request, task, warn)
+    report = evaluate_models(task, predictors, request.options, progress)
+    if not (positions and predictors):
+        return ModelsResult(report, ())
+    titles = [Path(predictor.name).name for predictor in predictors]
+    figures = draw_figures(task, positions, predictors, titles, progress=progress)
+    return ModelsResult(report, figures)
+
+
+def _plan(request: ModelsRequest) -> EvalTask:
+    if request.split is not None:
+        return plan_nyu(open_nyu(request.data), request.split, request.limit)
+    opener = opener_of(request.data) or open_paired_folder
+    dataset = opener(request.data)
+    if opener is open_nyu and all(map(is_label, dataset.ids)):
+        raise UsageError(f"{request.data} is NYU Depth v2: compare on it with 'depthcli eval nyu'")
+    return plan_pairs(dataset, request.data.resolve().name, request.limit)
+
+
+def _open_predictors(
+    request: ModelsRequest, task: EvalTask, warn: Callable[[str], object]
+) -> list[Predictor]:
+    protocol = request.options.protocol
+    detail = Detail(protocol.upsampling, protocol.tile_px)
+    kind = request.predictions_kind
+    return [
+        *open_models(request.models, detail, warn),
+        *(open_predictions(folder, task.ids, kind) for folder in request.predictions),
+    ]

@@ -1,0 +1,102 @@
+"""``depthcli eval pairs``: models compared on a folder of one's own."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+from tiny import write_model
+
+from depthcli.cli.app import main
+from depthcli.core.scaling import focal_px_of_hfov
+from depthcli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+WIDTH, HEIGHT, HFOV_DEG = 160, 120, 60.0
+FOCAL_PX = focal_px_of_hfov(HFOV_DEG, WIDTH)
+FACTORS = {"hall/a": 1.0, "hall/b": 2.0, "yard/c": 0.5}
+"""How many times the focal length that the model learned took each picture."""
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """What the tiny model says of each picture, if it were of its own camera, times the factor."""
+    rows = np.linspace(0, 1, HEIGHT, dtype=np.float32)[:, None]
+    value = np.round(255 * (0.1 + 0.3 * rows) * np.ones((1, WIDTH), np.float32)).astype(np.uint8)
+    lines = ["id,focal_px"]
+    for name, factor in FACTORS.items():
+        picture, depth = tmp_path / f"own/rgb/{name}.png", tmp_path / f"own/depth/{name}.png"
+        for file in (picture, depth):
+            file.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(picture), np.dstack([value] * 3))
+        depth_m = (1 + 8 * value.astype(np.float32) / 255) * factor
+        cv2.imwrite(str(depth), np.round(depth_m * 1000).astype(np.uint16))
+        lines.append(f"{name},{FOCAL_PX * factor}")
+    (tmp_path / "own/cameras.csv").write_text("\n".join(lines))
+    write_model(tmp_path / "tiny", camera={"hfov_deg": HFOV_DEG})
+    return tmp_path / "own"
+
+
+def _row(data: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
+    words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), "--json", *more]
+    assert main(words) == ExitCode.OK
+    document = json.loads(capsys.readouterr().out)
+    (row,) = document["rows"]
+    assert (document["dataset"], document["notes"]) == ("own", [])
+    return row
+
+
+def test_each_picture_is_predicted_for_its_own_camera(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _row(data, capsys)["scores"]["abs_rel"] < 0.03
+    (data / "cameras.csv").unlink()
+    scores = _row(data, capsys)["scores"]
+    assert scores["abs_rel"] == pytest.approx((0 + 0.5 + 1) / 3, abs=0.03)
+
+
+def test_only_depth_up_to_the_farthest_counts(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (data / "cameras.csv").unlink()
+    row = _row(data, capsys, "--max-depth", "3.5")
+    assert (row["images"], row["images_without_valid_pixel"]) == (2, 1)  # the second: from 3.6 m
+    assert row["scores"]["abs_rel"] == pytest.approx((0 + 1) / 2, abs=0.1)
+
+
+def test_files_of_another_tool_and_a_title(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in FACTORS:
+        file = data.parent / f"files/{name}.png"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes((data / f"depth/{name}.png").read_bytes())
+    words = [
+        "eval",
+        "pairs",
+        str(data),
+        "--predictions",
+        str(data.parent / "files"),
+        "--limit",
+        "2",
+    ]
+    assert main(words) == ExitCode.OK
+    shown = capsys.readouterr().out
+    assert shown.startswith("own · all pairs, 2 of 3 images · ")
+    (row,) = [line for line in shown.splitlines() if "files" in line]
+    assert row.split()[3:5] == ["0.0000", "0.0000"]
+
+
+def test_nyu_has_a_command_of_its_own(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Which knows its splits, and the pairs that models have learned."""
+    for kind in ("rgb", "depth"):
+        for i, name in enumerate(FACTORS):
+            (data / kind / f"{name}.png").rename(data / kind / f"{i:04d}.png")
+    (data / "cameras.csv").unlink()
+    rows = [f"{i:04d},room,train" for i in range(len(FACTORS))]
+    (data / "index.csv").write_text("\n".join(["id,scene,official_split", *rows]))
+    assert main(["eval", "pairs", str(data)]) == ExitCode.USAGE
+    assert "depthcli eval nyu" in capsys.readouterr().err
