@@ -143,3 +143,5 @@ def test_a_data_set(extended: Extended) -> None:
     code += "print(Checkpoint.load(Path('desk-run/last.ckpt')).progress.hfov_deg)"
     assert float(extended.run("-c", code)) == 62.7
     assert "abs_rel" in extended.run("compare.py")
+    shown = extended.run("-m", "depthcli", "eval", "pairs", "desk", "--limit", "2")
+    assert shown.startswith(f"desk · all pairs, 2 of {len(made)} images")

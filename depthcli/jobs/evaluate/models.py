@@ -65,7 +65,7 @@ def compare_models(
         DatasetError: the data set or a prediction is not there, or cannot be read.
         ModelError: a model is not there or cannot be used.
     """
-    task = _plan(request)
+    task = _plan_task(request)
     positions = () if request.shown_ids is None else choose(task, request.shown_ids)
     if not (
         request.models or request.predictions or (request.options.trivial and task.split.train)
@@ -83,7 +83,7 @@ def compare_models(
     return ModelsResult(report, figures)
 
 
-def _plan(request: ModelsRequest) -> EvalTask:
+def _plan_task(request: ModelsRequest) -> EvalTask:
     if request.split is not None:
         return plan_nyu(open_nyu(request.data), request.split, request.limit)
     opener = opener_of(request.data) or open_paired_folder
