@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from depthcli.inference.session import Session
+    from depthcli.models.catalog import Model
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +50,17 @@ class SessionLoader:
 
         return Background(
             lambda: Session(
-                checking.result(),
+                self._made_for_provider(checking.result()),
                 provider=self.provider,
                 threads=self.threads,
                 provider_options=self.provider_options,
             )
         )
+
+    def _made_for_provider(self, model: Model) -> Model:
+        """The model, or the one of floats that its card names."""
+        from depthcli.inference.providers import made_for_int8  # noqa: PLC0415 - as in start
+        from depthcli.models.catalog import find_model  # noqa: PLC0415
+
+        other = model.card.float_model
+        return model if other is None or made_for_int8(self.provider) else find_model(other)

@@ -9,6 +9,7 @@ from depthcli.errors import ProviderError, UsageError
 AUTO = "auto"
 CPU = "cpu"
 DIRECTML = "directml"
+OPENVINO = "openvino"
 PROVIDERS = {
     "cuda": "CUDAExecutionProvider",
     "tensorrt": "TensorrtExecutionProvider",
@@ -16,12 +17,13 @@ PROVIDERS = {
     "migraphx": "MIGraphXExecutionProvider",
     DIRECTML: "DmlExecutionProvider",
     "coreml": "CoreMLExecutionProvider",
-    "openvino": "OpenVINOExecutionProvider",
+    OPENVINO: "OpenVINOExecutionProvider",
     CPU: "CPUExecutionProvider",
 }
 """Name on the command line -> name in onnxruntime."""
 SLOW_TO_START = "tensorrt"
 """Builds an engine for minutes before the first picture, so ``auto`` never takes it."""
+_MADE_FOR_INT8 = frozenset({OPENVINO, CPU})
 # In the order of what usually is fastest.
 _AUTO_ORDER = tuple(name for name in PROVIDERS if name != SLOW_TO_START)
 
@@ -60,6 +62,16 @@ def wanted_providers(provider: str) -> tuple[str, ...]:
             "install the onnxruntime build for it, or give --provider auto"
         )
     return (provider,)
+
+
+def made_for_int8(provider: str) -> bool:
+    """Whether an int8 network is faster than one of floats on what would be tried first.
+
+    Raises:
+        ProviderError: this onnxruntime has it not.
+        UsageError: no provider has this name.
+    """
+    return wanted_providers(provider)[0] in _MADE_FOR_INT8
 
 
 def check_options(provider: str, options: Mapping[str, str]) -> None:

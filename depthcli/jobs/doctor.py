@@ -32,12 +32,13 @@ def check_installation(model: str | None = None, provider: str = "auto") -> Iter
 def _check_model(name: str | None, provider: str) -> Iterator[Check]:
     import onnxruntime
 
+    from depthcli.inference.loading import SessionLoader
     from depthcli.inference.providers import available_providers
-    from depthcli.inference.trial import try_model
-    from depthcli.models.catalog import find_model
+    from depthcli.inference.trial import try_session
 
-    model = find_model(name)
-    session = try_model(model, provider=provider)
+    session = SessionLoader(name, provider).load()
+    try_session(session)
+    model = session.model
     detail = (
         f"{model.path} (sha256 {model.sha256}) runs on {session.provider}; "
         f"onnxruntime {onnxruntime.__version__} has {', '.join(available_providers())}"
@@ -48,9 +49,9 @@ def _check_model(name: str | None, provider: str) -> Iterator[Check]:
 
 def _check_providers(name: str | None) -> Iterator[Check]:
     """Whether each provider of this onnxruntime runs the model, but for one that takes minutes."""
+    from depthcli.inference.loading import SessionLoader
     from depthcli.inference.providers import SLOW_TO_START, available_providers
-    from depthcli.inference.trial import try_model
-    from depthcli.models.catalog import find_model
+    from depthcli.inference.trial import try_session
 
     for provider in available_providers():
         title = f"provider {provider}"
@@ -58,7 +59,7 @@ def _check_providers(name: str | None) -> Iterator[Check]:
             yield Check(title, "ok", "built in; builds an engine before its first run, not tried")
             continue
         try:
-            try_model(find_model(name), provider=provider)
+            try_session(SessionLoader(name, provider).load())
         except DepthcliError as error:
             yield Check(title, "warning", str(error))
         else:

@@ -41,6 +41,10 @@ _FileName: TypeAlias = Annotated[
     str,  # a card never points outside its own folder
     Rule("a file name without a folder", re.compile(r"(?!\.\.?$)[^/\\:\0]{1,255}").fullmatch),
 ]
+_ModelName: TypeAlias = Annotated[
+    str,  # nor anywhere but among the models by name
+    Rule("a model's name", re.compile(r"(?!.*\.onnx$)[A-Za-z0-9][A-Za-z0-9._-]{0,99}").fullmatch),
+]
 _Sha256: TypeAlias = Annotated[str, Rule("64 hex digits", re.compile(r"[0-9a-f]{64}").fullmatch)]
 
 
@@ -60,6 +64,8 @@ class ModelCard:
         file: name of the ONNX file beside the card; None in an embedded card.
         sha256: checksum of that file, 64 hex digits; None in an embedded card.
         size_bytes: size of that file (``bytes`` in JSON); None in an embedded card.
+        float_model: the same network in floats, which takes this one's place on processors that
+            are not made for int8; None if there is none.
         training: how it came to be; free.
         scores: what it reaches on which protocol; free.
         latency: how fast it is on which machine; free.
@@ -76,6 +82,7 @@ class ModelCard:
     file: _FileName | None = None
     sha256: _Sha256 | None = None
     size_bytes: Count | None = None
+    float_model: _ModelName | None = None
     training: Mapping[str, Any] = field(default_factory=dict)
     scores: Mapping[str, Any] = field(default_factory=dict)
     latency: Mapping[str, Any] = field(default_factory=dict)
@@ -107,7 +114,7 @@ class ModelCard:
         """The card as JSON text, readable by :meth:`from_json`."""
         values = asdict(self)
         values["bytes"] = values.pop("size_bytes")
-        for name in ("file", "sha256", "bytes"):
+        for name in ("file", "sha256", "bytes", "float_model"):
             if values[name] is None:
                 del values[name]
         for name in ("mean", "std"):

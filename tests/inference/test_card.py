@@ -52,7 +52,9 @@ def test_an_embedded_card_names_no_file() -> None:
     assert (card.file, card.sha256, card.size_bytes) == (None, None, None)
 
 
-@pytest.mark.parametrize("changes", [{}, {"file": "m.onnx", "sha256": "0" * 64, "bytes": 3}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"file": "m.onnx", "sha256": "0" * 64, "bytes": 3, "float_model": "float"}]
+)
 def test_text_survives_a_round_trip(changes: dict[str, Any]) -> None:
     card = read(changes)
     assert ModelCard.from_json(card.to_json()) == card
@@ -101,6 +103,8 @@ def test_a_card_holds_the_codec() -> None:
         ({"sha256": "abc"}, "sha256"),
         ({"file": "../model.onnx"}, "file"),
         ({"file": ".."}, "file"),
+        ({"float_model": "https://example.org/a"}, "float_model"),
+        ({"float_model": "a.onnx"}, "float_model"),
         ({"bytes": 0}, "bytes"),
         ({"scores": [1]}, "scores"),
         ({"input.width": 30_000, "input.height": 30_000}, "at most 16,777,216 pixels"),

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import onnxruntime as ort
 import pytest
+from tiny import write_model
 
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers, session
+from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import load
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
@@ -185,3 +187,27 @@ def test_directml_runs_in_order_and_one_at_a_time(
     for thread in threads:
         thread.join()
     assert inner.most == 1
+
+
+@pytest.mark.parametrize(
+    ("there", "provider", "expected"),
+    [
+        (("cuda", "cpu"), "auto", "float"),
+        (("cuda", "cpu"), "cpu", "int8"),
+        (("openvino", "cpu"), "auto", "int8"),
+        (("cpu",), "auto", "int8"),
+    ],
+)
+def test_a_gpu_gets_the_model_of_floats_that_the_card_names(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    there: tuple[str, ...],
+    provider: str,
+    expected: str,
+) -> None:
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path))
+    write_model(tmp_path / "float", name="float")
+    write_model(tmp_path / "int8", name="int8", float_model="float")
+    built_with(monkeypatch, *there)
+    starting(monkeypatch, there[0] if there[0] != "cpu" else "cuda")
+    assert SessionLoader("int8", provider).load().model.card.name == expected
