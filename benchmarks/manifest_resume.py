@@ -44,7 +44,7 @@ def row(number: int) -> Row:
     first, second = (hashlib.sha256(b"%d %d" % (n, number)).hexdigest() for n in (0, 1))
     base = name(number).removesuffix(".jpg")
     files = (OutputFile(f"{base}.depth.png", 181_493 + number % 999, second),)
-    camera = "63.3° across (assumed, from the model's card)"
+    camera = "hfov 63.3° (assumed, from the model's card)"
     return Row(name(number), OK, ORIGIN, files, 0.02, first, camera=camera)
 
 

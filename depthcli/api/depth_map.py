@@ -192,6 +192,7 @@ class DepthMap(types.DepthMap):
         png_scale: float | None = None,
         exr_channel: str | None = None,
         half: bool | None = None,
+        centre_px: tuple[float, float] | None = None,
     ) -> None:
         """Write a file, whole or not at all; its suffix chooses the format.
 
@@ -204,12 +205,18 @@ class DepthMap(types.DepthMap):
             png_scale: steps per metre of a PNG; None for 1000.
             exr_channel: name of the channel of an EXR; None for the usual one.
             half: 16-bit floats in an EXR.
+            centre_px: principal point of a PLY, as for :meth:`to_points`.
 
         Raises:
             OutputError: it cannot be written, or the map cannot be expressed in the format.
             UsageError: the suffix chooses no format, or an option is of another one.
         """
-        options = {"png_scale": png_scale, "exr_channel": exr_channel, "half": half}
+        options = {
+            "png_scale": png_scale,
+            "exr_channel": exr_channel,
+            "half": half,
+            "centre_px": centre_px,
+        }
         told = write_depth(self, path_of(path), self.frame, options)
         for text in told:
             warnings.warn(f"{path}: {text}", DepthcliWarning, stacklevel=2)

@@ -11,6 +11,7 @@ from typing import Any
 from depthcli.datasets.splits import ALL_PAIRS
 from depthcli.evaluation.choices import Source
 from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.io.writers.facts import SOFTWARE
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
 from depthcli.metrics.choices import Alignment
@@ -78,7 +79,8 @@ class Comparison:
         names = {"name": self.protocol.name, "description": self.protocol.description}
         protocol = names | asdict(self.protocol)
         del protocol["boundary"]
-        document = {"schema": 1, "dataset": self.dataset, "split": split, "protocol": protocol}
+        origin = {"schema": 1, "software": SOFTWARE, "dataset": self.dataset}
+        document = origin | {"split": split, "protocol": protocol}
         return json.dumps(document | {"rows": rows, "notes": self.notes} | more, indent=2)
 
 

@@ -24,7 +24,7 @@ _VIDEO_SUFFIX = ".mkv"
 class MapFacts:
     """What the numbers of a depth map mean."""
 
-    file: str  #: as the user wrote it
+    input: str  #: the file, as the user wrote it
     kind: str  #: metric, relative or inverse
     unit: str | None  #: ``m``; None for relative and inverse maps
     width: int  #: columns
@@ -40,7 +40,7 @@ class MapFacts:
 class VideoFacts:
     """What the numbers of a depth video mean."""
 
-    file: str  #: as the user wrote it
+    input: str  #: the file, as the user wrote it
     kind: str  #: metric, relative or inverse
     unit: str | None  #: ``m``; None where the video has none
     width: int  #: columns
@@ -69,7 +69,7 @@ def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts
     depth = read_depth(path, png_scale=scale)
     spread = DepthRange.of(depth)
     return MapFacts(
-        file=safe_name(file),
+        input=safe_name(file),
         kind=depth.kind.value,
         unit="m" if depth.is_metric else None,
         width=depth.width,
@@ -149,7 +149,7 @@ def _facts_of(video: DepthVideo, file: str) -> VideoFacts:
         low = min(low, float(known.min(initial=np.inf)))
         high = max(high, float(known.max(initial=-np.inf)))
     return VideoFacts(
-        file=file,
+        input=file,
         kind=video.kind.value,
         unit=None if video.scale is None else "m",
         width=width,

@@ -45,8 +45,8 @@ def test_the_manifest_names_the_camera_of_each_picture(inside: Cli) -> None:
     tree(inside, "a.png")
     write_picture(inside.folder / "in" / "upright.png", synthetic_picture(64, 48))
     for words, cameras in (
-        ((), ["60.0° across (assumed, from the model's card)", "46.8° across (assumed, from"]),
-        (("--hfov", "70"), ["70.0° across (given)", "70.0° across (given)"]),
+        ((), ["hfov 60.0° (assumed, from the model's card)", "hfov 46.8° (assumed, from"]),
+        (("--hfov", "70"), ["hfov 70.0° (given)", "hfov 70.0° (given)"]),
     ):
         assert inside("batch", "in", "--out", "out", *words).returncode == 0
         rows = (inside.folder / "out" / "manifest.jsonl").read_text().splitlines()
@@ -187,9 +187,9 @@ def test_a_dry_run_writes_nothing(inside: Cli) -> None:
     assert done.returncode == 0
     assert done.stdout.decode().splitlines() == [
         "do    a.png -> out/a.depth.png",
-        "fail  empty.jpg -> in/empty.jpg is empty",
+        "fail  empty.jpg: in/empty.jpg is empty",
         "do    hall/b.png -> out/hall/b.depth.png",
-        "skip  notes.txt -> .txt",
+        "skip  notes.txt: .txt",
     ]
     assert b"would process 2, keep 0 already done, fail 1; 1 file skipped" in done.stderr
     assert not (inside.folder / "out").exists()

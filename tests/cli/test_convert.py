@@ -68,14 +68,14 @@ def test_options_precede_what_is_stated(
 def test_a_cloud_of_an_unknown_camera_says_what_it_assumes(inside: Cli) -> None:
     done = inside("convert", "bare.npy", "a.ply")
     assert done.returncode == 0
-    assert b"assumes 63.3" in done.stderr
+    assert b"assumes an hfov of 63.3" in done.stderr
     assert b"--focal-px" in done.stderr
 
 
 def test_a_cloud_of_an_assumed_camera_says_so(inside: Cli) -> None:
     source = Provenance(focal_px=4.0, camera_source=CameraSource.CARD)
     Png16Writer().write(DepthMap(DEPTH.values, provenance=source), inside.folder / "d.png")
-    assert b"assumes 90\xc2\xb0 across" in inside("convert", "d.png", "a.ply").stderr
+    assert b"assumes an hfov of 90\xc2\xb0" in inside("convert", "d.png", "a.ply").stderr
     assert inside("convert", "d.png", "b.ply", "--focal-px", "4").stderr == b""
 
 
@@ -85,6 +85,9 @@ def test_a_cloud_of_an_assumed_camera_says_so(inside: Cli) -> None:
         (("a.ply", "--focal-px", "40", "--hfov", "90"), "not both"),
         (("a.exr", "--focal-px", "40"), "--focal-px is for ply"),
         (("a.exr", "--picture", "room.png"), "--picture is for ply"),
+        (("a.exr", "--centre-px", "4,4"), "--centre-px is for ply"),
+        (("a.ply", "--centre-px", "4"), "--centre-px '4' is not CX,CY"),
+        (("a.ply", "--centre-px", "4,nan"), "is not CX,CY"),
         (("a.npy", "--half"), "--half is for exr"),
         (("a.npy", "--png-scale", "256"), "--png-scale is for png16"),
         (("a.npy", "--from-scale", "256"), "a scale is for PNG and depth videos"),

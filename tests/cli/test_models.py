@@ -97,6 +97,6 @@ def test_verify_for_machines(inside: Cli) -> None:
     spoil(inside, "broken")
     done = inside("models", "verify", "--json", "broken", "default")
     failed, fine = map(json.loads, done.stdout.splitlines())
-    assert (failed["model"], failed["status"]) == ("broken", "failed")
-    assert (fine["model"], fine["status"]) == ("default", "ok")
+    assert (failed["name"], failed["status"]) == ("broken", "failed")
+    assert (fine["name"], fine["status"]) == ("default", "ok")
     assert len(fine["sha256"]) == 64

@@ -98,7 +98,7 @@ def test_frames_take_what_they_lack_from_their_video_s_sidecar(cli: Cli) -> None
     path = cli.folder / "clip.depth.json"
     sidecar = json.loads(path.read_text())
     assert (len(sidecar["model_sha256"]), sidecar["focal_px"]) == (64, 60)
-    assert sidecar["camera"].endswith("across (given)")
+    assert sidecar["camera"].endswith("° (given)")
     # Version 0.1 called the checksum sha256; other models' sidecars say nothing of a frame.
     old = {"sha256" if name == "model_sha256" else name: v for name, v in sidecar.items()}
     other = sidecar | {"model_sha256": "0" * 64}

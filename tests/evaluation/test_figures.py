@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from small_set import Playback, SmallSet, noisy, small_set
 
+from depthcli._version import __version__
 from depthcli.core.types import DepthKind
 from depthcli.datasets.splits import Split, SplitName
 from depthcli.errors import UsageError
@@ -122,7 +123,8 @@ def test_sheet_has_titles_over_its_columns_and_pictures_where_they_belong() -> N
 def test_page_escapes_what_it_shows() -> None:
     figure = Figure("x", "<b>caption</b>", b"png")
     table = [["row"], ["<script>"]]
-    page = html_page(Page("a < b", "c & d", table, ["'note'"]), [figure])
+    page = html_page(Page("a < b", "c & d", table, ["'note'"], models=["m<b> 12"]), [figure])
+    assert f"<footer>depthcli {__version__}<br>m&lt;b&gt; 12</footer>" in page
     assert "<script>" not in page
     assert "&lt;script&gt;" in page
     assert "<b>caption" not in page

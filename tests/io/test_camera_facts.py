@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 WORDS = {
-    CameraSource.OPTION: "90.0° across (given)",
-    CameraSource.EXIF: "90.0° across (from EXIF)",
-    CameraSource.CARD: "90.0° across (assumed, from the model's card)",
-    None: "90.0° across",
+    CameraSource.OPTION: "hfov 90.0° (given)",
+    CameraSource.EXIF: "hfov 90.0° (from EXIF)",
+    CameraSource.CARD: "hfov 90.0° (assumed, from the model's card)",
+    None: "hfov 90.0°",
 }
 
 

@@ -47,6 +47,14 @@ def test_a_point_lies_on_the_ray_through_its_pixel_s_middle(tmp_path: Path) -> N
     np.testing.assert_allclose(cloud["y"] / cloud["z"], [-0.25, -0.25, -0.25, -0.25, 0.25, 0.25])
 
 
+def test_the_principal_point_is_the_calibration_s(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    PlyWriter(centre_px=(3.0, 0.5)).write(seen_by(2.0), path)
+    cloud = points(path)
+    np.testing.assert_allclose(cloud["x"] / cloud["z"], [-1.5, -1, -0.5, 0, -1.5, 0])
+    np.testing.assert_allclose(cloud["y"] / cloud["z"], [-0.25] * 4 + [0.25] * 2)
+
+
 @pytest.mark.parametrize("hfov_deg", [40.0, 90.0])
 def test_without_a_focal_length_the_field_of_view_counts(hfov_deg: float, tmp_path: Path) -> None:
     path = tmp_path / "a.ply"

@@ -89,6 +89,14 @@ SidecarOption = Annotated[
     bool,
     typer.Option("--sidecar", help="Also write a .json file with unit, scale, kind and model."),
 ]
+CentrePxOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="CX,CY",
+        help="Principal point of a point cloud in pixels; 0,0 is the middle of the first pixel. "
+        "Default: the middle of the picture.",
+    ),
+]
 FocalPxOption = Annotated[
     float | None,
     typer.Option(

@@ -36,6 +36,24 @@ def parse_pixel(word: str) -> tuple[int, int]:
     return x, y
 
 
+def parse_centre(word: str) -> tuple[float, float]:
+    """Read ``CX,CY``, which calibrations give in parts of pixels.
+
+    Raises:
+        UsageError: the word is not two finite numbers.
+    """
+    try:
+        x, y = (float(part) for part in word.split(","))
+    except ValueError:
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise UsageError(
+            f"--centre-px {word!r} is not CX,CY; give the principal point in pixels, for example "
+            "319.5,239.5"
+        )
+    return x, y
+
+
 def _anchor(word: str) -> Anchor:
     parts = word.split(",")
     try:

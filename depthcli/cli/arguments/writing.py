@@ -5,6 +5,7 @@ from dataclasses import fields
 from typing import Any
 
 from depthcli.cli.arguments.formats import Colormap, Near
+from depthcli.cli.arguments.points import parse_centre
 from depthcli.errors import UsageError
 from depthcli.io.writers.options import WriterOptions
 
@@ -23,6 +24,8 @@ def writer_options(parameters: Mapping[str, Any]) -> WriterOptions:
         if parameters.get(field.name) is not None
     }
     _check_together(given)
+    if "centre_px" in given:
+        given["centre_px"] = parse_centre(given["centre_px"])
     if given.get("near", Near.WARM) != Near.WARM:
         given["colormap"] = Colormap.GRAY.value
     return WriterOptions(**given)

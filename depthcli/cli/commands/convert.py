@@ -14,7 +14,7 @@ from depthcli.io.writers.formats import Format
 app = typer.Typer(rich_markup_mode=None)
 
 # Unlike those of predict, they scale no metres.
-_CLOUD_OPTIONS = ("cloud_focal_px", "cloud_hfov", "picture")
+_CLOUD_OPTIONS = ("cloud_focal_px", "cloud_hfov", "centre_px", "picture")
 
 
 @app.command()
@@ -59,6 +59,7 @@ def convert(
             help="Horizontal field of view in degrees, instead of --focal-px.",
         ),
     ] = None,
+    centre_px: options.CentrePxOption = None,
     picture: Annotated[
         str | None,
         typer.Option(metavar="IMG", help="Picture of the same size that colours the point cloud."),

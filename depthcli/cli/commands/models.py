@@ -107,11 +107,11 @@ def _print_check(check: ModelCheck, *, as_json: bool) -> None:
     name, found = check.name, check.found
     if isinstance(found, DepthcliError):
         if as_json:
-            console.out_json({"model": name, "status": "failed", "error": str(found)})
+            console.out_json({"name": name, "status": "failed", "error": str(found)})
         else:
             console.error(str(found))
     elif as_json:
-        console.out_json({"model": name, "status": "ok", **_file_facts(found)})
+        console.out_json({"name": name, "status": "ok", **_file_facts(found)})
     else:
         console.out(f"{one_line(name)}: ok, sha256 {found.sha256}")
 

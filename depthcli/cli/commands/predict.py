@@ -56,6 +56,7 @@ def predict(
     sidecar: options.SidecarOption = False,
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
+    centre_px: options.CentrePxOption = None,
     anchor: options.AnchorOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,

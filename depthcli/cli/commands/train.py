@@ -8,7 +8,7 @@ import typer
 
 from depthcli.cli.arguments import completion
 from depthcli.cli.signals import SIGNAL_BASE, ending_signals
-from depthcli.errors import ExitCode
+from depthcli.errors import ExitCode, UsageError
 from depthcli.training.methods.table import METHODS
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
@@ -129,7 +129,7 @@ def train(
 
         return train_all(context)
     if method is None or seeds is not None:
-        raise typer.BadParameter("name a METHOD; --seeds goes with --all or --methods")
+        raise UsageError("name a METHOD; --seeds goes with --all or --methods")
     from depthcli.cli.screen import training as screen
     from depthcli.training.resolve import resolve_config
 
@@ -139,7 +139,7 @@ def train(
         screen.show_config(resolved)
         return ExitCode.OK
     if data is None:
-        raise typer.BadParameter("give the data set with --data")
+        raise UsageError("give the data set with --data")
     from depthcli.jobs.train import run
 
     request = run.TrainRequest(

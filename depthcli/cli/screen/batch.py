@@ -136,4 +136,5 @@ def _print_forecast(
     if as_json:
         console.out_json({"input": name, "would": what, "outputs": outputs, "error": problem})
     else:
-        console.out(one_line(f"{what:<4}  {name} -> {problem or ', '.join(outputs)}"))
+        fate = f": {problem}" if problem else f" -> {', '.join(outputs)}"
+        console.out(one_line(f"{what:<4}  {name}{fate}"))

@@ -35,7 +35,7 @@ def video_json(done: VideoDone) -> dict[str, object]:
         **done.facts(),
         "provider": done.provider,
         "seconds": round(done.seconds, 6),
-        "frames_per_second": round(done.frames / done.seconds, 3),
+        "processed_fps": round(done.frames / done.seconds, 3),
         "warnings": list(done.warnings),
         "error": done.problem,
     }
@@ -47,7 +47,7 @@ def video_text(done: VideoDone) -> str:
 
     files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
     frames = "1 frame" if done.frames == 1 else f"{done.frames} frames"
-    flicker = "" if done.flicker is None else f", flicker {done.flicker:.2%} a frame"
+    flicker = "" if done.flicker is None else f", flicker {done.flicker:.2%} per frame"
     before = done.flicker_unsmoothed
     smoothed = "" if before is None else f" ({before:.2%} before smoothing)"
     camera = camera_words(done.depth)

@@ -6,6 +6,8 @@ import base64
 from html import escape
 from typing import TYPE_CHECKING
 
+from depthcli.io.writers.facts import SOFTWARE
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -25,7 +27,8 @@ tbody tr:nth-child(even) { background: #f3f3f3; }
 ul { padding-left: 1.2rem; color: #444; }
 figure { margin: 2rem 0; }
 figure img { max-width: 100%; height: auto; }
-figcaption { color: #444; }"""
+figcaption { color: #444; }
+footer { color: #444; font-size: .8rem; overflow-wrap: anywhere; }"""
 
 
 def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
@@ -50,6 +53,7 @@ def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
         *(f"<li>{escape(note)}</li>" for note in page.notes),
         "</ul>",
         *(_figure(figure) for figure in figures),
+        f"<footer>{'<br>'.join(map(escape, (SOFTWARE, *page.models)))}</footer>",
         "</body></html>",
     ]
     return "\n".join(lines) + "\n"

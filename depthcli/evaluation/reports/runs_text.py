@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from depthcli.core.text import one_line
 from depthcli.evaluation.differences import Interval
-from depthcli.evaluation.reports.text import Page
+from depthcli.evaluation.reports.text import Page, model_words
 from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.depth import METRICS
@@ -25,7 +25,12 @@ def runs_page(report: RunsReport) -> Page:
         title = f"{name} minus each row, 95 % of draws of whole scenes; ! clear of zero"
         differences = title, _difference_cells(report)
     return Page(
-        report.title, report.protocol.description, table, _runs_footnotes(report), differences
+        report.title,
+        report.protocol.description,
+        table,
+        _runs_footnotes(report),
+        differences,
+        model_words(run for line in report.rows for run in line.runs or (line.row,)),
     )
 
 

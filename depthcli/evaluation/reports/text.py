@@ -1,7 +1,7 @@
 """The table of an evaluation as text."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from depthcli.core.text import one_line
@@ -23,6 +23,7 @@ class Page:
     notes: Sequence[str]  #: what a reader has to know besides
     #: a line on a second table, and that table; None if there is none
     differences: tuple[str, Sequence[Sequence[str]]] | None = None
+    models: Sequence[str] = ()  #: name and checksum of each model; pages keep them, texts do not
 
     def to_text(self) -> str:
         """All of it as lines."""
@@ -37,7 +38,19 @@ def report_page(report: EvalReport) -> Page:
     """A report in words."""
     header = ["row", "align", "images", *report.columns]
     table = [header, *(_table_row(row, report) for row in report.rows)]
-    return Page(report.title, report.protocol.description, table, _report_footnotes(report))
+    return Page(
+        report.title,
+        report.protocol.description,
+        table,
+        _report_footnotes(report),
+        models=model_words(report.rows),
+    )
+
+
+def model_words(rows: Iterable[ReportRow]) -> list[str]:
+    """Name and checksum of each model of a table."""
+    named = (f"{row.name} sha256 {row.model_sha256}" for row in rows if row.model_sha256)
+    return list(dict.fromkeys(map(one_line, named)))
 
 
 def _table_row(row: ReportRow, report: EvalReport) -> list[str]:

@@ -21,7 +21,8 @@ def write_depth(
     """Write a map whole or not at all; warnings, one line each.
 
     Missing folders are made, and the picture's file, of the frame for formats that show it, is
-    never replaced. Options are png_scale, exr_channel and half; None for the writer's own.
+    never replaced. Options are png_scale, exr_channel, half and centre_px; None for the writer's
+    own.
 
     Raises:
         OutputError: it cannot be written, or the map cannot be expressed in the format.

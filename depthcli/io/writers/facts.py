@@ -71,10 +71,10 @@ def camera_words(depth: DepthMap) -> str | None:
     source = depth.provenance or _UNKNOWN
     if source.focal_px is None:
         return None
-    across = f"{scaling.hfov_deg(source.focal_px, depth.width):.1f}° across"
+    hfov = f"hfov {scaling.hfov_deg(source.focal_px, depth.width):.1f}°"
     if source.camera_source is None:
-        return across
-    return f"{across} ({_HOW_KNOWN[source.camera_source]})"
+        return hfov
+    return f"{hfov} ({_HOW_KNOWN[source.camera_source]})"
 
 
 def step_unit(scale: float) -> str:

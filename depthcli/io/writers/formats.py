@@ -55,7 +55,7 @@ class Format(StrEnum):
         "preview",
         FormatFacts("preview:PreviewWriter", ".preview.png", None, _COLOURS, use_bytes=20),
     )
-    PLY = "ply", FormatFacts("ply:PlyWriter", ".ply", ".ply", use_bytes=46)
+    PLY = "ply", FormatFacts("ply:PlyWriter", ".ply", ".ply", ("centre_px",), use_bytes=46)
     # It describes the PNG beside it.
     JSON = "json", FormatFacts("sidecar:SidecarWriter", ".depth.json", ".json", _PNG)
 

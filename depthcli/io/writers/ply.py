@@ -19,10 +19,13 @@ _TYPES = {"<f4": "float", "u1": "uchar"}
 
 @dataclass(frozen=True, slots=True)
 class PlyWriter:
-    """Metres: x right, y down, z along the camera axis; the principal point is the centre."""
+    """Metres: x right, y down, z along the camera axis."""
 
     #: horizontal field of view where the map itself states no focal length
     hfov_deg: float = _NYU_HFOV_DEG
+    #: (cx, cy), the principal point, (0, 0) being the middle of the first pixel; None for the
+    #: middle of the map
+    centre_px: tuple[float, float] | None = None
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one vertex for each pixel with depth."""
@@ -32,7 +35,7 @@ class PlyWriter:
             )
         source = depth.provenance or Provenance()
         focal_px = source.focal_px or scaling.focal_px_of_hfov(self.hfov_deg, depth.width)
-        points = _points(point_cloud(depth, focal_px, frame=frame))
+        points = _points(point_cloud(depth, focal_px, centre_px=self.centre_px, frame=frame))
         lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
         with path.open("wb") as file:
@@ -41,8 +44,8 @@ class PlyWriter:
         if source.focal_px and source.camera_source is not CameraSource.CARD:
             return ()
         hfov_deg = scaling.hfov_deg(focal_px, depth.width)
-        assumed = f"the point cloud assumes {hfov_deg:.3g}° across"
-        return (f"no focal length known, so that {assumed}; give --focal-px or --hfov",)
+        assumed = f"the point cloud assumes an hfov of {hfov_deg:.3g}°"
+        return (f"no focal length is known; {assumed}; give --focal-px or --hfov",)
 
 
 def _points(cloud: PointCloud) -> npt.NDArray[np.void]:

@@ -185,7 +185,7 @@ def _file_names(
         return {which: output.stem + VIDEO_FORMATS[which].suffix for which in wanted}
     if main[0] in SEQUENCES:
         raise UsageError(
-            f"--out {output} is one file and {main[0]} writes one a frame; name a folder"
+            f"--out {output} is one file and {main[0]} writes one per frame; name a folder"
         )
     if video_format_of(output) is not main[0]:
         raise UsageError(
