@@ -53,7 +53,7 @@ def change_values(module: ModuleType, source: str) -> None:
     exec(compile(source, str(module.__file__), "exec"), vars(new))  # noqa: S102
     for name, after in list(vars(new).items()):
         before = getattr(module, name, None)
-        if getattr(after, "__module__", module.__name__) != module.__name__:
+        if getattr(after, "__module__", None) not in (None, module.__name__):
             continue
         if isinstance(before, type) and isinstance(after, type):
             _change_class(before, after)
@@ -84,6 +84,8 @@ def _change_defaults(old: FunctionType, new: FunctionType) -> None:
 
 
 def _rebind(name: str, old: object, new: object) -> None:
+    if type(new).__module__ == type(old).__module__ and type(new) is not type(old):
+        object.__setattr__(new, "__class__", type(old))  # the class that everybody knows
     for module in list(sys.modules.values()):
         if isinstance(module, ModuleType) and vars(module).get(name) is old:
             setattr(module, name, new)
