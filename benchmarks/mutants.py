@@ -88,6 +88,8 @@ def _faults(node: ast.AST) -> Iterator[tuple[ast.expr | ast.stmt, ast.AST]]:
     if isinstance(node, (ast.expr, ast.stmt)):
         for faulty in _faulty(node):
             yield node, faulty
+    if isinstance(node, ast.If) and isinstance(node.test, (ast.Name, ast.Attribute, ast.Call)):
+        yield node.test, ast.UnaryOp(ast.Not(), node.test)
     for child in _behaviour(node):
         yield from _faults(child)
 
@@ -125,8 +127,6 @@ def _faulty(node: ast.expr | ast.stmt) -> Iterator[ast.AST]:
             for dropped in keywords:
                 if dropped.arg not in _NO_RESULT:
                     yield _with(node, keywords=[k for k in keywords if k is not dropped])
-        case ast.If(test=ast.Name() | ast.Attribute() | ast.Call() as test):
-            yield _with(node, test=ast.UnaryOp(ast.Not(), test))
         case ast.stmt() if _is_dropped(node):
             yield ast.Pass()
 

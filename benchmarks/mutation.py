@@ -42,6 +42,7 @@ def main() -> None:
     parser.add_argument("folders", nargs="+", type=Path, help="modules, or folders of them")
     parser.add_argument("--sample", type=int, help="how many mutants of each; all by default")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", nargs="+", help="of the sample, those at these FILE:LINE")
     parser.add_argument(
         "--tests",
         nargs=argparse.REMAINDER,
@@ -57,6 +58,8 @@ def main() -> None:
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
     of_folder = {f: sampled(f, options.sample, options.seed) for f in options.folders}
+    if options.only:
+        of_folder = {f: [p for p in of_folder[f] if p.at in options.only] for f in of_folder}
     own = sorted({f"tests/{places[0].module.parts[1]}" for places in of_folder.values()})
     trials = Trials([place for places in of_folder.values() for place in places], options.seconds)
     words = ["-q", "-s", "-p", "no:cacheprovider", "-o", "tmp_path_retention_policy=none"]

@@ -41,6 +41,11 @@ class Place(NamedTuple):
     mutant: Mutant
 
     @property
+    def at(self) -> str:
+        """File and line."""
+        return f"{self.module}:{self.mutant.line}"
+
+    @property
     def name(self) -> str:
         """The module as it is imported."""
         return ".".join(self.module.with_suffix("").parts).removesuffix(".__init__")
@@ -107,9 +112,9 @@ class Trials:
         for place in self._places:
             tests = [items[name] for name in record.tests(place, self._limit_s)]
             self.noticed_by[place] = end = self._trial(place, tests, record) if tests else ""
-            line, _, before, after, _ = place.mutant
+            _, _, before, after, _ = place.mutant
             ended = end or ("SURVIVED" if tests else "SURVIVED, no test runs it")
-            print(f"{place.module}:{line}: {before}  ->  {after}  [{ended}]", flush=True)
+            print(f"{place.at}: {before}  ->  {after}  [{ended}]", flush=True)
         self._doubt(items)
         return True
 

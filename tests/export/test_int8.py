@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING
 
 import numpy as np
 import onnxruntime
 import pytest
+from onnx.numpy_helper import to_array
 from tiny import synthetic_picture, write_picture
 
 from depthcli.errors import UsageError
@@ -33,6 +35,9 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
     assert len(batches) == 4
     small = quantize(model, batches)
     assert small.ByteSize() < 0.5 * model.ByteSize()
+    weights = [w for w in map(to_array, small.graph.initializer) if w.dtype == np.int8]
+    assert max(np.abs(w.astype(int)).max() for w in weights) <= 64  # 7 of the 8 bits
+    assert not logging.root.manager.disable
     for batch in batches:
         a, b = (
             onnxruntime.InferenceSession(m.SerializeToString()).run(None, {"image": batch})[0]
