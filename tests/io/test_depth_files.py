@@ -122,13 +122,14 @@ def test_exr_on_a_full_disk_is_one_clear_error(tmp_path: Path) -> None:
 
 
 def test_exr_into_a_missing_folder_is_an_os_error(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="No such file"):
+    with pytest.raises(OSError, match=r"^No such file or directory$"):
         ExrWriter().write(DepthMap(DEPTH_M), tmp_path / "none" / "a.exr")
 
 
 def test_half_floats_that_overflow_are_told(tmp_path: Path) -> None:
     depth = DepthMap(np.array([[1, 70_000, np.inf]], np.float32))
-    warnings = ExrWriter(half=True).write(depth, tmp_path / "a.exr")
+    with np.errstate(over="raise"):  # NumPy's own warning would be a second one
+        warnings = ExrWriter(half=True).write(depth, tmp_path / "a.exr")
     assert warnings == ("1 pixels are beyond half floats and became infinite",)
     np.testing.assert_array_equal(read_depth(tmp_path / "a.exr").values, [[1, np.inf, np.inf]])
 

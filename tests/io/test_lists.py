@@ -79,6 +79,11 @@ def test_a_folder_of_parquet_files_is_read_in_the_order_of_names(tmp_path: Path)
         (lambda f: csv(f / "l.parquet", "PAR1"), None, "is no whole Parquet file"),
         (lambda f: csv(f / "l.csv", ""), None, "no column 'path'; it has no columns"),
         (lambda f: csv(f / "l.csv", "a,b\n1,2\n"), "c", "no column 'c'; its columns are a, b"),
+        (
+            lambda f: csv(f / "l.csv", f"a\nb.png\n{'c' * 200_000}\nd.png\n"),
+            None,
+            "line 3: .* limit",
+        ),
         (lambda f: csv(f / "l.txt", "a.png\n"), "c", "--column is for lists in Parquet and CSV"),
         (lambda f: f / "missing.parquet", None, "cannot read the list .*missing.parquet: No such"),
         (lambda f: f / "missing.csv", None, "cannot read the list .*missing.csv: No such"),

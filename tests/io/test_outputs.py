@@ -14,10 +14,11 @@ import pytest
 from command_line import unmeasured
 from tiny import write_picture
 
-from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.writers.by_suffix import write_depth
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.preview import PreviewWriter
 from depthcli.jobs.naming import plan_outputs
@@ -68,6 +69,16 @@ def test_an_input_is_never_replaced(tmp_path: Path) -> None:
         with pytest.raises(OutputError, match="input"), atomic_path(target, inputs=[source]):
             pytest.fail("the block must not run")
     assert source.read_bytes() == b"picture"
+
+
+def test_a_map_is_not_written_over_its_picture(tmp_path: Path) -> None:
+    source = write_picture(tmp_path / "a.png")
+    whole, depth = source.read_bytes(), DepthMap(np.ones((2, 3), np.float32))
+    with pytest.raises(OutputError, match="input"):
+        write_depth(depth, source, Frame(np.zeros((2, 3), np.uint8), path=source), {})
+    assert source.read_bytes() == whole
+    write_depth(depth, source, Frame(np.zeros((2, 3), np.uint8)), {})  # of memory alone
+    assert source.read_bytes() != whole
 
 
 def test_outputs_stand_beside_their_input() -> None:

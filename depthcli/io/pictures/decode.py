@@ -26,7 +26,7 @@ _LOST = re.compile(
     rb"|extraneous bytes before marker 0x(?:c4|da|d[0-7])|TIFF_Error|PackBitsDecode: Discarding",
     re.IGNORECASE,
 )
-_GRAY_ALPHA, _RGB, _RGBA = 2, 3, 4
+_GRAY_ALPHA, _RGB = 2, 3
 
 
 def read_bytes(path: Path) -> bytes:
@@ -130,6 +130,5 @@ def _without_alpha(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
     if channels in (1, _GRAY_ALPHA):
         return pixels.reshape(*pixels.shape[:2], channels)[..., 0]
     if pixels.dtype in (np.uint8, np.uint16, np.float32):
-        code = cv2.COLOR_BGRA2RGB if channels == _RGBA else cv2.COLOR_BGR2RGB
-        return cv2.cvtColor(pixels, code)  # type: ignore[arg-type]
+        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)  # type: ignore[arg-type] # four as well
     return pixels[..., 2::-1]
