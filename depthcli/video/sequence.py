@@ -96,4 +96,4 @@ class ImageSequence(FrameSource):
             yield f"no frame rate is given; {FALLBACK_RATE} is assumed; give --fps"
         missing = self._files[-1].number - self._files[0].number + 1 - len(self._files)
         if missing:
-            yield f"{missing} numbers of the sequence are missing; the others keep their times"
+            yield f"missing numbers in the sequence: {missing}; the other frames keep their times"

@@ -195,7 +195,7 @@ def test_a_hole_and_a_damaged_plate(inside: Cli) -> None:
     assert done.returncode == 1
     facts = report(done)
     assert "plate.1005.exr" in facts["error"]
-    assert "1 numbers of the sequence are missing" in facts["warnings"][0]
+    assert "missing numbers in the sequence: 1;" in facts["warnings"][0]
     names = {path.name for path in inside.folder.glob("d.*")}
     assert names == {f"d.{number}.png" for number in (1001, 1002, 1004, 1006)}
 

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 from command_line import unmeasured
 from tiny import write_picture
@@ -19,6 +20,7 @@ from depthcli.errors import OutputError, UsageError
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.by_suffix import write_depth
+from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.preview import PreviewWriter
 from depthcli.jobs.naming import plan_outputs
@@ -134,8 +136,19 @@ def test_own_pictures_are_known_by_their_content(tmp_path: Path) -> None:
     PreviewWriter().write(depth, tmp_path / "b.preview.png")
     write_picture(tmp_path / "c.depth.png")
     (tmp_path / "d.png").write_bytes(b"")
-    names = ("a.png", "b.preview.png", "c.depth.png", "d.png", "missing.png", ".")
-    assert [is_own_picture(tmp_path / name) for name in names] == [True, True, *[False] * 4]
+    ExrWriter().write(depth, tmp_path / "e.exr")
+    OpenEXR.File({}, {"Z": depth.values}).write(str(tmp_path / "f.depth.exr"))
+    names = (
+        "a.png",
+        "b.preview.png",
+        "e.exr",
+        "c.depth.png",
+        "d.png",
+        "f.depth.exr",
+        "missing",
+        ".",
+    )
+    assert [is_own_picture(tmp_path / name) for name in names] == [*[True] * 3, *[False] * 5]
 
 
 @pytest.mark.parametrize(

@@ -92,12 +92,13 @@ def bomb() -> bytes:
     [
         (b"", "empty"),
         (b"hello, this is no picture", "not a picture"),
+        (b"v/1\x01 more", "'depthcli video' reads numbered EXR files"),
         (encoded(".jpg")[:-40], "truncated"),
         (encoded(".png")[:-30], "truncated"),
         (bomb(), "60000"),
         (encoded(".png")[:16] + b"\0" * 8 + encoded(".png")[24:], "0×0"),
     ],
-    ids=["empty", "text", "short jpeg", "short png", "bomb", "no pixels"],
+    ids=["empty", "text", "exr", "short jpeg", "short png", "bomb", "no pixels"],
 )
 def test_bad_pictures_are_refused_with_a_reason(data: bytes, reason: str) -> None:
     with pytest.raises(InputError, match=reason):

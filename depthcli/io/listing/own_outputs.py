@@ -9,24 +9,28 @@ from depthcli.io.png.text import read_text
 from depthcli.io.storage.remote import RemotePath, is_remote, path_of
 
 MARK = "depthcli:software"
-"""Keyword of the text chunk that every PNG of ours has right behind its header."""
+"""Name of a text in every PNG (right behind its header) and EXR of ours."""
+_EXR_MAGIC = b"v/1\x01"
+_EXR_MARK = f"{MARK}\0string\0".encode()
 _HEAD_BYTES = 4096
-_PNG_NAME = re.compile(r"\.(depth(\.\d{6,})?|preview)\.png$", re.IGNORECASE)
+_PICTURE_NAME = re.compile(r"(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$", re.IGNORECASE)
 _VIDEO_NAME = re.compile(r"\.(depth\.mkv|preview\.(mp4|webm|mov))$", re.IGNORECASE)
 
 
 def is_own_picture(path: str | Path) -> bool:
-    """Whether a file is a PNG, depth map or preview, that depthcli wrote, whatever its name."""
+    """Whether a file is a PNG or an EXR that depthcli wrote, whatever its name."""
     try:
         head = _head(path_of(path))
     except (OSError, ValueError):
         return False
+    if head.startswith(_EXR_MAGIC):
+        return _EXR_MARK in head
     return head.startswith(SIGNATURE) and MARK in read_text(head)
 
 
 def _head(path: Path) -> bytes:
     if isinstance(path, RemotePath):
-        return path.read_some(first=_HEAD_BYTES) if _PNG_NAME.search(path.name) else b""
+        return path.read_some(first=_HEAD_BYTES) if _PICTURE_NAME.search(path.name) else b""
     with path.open("rb") as file:
         return file.read(_HEAD_BYTES)
 
@@ -38,6 +42,6 @@ def is_own_output(path: str) -> bool:
     """
     if _VIDEO_NAME.search(path):
         return True
-    if not _PNG_NAME.search(path):
+    if not _PICTURE_NAME.search(path):
         return False
     return (is_remote(path) or os.path.isfile(path)) and is_own_picture(path)  # noqa: PTH113

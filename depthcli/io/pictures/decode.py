@@ -26,6 +26,7 @@ _LOST = re.compile(
     rb"|extraneous bytes before marker 0x(?:c4|da|d[0-7])|TIFF_Error|PackBitsDecode: Discarding",
     re.IGNORECASE,
 )
+_EXR_MAGIC = b"v/1\x01"
 _GRAY_ALPHA, _RGB = 2, 3
 
 
@@ -105,7 +106,10 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
         raise InputError(f"{name} is empty")
     size = picture_size(data)
     if size is None:
-        raise InputError(f"{name} is not a picture (JPEG, PNG, TIFF, WebP, AVIF, BMP, GIF, PNM)")
+        hint = "; 'depthcli video' reads numbered EXR files" if data.startswith(_EXR_MAGIC) else ""
+        raise InputError(
+            f"{name} is not a picture (JPEG, PNG, TIFF, WebP, AVIF, BMP, GIF, PNM){hint}"
+        )
     width, height = size
     if width <= 0 or height <= 0:
         raise InputError(f"{name} claims {width}×{height} pixels; there is nothing to see")
