@@ -17,14 +17,13 @@ from depthcli.errors import CheckpointError, UsageError
 from depthcli.io.storage.temporaries import temporary_beside
 from depthcli.training.checkpoint_check import check_finite, check_process, check_tensors
 from depthcli.training.config.ranges import check_range
+from depthcli.training.config.rules import Amount, Count
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.networks.build import build_generator
 
 _FORMAT = "depthcli-checkpoint"
 _VERSION = 1
-_Count: TypeAlias = Annotated[int, Rule("a whole number from 0 up", lambda number: number >= 0)]
 _Score: TypeAlias = Annotated[float, Rule("a number", lambda _: True, is_finite=False)]
-_Seconds: TypeAlias = Annotated[float, Rule("a number from 0 up", lambda number: number >= 0)]
 _Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
 
 
@@ -32,9 +31,9 @@ _Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: nu
 class RunProgress:
     """How far a run has come."""
 
-    step: _Count = 0  #: optimisation steps done
-    epoch: _Count = 0  #: whole epochs done
-    seconds: _Seconds = 0.0  #: training time so far, all sittings together
+    step: Count = 0  #: optimisation steps done
+    epoch: Count = 0  #: whole epochs done
+    seconds: Amount = 0.0  #: training time so far, all sittings together
     #: validation metrics of the last epoch by name; empty without held-out pairs
     scores: dict[str, _Score] = dataclasses.field(default_factory=dict)
     train_ids: tuple[str, ...] = ()  #: pairs the networks were trained on
@@ -46,7 +45,7 @@ class RunProgress:
     start: str = ""  #: whose weights it started from; "" if they were drawn
     aspect: _Aspect = NYU_ASPECT  #: width over height of their first picture
     #: CPU threads of the last sitting, on which the last digits depend; 0 if unknown
-    threads: _Count = 0
+    threads: Count = 0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
+from depthcli.training.config.rules import Amount, Count, Positive, Share, Small, WholeShare, Width
+
 _TERM = "term"
 
 
@@ -43,24 +45,24 @@ class LossConfig:
         similarity: weight of the domains' similarity (SimDCL).
     """
 
-    adversarial: float = field(default=1.0, metadata=_weighs())
-    contrast_x: float = field(default=0.5, metadata=_weighs())
-    contrast_y: float = field(default=0.5, metadata=_weighs())
-    identity: float = field(default=5.0, metadata=_weighs())
-    cycle: float = field(default=10.0, metadata=_weighs())
-    l1: float = field(default=10.0, metadata=_weighs())
-    weight_penalty: float = 1e-6
-    gradient: float = field(default=0.0, metadata=_weighs("gradient:gradient_loss"))
-    extra_scale: float = 0.0
+    adversarial: Amount = field(default=1.0, metadata=_weighs())
+    contrast_x: Amount = field(default=0.5, metadata=_weighs())
+    contrast_y: Amount = field(default=0.5, metadata=_weighs())
+    identity: Amount = field(default=5.0, metadata=_weighs())
+    cycle: Amount = field(default=10.0, metadata=_weighs())
+    l1: Amount = field(default=10.0, metadata=_weighs())
+    weight_penalty: Amount = 1e-6
+    gradient: Amount = field(default=0.0, metadata=_weighs("gradient:gradient_loss"))
+    extra_scale: WholeShare = 0.0
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"
     adversarial_backward: bool = True
     contrast: Literal["cut", "cfl"] = "cut"
     l1_backward: bool = False
     flip_contrast: bool = False
-    relation: float = field(default=0.0, metadata=_weighs())
-    gamma_start: float = 50.0
-    gamma_end: float = 10.0
-    similarity: float = field(default=0.0, metadata=_weighs())
+    relation: Amount = field(default=0.0, metadata=_weighs())
+    gamma_start: Small = 50.0
+    gamma_end: Small = 10.0
+    similarity: Amount = field(default=0.0, metadata=_weighs())
 
 
 _PLACES = {f.name: str(f.metadata[_TERM]) for f in fields(LossConfig) if _TERM in f.metadata}
@@ -94,22 +96,22 @@ class OptimConfig:
         head_beta2: Adam's second, of those heads.
     """
 
-    batch_size: int = 1
-    epochs_constant: int = 100
-    epochs_decay: int = 100
+    batch_size: Positive = 1
+    epochs_constant: Count = 100
+    epochs_decay: Count = 100
     schedule: Literal["linear", "cosine"] = "linear"
-    warmup_steps: int = 0
-    learning_rate: float = 2e-4
-    beta1: float = 0.5
-    beta2: float = 0.999
-    weight_decay: float = 0.0
-    clip_norm: float = 0.0
-    ema: float = 0.0
-    pool_size: int = 50
-    width_discriminator: int = 64
-    head_learning_rate: float = 0.0
-    head_beta1: float = 0.5
-    head_beta2: float = 0.999
+    warmup_steps: Count = 0
+    learning_rate: Amount = 2e-4
+    beta1: Share = 0.5
+    beta2: Share = 0.999
+    weight_decay: Amount = 0.0
+    clip_norm: Amount = 0.0
+    ema: Share = 0.0
+    pool_size: Count = 50
+    width_discriminator: Width = 64
+    head_learning_rate: Amount = 0.0
+    head_beta1: Share = 0.5
+    head_beta2: Share = 0.999
 
     @property
     def epochs(self) -> int:

@@ -9,6 +9,19 @@ from typing import Literal
 
 from depthcli.core.codec import DepthCodec
 from depthcli.training.config.objective import LossConfig, OptimConfig
+from depthcli.training.config.rules import (
+    Amount,
+    Aspect,
+    Blocks,
+    Count,
+    Positive,
+    Share,
+    Side,
+    Small,
+    WholeShare,
+    Width,
+    Zoom,
+)
 
 __all__ = [
     "DataConfig",
@@ -39,14 +52,14 @@ class GeneratorConfig:
     """
 
     name: Literal["resnet", "efficient"] = "resnet"
-    width: int = 64
-    blocks: int = 9
+    width: Width = 64
+    blocks: Blocks = 9
     residual: Literal["none", "stem", "input"] = "stem"
     antialias: bool = False
     encoder: tuple[int, ...] = (32, 64, 128, 192, 256)
     decoder: tuple[int, ...] = (128, 96, 64, 48)
     depths: tuple[int, ...] = (2, 2, 2, 2)
-    dropout: float = 0.0
+    dropout: Share = 0.0
     norm: Literal["batch", "none"] = "batch"
 
 
@@ -100,27 +113,27 @@ class DataConfig:
         holdout_offset: the first of them.
     """
 
-    width: int = 256
-    height: int = 256
+    width: Side = 256
+    height: Side = 256
     colour: Literal["value", "luma"] = "value"
     paired: bool = True
     crop_286: bool = False
-    zoom: float = 1.0
-    aspects: tuple[float, ...] = ()
-    turn: float = 0.0
-    rotate_deg: float = 0.0
-    colour_jitter: float = 0.0
-    gamma: float = 0.0
-    brightness: float = 0.0
-    blur: float = 0.0
-    border: float = 0.0
-    noise: float = 0.0
-    extra_share: float = 0.5
-    cutmix: float = 0.0
+    zoom: Zoom = 1.0
+    aspects: tuple[Aspect, ...] = ()
+    turn: WholeShare = 0.0
+    rotate_deg: Amount = 0.0
+    colour_jitter: Amount = 0.0
+    gamma: Amount = 0.0
+    brightness: Amount = 0.0
+    blur: WholeShare = 0.0
+    border: WholeShare = 0.0
+    noise: Amount = 0.0
+    extra_share: Share = 0.5
+    cutmix: Share = 0.0
     split: Literal["paper", "official"] = "paper"
-    units_per_metre: float = 1000.0
-    holdout_every: int = 7
-    holdout_offset: int = 3
+    units_per_metre: Small = 1000.0
+    holdout_every: Count = 7
+    holdout_offset: Count = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,9 +149,9 @@ class TrainConfig:
     """
 
     method: str = "proposed"
-    seed: int = 0
-    validate_every: int = 1
-    save_every: int = 1
+    seed: Count = 0
+    validate_every: Positive = 1
+    save_every: Positive = 1
     precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
     output: OutputConfig = field(default_factory=OutputConfig)

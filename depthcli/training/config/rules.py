@@ -1,0 +1,19 @@
+"""The ranges of single settings, as types of the fields that hold them."""
+
+from typing import Annotated, TypeAlias
+
+from depthcli.core.foreign import Rule
+
+Count: TypeAlias = Annotated[int, Rule("a whole number from 0 up", lambda n: n >= 0)]
+Positive: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda n: n >= 1)]
+Amount: TypeAlias = Annotated[float, Rule("a number from 0 up", lambda x: x >= 0)]
+Share: TypeAlias = Annotated[float, Rule("a number from 0 to below 1", lambda x: 0 <= x < 1)]
+WholeShare: TypeAlias = Annotated[float, Rule("a number from 0 to 1", lambda x: 0 <= x <= 1)]
+Small: TypeAlias = Annotated[float, Rule("a number from 0.001 up", lambda x: x >= 1e-3)]
+Zoom: TypeAlias = Annotated[float, Rule("a number from 1 up", lambda x: x >= 1)]
+Aspect: TypeAlias = Annotated[float, Rule("a number from 1/4 to 4", lambda x: 1 / 4 <= x <= 4)]
+# Below, the discriminators have no output and the gradients no coarsest scale.
+Side: TypeAlias = Annotated[int, Rule("a whole number from 32 up", lambda n: n >= 32)]
+# Beyond, building the networks alone would fill the memory or take for ever.
+Width: TypeAlias = Annotated[int, Rule("a whole number from 1 to 1024", lambda n: 1 <= n <= 1024)]
+Blocks: TypeAlias = Annotated[int, Rule("a whole number from 1 to 128", lambda n: 1 <= n <= 128)]
