@@ -122,7 +122,10 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
         (("proposed",), "--data"),
         (("proposed", "--preset", "huge"), "no preset 'huge'"),
         (("proposed", "--set", "optim.speed=1"), "optim.speed is unknown"),
-        (("proposed", "--set", "optim.batch_size=0"), "optim.batch_size is at least 1"),
+        (
+            ("proposed", "--set", "optim.batch_size=0"),
+            "optim.batch_size has to be a whole number from 1 up",
+        ),
         (("cut", "--set", "method=proposed", "--data", "data"), "of method proposed, not cut"),
         (("proposed", "--config", "none.toml"), "none.toml"),
         (("proposed", "--data", "data", "--accelerator", "abacus"), "abacus"),

@@ -163,10 +163,18 @@ _DEEP = {"name": "efficient", "depths": (10**9, 1, 1, 1)}
         ("progress", {"data": _nested(50)}, r"data has to be text, not \[\[.*\.\.\."),
         ("config", {"output": {"min_m": -2.0, "max_m": -1.0}}, "output.min_m is above 0"),
         ("config", {"output": {"max_m": torch.nan}}, "output.max_m has to be a number, not nan"),
-        ("config", {"generator": {"name": "resnet", "blocks": 10**9}}, "blocks is at most 128"),
+        (
+            "config",
+            {"generator": {"name": "resnet", "blocks": 10**9}},
+            "blocks has to be .* to 128",
+        ),
         ("config", {"generator": _DEEP}, "depths is at most 64"),
-        ("config", {"generator": {"width": 10**9}}, "width is at most 1024"),
-        ("config", {"optim": {"learning_rate": 10**400}}, "learning_rate has to be a number, not"),
+        ("config", {"generator": {"width": 10**9}}, "width has to be .* to 1024"),
+        (
+            "config",
+            {"optim": {"learning_rate": 10**400}},
+            "learning_rate has to be a number from 0 up, not",
+        ),
         ("optimizers", {"generator": {"state": {0: torch.tensor(torch.nan)}}}, "not finite"),
         (
             "optimizers",

@@ -74,14 +74,14 @@ def test_precision_is_text_though_it_begins_with_a_number() -> None:
         ("speed=1", "speed is unknown; choose from "),
         ("loss.cycles=1", "loss.cycles is unknown; choose from adversarial, "),
         ("loss=1", "loss has to be a group of adversarial, "),
-        ("seed.x=1", "seed has to be a whole number, not "),
-        ("seed=1.5", "seed has to be a whole number, not "),
-        ("seed=true", "seed has to be a whole number, not "),
+        ("seed.x=1", "seed has to be a whole number from 0 up, not "),
+        ("seed=1.5", "seed has to be a whole number from 0 up, not "),
+        ("seed=true", "seed has to be a whole number from 0 up, not "),
         ("data.paired=1", "data.paired has to be true or false, not 1"),
-        ("loss.cycle=strong", "loss.cycle has to be a number, not 'strong'"),
+        ("loss.cycle=strong", "loss.cycle has to be a number from 0 up, not 'strong'"),
         ("loss.gan=wgan", "one of lsgan, hinge, ralsgan, not 'wgan'"),
         ("generator.depths=[1,2.5]", "generator.depths.1 has to be a whole number, not 2.5"),
-        ("seed={[]: 1}", "seed has to be a whole number, not "),
+        ("seed={[]: 1}", "seed has to be a whole number from 0 up, not "),
         ("=1", "'' is unknown"),
     ],
 )
@@ -194,18 +194,21 @@ def test_bad_files_are_refused(tmp_path: Path, content: bytes | None) -> None:
     [
         ("a = " + "[" * 100_000, "is not TOML"),
         ("seed = " + "9" * 5000, "is not TOML"),
-        (f"seed = {10**40}", "seed has to be a whole number, not a number of more than 64 bits"),
+        (
+            f"seed = {10**40}",
+            "seed has to be a whole number from 0 up, not a number of more than 64 bits",
+        ),
         (
             f"loss.cycle = {10**400}",
-            "loss.cycle has to be a number, not a number of more than 64 bits",
+            "loss.cycle has to be a number from 0 up, not a number of more than 64 bits",
         ),
         (
             f"data.aspects = [{10**400}]",
-            "data.aspects.0 has to be a number, not a number of more than 64 bits",
+            "data.aspects.0 has to be a number from 1/4 to 4, not a number of more than 64 bits",
         ),
         (f"{'x' * 5000} = 1", "xxxxxx is unknown"),
         ("loss = 3", "loss has to be a group of "),
-        ("seed = 1979-05-27", "seed has to be a whole number, not datetime.date"),
+        ("seed = 1979-05-27", "seed has to be a whole number from 0 up, not datetime.date"),
     ],
 )
 def test_a_bad_value_names_its_file(tmp_path: Path, content: str, reason: str) -> None:

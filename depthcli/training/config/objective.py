@@ -22,46 +22,34 @@ class LossConfig:
     """Weights and variants of the losses; a weight of zero also leaves its networks out.
 
     A method has some of them (``Method.TERMS``); the others have to be zero.
-
-    Attributes:
-        adversarial: λ1.
-        contrast_x: λ2, NCE of x and G(x); hDCE for HnegSRC.
-        contrast_y: λ3, NCE of y and G(y); of y and F(y) for DCLGAN and SimDCL.
-        identity: λ4, eq. 3.
-        cycle: λ5, eq. 2.
-        l1: λ6, eq. 1; zero is the unpaired ablation.
-        weight_penalty: λ of eq. 1, on squared convolution weights.
-        gradient: multi-scale gradient matching, beyond the paper.
-        extra_scale: how much of an extra pair's error in scale counts, in [0, 1]: 0 leaves relative
-            depth alone, 1 holds the networks to its metres.
-        gan: form of the adversarial terms.
-        adversarial_backward: judge F's pictures too, not G's depth maps alone.
-        contrast: ``cut`` compares output with input, ``cfl`` output with paired truth.
-        l1_backward: hold F to the paired picture by eq. 1, too.
-        flip_contrast: half of the steps mirror the input of G (FastCUT).
-        relation: λ of the semantic relations' consistency (HnegSRC).
-        gamma_start: γ of HnegSRC's negatives at the first step.
-        gamma_end: γ at the last step; linear in between.
-        similarity: weight of the domains' similarity (SimDCL).
     """
 
-    adversarial: Amount = field(default=1.0, metadata=_weighs())
+    adversarial: Amount = field(default=1.0, metadata=_weighs())  #: λ1
+    #: λ2, NCE of x and G(x); hDCE for HnegSRC
     contrast_x: Amount = field(default=0.5, metadata=_weighs())
+    #: λ3, NCE of y and G(y); of y and F(y) for DCLGAN and SimDCL
     contrast_y: Amount = field(default=0.5, metadata=_weighs())
-    identity: Amount = field(default=5.0, metadata=_weighs())
-    cycle: Amount = field(default=10.0, metadata=_weighs())
+    identity: Amount = field(default=5.0, metadata=_weighs())  #: λ4, eq. 3
+    cycle: Amount = field(default=10.0, metadata=_weighs())  #: λ5, eq. 2
+    #: λ6, eq. 1; zero is the unpaired ablation
     l1: Amount = field(default=10.0, metadata=_weighs())
-    weight_penalty: Amount = 1e-6
+    weight_penalty: Amount = 1e-6  #: λ of eq. 1, on squared convolution weights
+    #: multi-scale gradient matching, beyond the paper
     gradient: Amount = field(default=0.0, metadata=_weighs("gradient:gradient_loss"))
+    #: how much of an extra pair's error in scale counts, in [0, 1]: 0 leaves relative depth alone,
+    #: 1 holds the networks to its metres
     extra_scale: WholeShare = 0.0
-    gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"
-    adversarial_backward: bool = True
+    gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"  #: form of the adversarial terms
+    adversarial_backward: bool = True  #: judge F's pictures too, not G's depth maps alone
+    #: ``cut`` compares output with input, ``cfl`` output with paired truth
     contrast: Literal["cut", "cfl"] = "cut"
-    l1_backward: bool = False
-    flip_contrast: bool = False
+    l1_backward: bool = False  #: hold F to the paired picture by eq. 1, too
+    flip_contrast: bool = False  #: half of the steps mirror the input of G (FastCUT)
+    #: λ of the semantic relations' consistency (HnegSRC)
     relation: Amount = field(default=0.0, metadata=_weighs())
-    gamma_start: Small = 50.0
-    gamma_end: Small = 10.0
+    gamma_start: Small = 50.0  #: γ of HnegSRC's negatives at the first step
+    gamma_end: Small = 10.0  #: γ at the last step; linear in between
+    #: weight of the domains' similarity (SimDCL)
     similarity: Amount = field(default=0.0, metadata=_weighs())
 
 
@@ -74,44 +62,26 @@ PAIRED_LOSSES = {name: place for name, place in _PLACES.items() if place}
 
 @dataclass(frozen=True, slots=True)
 class OptimConfig:
-    """How the networks are moved.
+    """How the networks are moved."""
 
-    Attributes:
-        batch_size: pictures a step.
-        epochs_constant: epochs at the full learning rate (``linear`` schedule).
-        epochs_decay: epochs of linear decay to zero, or all epochs of ``cosine``.
-        schedule: ``linear`` is the paper's, ``cosine`` starts with a warm-up.
-        warmup_steps: steps of linear warm-up of ``cosine``.
-        learning_rate: at the full rate.
-        beta1: Adam's first.
-        beta2: Adam's second.
-        weight_decay: decoupled, on matrices and kernels only.
-        clip_norm: largest gradient norm of the generators; 0 does not clip.
-        ema: decay of the weight average that is validated and exported; 0 keeps none.
-        pool_size: image pool of the discriminators; 0 has none.
-        width_discriminator: first layer of the discriminators.
-        head_learning_rate: of the heads of DCLGAN and SimDCL; 0 is ``learning_rate`` and its betas,
-            as SimDCL has it.
-        head_beta1: Adam's first, of those heads.
-        head_beta2: Adam's second, of those heads.
-    """
-
-    batch_size: Positive = 1
-    epochs_constant: Count = 100
-    epochs_decay: Count = 100
+    batch_size: Positive = 1  #: pictures a step
+    epochs_constant: Count = 100  #: epochs at the full learning rate (``linear`` schedule)
+    epochs_decay: Count = 100  #: epochs of linear decay to zero, or all epochs of ``cosine``
+    #: ``linear`` is the paper's, ``cosine`` starts with a warm-up
     schedule: Literal["linear", "cosine"] = "linear"
-    warmup_steps: Count = 0
-    learning_rate: Amount = 2e-4
-    beta1: Share = 0.5
-    beta2: Share = 0.999
-    weight_decay: Amount = 0.0
-    clip_norm: Amount = 0.0
-    ema: Share = 0.0
-    pool_size: Count = 50
-    width_discriminator: Width = 64
+    warmup_steps: Count = 0  #: steps of linear warm-up of ``cosine``
+    learning_rate: Amount = 2e-4  #: at the full rate
+    beta1: Share = 0.5  #: Adam's first
+    beta2: Share = 0.999  #: Adam's second
+    weight_decay: Amount = 0.0  #: decoupled, on matrices and kernels only
+    clip_norm: Amount = 0.0  #: largest gradient norm of the generators; 0 does not clip
+    ema: Share = 0.0  #: decay of the weight average that is validated and exported; 0 keeps none
+    pool_size: Count = 50  #: image pool of the discriminators; 0 has none
+    width_discriminator: Width = 64  #: first layer of the discriminators
+    #: of the heads of DCLGAN and SimDCL; 0 is ``learning_rate`` and its betas, as SimDCL has it
     head_learning_rate: Amount = 0.0
-    head_beta1: Share = 0.5
-    head_beta2: Share = 0.999
+    head_beta1: Share = 0.5  #: Adam's first, of those heads
+    head_beta2: Share = 0.999  #: Adam's second, of those heads
 
     @property
     def epochs(self) -> int:

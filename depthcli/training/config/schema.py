@@ -35,47 +35,36 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class GeneratorConfig:
-    """The generator G and, where a method has one, the backward generator F.
+    """The generator G and, where a method has one, the backward generator F."""
 
-    Attributes:
-        name: ``resnet`` is the paper's, ``efficient`` the one that ships.
-        width: channels of the first layer of ``resnet``.
-        blocks: residual blocks of ``resnet``.
-        residual: final residual connection of ``resnet``: stem features, input, or none.
-        antialias: blur when ``resnet`` changes resolution (the CUT family).
-        encoder: channels of ``efficient`` at strides 2, 4, 8, 16, 32.
-        decoder: channels of ``efficient`` at strides 16, 8, 4, 2.
-        depths: residual blocks of ``efficient`` at strides 4, 8, 16, 32.
-        dropout: share of bottleneck channels of ``efficient`` dropped while training.
-        norm: of ``efficient``: ``batch``, or ``none`` to go on from an exported model's weights,
-            into which it is folded.
-    """
-
+    #: ``resnet`` is the paper's, ``efficient`` the one that ships
     name: Literal["resnet", "efficient"] = "resnet"
-    width: Width = 64
-    blocks: Blocks = 9
+    width: Width = 64  #: channels of the first layer of ``resnet``
+    blocks: Blocks = 9  #: residual blocks of ``resnet``
+    #: final residual connection of ``resnet``: stem features, input, or none
     residual: Literal["none", "stem", "input"] = "stem"
-    antialias: bool = False
+    antialias: bool = False  #: blur when ``resnet`` changes resolution (the CUT family)
+    #: channels of ``efficient`` at strides 2, 4, 8, 16, 32
     encoder: tuple[int, ...] = (32, 64, 128, 192, 256)
+    #: channels of ``efficient`` at strides 16, 8, 4, 2
     decoder: tuple[int, ...] = (128, 96, 64, 48)
+    #: residual blocks of ``efficient`` at strides 4, 8, 16, 32
     depths: tuple[int, ...] = (2, 2, 2, 2)
-    dropout: Share = 0.0
+    dropout: Share = 0.0  #: share of bottleneck channels of ``efficient`` dropped while training
+    #: of ``efficient``: ``batch``, or ``none`` to go on from an exported model's weights, into
+    #: which it is folded
     norm: Literal["batch", "none"] = "batch"
 
 
 @dataclass(frozen=True, slots=True)
 class OutputConfig:
-    """How depth is coded for the networks.
+    """How depth is coded for the networks."""
 
-    Attributes:
-        coding: ``linear`` maps [0, max_m] to [-1, 1] (the paper), ``log`` maps [min_m, max_m].
-        min_m: nearest depth of the log coding, metres; also the clip of the exported model.
-        max_m: farthest depth, metres.
-    """
-
+    #: ``linear`` maps [0, max_m] to [-1, 1] (the paper), ``log`` maps [min_m, max_m]
     coding: Literal["linear", "log"] = "linear"
+    #: nearest depth of the log coding, metres; also the clip of the exported model
     min_m: float = 0.4
-    max_m: float = 10.0
+    max_m: float = 10.0  #: farthest depth, metres
 
     @property
     def codec(self) -> DepthCodec:
@@ -87,71 +76,52 @@ class OutputConfig:
 
 @dataclass(frozen=True, slots=True)
 class DataConfig:
-    """What the networks are shown.
+    """What the networks are shown."""
 
-    Attributes:
-        width: network input width, px.
-        height: network input height, px.
-        colour: ``value`` is V of HSV (the paper), ``luma`` Rec. 601.
-        paired: pictures and depth maps of one scene point together; False draws them apart.
-        crop_286: resize to 286/256 of the size and crop, as the originals do; untrue to metres.
-        zoom: largest zoom-in; depth is divided by the zoom, so metres stay true.
-        aspects: width by height of further shapes of view; half of the batches have one of them.
-        turn: share of the views whose camera is turned to them; the others are cut out.
-        rotate_deg: largest rotation about the optical axis, degrees.
-        colour_jitter: standard deviation of the log gain of each colour channel.
-        gamma: standard deviation of the log gamma of V.
-        brightness: standard deviation of the log gain of V.
-        blur: largest weight of a binomial filter, in [0, 1].
-        border: share of the views without the picture's own border: half replaced, half painted.
-        noise: largest standard deviation of pixel noise, in [0, 1] units.
-        cutmix: probability that a view gets a rectangle of another one, picture and depth alike.
-        extra_share: share of each batch from the extra pairs, if some are given.
-        split: NYU Depth v2 gives its training pairs of this split; its test pairs never.
-        units_per_metre: what one metre is in the depth images of a folder of your own.
-        holdout_every: every n-th scene by name is held out for validation; 0 holds out none.
-        holdout_offset: the first of them.
-    """
-
-    width: Side = 256
-    height: Side = 256
+    width: Side = 256  #: network input width, px
+    height: Side = 256  #: network input height, px
+    #: ``value`` is V of HSV (the paper), ``luma`` Rec. 601
     colour: Literal["value", "luma"] = "value"
+    #: pictures and depth maps of one scene point together; False draws them apart
     paired: bool = True
+    #: resize to 286/256 of the size and crop, as the originals do; untrue to metres
     crop_286: bool = False
-    zoom: Zoom = 1.0
+    zoom: Zoom = 1.0  #: largest zoom-in; depth is divided by the zoom, so metres stay true
+    #: width by height of further shapes of view; half of the batches have one of them
     aspects: tuple[Aspect, ...] = ()
+    #: share of the views whose camera is turned to them; the others are cut out
     turn: WholeShare = 0.0
-    rotate_deg: Amount = 0.0
-    colour_jitter: Amount = 0.0
-    gamma: Amount = 0.0
-    brightness: Amount = 0.0
-    blur: WholeShare = 0.0
+    rotate_deg: Amount = 0.0  #: largest rotation about the optical axis, degrees
+    colour_jitter: Amount = 0.0  #: standard deviation of the log gain of each colour channel
+    gamma: Amount = 0.0  #: standard deviation of the log gamma of V
+    brightness: Amount = 0.0  #: standard deviation of the log gain of V
+    blur: WholeShare = 0.0  #: largest weight of a binomial filter, in [0, 1]
+    #: share of the views without the picture's own border: half replaced, half painted
     border: WholeShare = 0.0
-    noise: Amount = 0.0
-    extra_share: Share = 0.5
+    noise: Amount = 0.0  #: largest standard deviation of pixel noise, in [0, 1] units
+    extra_share: Share = 0.5  #: share of each batch from the extra pairs, if some are given
+    #: probability that a view gets a rectangle of another one, picture and depth alike
     cutmix: Share = 0.0
+    #: NYU Depth v2 gives its training pairs of this split; its test pairs never
     split: Literal["paper", "official"] = "paper"
+    #: what one metre is in the depth images of a folder of your own
     units_per_metre: Small = 1000.0
+    #: every n-th scene by name is held out for validation; 0 holds out none
     holdout_every: Count = 7
-    holdout_offset: Count = 3
+    holdout_offset: Count = 3  #: the first of them
 
 
 @dataclass(frozen=True, slots=True)
 class TrainConfig:
-    """One training run, whole.
+    """One training run, whole."""
 
-    Attributes:
-        method: name of the method.
-        seed: of weights, order and augmentation.
-        validate_every: epochs from one validation to the next; the last is always validated.
-        save_every: epochs from one checkpoint to the next; a run that stops always writes one.
-        precision: Fabric's name of it: ``32-true``, ``bf16-mixed`` or ``16-mixed``.
-    """
-
-    method: str = "proposed"
-    seed: Count = 0
+    method: str = "proposed"  #: name of the method
+    seed: Count = 0  #: of weights, order and augmentation
+    #: epochs from one validation to the next; the last is always validated
     validate_every: Positive = 1
+    #: epochs from one checkpoint to the next; a run that stops always writes one
     save_every: Positive = 1
+    #: Fabric's name of it: ``32-true``, ``bf16-mixed`` or ``16-mixed``
     precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
