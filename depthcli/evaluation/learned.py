@@ -1,18 +1,13 @@
 """Which pairs of NYU Depth v2 a model has learned, by its card: on those its scores say little."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Protocol, runtime_checkable
 
 from depthcli.datasets import id_ranges
+from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.splits import NYU, SplitName, held_out_scenes, train_positions
 from depthcli.errors import DatasetError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.models.card import ModelCard
+from depthcli.models.card import ModelCard
 
 TRAIN_IDS = "nyu_train_ids"
 """Field of a card's ``training``: ids of the pairs, as :mod:`~depthcli.datasets.id_ranges`."""

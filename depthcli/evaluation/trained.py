@@ -1,23 +1,17 @@
 """Trained runs as rows: on which pictures they may be compared, and which of them are one row."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.splits import Split, SplitName
 from depthcli.errors import DatasetError, UsageError
+from depthcli.evaluation.predictors.model import ModelPredictor
 from depthcli.evaluation.table import EvalTask, plan_nyu
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.predictors.model import ModelPredictor
-    from depthcli.training.trained_run import TrainedRun
+from depthcli.training.trained_run import TrainedRun
 
 _SEED = re.compile(r"-seed\d+$")
 

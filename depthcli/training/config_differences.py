@@ -1,19 +1,14 @@
 """What two runs do not have in common: settings by the names that ``--set`` takes, and data."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
 
 from depthcli.errors import CheckpointError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from depthcli.training.checkpoint import RunProgress
-    from depthcli.training.config.schema import TrainConfig
+from depthcli.training.checkpoint import RunProgress
+from depthcli.training.config.schema import TrainConfig
 
 
 def differences(saved: TrainConfig, given: TrainConfig) -> tuple[str, ...]:

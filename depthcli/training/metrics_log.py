@@ -1,18 +1,13 @@
 """The metrics log of a run: one JSON object an epoch, each epoch once."""
 
-from __future__ import annotations
-
 import json
 import math
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from depthcli.core.foreign import FieldError, built, parsed_json
 from depthcli.io.storage.atomic import append_whole, atomic_path
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import RunProgress
 
 
 def append(path: Path, progress: RunProgress, losses: dict[str, float]) -> None:

@@ -1,22 +1,15 @@
 """Sample pictures of a training run: input, output and truth in three columns."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
+from lightning_fabric import Fabric
+from torch import nn
 
 from depthcli.io.storage.atomic import atomic_path
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
-    from lightning_fabric import Fabric
-    from torch import nn
-
-    from depthcli.training.validation import Validation
+from depthcli.training.validation import Validation
 
 _ROWS = 6
 _NEAREST_M = 0.3

@@ -1,12 +1,8 @@
 """Learning-rate factors."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from depthcli.training.config.schema import OptimConfig
+from depthcli.training.config.schema import OptimConfig
 
 
 def linear_factor(epoch: int, constant: int, decay: int) -> float:

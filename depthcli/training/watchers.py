@@ -1,13 +1,9 @@
 """Who is told how a run goes, step by step."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from depthcli.training.checkpoint import RunProgress
-    from depthcli.training.threads import Threads
+from depthcli.training.checkpoint import RunProgress
+from depthcli.training.threads import Threads
 
 
 @dataclass(frozen=True, slots=True)

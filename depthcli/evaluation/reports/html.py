@@ -1,18 +1,12 @@
 """A report as one HTML file that needs nothing else: no script, no style sheet, no picture file."""
 
-from __future__ import annotations
-
 import base64
+from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
+from depthcli.evaluation.reports.figures import Figure
+from depthcli.evaluation.reports.text import Page
 from depthcli.io.writers.facts import SOFTWARE
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from depthcli.evaluation.reports.figures import Figure
-    from depthcli.evaluation.reports.text import Page
 
 _STYLE = """\
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 80rem; padding: 0 1rem;

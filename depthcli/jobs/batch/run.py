@@ -1,38 +1,30 @@
 """What ``depthcli batch`` does: all inputs by an engine, and an account of them."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from itertools import islice
-from typing import TYPE_CHECKING
 
 from depthcli.core.choices import GPU_BATCH
 from depthcli.core.parallel.cores import share_cores
-from depthcli.core.progress import NO_PROGRESS
+from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.inference.providers import CPU
+from depthcli.inference.session import Session
 from depthcli.io.manifest.journal import Journal
 from depthcli.io.manifest.rows_folder import rows_folder
 from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporaries import remove_stale
+from depthcli.jobs.batch.engines.engine import Engine
 from depthcli.jobs.batch.engines.threads import ThreadEngine
+from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.output_map import OutputMap
+from depthcli.jobs.batch.pictures import PictureTask
 from depthcli.jobs.batch.suspects import suspected
 from depthcli.jobs.batch.tally import Tally
 from depthcli.jobs.batch.task import Result
 from depthcli.jobs.batch.worker_spec import WorkerSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
-
-    from depthcli.core.progress import Progress
-    from depthcli.inference.session import Session
-    from depthcli.jobs.batch.engines.engine import Engine
-    from depthcli.jobs.batch.options import BatchRequest
-    from depthcli.jobs.batch.pictures import PictureTask
 
 
 class Batch(Iterator[Result]):

@@ -1,19 +1,13 @@
 """What an evaluation leaves on the disk: table, sheets of pictures, and both in one page."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+from depthcli.evaluation.reports.figures import Figure
 from depthcli.evaluation.reports.html import html_page
+from depthcli.evaluation.reports.text import Page
 from depthcli.io.storage.atomic import atomic_path, write_text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from depthcli.evaluation.reports.figures import Figure
-    from depthcli.evaluation.reports.text import Page
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,24 +3,19 @@
 Unknown names and ill-typed values are refused.
 """
 
-from __future__ import annotations
-
 import ast
 import tomllib
 import warnings
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar
 
 from depthcli.core.foreign import FieldError, merged
 from depthcli.core.text import shown
 from depthcli.errors import UsageError
 from depthcli.io.storage.regular import read_regular
 from depthcli.training.config.ranges import check_range
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from depthcli.training.config.schema import TrainConfig
+from depthcli.training.config.schema import TrainConfig
 
 T = TypeVar("T")
 _MAX_FILE_BYTES = 2**20

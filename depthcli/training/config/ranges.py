@@ -1,15 +1,10 @@
 """Which values of a configuration make sense together; each by itself is of its field's type."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
 from depthcli.training.config.objective import PAIRED_LOSSES
-
-if TYPE_CHECKING:
-    from depthcli.training.config.schema import GeneratorConfig, TrainConfig
+from depthcli.training.config.schema import GeneratorConfig, TrainConfig
 
 _ROTATION_ROOM = 0.2  # of zoom, at which a view may be turned by all of data.rotate_deg
 _RESNET_STRIDE = 4

@@ -5,23 +5,18 @@ each to a worker that has nothing else, so that an input that kills its worker i
 none that only was beside it is blamed.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
+from collections.abc import Hashable, Iterator, Sequence
 from itertools import islice
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from depthcli._version import __version__
 from depthcli.core.text import one_line
 from depthcli.errors import EngineError, InputError
 from depthcli.io.manifest.row import Origin
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Sequence
-
-    from depthcli.jobs.batch.engines.remote_worker import Call
-    from depthcli.jobs.batch.task import Result
+from depthcli.jobs.batch.engines.remote_worker import Call
+from depthcli.jobs.batch.task import Result
 
 _LOSSES = 3
 _CALLS_A_WORKER = 2  # one at work and one on its way
