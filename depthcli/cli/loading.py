@@ -1,6 +1,7 @@
 """A command as its module has it, without the options that the shell gives to all."""
 
 import importlib
+from collections.abc import Iterable
 from typing import Any
 
 from typer.main import get_command
@@ -20,3 +21,11 @@ def plain_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
     if hasattr(module, "add_options"):
         module.add_options(command)
     return command
+
+
+def suggestion(word: str, known: Iterable[str], help_of: str) -> str:
+    """What to say behind a word that is none: which one may be meant, or whose help to read."""
+    from difflib import get_close_matches
+
+    close = get_close_matches(word, known, n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; see '{help_of} --help'"

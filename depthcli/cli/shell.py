@@ -12,7 +12,7 @@ from typer.models import TyperPath
 
 from depthcli._version import __version__
 from depthcli.cli.arguments import completion
-from depthcli.cli.loading import plain_command
+from depthcli.cli.loading import plain_command, suggestion
 from depthcli.cli.screen import console
 from depthcli.cli.table import COMMANDS, PROFILED, PROGRAM, help_text
 from depthcli.core.extras import INSTALL_TRAIN
@@ -38,7 +38,7 @@ class LazyGroup(TyperGroup):
             return load_command(cmd_name)
         if ctx.resilient_parsing:
             return None
-        raise UsageError(f"no command named {cmd_name!r}{_command_suggestion(cmd_name)}")
+        raise UsageError(f"no command named {cmd_name!r}{suggestion(cmd_name, COMMANDS, PROGRAM)}")
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
         """The same text as without any module loaded."""
@@ -137,13 +137,6 @@ def _usage(error: Any) -> str:  # noqa: ANN401 - typer's own types
 def _lacks_command(error: Exception) -> bool:
     """Whether a group such as ``depthcli eval`` was named without one of its commands."""
     return type(error).__name__ == "NoArgsIsHelpError"
-
-
-def _command_suggestion(name: str) -> str:
-    from difflib import get_close_matches
-
-    close = get_close_matches(name, COMMANDS, n=1)
-    return f"; did you mean {close[0]!r}?" if close else f"; see '{PROGRAM} --help'"
 
 
 def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types

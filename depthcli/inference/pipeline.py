@@ -172,19 +172,10 @@ def load(
     detail: Detail = PLAIN,
     provider_options: Mapping[str, str] | None = None,
 ) -> Pipeline:
-    """Find a model and make it ready.
+    """The layer below ``load_model``, whose arguments and errors are the same.
 
-    Args:
-        model: a name in the catalog, a folder, or an ``.onnx`` file; None for the default model.
-        provider: ``auto``, or a name such as ``cpu`` or ``cuda`` that has to be there.
-        threads: threads within one operator; None for onnxruntime's choice.
-        detail: how its depth becomes that of a full-size picture.
-        provider_options: for a provider asked for by name, as onnxruntime documents them.
-
-    Raises:
-        ModelError: the model is not there or is damaged.
-        ProviderError: the named provider is not available.
-        UsageError: no provider has that name, or it takes no options and some are given.
+    What is not as it should be stands in the session's ``warnings``. The model may be None for the
+    default one.
     """
     loader = SessionLoader(model, provider, threads, provider_options or {})
     return Pipeline(loader.load(), detail)

@@ -5,7 +5,7 @@ from typing import Any
 
 from depthcli.cli import profile_files
 from depthcli.cli.arguments.unused import is_given
-from depthcli.cli.loading import plain_command
+from depthcli.cli.loading import plain_command, suggestion
 from depthcli.cli.profile_files import Value
 from depthcli.cli.table import COMMANDS, PROFILED
 from depthcli.errors import UsageError
@@ -60,7 +60,8 @@ def apply(context: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN
         if key in own:
             defaults[str(own[key].name)] = _checked(context, name, key, own[key], value)
         elif key not in _all_keys():
-            raise UsageError(f"profile {name!r}: no option named {key!r}{_option_suggestion(key)}")
+            meant = suggestion(key, _all_keys(), "depthcli profile save")
+            raise UsageError(f"profile {name!r}: no option named {key!r}{meant}")
     context.default_map = Defaults(context, defaults)
 
 
@@ -99,10 +100,3 @@ def _checked(
         told = getattr(error, "message", None) or str(error)
         raise UsageError(f"profile {name!r}: {key} = {value!r}: {str(told).rstrip('.')}") from error
     return value
-
-
-def _option_suggestion(key: str) -> str:
-    from difflib import get_close_matches
-
-    close = get_close_matches(key, _all_keys(), n=1)
-    return f"; did you mean {close[0]!r}?" if close else "; see 'depthcli profile save --help'"

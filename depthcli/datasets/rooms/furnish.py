@@ -4,10 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from depthcli.datasets.rooms.furniture import PIECES, Piece
+from depthcli.datasets.rooms.furniture import PIECES
 from depthcli.datasets.rooms.layout import KINDS, Shell, build_shell
 from depthcli.datasets.rooms.lighting import Light, ceiling_lamps, daylight
 from depthcli.datasets.rooms.materials import Materials
+from depthcli.datasets.rooms.piece import Piece
 from depthcli.datasets.rooms.solids import ALONG_Z, UPRIGHT, Part, Solids, Vector, rotation, wide
 
 _TRIES = 20

@@ -1,29 +1,17 @@
-"""Furniture made of a few solids.
-
-Each piece stands on y = 0, is centred on x = 0, has its back at z = 0 and looks along z.
-"""
+"""Furniture made of a few solids."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
 from depthcli.datasets.rooms import clutter
+from depthcli.datasets.rooms.fittings import basin, bathtub, counter, fridge, toilet
 from depthcli.datasets.rooms.materials import Material, Materials
-from depthcli.datasets.rooms.solids import ALONG_X, ALONG_Z, BALL, UPRIGHT, Part, box, wide
+from depthcli.datasets.rooms.piece import Piece, on_both_sides
+from depthcli.datasets.rooms.solids import BALL, UPRIGHT, Part, wide
 
 _FRUSTUM = tuple((x, 0.35, z) for x, z in ((0.9, 0.0), (-0.9, 0.0), (0.0, 0.9), (0.0, -0.9)))
 _SOFT = (0.4, 0.4, 0.4)  # a cushion: a box with its corners off
-
-
-class Piece(NamedTuple):
-    """A piece of furniture."""
-
-    parts: list[Part]
-    width: float  #: along the wall, metres
-    depth: float  #: from the wall, metres
-    height: float  #: metres
-    top: float = 0.0  #: height of a surface with things on it, metres; 0 for none
 
 
 def table(random: np.random.Generator, materials: Materials) -> Piece:
@@ -78,7 +66,7 @@ def chair(random: np.random.Generator, materials: Materials) -> Piece:
     half, depth = width / 2, 0.45
     parts = _legs(width, depth, seat, frame, 0.018)
     parts.append(wide(half, (seat, seat + 0.05), (0, depth), cover))
-    parts += _both(half - 0.018, 0.018, (seat, top), (0, 0.036), frame)
+    parts += on_both_sides(half - 0.018, 0.018, (seat, top), (0, 0.036), frame)
     if random.random() < 0.5:
         parts.append(wide(half, (seat + 0.15, top), (0, 0.04), cover).tilted(-6, 0))
     else:
@@ -97,7 +85,7 @@ def office_chair(random: np.random.Generator, materials: Materials) -> Piece:
         Part((0, seat, 0.28), (0.25, 0.045, 0.24), cover, _SOFT),
         Part((0, seat + 0.35, 0.05), (0.22, 0.28, 0.05), cover, _SOFT).tilted(-8, 0),
     ]
-    parts += _both(0.27, 0.03, (seat + 0.18, seat + 0.21), (0.12, 0.4), materials.black)
+    parts += on_both_sides(0.27, 0.03, (seat + 0.18, seat + 0.21), (0.12, 0.4), materials.black)
     return Piece(parts, 0.6, 0.58, seat + 0.6)
 
 
@@ -109,7 +97,7 @@ def sofa(random: np.random.Generator, materials: Materials) -> Piece:
     parts = [
         wide(half, (0.05, seat - 0.12), (0, depth), cover),
         wide(half, (0.05, back), (0, 0.2), cover).tilted(-4, 0),
-        *_both(half - arm / 2, arm / 2, (0.05, seat + 0.2), (0, depth), cover),
+        *on_both_sides(half - arm / 2, arm / 2, (0.05, seat + 0.2), (0, depth), cover),
     ]
     for i in range(seats):
         x, size = arm - half + (i + 0.5) * step, (step / 2 - 0.008, 0.08, depth / 2 - 0.1)
@@ -143,7 +131,7 @@ def shelf(random: np.random.Generator, materials: Materials) -> Piece:
     half, depth = random.uniform(0.3, 0.8), random.uniform(0.25, 0.4)
     rows, step = int(random.integers(2, 7)), random.uniform(0.28, 0.38)
     wood, height = materials.pick([*materials.woods, materials.white]), rows * step + 0.05
-    parts = [*_both(half - 0.01, 0.01, (0, height), (0, depth), wood)]
+    parts = [*on_both_sides(half - 0.01, 0.01, (0, height), (0, depth), wood)]
     parts.append(wide(half, (0, height), (0, 0.01), wood))
     for row in range(rows + 1):
         y, size = row * step + 0.05, (2 * half - 0.06, depth)
@@ -173,85 +161,6 @@ def cupboard(random: np.random.Generator, materials: Materials) -> Piece:
         parts += [part.moved((x, 0, 0)) for part in (door, handle)]
     parts += clutter.scattered(random, materials, (width, depth), height) if is_chest else []
     return Piece(parts, width, depth, height, height if is_chest else 0.0)
-
-
-def counter(random: np.random.Generator, materials: Materials) -> Piece:
-    """A kitchen's: doors, worktop, sink and tap, sometimes cupboards above."""
-    doors, depth, top = int(random.integers(2, 6)), 0.6, 0.9
-    half, stone = doors * 0.3, materials.any()
-    front = materials.pick([materials.white, materials.any(), *materials.woods])
-    x = (random.integers(doors) + 0.5) * 0.6 - half
-    slab, hanging = (top - 0.2, top), random.random() < 0.6
-    parts = [
-        wide(half, (0, 0.1), (0, depth - 0.06), materials.black),
-        wide(half, (0.1, top - 0.2), (0, depth - 0.02), front),
-        box((-half, x - 0.24), slab, (0, depth), stone),
-        box((x + 0.24, half), slab, (0, depth), stone),
-        box((x - 0.24, x + 0.24), slab, (0, 0.12), stone),
-        box((x - 0.24, x + 0.24), slab, (0.52, depth), stone),
-        *_tap(x, top, materials.metal),
-    ]
-    for i in range(doors):
-        place, handle = (0.6 * (i + 0.5) - half, 0.0, 0.0), (0, top - 0.1, depth + 0.015)
-        door = wide(0.294, (0.11, top - 0.05), (depth - 0.02, depth + 0.002), front)
-        unit = [door, Part(handle, (0.08, 0.008, 0.01), materials.metal, ALONG_X)]
-        unit += [wide(0.296, (1.45, 2.1), (0, 0.35), front)] if hanging else []
-        parts += [part.moved(place) for part in unit]
-    parts += clutter.scattered(random, materials, (2 * half, 0.4), top)
-    return Piece(parts, 2 * half, depth, 2.1, top)
-
-
-def fridge(random: np.random.Generator, materials: Materials) -> Piece:
-    """Or a washing machine, where it is low."""
-    height, material = (
-        random.choice([0.85, 1.4, 1.8]),
-        materials.pick([materials.white, materials.metal]),
-    )
-    parts, split = [wide(0.3, (0.03, height), (0, 0.6), material)], height * 0.65
-    if height < 1:
-        parts.append(Part((0, 0.45, 0.6), (0.17, 0.17, 0.02), materials.black, ALONG_Z))
-        return Piece(parts, 0.6, 0.62, height, height)
-    for low, high, y in ((0.05, split - 0.01, split - 0.3), (split, height, split + 0.05)):
-        parts.append(wide(0.3, (low, high), (0.605, 0.65), material))
-        parts.append(box((0.24, 0.26), (y, y + 0.25), (0.65, 0.69), materials.metal))
-    return Piece(parts, 0.6, 0.68, height)
-
-
-def basin(random: np.random.Generator, materials: Materials) -> Piece:
-    """A washbasin of four sides around its bowl, a tap, a mirror above."""
-    half, rim, white = random.uniform(0.25, 0.5), (0.69, 0.85), materials.white
-    parts = [
-        wide(half, (0.69, 0.73), (0, 0.46), white),
-        *_both(half - 0.025, 0.025, rim, (0, 0.46), white),
-        *[wide(half, rim, (z, z + 0.06), white) for z in (0, 0.4)],
-        Part((0, 0.345, 0.15), (0.08, 0.345, 0.08), white, UPRIGHT),
-        wide(half, (1.05, random.uniform(1.6, 2.0)), (0, 0.02), materials.mirror),
-        *_tap(0.0, 0.85, materials.metal),
-    ]
-    return Piece(parts, 2 * half, 0.48, 2.0)
-
-
-def toilet(random: np.random.Generator, materials: Materials) -> Piece:
-    """Cistern, bowl, lid up or down."""
-    parts = [
-        wide(0.19, (0.4, 0.8), (0, 0.17), materials.white),
-        Part((0, 0.2, 0.42), (0.16, 0.2, 0.24), materials.white, (1, 0.2, 1)),
-        Part((0, 0.41, 0.42), (0.19, 0.02, 0.25), materials.white, UPRIGHT),
-        Part((0, 0.66, 0.2), (0.19, 0.24, 0.012), materials.white, ALONG_Z),
-    ]
-    return Piece(parts[: random.integers(3, 5)], 0.4, 0.68, 0.8)
-
-
-def bathtub(random: np.random.Generator, materials: Materials) -> Piece:
-    """Four sides and a bottom."""
-    half, depth, rim, white = random.uniform(0.75, 0.9), 0.75, (0, 0.56), materials.white
-    parts = [
-        *_both(half - 0.04, 0.04, rim, (0, depth), white),
-        *[wide(half, rim, (z, z + 0.07), white) for z in (0, depth - 0.07)],
-        wide(half, (0, 0.15), (0, depth), white),
-        *_tap(half - 0.3, rim[1], materials.metal),
-    ]
-    return Piece(parts, 2 * half, depth, rim[1])
 
 
 def floor_lamp(random: np.random.Generator, materials: Materials) -> Piece:
@@ -312,20 +221,6 @@ def _legs(
     x, low, high = width / 2 - radius - 0.01, radius + 0.01, depth - radius - 0.01
     size = (radius, height / 2, radius)
     return [Part((a, height / 2, b), size, material) for a in (-x, x) for b in (low, high)]
-
-
-def _both(
-    x: float, half: float, y: tuple[float, float], z: tuple[float, float], material: Material
-) -> list[Part]:
-    """The same at the left and at the right."""
-    return [wide(half, y, z, material).moved((side, 0, 0)) for side in (-x, x)]
-
-
-def _tap(x: float, top: float, material: Material) -> list[Part]:
-    return [
-        Part((x, top + 0.12, 0.06), (0.014, 0.12, 0.014), material, UPRIGHT),
-        Part((x, top + 0.23, 0.14), (0.012, 0.012, 0.09), material, ALONG_Z),
-    ]
 
 
 _MAKERS = (
