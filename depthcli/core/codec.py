@@ -1,8 +1,7 @@
 """What a network's raw output means: the one mapping that training, export and inference share."""
 
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +18,7 @@ class Transform(StrEnum):
     """depth = 1 / t"""
 
 
-@dataclass(frozen=True, slots=True)
-class DepthCodec:
+class DepthCodec(NamedTuple):
     """Raw network output <-> depth."""
 
     transform: Transform = Transform.LINEAR  #: the shape of the mapping

@@ -8,9 +8,8 @@ Source: He, Sun and Tang, "Guided Image Filtering", TPAMI 2013; He and Sun, "Fas
 arXiv:1505.00996. The gain and the range that values keep to are our own.
 """
 
-from dataclasses import dataclass
 from functools import partial
-from typing import Self
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -24,8 +23,7 @@ _SMOOTHING = 1e-3  # variance of brightness in [0, 1] below which the map keeps 
 _GAIN = 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class GuidedMap:
+class GuidedMap(NamedTuple):
     """A coarse map, ready to be drawn at any size along a picture."""
 
     #: (h, w) float32, change of the map with the picture's brightness

@@ -1,7 +1,7 @@
 """How large a picture may be, and how much memory it takes on its way to depth."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from depthcli.core.bands import BAND_PIXELS
 from depthcli.core.choices import DEPTH_BYTES, PLAIN, Detail
@@ -13,8 +13,7 @@ _COLOUR_BYTES = 3
 _UNITS = (("G", 1_000_000_000), ("M", 1_000_000), ("K", 1_000))
 
 
-@dataclass(frozen=True, slots=True)
-class PictureLimit:
+class PictureLimit(NamedTuple):
     """What is known to be too large before it is decoded."""
 
     pixels: int  #: most pixels; ``--max-pixels`` sets it

@@ -1,7 +1,6 @@
 """A depth map in three numbers."""
 
-from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -9,8 +8,7 @@ import numpy.typing as npt
 from depthcli.core.types import DepthMap
 
 
-@dataclass(frozen=True, slots=True)
-class DepthRange:
+class DepthRange(NamedTuple):
     """Least, median and largest depth, in the map's unit; None where it has no depth at all."""
 
     min: float | None

@@ -18,7 +18,6 @@ from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import Layout, prepare
 from depthcli.inference.providers import AUTO
 from depthcli.inference.session import Session
-from depthcli.inference.tiles import refine
 from depthcli.models.card import ModelCard
 
 
@@ -113,6 +112,8 @@ class Pipeline:
             )
         tile_px, reach = tile_width_px(self.card.input, frame, self.detail), 1
         if tile_px is not None:
+            from depthcli.inference.tiles import refine  # noqa: PLC0415 - few pictures need it
+
             columns = coarse.shape[1]
             coarse = refine(self.card.output, coarse, frame, tile_px, self._coarse)
             reach = math.ceil(coarse.shape[1] / columns)

@@ -1,7 +1,7 @@
 """From a picture to the tensor that the network takes, as its card says."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,8 +29,7 @@ _LONGEST = 2
 _MOST_PIXELS = 16  # times the nominal pixel count, for a picture that is one long strip
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
+class Layout(NamedTuple):
     """Where the picture lies in the network's input; all in pixels of that input."""
 
     width: int  #: columns of the whole input

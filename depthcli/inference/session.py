@@ -20,7 +20,7 @@ from depthcli.models.catalog import Model
 _FATAL_ONLY = 4
 _IMAGE_RANK = 4
 _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
-_SOURCE_PLACE = re.compile(r"^\S+\.(cc|cpp|h):\d+ .*?\) (?=\S)")
+_SOURCE_PLACE = r"^\S+\.(cc|cpp|h):\d+ .*?\) (?=\S)"
 
 
 class Session:
@@ -199,4 +199,4 @@ def _channels_problem(model: Model, shape: list[Any], channels: int | None) -> s
 
 def _first_line(error: Exception) -> str:
     """What happened, without the place in onnxruntime's source."""
-    return one_line(_SOURCE_PLACE.sub("", str(error).strip().partition("\n")[0]))
+    return one_line(re.sub(_SOURCE_PLACE, "", str(error).strip().partition("\n")[0]))

@@ -27,7 +27,7 @@ METADATA_KEY = "depthcli.card"
 _MAX_INPUT_PIXELS = 2**24
 """Beyond, the first layers of a network take more memory than machines have."""
 _OPTIONAL_INPUT = {"resize": Resize.AREA, "layout": TensorLayout.NCHW, "pixel_aspect": 1.0}
-_UNPRINTABLE = re.compile("[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_UNPRINTABLE = "[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 _BOUNDS = frozenset({Fit.LOWER_BOUND, Fit.UPPER_BOUND})
 _MAX_TEXT = 1000
 _Text: TypeAlias = Annotated[
@@ -126,7 +126,7 @@ class ModelCard:
             {"schema": SCHEMA, **values}, indent=2, ensure_ascii=False, allow_nan=False
         )
         # JSON itself escapes only the first 32; a terminal obeys others, too.
-        return _UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
+        return re.sub(_UNPRINTABLE, lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
 
 
 def _check_schema(schema: object) -> None:

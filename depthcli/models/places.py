@@ -2,8 +2,8 @@
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from depthcli.errors import ModelError
 from depthcli.io.storage.remote import path_of, safe_name
@@ -16,8 +16,7 @@ CARD_SUFFIX = ".card.json"
 _ONNX_SUFFIX = ".onnx"
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(NamedTuple):
     """Where a model lies; nothing has been read yet."""
 
     onnx: Path | None  #: the ONNX file; None where only its card names it

@@ -12,8 +12,8 @@ from depthcli.errors import UsageError
 _LEAST_USE_BYTES = 10
 _PICTURE_BESIDE_BYTES = 18
 _UNITS = {"": 1, "K": 1_000, "M": 1_000_000, "G": 1_000_000_000}
-_SIZE = re.compile(r"(\d{1,18}(?:\.\d{1,18})?) ?([KMG]?)B?", re.IGNORECASE | re.ASCII)
-_WIDTH = re.compile(r"0*[1-9][0-9]{0,8}")
+_SIZE = r"(?ia)(\d{1,18}(?:\.\d{1,18})?) ?([KMG]?)B?"
+_WIDTH = r"0*[1-9][0-9]{0,8}"
 
 
 def choose_detail(
@@ -41,7 +41,7 @@ def _tile_px(text: str | None) -> int | None:
         return None
     if text == "auto":
         return AUTO_TILE
-    if not _WIDTH.fullmatch(text):
+    if not re.fullmatch(_WIDTH, text):
         raise UsageError(f"--tile is auto or a width in pixels, not {shown(text)}")
     return int(text)
 
@@ -49,7 +49,7 @@ def _tile_px(text: str | None) -> int | None:
 def _bytes(text: str | None) -> int | None:
     if text is None:
         return None
-    match = _SIZE.fullmatch(text.strip())
+    match = re.fullmatch(_SIZE, text.strip())
     if match is None:
         raise UsageError(f"--max-memory is a number of bytes such as 800M or 2G, not {shown(text)}")
     return int(float(match[1]) * _UNITS[match[2].upper()])

@@ -34,7 +34,7 @@ class State:
         self.debug = False
 
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+_CONTROL = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]"
 """What is neither a character nor the end of a line or a cell; names and cards may hold any."""
 _GAP = 2  # between columns
 _told: set[str] = set()
@@ -137,7 +137,7 @@ def trace(problem: BaseException) -> None:
 
 def _write_line(stream: TextIO, text: str) -> None:
     """A line, with escapes for what a terminal would obey or the encoding does not have."""
-    text = _CONTROL.sub(lambda found: one_line(found[0]), text)
+    text = re.sub(_CONTROL, lambda found: one_line(found[0]), text)
     if _bars and stream.isatty():
         # Standard error is Rich's own now: it has no encoding, and wraps lines.
         shown = _bars[-1].console

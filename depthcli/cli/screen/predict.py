@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
@@ -47,7 +46,7 @@ def picture_json(done: Done) -> dict[str, object]:
         "outputs": list(done.outputs),
         "kind": known.kind,
         "unit": known.unit,
-        **asdict(DepthRange.of(done.depth)),
+        **DepthRange.of(done.depth)._asdict(),
         "width": done.depth.width,
         "height": done.depth.height,
         **known.origin(),

@@ -14,7 +14,7 @@ from depthcli.io.writers.facts import ORIGIN_FACTS
 _MAX_SIDECAR_BYTES = 2**20
 _LEAST, _MOST = 1e-9, 1e12
 _PREFIX = "depthcli:"
-_FRAME_NUMBER = re.compile(r"\.\d{6,}$")
+_FRAME_NUMBER = r"\.\d{6,}$"
 _ORIENTATIONS = frozenset("12345678")
 _SHARED = ("software", "orientation", *ORIGIN_FACTS)
 
@@ -73,7 +73,7 @@ def positive_number(text: str | None) -> float | None:
 def sidecar_facts(path: Path) -> dict[str, object]:
     """What our own sidecar beside a file says, or that of the video it is a frame of."""
     own = path.with_suffix(".json")
-    return _facts_in(own) or _facts_in(own.with_stem(_FRAME_NUMBER.sub("", own.stem)))
+    return _facts_in(own) or _facts_in(own.with_stem(re.sub(_FRAME_NUMBER, "", own.stem)))
 
 
 def _facts_in(path: Path) -> dict[str, object]:

@@ -13,8 +13,8 @@ MARK = "depthcli:software"
 _EXR_MAGIC = b"v/1\x01"
 _EXR_MARK = f"{MARK}\0string\0".encode()
 _HEAD_BYTES = 4096
-_PICTURE_NAME = re.compile(r"(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$", re.IGNORECASE)
-_VIDEO_NAME = re.compile(r"\.(depth\.mkv|preview\.(mp4|webm|mov))$", re.IGNORECASE)
+_PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$"
+_VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
 
 
 def is_own_picture(path: str | Path) -> bool:
@@ -30,7 +30,7 @@ def is_own_picture(path: str | Path) -> bool:
 
 def _head(path: Path) -> bytes:
     if isinstance(path, RemotePath):
-        return path.read_some(first=_HEAD_BYTES) if _PICTURE_NAME.search(path.name) else b""
+        return path.read_some(first=_HEAD_BYTES) if re.search(_PICTURE_NAME, path.name) else b""
     with path.open("rb") as file:
         return file.read(_HEAD_BYTES)
 
@@ -40,8 +40,8 @@ def is_own_output(path: str) -> bool:
 
     A video is one by its name alone; of the pictures only those are opened whose names fit.
     """
-    if _VIDEO_NAME.search(path):
+    if re.search(_VIDEO_NAME, path):
         return True
-    if not _PICTURE_NAME.search(path):
+    if not re.search(_PICTURE_NAME, path):
         return False
     return (is_remote(path) or os.path.isfile(path)) and is_own_picture(path)  # noqa: PTH113

@@ -9,7 +9,7 @@ from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_size
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _STANDALONE = frozenset(range(0xD0, 0xD8)) | {0x01}
 _JPEG_FILL = re.compile(rb"\xff+")
-_NETPBM = re.compile(rb"P[1-6]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
+_NETPBM = rb"P[1-6]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s"
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
@@ -37,7 +37,7 @@ def _size_of_kind(data: bytes) -> tuple[int, int] | None:
         return avif_size(data)
     if data[:6] in (b"GIF87a", b"GIF89a"):
         return struct.unpack_from("<HH", data, 6)
-    netpbm = _NETPBM.match(data)
+    netpbm = re.match(_NETPBM, data)
     return (int(netpbm[1]), int(netpbm[2])) if netpbm else None
 
 

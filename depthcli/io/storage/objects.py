@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from obstore.store import ClientConfig, ObjectStore, RetryConfig
 
 RETRIES_VARIABLE = "DEPTHCLI_RETRIES"
-_HTTP_URI = re.compile(r"(https?://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?", re.IGNORECASE)
+_HTTP_URI = r"(?i)(https?://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?"
 _PART_BYTES = 8 << 20
 _PAGE = 1000
 _MOST_PARTS = 9_000  # S3 takes 10 000
@@ -154,7 +154,7 @@ def list_names(place: Address, after: str = "") -> Iterator[str]:
 
 def masked(text: str) -> str:
     """A text without the passwords and signatures that addresses in it carry."""
-    return _HTTP_URI.sub(lambda found: found[1] + found[2], text)
+    return re.sub(_HTTP_URI, lambda found: found[1] + found[2], text)
 
 
 def _ask(verb: str, place: Address, *words: Any, **options: Any) -> Any:  # noqa: ANN401

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from depthcli.io.storage.lock import open_locked
 
-_NAME = re.compile(r"\.depthcli-[0-9a-f]{16}(?:\..*)?", re.DOTALL)
+_NAME = r"(?s)\.depthcli-[0-9a-f]{16}(?:\..*)?"
 _FORGOTTEN_S = 86_400.0
 """Where there are no locks, only the age of a file tells that nobody writes it."""
 _MOST_ENTRIES = 10_000
@@ -99,7 +99,7 @@ def remove_stale(folder: Path, most: int | None = None) -> None:
     """
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in islice(entries, most):
-            if _NAME.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+            if re.fullmatch(_NAME, entry.name) and entry.is_file(follow_symlinks=False):
                 _remove_stale(Path(entry.path))
 
 

@@ -1,10 +1,9 @@
 """The table of output formats; free of numpy, so that help texts can list it."""
 
-from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
 from pathlib import PurePath
-from typing import Self
+from typing import NamedTuple, Self
 
 from depthcli.io.writers.base import Writer
 
@@ -12,8 +11,7 @@ MILLIMETRES = 1000.0
 """Steps per metre of 16-bit depth, where nothing else is said."""
 
 
-@dataclass(frozen=True, slots=True)
-class FormatFacts:
+class FormatFacts(NamedTuple):
     """What is known of a format before anything of it is loaded."""
 
     #: its class, as ``module:name``. Modules are loaded when a format is used: OpenEXR costs start-

@@ -1,7 +1,7 @@
 """16-bit PNG, by default in millimetres; 0 means no depth."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +14,7 @@ from depthcli.io.writers.facts import facts, step_unit
 from depthcli.io.writers.formats import MILLIMETRES
 
 
-@dataclass(frozen=True, slots=True)
-class Png16Writer:
+class Png16Writer(NamedTuple):
     """uint16 gray PNG."""
 
     #: steps per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)

@@ -3,8 +3,8 @@
 import errno
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
@@ -21,8 +21,7 @@ from depthcli.jobs.predict.plan import STANDARD, PicturePlan
 from depthcli.jobs.predict.request import PredictRequest
 
 
-@dataclass(frozen=True, slots=True)
-class Done:
+class Done(NamedTuple):
     """An input whose outputs are all written."""
 
     name: str  #: the input, as the user wrote it

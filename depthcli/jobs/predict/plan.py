@@ -1,8 +1,8 @@
 """Which files ``depthcli predict`` writes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import is_own_picture
@@ -30,8 +30,7 @@ def pictures_among(names: Sequence[str]) -> tuple[list[str], list[str]]:
     return others, own
 
 
-@dataclass(frozen=True, slots=True)
-class PicturePlan:
+class PicturePlan(NamedTuple):
     """One input and its outputs."""
 
     name: str  #: the input as the user wrote it
