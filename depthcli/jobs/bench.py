@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from depthcli.core.choices import Detail, Upsampling
-from depthcli.core.parallel.cores import usable_cores
+from depthcli.core.parallel.cores import share_cores
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.inference.latency import Latency, measure_latency
@@ -73,8 +73,8 @@ def run_bench(
     """
     given = request.picture
     picture = made_picture(*request.made_px) if given is None else read_bytes(given)
-    workers = request.workers or usable_cores()
-    each = replace(request.model, threads=max(1, usable_cores() // workers))
+    workers, threads = share_cores(request.workers)
+    each = replace(request.model, threads=threads)
     detail = Detail(request.upsampling)
     alone, shared = (Pipeline(loader.load(), detail) for loader in (request.model, each))
     for warning in alone.session.warnings:

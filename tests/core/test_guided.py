@@ -191,3 +191,11 @@ def test_a_bright_object_on_a_flat_wall_stays_flat() -> None:
     picture[30:60, 40:90] = 200
     values = upsample_guided(np.full((24, 32), 3.0, np.float32), Frame(picture), in_log=False)
     np.testing.assert_allclose(values, 3.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(24, 32), (96, 32), (24, 128)])
+def test_where_the_picture_is_no_finer_nothing_is_guided(size: tuple[int, int]) -> None:
+    coarse = np.random.default_rng(2).uniform(1, 3, (24, 32)).astype(np.float32)
+    noise = Frame(np.random.default_rng(3).integers(0, 256, size, np.uint8))
+    plain = resize_bilinear(coarse, size[1], size[0])
+    np.testing.assert_array_equal(upsample_guided(coarse, noise, in_log=True, reach=1), plain)

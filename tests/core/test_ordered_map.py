@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.parallel.process_map import process_map
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -101,3 +102,7 @@ def test_what_was_done_when_it_ends_early_is_not_lost() -> None:
     results.close()
     assert late[:3] == [10, 20, 30]
     assert late == sorted(late)
+
+
+def test_one_worker_is_this_process() -> None:
+    assert list(process_map(lambda n: n + 1, [1, 2], workers=1)) == [2, 3]

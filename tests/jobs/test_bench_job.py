@@ -78,3 +78,12 @@ def test_the_figures_belong_to_a_model_and_a_provider(model_folder: Path) -> Non
     for latency in (done.speed.network, done.speed.end_to_end):
         assert 0 < latency.min_ms <= latency.median_ms
         assert latency.noise >= 0
+
+
+def test_throughput_is_that_between_the_first_picture_and_the_last(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, model_folder: Path
+) -> None:
+    ends_s = [10.0, 12.0, 10.5, 11.0]
+    monkeypatch.setattr(speed, "ordered_map", lambda *_args, **_words: iter(ends_s))
+    pipeline = load(model_folder, provider="cpu", threads=1)
+    assert speed._throughput(pipeline, b"", tmp_path, workers=1, seconds=0) == 1.5

@@ -157,13 +157,23 @@ def test_crop_of_the_originals_is_untrue_to_metres() -> None:
     assert float(means.max() - means.min()) > 0.05  # crops at random places
 
 
-def test_light_changes_the_picture_and_never_the_depth() -> None:
+@pytest.mark.parametrize(
+    "strengths",
+    [
+        {"colour_jitter": 0.2},
+        {"gamma": 0.3},
+        {"brightness": 0.3},
+        {"noise": 0.05},
+        {"colour_jitter": 0.2, "gamma": 0.3, "brightness": 0.3, "noise": 0.05},
+    ],
+)
+def test_light_changes_the_picture_and_never_the_depth(strengths: dict[str, float]) -> None:
     rgb, depth_m = _pairs(8)
-    lit = replace(PLAIN, colour_jitter=0.2, gamma=0.3, brightness=0.3, noise=0.05)
+    lit = replace(PLAIN, **strengths)
     gray, seen_m, _ = augment(rgb, depth_m, PLAIN, _random(7))
     relit, same_m, _ = augment(rgb, depth_m, lit, _random(7))
     torch.testing.assert_close(seen_m, same_m)
-    assert float((gray - relit).abs().mean((1, 2, 3)).min()) > 0.01
+    assert float((gray - relit).abs().mean((1, 2, 3)).mean()) > 0.01
     assert float(relit.min()) >= -1
     assert float(relit.max()) <= 1
 

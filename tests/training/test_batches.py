@@ -11,7 +11,7 @@ from rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 
 from depthcli.errors import DatasetError, UsageError
 from depthcli.training.data.batches import Batches, TrainingBatch
-from depthcli.training.data.pair_store import PairStore, whole_pictures
+from depthcli.training.data.pair_store import PairStore, _stored_size, whole_pictures
 from depthcli.training.setup import divide
 
 CPU = torch.device("cpu")
@@ -176,3 +176,20 @@ def test_whole_scenes_are_held_out() -> None:
 def test_no_pair_is_an_error() -> None:
     with pytest.raises(DatasetError, match="no pair to train on"):
         PairStore(rooms(), [], DATA)
+
+
+@pytest.mark.parametrize(
+    ("picture", "stored"),
+    [
+        ((300, 100), (150, 300)),
+        ((150, 130), (130, 260)),
+        ((900, 900), (200, 400)),
+        ((9, 9), (100, 200)),
+    ],
+)
+def test_pictures_are_kept_no_larger_than_views_need(
+    picture: tuple[int, int], stored: tuple[int, int]
+) -> None:
+    """At the network's aspect, as large as the picture along one axis, at most twice the size."""
+    width, height = _stored_size((*picture, 3), replace(DATA, width=100, height=200))
+    assert (width, height) == stored

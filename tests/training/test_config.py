@@ -34,6 +34,10 @@ def test_defaults_are_the_papers() -> None:
     assert (optim.batch_size, optim.pool_size, optim.epochs) == (1, 50, 200)
     assert (data.width, data.height, data.colour, data.paired) == (256, 256, "value", True)
     assert not data.crop_286
+    extras = ("turn", "rotate_deg", "colour_jitter", "gamma", "brightness", "blur", "border")
+    assert not any(getattr(data, name) for name in (*extras, "noise", "cutmix"))
+    added = ("similarity", "relation", "gradient", "extra_scale", "l1_backward")
+    assert not any(getattr(config.loss, name) for name in added)
 
 
 def test_later_changes_win(tmp_path: Path) -> None:
@@ -107,6 +111,11 @@ def test_nonsense_is_refused_in_one_line(setting: str, reason: str) -> None:
         "data.zoom=0.5",
         "data.holdout_every=-1",
         "data.noise=-0.1",
+        "data.turn=-0.1",
+        "data.turn=1.1",
+        "data.border=1.1",
+        "loss.extra_scale=1.1",
+        "generator.width=1025",
         "validate_every=0",
         "save_every=0",
         "output.min_m=0",
@@ -122,7 +131,13 @@ def test_values_out_of_range_are_refused(setting: str) -> None:
         resolve(TrainConfig(), [], [setting])
 
 
-@pytest.mark.parametrize("setting", ["encoder=[4,4]", "decoder=[4,4,4,0]", "depths=[]"])
+@pytest.mark.parametrize(
+    "setting",
+    [
+        *("encoder=[4,4]", "decoder=[4,4,4,0]", "depths=[]"),
+        *("encoder=[4,4,4,4,4097]", "decoder=[4,4,4,4097]", "depths=[1,1,1,65]"),
+    ],
+)
 def test_efficient_needs_every_level(setting: str) -> None:
     with pytest.raises(UsageError, match=setting.partition("=")[0]):
         resolve(TrainConfig(), [], ["generator.name=efficient", f"generator.{setting}"])

@@ -1,0 +1,36 @@
+"""Points of a depth map, by the pinhole camera."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from depthcli.core.point_cloud import point_cloud
+from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.errors import UsageError
+
+DEPTH = DepthMap(np.float32([[1, 2, np.nan], [0, np.inf, 4]]))
+
+
+def test_each_pixel_with_depth_is_a_point_on_its_ray() -> None:
+    cloud = point_cloud(DEPTH, 10.0)
+    rays = np.array([[-1, -0.5, 10], [0, -0.5, 10], [1, 0.5, 10]]) / 10  # about (1, 0.5)
+    np.testing.assert_allclose(cloud.xyz_m, rays * [[1], [2], [4]], rtol=1e-6)
+    assert (len(cloud), cloud.rgb) == (3, None)
+    np.testing.assert_array_equal(np.asarray(cloud), cloud.xyz_m)
+    moved = point_cloud(DEPTH, 10.0, centre_px=(0.0, 1.0))
+    rays = np.array([[0, -1, 10], [1, -1, 10], [2, 0, 10]]) / 10
+    np.testing.assert_allclose(moved.xyz_m, rays * [[1], [2], [4]], rtol=1e-6)
+
+
+def test_points_have_the_colours_of_their_pixels() -> None:
+    pixels = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
+    cloud = point_cloud(DEPTH, 10.0, frame=Frame(pixels))
+    assert cloud.rgb is not None
+    np.testing.assert_array_equal(cloud.rgb, pixels[[0, 0, 1], [0, 1, 2]])
+    assert repr(cloud) == "<PointCloud 3 points, colours>"
+
+
+def test_what_has_no_metres_has_no_points() -> None:
+    with pytest.raises(UsageError, match="needs metres"):
+        point_cloud(DepthMap(DEPTH.values, DepthKind.RELATIVE), 10.0)
