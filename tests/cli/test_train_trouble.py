@@ -270,6 +270,6 @@ def test_bad_data_is_one_line(folder: Path, name: str, capsys: pytest.CaptureFix
     finally:
         signal.signal(signal.SIGTERM, handler)
     errors = capsys.readouterr().err
-    assert (code, errors.count("\n")) == (3, 1), errors
+    assert (code, errors.count("\n")) == (2, 1), errors
     assert reason in errors
     assert not (folder / "run" / "last.ckpt").exists()
