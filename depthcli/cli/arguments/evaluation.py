@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 ModelsOption = Annotated[
     list[str] | None,
     typer.Option(
+        metavar="MODEL",
         autocompletion=completion.models,
         help="Name or path of a model; repeatable. Default: the bundled model.",
     ),
@@ -23,7 +24,8 @@ ModelsOption = Annotated[
 PredictionsOption = Annotated[
     list[Path] | None,
     typer.Option(
-        help="Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; repeatable."
+        metavar="DIR",
+        help="Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; repeatable.",
     ),
 ]
 PredictionsKindOption = Annotated[
@@ -73,7 +75,9 @@ ThreadsOption = Annotated[
     int | None,
     typer.Option(min=1, max=1024, help="Inference threads per worker. Default: cores / workers."),
 ]
-CsvOption = Annotated[Path | None, typer.Option(help="Also write the table as CSV.")]
+CsvOption = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Also write the table as CSV.")
+]
 FiguresOption = Annotated[
     Path | None,
     typer.Option(metavar="DIR", help="Write figures of sample pictures, in gray and in colour."),

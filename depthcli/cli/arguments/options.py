@@ -13,6 +13,7 @@ from depthcli.io.writers.formats import Format
 ModelOption = Annotated[
     str | None,
     typer.Option(
+        metavar="MODEL",
         autocompletion=completion.models,
         help="Name ('depthcli models list'), .onnx file, or folder with a card.json.",
     ),
@@ -20,6 +21,7 @@ ModelOption = Annotated[
 ProviderOption = Annotated[
     str,
     typer.Option(
+        metavar="NAME",
         autocompletion=completion.providers,
         help="auto, cpu, cuda, tensorrt, rocm, migraphx, directml, coreml or openvino. A "
         "provider requested by name must be available.",

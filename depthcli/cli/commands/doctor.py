@@ -17,11 +17,19 @@ app = typer.Typer(rich_markup_mode=None)
 def doctor(
     model: Annotated[
         str | None,
-        typer.Option(autocompletion=completion.models, help="Model to check, by name or path."),
+        typer.Option(
+            metavar="MODEL",
+            autocompletion=completion.models,
+            help="Model to check, by name or path.",
+        ),
     ] = None,
     provider: Annotated[
         str,
-        typer.Option(autocompletion=completion.providers, help="Execution provider to check."),
+        typer.Option(
+            metavar="NAME",
+            autocompletion=completion.providers,
+            help="Execution provider to check.",
+        ),
     ] = "auto",
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per line.")

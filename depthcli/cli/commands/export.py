@@ -20,11 +20,16 @@ def export_onnx(
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", help="Output ONNX file or folder. Default: next to the checkpoint."
+            "-o",
+            "--output",
+            metavar="OUT",
+            help="Output ONNX file or folder. Default: next to the checkpoint.",
         ),
     ] = None,
-    name: Annotated[str, typer.Option(help="Model name in the card.")] = "custom",
-    model_version: Annotated[str, typer.Option(help="Model version in the card.")] = "1.0.0",
+    name: Annotated[str, typer.Option(metavar="NAME", help="Model name in the card.")] = "custom",
+    model_version: Annotated[
+        str, typer.Option(metavar="VERSION", help="Model version in the card.")
+    ] = "1.0.0",
     fp16: Annotated[
         bool, typer.Option("--fp16", help="Store weights as float16; computes in float32.")
     ] = False,

@@ -32,7 +32,8 @@ def add_own(
         ),
     ] = None,
     name: Annotated[
-        str | None, typer.Option(help="Name for --model. Default: the name in the card.")
+        str | None,
+        typer.Option(metavar="NAME", help="Name for --model. Default: the name in the card."),
     ] = None,
     force: Annotated[
         bool,

@@ -21,9 +21,12 @@ def _render_group() -> None:
 @app.command()
 def rooms(
     out: Annotated[
-        Path, typer.Option(help="Folder for rgb/, depth/, cameras.csv; rooms in it are kept.")
+        Path,
+        typer.Option(
+            metavar="DIR", help="Folder for rgb/, depth/ and cameras.csv; existing rooms are kept."
+        ),
     ],
-    count: Annotated[int, typer.Option(min=1, help="Number of rooms in all.")] = 1000,
+    count: Annotated[int, typer.Option(min=1, help="Total number of rooms.")] = 1000,
     size: Annotated[str, typer.Option(metavar="WxH", help="Size of the pictures.")] = "256x192",
     hfov: Annotated[
         str,
@@ -36,19 +39,20 @@ def rooms(
         Sensor,
         typer.Option(help="none: exact depth. kinect: noise, holes and frayed edges."),
     ] = Sensor.NONE,
-    seed: Annotated[int, typer.Option(min=0, help="Other seeds give other rooms.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
     workers: Annotated[
-        int | None, typer.Option(min=1, max=1024, help="Processes. Default: one per core.")
+        int | None,
+        typer.Option(min=1, max=1024, help="Number of processes. Default: one per core."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     quiet: QuietOption = False,
 ) -> int:
-    """Render pictures of furnished rooms and their exact depth.
+    """Render pictures of furnished rooms with exact depth.
 
     'depthcli train' reads them with --data or --extra.
 
-    The same seed and options give the same files, whatever the count and the workers. A run that
-    was interrupted goes on where it stopped.
+    The same seed and options give the same files, independent of --count and --workers. Run the
+    same command again to resume.
     """
     from depthcli.cli.screen import console
     from depthcli.cli.screen.progress import drawn

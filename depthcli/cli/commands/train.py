@@ -9,6 +9,7 @@ import typer
 from depthcli.cli.arguments import completion
 from depthcli.cli.signals import SIGNAL_BASE, ending_signals
 from depthcli.errors import ExitCode, UsageError
+from depthcli.training.config.presets import preset_names
 from depthcli.training.methods.table import METHODS
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
@@ -48,18 +49,30 @@ _Data = Annotated[
 _Out = Annotated[
     Path,
     typer.Option(
-        help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint."
+        metavar="DIR",
+        help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint.",
     ),
 ]
 _Preset = Annotated[
     str | None,
-    typer.Option(autocompletion=completion.presets, help="Configuration preset."),
+    typer.Option(
+        metavar="NAME",
+        autocompletion=completion.presets,
+        help=f"Configuration preset: {', '.join(preset_names())}.",
+    ),
 ]
 _Config = Annotated[
-    list[Path] | None, typer.Option(help="TOML file that overrides the configuration; repeatable.")
+    list[Path] | None,
+    typer.Option(metavar="FILE", help="TOML file that overrides the configuration; repeatable."),
 ]
 _Set = Annotated[
-    list[str] | None, typer.Option("--set", help="Override one setting, as a.b=value; repeatable.")
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
+        "repeatable.",
+    ),
 ]
 _Show = Annotated[
     bool, typer.Option("--show-config", help="Print the full configuration and exit.")
@@ -69,18 +82,24 @@ _Minutes = Annotated[
     typer.Option(min=0.0, help="Time limit in minutes; the run can be resumed."),
 ]
 _Accelerator = Annotated[
-    str, typer.Option(autocompletion=completion.accelerators, help="auto, cpu, cuda or mps.")
+    str,
+    typer.Option(
+        metavar="NAME", autocompletion=completion.accelerators, help="auto, cpu, cuda or mps."
+    ),
 ]
 _Extra = Annotated[
     Path | None,
     typer.Option(
-        help="Further pairs whose metres are less sure, rgb/ and depth/ in millimetres: "
-        "predictions of another model, say."
+        metavar="DIR",
+        help="Additional pairs with less reliable depth, such as predictions of another model: "
+        "rgb/ and depth/ in millimetres.",
     ),
 ]
 _Init = Annotated[
     Path | None,
-    typer.Option(help="Start from the weights of an exported model (.onnx) or a checkpoint."),
+    typer.Option(
+        metavar="FILE", help="Start from the weights of an exported model (.onnx) or a checkpoint."
+    ),
 ]
 _Devices = Annotated[
     int,
