@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -15,9 +16,11 @@ from batches import outputs, pictures
 from tiny import write_model, write_picture
 from videos import flat_frames, write_video
 
+from depthcli.core.ending import prepare_to_end
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.listing.path_list import read_list
+from depthcli.io.manifest.rows_folder import rows_folder
 from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format
@@ -232,3 +235,17 @@ def test_lists_name_objects(tmp_path: Path, bucket: Bucket, tree: dict[str, byte
     assert (tmp_path / "o" / result.row.outputs[0].path).read_bytes() == tree["z.depth.npy"]
     with pytest.raises(UsageError, match=r"the list .*none.txt cannot be read: no such object"):
         list(read_list(bucket.uri("none.txt")))
+
+
+@pytest.mark.parametrize("end", [prepare_to_end, gc.collect])
+def test_a_batch_that_does_not_finish_leaves_no_copy_of_its_rows(
+    bucket: Bucket, end: Callable[[], object]
+) -> None:
+    """Neither one that a signal ends nor one that fails."""
+    rows = [rows_folder(path_of(bucket.uri("out/")))]
+    copy = rows[0].path
+    assert copy.is_dir()
+    if end is gc.collect:
+        rows.clear()
+    end()
+    assert not copy.exists()

@@ -62,8 +62,8 @@ height = 32
 holdout_every = 4
 holdout_offset = 1
 [optim]
-epochs_constant = 4
-epochs_decay = 4
+epochs_constant = 1
+epochs_decay = 2
 width_discriminator = 4
 pool_size = 2
 """
@@ -124,10 +124,10 @@ JOBS = {
 def room(folder: Path, names: tuple[str, ...]) -> None:
     """A folder with what the jobs read."""
     write_model(folder / "models" / "default")
-    for i in range(40):
+    for i in range(16):
         write_picture(folder / "in" / f"{i % 3}" / f"{i:02}.png", synthetic_picture(96, 128))
     write_video(folder / "in" / "short.mkv", flat_frames(range(20, 240, 20), 60, 80))
-    write_video(folder / "clip.mkv", flat_frames(range(10, 250, 3), 240, 320))
+    write_video(folder / "clip.mkv", flat_frames(range(10, 250, 8), 240, 320))
     if {"train", "export"} & {*names}:
         from rooms import write_rooms  # noqa: PLC0415 - it loads torch
 

@@ -6,11 +6,13 @@ import shutil
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.storage.transfer import download
 
 _SEND_EVERY_S = 5.0
@@ -44,11 +46,9 @@ class RemoteRows(RowsFolder):
         Raises:
             OutputError: the folder cannot be read.
         """
-        from tempfile import TemporaryDirectory  # noqa: PLC0415 - 2 ms, and seldom used
-
         self._out, self._lock, self._sent_s = out, threading.Lock(), time.monotonic()
-        self._temporary = TemporaryDirectory(prefix="depthcli-rows-")
-        super().__init__(Path(self._temporary.name))
+        self._ending = ExitStack()
+        super().__init__(self._ending.enter_context(temporary_folder()))
         self._objects: dict[str, list[str]] = {}  # of each file here
         try:
             for name in self._row_objects():
@@ -84,7 +84,7 @@ class RemoteRows(RowsFolder):
             for name, objects in self._objects.items():
                 for one in objects if name not in here else ():
                     _delete(self._out / one)
-            self._temporary.cleanup()
+            self._ending.close()
 
     def _row_objects(self) -> Iterator[str]:
         for beginning in _BEGINNINGS:
