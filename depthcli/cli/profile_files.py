@@ -13,6 +13,7 @@ from depthcli.io.storage.user_folders import check_home, config_folder
 Scalar = str | int | float | bool
 Value = Scalar | list[Scalar]
 
+_ADVICE = "set XDG_CONFIG_HOME to a folder that takes it"
 _MAX_BYTES = 2**20
 _SUFFIX = ".toml"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -97,7 +98,7 @@ def write_profile(name: str, values: Mapping[str, Value], *, force: bool) -> Pat
         raise UsageError(f"profile {name!r} already exists; give another name, or --force")
     check_home(path)
     lines = [f"{key} = {_toml(value)}\n" for key, value in values.items()]
-    with atomic_path(path) as temporary:
+    with atomic_path(path, advice=_ADVICE) as temporary:
         try:
             temporary.write_text("".join(lines), "utf-8")
         except UnicodeEncodeError as error:

@@ -8,8 +8,8 @@ from depthcli.errors import OutputError, UsageError
 DEPTH_PIXELS = "gray16le"
 """FFmpeg's name of the pixels of depth."""
 _OF_SMALL = {"slices": (16, "1"), "mbtree": (240, "0")}
-"""What options of an encoder are for frames with a shorter side than so many pixels: without a row
-of blocks for each slice; and as x264's mbtree gives one in fifty of them other bytes each time."""
+"""Options of an encoder for frames whose shorter side has fewer than so many pixels: they have no
+row of blocks for each slice, and x264's mbtree gives about one in a hundred other bytes."""
 _CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
 
 

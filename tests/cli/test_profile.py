@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from tiny import write_model
 
 from depthcli.cli import shell
-from depthcli.cli.profile_files import _toml
+from depthcli.cli.profile_files import _toml, write_profile
 from depthcli.cli.table import COMMANDS, PROFILED
+from depthcli.errors import OutputError
 
 if TYPE_CHECKING:
     from command_line import Cli
@@ -282,3 +283,12 @@ def test_a_model_file_is_found_from_every_folder(home: Home) -> None:
     assert home.run("profile", "save", "p", "--model", "m.onnx")[0] == 0
     saved = tomllib.loads((home.folder / "p.toml").read_text())
     assert saved == {"model": str(home.cli.folder / "m.onnx")}
+
+
+def test_a_place_that_takes_no_profile_is_an_error_that_says_how_to_name_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "depthcli").write_text("a file")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    with pytest.raises(OutputError, match="Not a directory; set XDG_CONFIG_HOME"):
+        write_profile("p", {"half": True}, force=False)

@@ -64,7 +64,8 @@ _DEFLATED = [
     encoded(".tiff", cv2.IMWRITE_TIFF_COMPRESSION, 8, *options)
     for options in ((), (cv2.IMWRITE_TIFF_ROWSPERSTRIP, 8))
 ]
-_CHECKED_BY_LIBTIFF = {"LZW": 5, "PackBits": 32773}
+_IS_TOLD = int(cv2.__version__.partition(".")[0]) > 4  # what libtiff finds; OpenCV 4 does not
+_CHECKED_BY_LIBTIFF = {"LZW": 5, "PackBits": 32773} if _IS_TOLD else {}
 _LOST = "is damaged, or of a variant that cannot be decoded; save it again"
 _NO_PICTURE = "is not a picture"
 

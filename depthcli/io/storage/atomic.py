@@ -13,12 +13,15 @@ from depthcli.io.storage.temporaries import temporary_beside
 
 
 @contextmanager
-def atomic_path(path: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+def atomic_path(
+    path: Path, *, inputs: Iterable[Path] = (), advice: str = "choose another -o"
+) -> Iterator[Path]:
     """A temporary path in the same folder that takes ``path``'s place when the block succeeds.
 
     Args:
         path: the output; missing folders are made.
         inputs: files that must not be replaced.
+        advice: what to do where the path cannot be written.
 
     Yields:
         Where to write; it has ``path``'s suffix.
@@ -34,7 +37,7 @@ def atomic_path(path: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Path]:
             yield temporary
         return
     if _is_special(path):
-        raise OutputError(f"{path} is a device or a pipe and is not replaced; choose another -o")
+        raise OutputError(f"{path} is a device or a pipe and is not replaced; {advice}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary_beside(path) as temporary:
@@ -42,7 +45,7 @@ def atomic_path(path: Path, *, inputs: Iterable[Path] = ()) -> Iterator[Path]:
             os.replace(temporary, path)  # noqa: PTH105 - names with bytes that are not UTF-8 pass
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(f"cannot write {path}: {reason}; choose another -o") from error
+        raise OutputError(f"cannot write {path}: {reason}; {advice}") from error
 
 
 @contextmanager
