@@ -7,9 +7,7 @@ from depthcli.errors import OutputError, UsageError
 
 DEPTH_PIXELS = "gray16le"
 """FFmpeg's name of the pixels of depth."""
-_OF_SMALL = {"slices": (16, "1"), "mbtree": (240, "0")}
-"""Options of an encoder for frames whose shorter side has fewer than so many pixels: they have no
-row of blocks for each slice, and x264's mbtree gives about one in a hundred other bytes."""
+_LEAST_FOR_SLICES = 16
 _CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
 
 
@@ -50,9 +48,8 @@ class Encoding:
     def options_for(self, width: int, height: int) -> dict[str, str]:
         """The encoder's options for frames of a size."""
         options = dict(self.options) | {"flags": "+bitexact"}
-        for name, (least, value) in _OF_SMALL.items():
-            if name in options and min(width, height) < least:
-                options[name] = value
+        if min(width, height) < _LEAST_FOR_SLICES and "slices" in options:
+            options["slices"] = "1"
         return options
 
 
@@ -64,13 +61,14 @@ ENCODINGS = {
         is_all_key=True,
     ),
     # Without B-frames, times in the file are those of the frames in every player. Colours of depth
-    # are smooth: finer motion and blocks double the time for files of the same size and error.
+    # are smooth: finer motion and blocks double the time for files of the same size and error. With
+    # mbtree, one video in a hundred has other bytes.
     Codec.H264: Encoding(
         "libx264",
         "yuv420p",
         (
-            *(("preset", "veryfast"), ("crf", "17"), ("bf", "0"), ("threads", "4")),
-            *(("subq", "1"), ("weightp", "none"), ("partitions", "none"), ("mbtree", "1")),
+            *(("preset", "veryfast"), ("crf", "20"), ("bf", "0"), ("threads", "4")),
+            *(("subq", "1"), ("weightp", "none"), ("partitions", "none"), ("mbtree", "0")),
         ),
     ),
     Codec.VP9: Encoding(

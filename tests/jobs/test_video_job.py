@@ -435,7 +435,7 @@ def test_one_worker_and_several_write_the_same(
     for name in ("clip.depth.mkv", "clip.preview.mp4"):
         one, four = ((tmp_path / f"w{n}" / name).read_bytes() for n in (1, 4))
         assert one == four
-    # With it, x264 gives one in a hundred videos as small as this other bytes.
+    # With it, x264 gives about one in a hundred videos other bytes.
     assert b"mbtree=0" in one
 
 
