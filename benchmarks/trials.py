@@ -110,10 +110,15 @@ class Trials:
         took_s = sum(record.seconds.values())
         print(f"{len(record.seconds)} of {len(items)} tests pass, in {took_s:.0f} s")
         for place in self._places:
-            tests = [items[name] for name in record.tests(place, self._limit_s)]
-            self.noticed_by[place] = end = self._trial(place, tests, record) if tests else ""
+            names = list(record.tests(place, self._limit_s))
+            tried = place
+            if not names:  # a function that runs while the module is loaded, if at all
+                tried = Place(place.module, place.mutant._replace(function=0))
+                names = list(record.tests(tried, self._limit_s))
+            tests = [items[name] for name in names]
+            self.noticed_by[place] = end = self._trial(tried, tests, record)
             _, _, before, after, _ = place.mutant
-            ended = end or ("SURVIVED" if tests else "SURVIVED, no test runs it")
+            ended = end or ("SURVIVED" if tried is place else "SURVIVED, no test runs it")
             print(f"{place.at}: {before}  ->  {after}  [{ended}]", flush=True)
         self._doubt(items)
         return True

@@ -139,7 +139,9 @@ def test_json_of_published_rows_has_null_where_nothing_was_printed() -> None:
     report = evaluate_models(
         plan_nyu(dataset, SplitName.PAPER, limit=1), [], EvalOptions(trivial=False)
     )
-    first = json.loads(report.to_json())["rows"][0]
+    document = json.loads(report.to_json())
+    assert document["schema"] == 1
+    first = document["rows"][0]
     assert first["scores"]["silog"] is None
     assert first["align"] is None
     assert "misprint" in first["note"]

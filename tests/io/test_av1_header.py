@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import struct
+
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.io.pictures.avif import _coded_sizes
+from depthcli.io.pictures.avif import _coded_sizes, avif_size
 
 
 class Bits:
@@ -67,3 +69,8 @@ def test_the_size_of_any_header_is_found(made: tuple[bytes, tuple[int, int]], lo
     obu = bytes([1 << 3 | longer << 2 | 2, *[0] * longer, len(header)]) + header
     other = bytes([2 << 3 | 2, 3]) + b"abc"  # a temporal delimiter or the like goes before
     assert _coded_sizes(memoryview(other + obu)) == [size]
+
+
+def test_the_largest_claim_has_the_most_pixels() -> None:
+    claims = (b"ispe" + struct.pack(">III", 0, *size) for size in ((20, 4), (10, 10), (4, 20)))
+    assert avif_size(b"".join(claims) + b"mdat") == (10, 10)
