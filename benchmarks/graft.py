@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
 from types import CodeType, FunctionType, ModuleType
 from typing import TYPE_CHECKING
 
@@ -24,9 +24,12 @@ class Functions:
 
     def change(self, file: str, source: str) -> None:
         """Give them the code of changed source, those before and around the change at least."""
-        for code in _codes(compile(source, file, "exec")):
+        codes = list(_codes(compile(source, file, "exec")))
+        times = Counter(map(_place, codes))
+        for code in codes:
             for function in self._found.get(_place(code), ()):
-                if function.__code__.co_freevars == code.co_freevars:
+                # Of several lambdas in a line, which is which cannot be told.
+                if times[_place(code)] == 1 and function.__code__.co_freevars == code.co_freevars:
                     function.__code__ = code
 
 
@@ -68,7 +71,8 @@ def _change_class(old: type, new: type) -> None:
         before = vars(old).get(name)
         if name == "__dataclass_fields__":
             for field, changed in after.items():
-                before[field].default = changed.default
+                if before[field].default != changed.default:
+                    before[field].default = changed.default
         elif isinstance(before, (staticmethod, classmethod)):
             _change_defaults(before.__func__, after.__func__)
         elif isinstance(before, FunctionType):
@@ -80,7 +84,12 @@ def _change_class(old: type, new: type) -> None:
 def _change_defaults(old: FunctionType, new: FunctionType) -> None:
     while hasattr(old, "__wrapped__") and hasattr(new, "__wrapped__"):
         old, new = old.__wrapped__, new.__wrapped__
-    old.__defaults__, old.__kwdefaults__ = new.__defaults__, new.__kwdefaults__
+    if old.__defaults__ and new.__defaults__:
+        pairs = zip(old.__defaults__, new.__defaults__, strict=False)
+        old.__defaults__ = tuple(before if before == after else after for before, after in pairs)
+    for name, after in (new.__kwdefaults__ or {}).items():
+        if old.__kwdefaults__[name] != after:  # an equal member of an enumeration is not the same
+            old.__kwdefaults__[name] = after
 
 
 def _rebind(name: str, old: object, new: object) -> None:

@@ -158,3 +158,15 @@ def test_anything_is_read_or_refused_in_one_line(value: Any, name: str) -> None:
     assert said.startswith(name)
     assert said.isprintable()
     assert len(said) < 400
+
+
+@dataclass(frozen=True, slots=True)
+class Whole:
+    number: int
+
+
+@pytest.mark.parametrize("number", [2**63 - 1, -(2**63)])
+def test_whole_numbers_have_64_bits(number: int) -> None:
+    assert built(Whole, {"number": number}) == Whole(number)
+    with pytest.raises(FieldError):
+        built(Whole, {"number": number + (1 if number > 0 else -1)})

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from depthcli.core.choices import AUTO_TILE, Detail
+from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.picture_limit import PictureLimit, bytes_needed, megabytes, size_text
 from depthcli.errors import InputError, UsageError
 
@@ -49,6 +49,10 @@ def test_a_limit_is_said_as_it_was_given(count: float, text: str) -> None:
 
 def test_megabytes_are_rounded_up() -> None:
     assert [megabytes(n) for n in (1, 1_000_000, 1_000_001)] == ["1M", "1M", "2M"]
+
+
+def test_choices_are_taken_as_plain_words_too() -> None:
+    assert Detail(upsampling="bilinear").upsampling is Upsampling.BILINEAR  # type: ignore[arg-type]
 
 
 def test_tiles_of_less_than_nothing_are_refused() -> None:

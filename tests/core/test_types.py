@@ -120,3 +120,11 @@ def test_a_map_goes_to_another_process() -> None:
     received = pickle.loads(pickle.dumps(sent))  # noqa: S301 - our own bytes
     np.testing.assert_array_equal(received.values, DEPTH_M)
     assert (received.kind, received.provenance) == (sent.kind, sent.provenance)
+
+
+@pytest.mark.parametrize("count", range(1, 6))
+def test_the_range_has_the_median_of_what_is_finite(count: int) -> None:
+    values = np.float32([[*[5, 1, 9, 2, 7][:count], np.nan, np.inf]])
+    found = DepthRange.of(DepthMap(values))
+    finite = values[0, :count]
+    assert (found.min, found.median, found.max) == (finite.min(), np.median(finite), finite.max())

@@ -1,0 +1,23 @@
+"""Work that goes on while the caller does something else."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from depthcli.core.parallel.background import Background
+
+
+def test_the_result_is_waited_for() -> None:
+    go_on = threading.Event()
+    work = Background(lambda: (go_on.wait(60), threading.current_thread().daemon))
+    go_on.set()
+    assert work.result() == (True, True)
+    assert work.result() == (True, True)
+
+
+def test_what_it_raises_is_raised_where_the_result_is_wanted() -> None:
+    work = Background(lambda: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        work.result()
