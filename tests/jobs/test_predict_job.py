@@ -89,6 +89,21 @@ def test_a_request_is_made_before_anything_heavy_is_loaded() -> None:
     assert not modules & {"numpy", "cv2", "onnxruntime", "typer", "rich"}
 
 
+def test_one_picture_loads_nothing_that_others_need(tmp_path: Path) -> None:
+    words = str(write_picture(tmp_path / "a.png")), "--model", str(write_model(tmp_path / "model"))
+    code = (
+        "import sys; from depthcli.cli.shell import run; code = run(['predict', *sys.argv[1:]]);"
+        "print(*sys.modules); sys.exit(code)"
+    )
+    command = [sys.executable, "-c", code, *words]
+    done = subprocess.run(command, capture_output=True, check=True)
+    loaded = set(done.stdout.decode().split())
+    assert "depthcli.io.writers.png16" in loaded
+    of_others = {"av", "sqlite3", "tempfile", "random", "rich", "torch", "pyarrow", "obstore"}
+    assert not loaded & (of_others | {"OpenEXR", "numpy.ma", "multiprocessing", "ssl"})
+    assert "depthcli.inference.tiles" not in loaded
+
+
 def test_outputs_are_named_before_anything_is_read(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="is one file but there are 2 inputs"):
         predict(PredictRequest(("a.png", "b.png"), str(tmp_path / "d.png")))
