@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import warnings
 import weakref
 from pathlib import Path
 from threading import get_ident
@@ -374,6 +375,14 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     assert stated_facts(tmp_path / "a.png")["scale"] == "256"
     depth.save(tmp_path / "a.exr", exr_channel="depth.Z", half=True)
     assert depthcli.read_depth(tmp_path / "a.exr").values == pytest.approx(depth.values, rel=1e-3)
+    clouds = []
+    for name, centre_px in (("c.ply", None), ("d.ply", (0.0, 0.0))):
+        with warnings.catch_warnings():  # of the assumed camera
+            warnings.simplefilter("ignore")
+            depth.save(tmp_path / name, centre_px=centre_px)
+        clouds.append((tmp_path / name).read_bytes())
+    assert len(clouds[0]) == len(clouds[1])
+    assert clouds[0] != clouds[1]
     with pytest.raises(depthcli.UsageError, match=r"half is for \.depth\.exr"):
         depth.save(tmp_path / "b.png", half=True)
     with pytest.raises(depthcli.UsageError, match="selects a format"):
