@@ -53,6 +53,11 @@ def test_every_type_of_scene_is_shown_before_any_is_shown_twice() -> None:
     assert choose(task, (), 100) == tuple(range(len(scenes)))
 
 
+def test_of_each_type_the_middle_is_shown_first() -> None:
+    task = _task(["a_1", "a_2", "a_3", "b_1", "b_2", "b_3", "b_4", "b_5"])
+    assert [choose(task, (), count) for count in (1, 2, 4)] == [(1,), (1, 5), (0, 1, 4, 5)]
+
+
 def test_named_pictures_keep_their_order_and_must_be_compared() -> None:
     task = _task(["a_1", "b_1", "c_1"])
     assert choose(task, ["0002", "0000"]) == (2, 0)
