@@ -39,7 +39,7 @@ def test_round_trip(config: GeneratorConfig, tmp_path: Path) -> None:
 
 
 def test_card_says_what_the_run_was(tmp_path: Path) -> None:
-    checkpoint = write_checkpoint(tmp_path / "last.ckpt", seconds=74.0)
+    checkpoint = write_checkpoint(tmp_path / "last.ckpt", seconds=3599.0)
     options = ExportOptions(name="room", version="2.1.0")
     done = export_checkpoint(checkpoint, tmp_path / "room.onnx", options)
     card = done.card
@@ -50,7 +50,7 @@ def test_card_says_what_the_run_was(tmp_path: Path) -> None:
     assert card.output.codec.decode(np.float32([-1, 1])) == pytest.approx([0.4, 10])
     assert (card.output.min_m, card.output.max_m) == (0.4, 10.0)
     assert card.training["steps"] == 12
-    assert card.training["minutes"] == 1.2
+    assert card.training["minutes"] == 60.0
     assert card.training["seed"] == 7
     assert card.training["method"] == "proposed"
     assert card.training["validation"] == {"abs_rel": 0.25}
