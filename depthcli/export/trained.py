@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from depthcli.core.choices import Weights
-from depthcli.errors import CheckpointError, ModelError, OutputError
+from depthcli.errors import ModelError, OutputError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.models.catalog import read_model
@@ -23,13 +23,13 @@ def find_runs(folder: Path) -> tuple[Path, ...]:
     """The folder itself or those in it that hold a checkpoint, by name.
 
     Raises:
-        CheckpointError: there is none.
+        UsageError: there is none.
     """
     if (folder / CHECKPOINT).is_file():
         return (folder,)
     found = tuple(sorted(path.parent for path in folder.glob(f"*/{CHECKPOINT}")))
     if not found:
-        raise CheckpointError(f"{folder} holds no run: give the --out folder of `depthcli train`")
+        raise UsageError(f"{folder} holds no run: give the --out folder of `depthcli train`")
     return found
 
 
