@@ -1,8 +1,9 @@
-"""Draw what models and runs say of rooms that are rendered: the paper's Fig. 2 and 3.
+"""Draw what models and runs say of rooms that are rendered, as the paper's Fig. 2 and 3 do.
 
 Run ``python docs/draw_methods.py docs/methods.jpg runs/table/*-seed0``. Each column after the room
 and its depth is one model, scaled to the median of the true depth; colours are those of the true
-depth's span, and black is no depth.
+depth's span, and black is no depth. Photographs (``--photo FILE``, repeatable) have no true depth:
+each of their maps has its own span.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy.typing as npt
 import depthcli
 from depthcli.datasets.rooms.pair import USUAL_HFOV_DEG, Pair, Recipe, render_pair
 from depthcli.export.trained import export_run, open_run
+from depthcli.io.pictures.read import read_image
 from depthcli.visual.colormaps import colour_table
 from depthcli.visual.contact_sheet import contact_sheet
 
@@ -33,13 +35,24 @@ def model_of(path: Path, spare: Path) -> depthcli.DepthModel:
 
 
 def coloured(
-    depth_m: npt.NDArray[np.float32], true_m: npt.NDArray[np.float32]
+    depth_m: npt.NDArray[np.float32], span_m: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.uint8]:
-    """Near is bright, over the span of the true depth; 0 m is black."""
-    near, far = np.quantile(1 / true_m[true_m > 0], (0.95, 0.02))
+    """Near is bright, over the span of some other depth; 0 m is black."""
+    near, far = np.quantile(1 / span_m[span_m > 0], (0.95, 0.02))
     nearness = np.clip((1 / np.maximum(depth_m, _LEAST_M) - far) / (near - far), 0, 1)
     nearness[depth_m <= 0] = 0
-    return colour_table("inferno")[np.rint(nearness * 255).astype(np.uint8)]
+    table = colour_table("inferno")
+    return table[np.rint(nearness * 255).astype(np.uint8)]
+
+
+def photo_row(path: Path, models: list[depthcli.DepthModel]) -> list[npt.NDArray[np.uint8]]:
+    """A photograph, nothing, and the depth of each model."""
+    pixels = read_image(path).pixels
+    height = round(pixels.shape[0] * RECIPE.size[0] / pixels.shape[1])
+    size = (RECIPE.size[0], height)
+    small = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
+    maps = [model.predict(small).values for model in models]
+    return [small, np.full_like(small, 255), *(coloured(depth, depth) for depth in maps)]
 
 
 def row(pair: Pair, models: list[depthcli.DepthModel]) -> list[npt.NDArray[np.uint8]]:
@@ -57,10 +70,12 @@ def main() -> None:
     parser.add_argument("picture", type=Path, help="picture to write")
     parser.add_argument("models", type=Path, nargs="+", help="runs of depthcli train, or models")
     parser.add_argument("--rooms", type=int, default=6)
+    parser.add_argument("--photo", type=Path, action="append", default=[])
     arguments = parser.parse_args()
     with TemporaryDirectory() as spare:
         models = [model_of(path, Path(spare)) for path in arguments.models]
     rows = [row(render_pair(RECIPE, i), models) for i in range(arguments.rooms)]
+    rows += [photo_row(path, models) for path in arguments.photo]
     titles = ["room", "depth", *(path.name.removesuffix("-seed0") for path in arguments.models)]
     sheet = cv2.cvtColor(contact_sheet(rows, titles), cv2.COLOR_RGB2BGR)
     data = cv2.imencode(arguments.picture.suffix, sheet, (cv2.IMWRITE_JPEG_QUALITY, 88))[1]
