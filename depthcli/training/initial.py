@@ -1,6 +1,7 @@
-"""Weights to start from: those of an exported model, or of another run's checkpoint."""
+"""Weights to start from: those of exported models, or of other runs' checkpoints."""
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,20 +17,37 @@ _HALF = "_half"  # how float16 weights are named that the graph widens
 _HASH_LENGTH = 16
 
 
-def start_from(generator: nn.Module, path: Path) -> str:
-    """Give a generator the weights of a file.
+def start_from(generator: nn.Module, paths: Sequence[Path]) -> str:
+    """Give a generator the weights of a file, or the mean of those of several.
+
+    The mean of networks that were trained on from the same one is often better than each of them
+    (Wortsman et al. 2022, "Model soups").
 
     Args:
         generator: of the same architecture; for an exported model, without batch norm, which is
             folded into its weights.
-        path: an ONNX file that `depthcli export-onnx` made of floats, or a checkpoint.
+        paths: ONNX files that `depthcli export-onnx` made of floats, or checkpoints; at least one.
 
     Returns:
-        What the weights are, for a model's card: the file's name and its SHA-256.
+        What the weights are, for a model's card: the files' names and their SHA-256.
 
     Raises:
-        CheckpointError: the file cannot be read or holds other networks.
+        CheckpointError: a file cannot be read or holds other networks.
     """
+    found = [_fitting_weights(generator, path) for path in paths]
+    means = {
+        name: torch.stack([each[name] for each in found]).double().mean(0) for name in found[0]
+    }
+    generator.load_state_dict(means)
+    names = [f"{path.name} {_sha256(path)[:_HASH_LENGTH]}" for path in paths]
+    return names[0] if len(names) == 1 else f"mean of {', '.join(names)}"
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _fitting_weights(generator: nn.Module, path: Path) -> dict[str, Tensor]:
     weights = _of_onnx(path) if path.suffix == ".onnx" else _of_checkpoint(path)
     wanted = generator.state_dict()
     strange = [
@@ -42,8 +60,7 @@ def start_from(generator: nn.Module, path: Path) -> str:
             f"{path} has no weights for {strange[0]}: set generator.* as they were when it was "
             "trained, with generator.norm=none for an exported float model"
         )
-    generator.load_state_dict({name: weights[name] for name in wanted})
-    return f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_LENGTH]}"
+    return {name: weights[name] for name in wanted}
 
 
 def _of_onnx(path: Path) -> dict[str, Tensor]:

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def fit(
     watcher: Watcher,
     limits: Limits | None = None,
     interrupt: Interrupt | None = None,
-    start: Path | None = None,
+    start: Sequence[Path] = (),
 ) -> RunProgress:
     """Train until the schedule, a limit or a signal ends it; continue a folder's checkpoint.
 
@@ -51,7 +52,7 @@ def fit(
         watcher: is told of each step and epoch.
         limits: stop early, cleanly, to continue later.
         interrupt: stop after the step in which a signal comes, and save; entered here.
-        start: exported model or checkpoint whose weights a new run starts from.
+        start: exported models or checkpoints; a new run starts from the mean of their weights.
 
     Returns:
         How far the run has come.

@@ -1,5 +1,6 @@
 """Networks, optimisers and average of one run: a step, a checkpoint, and back."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -58,13 +59,13 @@ class Run:
         """The network that is validated: the average, where there is one."""
         return self.average.network if self.average else self.method.generator
 
-    def start_from(self, path: Path) -> str:
-        """Start from the weights of an exported model or a checkpoint; what they are.
+    def start_from(self, paths: Sequence[Path]) -> str:
+        """Start from the mean weights of exported models or checkpoints; what they are.
 
         Raises:
             CheckpointError: they do not fit.
         """
-        started = start_from(self.method.generator, path)
+        started = start_from(self.method.generator, paths)
         if self.average:
             self.average = WeightAverage(self.method.generator, self.config.optim.ema)
         return started

@@ -1,5 +1,6 @@
 """What a run needs before its first step: its pairs, networks, folder, and where it had stopped."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -32,7 +33,7 @@ class Prepared:
 
 
 def set_up(
-    config: TrainConfig, data: TrainingData, folder: Path, fabric: Fabric, start: Path | None
+    config: TrainConfig, data: TrainingData, folder: Path, fabric: Fabric, start: Sequence[Path]
 ) -> Prepared:
     """Read the pairs, build the networks, and take up the folder's checkpoint if there is one.
 

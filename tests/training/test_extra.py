@@ -46,7 +46,9 @@ def _train(config: TrainConfig, folder: Path, start: Path | None = None, extra: 
     if extra is not None:
         data = data._replace(extra=open_paired_folder(extra))
     fabric = Fabric(accelerator="cpu", devices=1)
-    return fit(config, data, folder, fabric, Watcher(), Limits(steps=2), start=start)
+    return fit(
+        config, data, folder, fabric, Watcher(), Limits(steps=2), start=[start] if start else ()
+    )
 
 
 def test_a_batch_has_its_share_of_extra_pairs() -> None:
@@ -114,7 +116,7 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
     exported = export_checkpoint(tmp_path / "first" / CHECKPOINT, model, ExportOptions("first"))
     taught, _ = load_generator(tmp_path / "first" / CHECKPOINT)
     generator = build_generator(BARE.generator).eval()
-    assert start_from(generator, model) == f"model.onnx {exported.card.sha256[:16]}"
+    assert start_from(generator, [model]) == f"model.onnx {exported.card.sha256[:16]}"
     gray = torch.rand(2, 1, 32, 32) * 2 - 1
     torch.testing.assert_close(generator(gray), taught(gray), atol=1e-4, rtol=1e-4)
 
@@ -142,19 +144,33 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
 def test_a_checkpoint_gives_its_weights(tmp_path: Path) -> None:
     _train(SUPERVISED, tmp_path)
     generator = build_generator(SUPERVISED.generator).eval()
-    start_from(generator, tmp_path / CHECKPOINT)
+    start_from(generator, [tmp_path / CHECKPOINT])
     taught, _ = load_generator(tmp_path / CHECKPOINT)
     for name, weights in generator.state_dict().items():
         assert torch.equal(weights, taught.state_dict()[name])
 
 
+def test_several_give_the_mean_of_their_weights(tmp_path: Path) -> None:
+    files = [tmp_path / name / CHECKPOINT for name in "abc"]
+    for seed, file in enumerate(files):
+        _train(replace(SUPERVISED, seed=seed), file.parent)
+    generator = build_generator(SUPERVISED.generator).eval()
+    started = start_from(generator, files)
+    assert started.startswith("mean of last.ckpt ")
+    assert started.count("last.ckpt ") == 3
+    states = [load_generator(file)[0].state_dict() for file in files]
+    for name, weights in generator.state_dict().items():
+        expected = sum(state[name].double() for state in states) / 3
+        torch.testing.assert_close(weights.double(), expected, atol=1e-6, rtol=0)
+
+
 def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
     _train(SUPERVISED, tmp_path)
     with pytest.raises(CheckpointError, match=r"no weights for stem\.0\.bias"):
-        start_from(build_generator(BARE.generator), tmp_path / CHECKPOINT)
+        start_from(build_generator(BARE.generator), [tmp_path / CHECKPOINT])
     (tmp_path / "broken.onnx").write_bytes(b"no graph")
     with pytest.raises(CheckpointError, match=r"broken\.onnx is not a whole ONNX file"):
-        start_from(build_generator(BARE.generator), tmp_path / "broken.onnx")
+        start_from(build_generator(BARE.generator), [tmp_path / "broken.onnx"])
 
 
 def test_extra_pairs_need_log_depth(tmp_path: Path) -> None:

@@ -96,9 +96,11 @@ _Extra = Annotated[
     ),
 ]
 _Init = Annotated[
-    Path | None,
+    list[Path] | None,
     typer.Option(
-        metavar="FILE", help="Start from the weights of an exported model (.onnx) or a checkpoint."
+        metavar="FILE",
+        help="Start from the weights of an exported model (.onnx) or a checkpoint. "
+        "Repeatable: from the mean of their weights.",
     ),
 ]
 _Devices = Annotated[
@@ -166,7 +168,7 @@ def train(
         data=data,
         out=out,
         extra=extra,
-        start=init,
+        start=tuple(init or ()),
         minutes=math.inf if max_minutes is None else max_minutes,
         accelerator=accelerator,
         devices=devices,

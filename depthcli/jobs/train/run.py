@@ -28,7 +28,8 @@ class TrainRequest:
     data: Path
     out: Path  #: folder for checkpoint, log and samples; a run in it is continued
     extra: Path | None = None  #: folder of pairs whose metres are less sure
-    start: Path | None = None  #: exported model or checkpoint whose weights a new run starts from
+    #: exported models or checkpoints; a new run starts from the mean of their weights
+    start: tuple[Path, ...] = ()
     minutes: float = math.inf  #: wall-clock minutes of this sitting
     accelerator: str = "auto"  #: auto, cpu, cuda or mps
     devices: int = 1  #: GPUs, or CPU processes
