@@ -109,8 +109,8 @@ def test_sees_the_rendered_room(model: str) -> None:
 def test_the_readme_says_how_far_its_picture_is_off() -> None:
     text = " ".join((ROOT / "README.md").read_text().split())
     said = re.search(
-        r"true depth is known: a median of ([\d.]+) m\. The model says ([\d.]+) m, (\d+) % too near"
-        r".* `--anchor (\S+) --anchor (\S+)` the median is ([\d.]+) m",
+        r"true depth is known: the median is ([\d.]+) m\. The model estimates ([\d.]+) m, which is "
+        r"(\d+) % too near.* `--anchor (\S+) --anchor (\S+)` the median is ([\d.]+) m",
         text,
     )
     assert said

@@ -267,8 +267,12 @@ CONFIGS = {
     "no group": Bad("optim = 1\n", "a.toml: optim has to be a group of ", 2),
     "a group": Bad("[seed]\na = 1\n", "a.toml: seed has to be a whole number", 2),
     "a word": Bad('[data]\nwidth = "wide"\n', "a.toml: data.width has to be a whole number", 2),
-    "not a number": Bad("[data]\nzoom = nan\n", "a.toml: data.zoom has to be a number, not nan", 2),
-    "large": Bad(f"seed = {2**70}\n", "a.toml: seed has to be a whole number, not a number of", 2),
+    "not a number": Bad(
+        "[data]\nzoom = nan\n", "data.zoom has to be a number from 1 up, not nan", 2
+    ),
+    "large": Bad(
+        f"seed = {2**70}\n", "seed has to be a whole number from 0 up, not a number of", 2
+    ),
     "a pipe": Bad(_fifo, "cannot read the configuration a.toml: it is a pipe", 2),
     "a folder": Bad(Path.mkdir, "cannot read the configuration a.toml: it is a folder", 2),
     "missing": Bad(lambda _: None, "cannot read the configuration a.toml: No such file", 2),
