@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -62,10 +62,8 @@ def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.fl
     files = sorted(path for path in folder.iterdir() if path.is_file())
     batches = []
     for path in [files[i] for i in spread(len(files), MOST_PICTURES)]:
-        try:
+        with suppress(InputError):  # notes and thumbnails' databases lie among pictures
             batches.append(prepare(spec, read_image(path))[0])
-        except InputError:
-            continue  # notes and thumbnails' databases lie among pictures
     if not batches:
         raise UsageError(f"{folder} has no picture; give one with pictures to calibrate int8")
     return batches

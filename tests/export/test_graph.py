@@ -131,6 +131,23 @@ def test_halved_weights_halve_the_file_and_keep_float32_sums(config: GeneratorCo
     assert not np.array_equal(found, found.astype(np.float16).astype(np.float32))
 
 
+def test_small_and_whole_numbers_are_not_halved() -> None:
+    sizes = {"a": 63, "b": 64}
+    weights = [onnx.numpy_helper.from_array(_noise(size), name) for name, size in sizes.items()]
+    whole = onnx.numpy_helper.from_array(np.arange(99), "c")
+    node = onnx.helper.make_node("Concat", ["a", "b"], ["depth"], axis=0)
+    output = onnx.helper.make_tensor_value_info("depth", TensorProto.FLOAT, [None])
+    graph = onnx.helper.make_graph([node], "g", [], [output], [*weights, whole])
+    opset = onnx.helper.make_opsetid("", 17)
+    model = onnx.helper.make_model(graph, opset_imports=[opset], ir_version=8)
+    halve_weights(model)
+    assert [tensor.name for tensor in model.graph.initializer] == ["a", "b_half", "c"]
+    session = onnxruntime.InferenceSession(model.SerializeToString())
+    kept, halved = np.split(session.run(None, {})[0], [63])
+    np.testing.assert_array_equal(kept, _noise(63))
+    np.testing.assert_array_equal(halved, _noise(64).astype(np.float16))
+
+
 def _weight_bytes(model: onnx.ModelProto) -> int:
     return sum(len(onnx.numpy_helper.to_array(t).tobytes()) for t in model.graph.initializer)
 

@@ -37,6 +37,8 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
     assert small.ByteSize() < 0.5 * model.ByteSize()
     weights = [w for w in map(to_array, small.graph.initializer) if w.dtype == np.int8]
     assert max(np.abs(w.astype(int)).max() for w in weights) <= 64  # 7 of the 8 bits
+    assert sum(w.ndim == 1 and w.size > 1 for w in weights) > 0  # zero points of channels
+    assert any(w.dtype == np.uint8 for w in map(to_array, small.graph.initializer))  # activations
     assert not logging.root.manager.disable
     for batch in batches:
         a, b = (

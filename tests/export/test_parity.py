@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 from small import small_network
@@ -10,7 +11,7 @@ from torch import Tensor, nn
 
 from depthcli.errors import ParityError
 from depthcli.export.graph import build_graph
-from depthcli.export.parity import check_parity
+from depthcli.export.parity import _inputs, check_parity
 
 CASES = ((1, 12, 16), (2, 24, 8))
 
@@ -51,6 +52,31 @@ def test_difference_is_the_true_difference() -> None:
     parity = check_parity(_Offset(0.25), tiny_onnx(), CASES, tolerance=0.3)
     assert parity.max_abs == pytest.approx(0.25, abs=1e-6)
     assert parity.mean_abs == pytest.approx(0.25, abs=1e-6)
+
+
+def test_what_is_allowed_passes() -> None:
+    largest = check_parity(_Offset(0.25), tiny_onnx(), CASES, tolerance=1).max_abs
+    assert check_parity(_Offset(0.25), tiny_onnx(), CASES, largest).tolerance == largest
+
+
+@pytest.mark.parametrize("size", [(1, 24, 32), (3, 33, 35)])
+def test_inputs_take_up_the_range_of_pictures(size: tuple[int, int, int]) -> None:
+    noise, ramp, waves = inputs = _inputs(*size)
+    batch, height, width = size
+    for picture in inputs:
+        assert (picture.shape, picture.dtype) == ((batch, 1, height, width), np.float32)
+        assert picture.flags.c_contiguous
+        assert 0.9 < picture.max() <= 1
+        assert -1 <= picture.min() < 0
+        assert picture.std() > 0.2
+    assert len(np.unique(noise)) == noise.size
+    assert abs(noise.mean()) < 0.3
+    for one in ramp[:, 0]:
+        np.testing.assert_allclose(one[0], np.linspace(-1, 1, width), atol=1e-6)
+        assert [row.tolist() == one[0].tolist() for row in one] == [
+            row < height // 2 for row in range(height)
+        ]
+    assert (waves == waves[:1]).all()
 
 
 @pytest.mark.parametrize(

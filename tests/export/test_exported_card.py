@@ -1,0 +1,133 @@
+"""What a checkpoint knows of itself is in the card of its model, and nothing that it does not."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from small import write_checkpoint
+
+from depthcli.export.card import card_of, card_path
+from depthcli.export.options import ExportOptions
+from depthcli.inference.preprocess import layout
+from depthcli.models.card import ModelCard
+from depthcli.training.checkpoint import Checkpoint
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def _card(path: Path, options: ExportOptions | None = None, **progress: Any) -> ModelCard:
+    saved = Checkpoint.load(write_checkpoint(path / "last.ckpt", **progress))
+    return card_of(saved, options or ExportOptions())
+
+
+def test_a_card_is_what_the_run_was(tmp_path: Path) -> None:
+    ids = ("0003", "0000", "0001", "0012")
+    facts = {"extra": "rooms", "start": "fast 1.0.0", "train_ids": ids, "held_out_ids": ("0005",)}
+    scores = {"abs_rel": 0.123456, "rmse": float("nan")}
+    options = ExportOptions("room", "2.1.0", opset=18, license="CC0-1.0")
+    card = _card(tmp_path, options, **facts, seconds=3599.0, scores=scores)
+    config = dataclasses.asdict(Checkpoint.load(tmp_path / "last.ckpt").config)
+    codec = card.output.codec
+    assert codec.decode(-1.0) == pytest.approx(0.4)
+    assert codec.decode(1.0) == pytest.approx(10)
+    assert json.loads(card.to_json()) == {
+        "schema": 1,
+        "name": "room",
+        "version": "2.1.0",
+        "summary": "proposed, efficient generator, NYU Depth v2, labelled pairs 1-1000",
+        "license": "CC0-1.0",
+        "input": {
+            "colour": "value",
+            "width": 48,
+            "height": 32,
+            "dynamic": True,
+            "multiple_of": 4,
+            "fit": "keep-aspect",
+            "mean": [0.5],
+            "std": [0.5],
+            "pixel_aspect": 0.888888889,
+        },
+        "output": {
+            "kind": "metric",
+            "transform": "exp",
+            "scale": codec.scale,
+            "shift": codec.shift,
+            "min_m": 0.4,
+            "max_m": 10.0,
+        },
+        "camera": {"hfov_deg": 63.3},
+        "onnx": {"opset": 18, "ir": 8},
+        "training": {
+            "data": "NYU Depth v2, labelled pairs 1-1000",
+            "extra": "rooms",
+            "start": "fast 1.0.0",
+            "method": "proposed",
+            "seed": 7,
+            "pairs": 4,
+            "held_out_pairs": 1,
+            "nyu_train_ids": "0000-0001,0003,0012",
+            "steps": 12,
+            "minutes": 60.0,
+            "validation": {"abs_rel": 0.1235},
+            "config": json.loads(json.dumps(config)),
+        },
+        "scores": {},
+        "latency": {},
+    }
+    assert ModelCard.from_json(card.to_json()) == card
+
+
+def test_a_card_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
+    own = {"data": "own pairs (yard)", "hfov_deg": None, "train_ids": ("0001",), "scores": {}}
+    card = _card(tmp_path, **own)
+    assert "NYU" not in card.to_json().upper()
+    assert card.training.keys() == {
+        *("data", "method", "seed", "pairs", "held_out_pairs", "steps", "minutes"),
+        *("validation", "config"),
+    }
+    assert (card.name, card.version, card.license) == ("custom", "1.0.0", "NOASSERTION")
+    assert (card.camera, card.onnx.opset) == (None, 17)
+
+
+@pytest.mark.parametrize("known", [None, 63.3])
+def test_the_camera_is_the_one_that_is_said(tmp_path: Path, known: float | None) -> None:
+    camera = _card(tmp_path, ExportOptions(hfov_deg=80.0), hfov_deg=known).camera
+    assert camera is not None
+    assert camera.hfov_deg == 80
+
+
+@pytest.mark.parametrize(
+    ("aspect", "pixel_aspect"), [(4 / 3, 8 / 9), (1.5, 1.0), (16 / 9, 32 / 27)]
+)
+def test_a_card_keeps_the_pixels_that_the_network_learned(
+    tmp_path: Path, aspect: float, pixel_aspect: float
+) -> None:
+    """Pictures of any aspect were stretched to 48 x 32."""
+    spec = _card(tmp_path, aspect=aspect).input
+    assert (spec.fit, spec.pixel_aspect) == ("keep-aspect", pytest.approx(pixel_aspect, abs=1e-9))
+    place = layout(spec, round(480 * aspect), 480)
+    assert (place.width, place.height) == (48, 32)
+
+
+@pytest.mark.parametrize(
+    ("model", "card"), [("model.onnx", "card.json"), ("room.b.onnx", "room.b.card.json")]
+)
+def test_where_a_card_lies(tmp_path: Path, model: str, card: str) -> None:
+    assert card_path(tmp_path / model) == tmp_path / card
+
+
+@pytest.mark.parametrize("tolerance", [None, 0.0, 0.5])
+@pytest.mark.parametrize(
+    ("half", "has_pictures", "usual"),
+    [(False, False, 1e-3), (True, False, 2e-2), (True, True, 0.2)],
+)
+def test_what_parity_lets_pass(
+    tmp_path: Path, tolerance: float | None, *, half: bool, has_pictures: bool, usual: float
+) -> None:
+    pictures = tmp_path if has_pictures else None
+    options = ExportOptions(half=half, tolerance=tolerance, int8_pictures=pictures)
+    assert options.allowed == (usual if tolerance is None else tolerance)

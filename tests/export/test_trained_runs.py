@@ -1,0 +1,92 @@
+"""Folders of training runs: found, read, and each exported once a checkpoint."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+from small import small_network, write_checkpoint
+
+from depthcli.core.choices import Weights
+from depthcli.errors import ParityError, UsageError
+from depthcli.export import trained
+from depthcli.export.trained import export_run, find_runs, open_run
+from depthcli.models.catalog import find_model
+from depthcli.training.checkpoint import Checkpoint
+from depthcli.training.trained_run import TrainedRun
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A run that keeps an average."""
+    folder = tmp_path / "runs" / "proposed-seed7"
+    folder.mkdir(parents=True)
+    ids = {"train_ids": ("0001", "0003"), "held_out_ids": ("0002",)}
+    write_checkpoint(folder / "last.ckpt", average=small_network(seed=5), **ids)
+    return folder
+
+
+def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
+    config = dataclasses.replace(Checkpoint.load(folder / "last.ckpt").config, seed=0)
+    assert open_run(folder) == TrainedRun(
+        folder=folder,
+        seed=7,
+        settings=json.dumps(dataclasses.asdict(config)),
+        paired=True,
+        parameters=sum(weights.numel() for weights in small_network().parameters()),
+        epochs=3,
+        epochs_planned=config.optim.epochs,
+        steps=12,
+        minutes=1.5,
+        train_ids=("0001", "0003"),
+        held_out_ids=("0002",),
+    )
+    assert open_run(folder).name == "proposed-seed7"
+
+
+def test_runs_are_the_folder_itself_or_those_in_it(folder: Path) -> None:
+    for name in ("b", "a"):
+        (folder.parent / name).mkdir()
+        (folder.parent / name / "last.ckpt").touch()
+    (folder.parent / "notes").mkdir()
+    assert [run.name for run in find_runs(folder.parent)] == ["a", "b", "proposed-seed7"]
+    assert find_runs(folder) == (folder,)
+    with pytest.raises(UsageError, match="holds no run"):
+        find_runs(folder.parent / "notes")
+
+
+def test_a_run_is_exported_once_a_checkpoint(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = open_run(folder)
+    model = export_run(run, tmp_path)
+    card = find_model(model).card
+    assert (model, card.name) == (folder / "evaluated.onnx", run.name)
+    made = model.stat().st_mtime_ns
+    assert export_run(run, tmp_path).stat().st_mtime_ns == made
+    model.write_bytes(b"torn")
+    assert find_model(export_run(run, tmp_path)).card == card
+    write_checkpoint(folder / "last.ckpt", small_network(seed=1))
+    assert find_model(export_run(run, tmp_path)).card.version != card.version
+
+    def refused(*_: object) -> None:
+        raise ParityError("apart")
+
+    monkeypatch.setattr(trained, "export_checkpoint", refused)
+    assert export_run(run, tmp_path) == model
+    with pytest.raises(ParityError, match="apart"):
+        export_run(run, tmp_path, Weights.RAW)
+
+
+def test_a_run_whose_folder_takes_no_model_is_exported_elsewhere(
+    folder: Path, tmp_path: Path
+) -> None:
+    (folder / "evaluated-raw.onnx").mkdir()
+    model = export_run(open_run(folder), tmp_path / "spare", Weights.RAW)
+    assert model == tmp_path / "spare" / "proposed-seed7" / "evaluated-raw.onnx"
+    assert find_model(model).card.version.startswith("checkpoint-")
