@@ -66,7 +66,8 @@ class Pool:
         following = deque(islice(calls, 1))
         for _ in range(workers if following else 0):
             self._hire()
-        while following or self._suspects or any(self._loads.values()):
+        # A call of a lost worker is under way, too, until that has been told.
+        while following or self._suspects or any(call for _, call in self._flights.values()):
             self._fill(following, calls)
             flight = self._cluster.first(list(self._flights))
             worker, call = self._flights.pop(flight)

@@ -1,0 +1,183 @@
+"""Workers that die at any moment: each input has one result, and only what kills them fails."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter, deque
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from depthcli.errors import EngineError
+from depthcli.io.listing.folder import InputFile
+from depthcli.io.manifest.row import FAILED, OK, Origin, Row
+from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.engines.pool import Pool
+from depthcli.jobs.batch.engines.ray import _chunk_groups
+from depthcli.jobs.batch.engines.remote_worker import Call
+from depthcli.jobs.batch.task import Result, Task
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Iterator, Sequence
+
+    from depthcli.jobs.batch.pictures import PictureTask
+
+ORIGIN = Origin("0" * 64, "tiny", "1" * 64, "1.0")
+
+
+class Machines:
+    """Workers that do their calls in order, and die of some inputs, or by themselves."""
+
+    def __init__(self, seed: int, poison: set[str], deaths: int = 0, false_starts: int = 0) -> None:
+        self.random, self.poison = random.Random(seed), poison  # noqa: S311
+        self.deaths, self.false_starts = deaths, false_starts
+        self.numbers = count()
+        self.loads: dict[int, deque[tuple[int, Call]]] = {}
+        self.starting: dict[int, int] = {}  # flight -> worker
+        self.landing: dict[int, object] = {}
+        self.begun = self.most = self.lost = 0
+        self.ended: list[Hashable] = []
+        self.waited: list[Sequence[Hashable]] = []
+
+    def begin(self) -> tuple[int, int]:
+        self.begun += 1
+        worker, flight = next(self.numbers), next(self.numbers)
+        self.starting[flight] = worker
+        return worker, flight
+
+    def send(self, worker: Hashable, call: Call) -> int:
+        assert isinstance(worker, int)
+        flight, load = next(self.numbers), self.loads[worker]
+        others = [one for _, one in load]
+        assert not others or not (call.losses or others[0].losses), "suspects are alone"
+        load.append((flight, call))
+        self.most = max(self.most, len(load))
+        return flight
+
+    def first(self, flights: Sequence[Hashable]) -> Hashable:
+        under_way = {flight for load in self.loads.values() for flight, _ in load}
+        assert set(flights) == under_way | self.starting.keys() | self.landing.keys()
+        busy = [worker for worker, load in self.loads.items() if load]
+        chosen = self.random.choice([*self.landing, *self.starting, *busy])
+        if chosen in self.starting:
+            worker = self.starting.pop(chosen)
+            self.landing[chosen] = self._start(worker)
+        elif chosen not in self.landing:
+            chosen = self._work(chosen)
+        return chosen
+
+    def _start(self, worker: int) -> object:
+        if self.false_starts:
+            self.false_starts -= 1
+            return OSError("first line\nno such module")
+        self.loads[worker] = deque()
+        return ORIGIN
+
+    def _work(self, worker: int) -> int:
+        flight, call = self.loads[worker][0]
+        tasks = [task for chunk in call.chunks for task in chunk]
+        dies = any(task.input.name in self.poison for task in tasks)
+        if not dies and self.deaths and self.random.random() < 0.5:
+            self.deaths -= 1
+            dies = True
+        if dies:
+            self.lost += 1
+            died = self.loads.pop(worker)
+            self.landing |= {flight: OSError("the worker died") for flight, _ in died}
+        else:
+            self.loads[worker].popleft()
+            self.landing[flight] = [Result(Row(t.input.name, OK, ORIGIN)) for t in tasks]
+        return flight
+
+    def landed(self, flight: Hashable) -> object:
+        assert isinstance(flight, int)
+        return self.landing.pop(flight)
+
+    def end(self, worker: Hashable) -> None:
+        self.ended.append(worker)
+
+    def wait(self, flights: Sequence[Hashable]) -> None:
+        self.waited.append(flights)
+
+
+def calls(names: Sequence[str], size: int = 1) -> Iterator[Call]:
+    tasks = [Task(InputFile(name, f"in/{name}"), {Format.PNG16: Path(name)}) for name in names]
+    for start in range(0, len(tasks), size):
+        yield Call(chunks=tuple((task,) for task in tasks[start : start + size]))
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    inputs=st.integers(0, 25),
+    poison=st.sets(st.integers(0, 24), max_size=3),
+    deaths=st.integers(0, 1),  # an innocent may have lost a worker beside what killed it
+    false_starts=st.integers(0, 2),
+    workers=st.integers(1, 4),
+    size=st.integers(1, 3),
+)
+def test_each_input_has_one_result_and_no_bystander_fails(
+    seed: int,
+    inputs: int,
+    poison: set[int],
+    deaths: int,
+    false_starts: int,
+    workers: int,
+    size: int,
+) -> None:
+    names = [str(number) for number in range(inputs)]
+    deadly = {name for name in names if int(name) in poison}
+    machines = Machines(seed, deadly, deaths, false_starts)
+    pool = Pool(machines)
+    results = [one.row for many in pool.results(calls(names, size), workers) for one in many]
+    assert Counter(row.input for row in results) == Counter(names)
+    assert {row.input for row in results if row.status == FAILED} == deadly
+    for row in results:
+        if row.status == FAILED:
+            assert row.origin == ORIGIN
+            assert f"in/{row.input}: 3 worker processes ended" in str(row.error)
+    assert machines.lost <= 3 * len(deadly) + deaths
+    assert machines.begun == (
+        machines.lost + workers + false_starts - machines.false_starts if names else 0
+    )
+    pool.close()
+    assert set(machines.ended) == machines.loads.keys() | set(machines.starting.values())
+    assert machines.waited == [[]]
+
+
+def test_a_worker_has_one_call_at_work_and_one_on_its_way() -> None:
+    machines = Machines(0, set())
+    assert len(list(Pool(machines).results(calls([str(n) for n in range(20)]), 3))) == 20
+    assert (machines.begun, machines.most) == (3, 2)
+
+
+def test_a_pool_that_is_closed_ends_its_workers_and_waits_for_what_they_did() -> None:
+    machines = Machines(0, set())
+    pool = Pool(machines)
+    results = pool.results(calls([str(n) for n in range(20)]), 2)
+    next(results)
+    pool.close()
+    assert sorted(map(str, machines.ended)) == sorted(
+        map(str, [*machines.loads, *machines.starting.values()])
+    )
+    under_way = {flight for load in machines.loads.values() for flight, _ in load}
+    (waited,) = machines.waited
+    assert under_way
+    assert set(waited) == under_way
+
+
+def test_workers_that_never_begin_are_given_up() -> None:
+    machines = Machines(0, set(), false_starts=9)
+    with pytest.raises(EngineError, match=r"workers end before they begin \(no such module\)"):
+        list(Pool(machines).results(calls(["a"]), 1))
+    assert machines.begun == 3
+
+
+def test_chunks_go_out_by_eights() -> None:
+    chunks: list[Sequence[PictureTask]] = [call.chunks[0] for call in calls([*"abcdefghijk"])]
+    groups = list(_chunk_groups(iter(chunks)))
+    assert [len(group) for group in groups] == [8, 3]
+    assert [chunk for group in groups for chunk in group] == chunks
