@@ -148,12 +148,13 @@ def test_missing_and_foreign_checkpoints(tmp_path: Path) -> None:
             export_checkpoint(tmp_path / name, tmp_path / "m.onnx", ExportOptions())
 
 
-def test_checkpoint_is_never_its_own_output(tmp_path: Path) -> None:
-    checkpoint = write_checkpoint(tmp_path / "last.onnx")
+@pytest.mark.parametrize("name", ["m.onnx", "m.card.json"])
+def test_checkpoint_is_never_its_own_output(tmp_path: Path, name: str) -> None:
+    checkpoint = write_checkpoint(tmp_path / name)
     before = checkpoint.read_bytes()
     with pytest.raises(OutputError, match="is an input"):
-        export_checkpoint(checkpoint, checkpoint, ExportOptions())
-    assert checkpoint.read_bytes() == before
+        export_checkpoint(checkpoint, tmp_path / "m.onnx", ExportOptions())
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {name: before}
 
 
 def test_a_card_that_cannot_be_written_leaves_the_old_model(tmp_path: Path) -> None:

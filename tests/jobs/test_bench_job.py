@@ -24,9 +24,12 @@ SLEEP_S = 0.004
 
 
 class Slow(Pipeline):
-    """A pipeline that takes longer than it needs."""
+    """A pipeline that takes longer than it needs, and counts."""
+
+    count = 0
 
     def predict(self, frame: Frame, **camera: float | None) -> DepthMap:
+        self.count += 1
         time.sleep(SLEEP_S)
         return super().predict(frame, **camera)
 
@@ -34,12 +37,22 @@ class Slow(Pipeline):
 def test_each_picture_takes_at_least_its_time(model_folder: Path) -> None:
     plain = load(model_folder, provider="cpu", threads=1)
     slow = Slow(plain.session)
-    found = speed.measure_speed(slow, slow, speed.made_picture(64, 48), workers=2, seconds=0)
+    found = speed.measure_speed(slow, plain, speed.made_picture(64, 48), workers=2, seconds=0)
     assert found.end_to_end.min_ms >= 1e3 * SLEEP_S
     assert found.end_to_end.min_ms <= found.end_to_end.median_ms
     assert found.end_to_end.runs == found.network.runs == 5
-    # Nine pictures by two workers: the last ends four turns after the first.
-    assert 0 < found.pictures_per_s <= 8 / (3 * SLEEP_S)
+    assert slow.count == 3 + 5
+
+
+def test_workers_take_turns_with_a_few_files(model_folder: Path, tmp_path: Path) -> None:
+    slow = Slow(load(model_folder, provider="cpu", threads=1).session)
+    picture, folder = speed.made_picture(64, 48), tmp_path / "speed"
+    folder.mkdir()
+    pictures_per_s = speed._throughput(slow, picture, folder, workers=2, seconds=0)
+    assert slow.count == 9
+    # The last of nine pictures by two workers ends four turns after the first.
+    assert 0 < pictures_per_s <= 8 / (3 * SLEEP_S)
+    assert sorted(path.name for path in folder.iterdir()) == [f"{n}.png" for n in range(4)]
 
 
 def test_measuring_lasts_as_long_as_asked(model_folder: Path) -> None:

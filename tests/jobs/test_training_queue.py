@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import math
+import os
+import signal
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+import torch
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
 
 from depthcli.errors import DatasetError, UsageError
-from depthcli.jobs.train.queue import Queue, QueueRequest
+from depthcli.jobs.train.queue import Queue, QueueRequest, _words
+from depthcli.jobs.train.signal_relay import SignalRelay
 from depthcli.jobs.train.sitting import Epoch, Sitting, Turn
-from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.methods.registry import METHODS
+from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.methods.registry import METHODS, default_config
+from depthcli.training.planned_runs import PlannedRun
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Sequence
 
 SETTINGS = (
     "generator.width=4",
@@ -83,3 +94,120 @@ def test_what_is_wrong_for_all_is_raised_at_once(
     monkeypatch.setenv("TORCHELASTIC_RUN_ID", "1")
     with pytest.raises(UsageError, match="--devices instead of torchrun"):
         Queue(request_of)
+
+
+def save(run: PlannedRun, seconds: float, epoch: int = 1) -> None:
+    progress = RunProgress(seconds=seconds, epoch=epoch)
+    rng = torch.get_rng_state()
+    run.folder.mkdir(parents=True, exist_ok=True)
+    Checkpoint(run.config, progress, {}, None, {}, {}, rng).save(run.folder / "last.ckpt")
+
+
+class Simulated(Queue):
+    """A queue whose runs train ten seconds in no time; some end with an exit code or a signal."""
+
+    ends: dict[str, int]
+    number: int | None = None
+
+    def _epochs(self, run: PlannedRun, words: Sequence[str]) -> Generator[Epoch, None, int]:
+        assert str(run.folder) in words
+        yield Epoch(run, {})
+        save(run, run.progress().seconds + 10, 100_100 if run.config.seed == 4 else 1)
+        self.signal_number = self.number
+        return self.ends.get(run.name, 0)
+
+
+def test_those_behind_go_first_and_all_share_what_is_left(request_of: QueueRequest) -> None:
+    for run in Queue(replace(request_of, seeds=(0, 1, 2))).sittings:
+        save(run.run, {0: 5, 1: 0, 2: 300}[run.run.config.seed])
+    queue = Simulated(replace(request_of, seeds=(0, 1, 2, 3, 4), minutes=2))
+    queue.ends = {"fastcut-seed2": 3, "fastcut-seed3": -9}
+    events = list(queue)
+    turns = [event for event in events if isinstance(event, Turn)]
+    # Four catch up to the same total; the budget is not used up here, as no time goes by.
+    assert [(turn.run.config.seed, round(turn.share_s, 1)) for turn in turns] == [
+        *[(1, pytest.approx(31.2, abs=0.2)), (3, pytest.approx(41.7, abs=0.2))],
+        *[(4, pytest.approx(62.5, abs=0.2)), (0, pytest.approx(120, abs=0.2))],
+        (2, pytest.approx(120, abs=0.2)),
+    ]
+    after = {sitting.run.config.seed: sitting for sitting in queue.sittings}
+    assert [event for event in events if isinstance(event, Sitting)] == [
+        after[seed] for seed in (1, 3, 4, 0, 2)
+    ]
+    assert [(after[seed].state, after[seed].reason) for seed in range(5)] == [
+        ("stopped", ""),
+        ("stopped", ""),
+        ("failed", "exit code 3, see its error above"),
+        ("failed", "ended by signal 9"),
+        ("finished", ""),
+    ]
+    assert [after[seed].progress.seconds for seed in range(5)] == [15, 10, 310, 10, 10]
+    again = Simulated(replace(request_of, seeds=(4,)))
+    assert list(again) == list(again.sittings) == [after[4]]
+
+
+def test_a_signal_ends_the_queue(request_of: QueueRequest) -> None:
+    queue = Simulated(replace(request_of, seeds=(0, 1)))
+    queue.ends, queue.number = {"fastcut-seed0": -15}, signal.SIGTERM
+    turn, _, sitting = queue
+    assert isinstance(turn, Turn)
+    assert isinstance(sitting, Sitting)
+    assert (turn.share_s, sitting.state, sitting.reason) == (math.inf, "stopped", "")
+    assert [one.state for one in queue.sittings] == ["stopped", "waiting"]
+
+
+def test_a_run_is_a_command_of_its_own() -> None:
+    run = PlannedRun(replace(default_config("cut"), seed=3), Path("runs/cut-seed3"))
+    plain = QueueRequest(Path("data"), Path("runs"))
+    start = [sys.executable, "-m", "depthcli", "train", "cut"]
+    start += ["--data", "data", "--out", "runs/cut-seed3"]
+    assert _words(plain, run, math.inf) == [*start, "--set", "seed=3"]
+    asked = replace(
+        plain,
+        preset="table",
+        files=(Path("a.toml"), Path("b.toml")),
+        settings=("x=1",),
+        options=("--threads", "1"),
+        tells_epochs=True,
+    )
+    rest = "--threads 1 --preset table --config a.toml --config b.toml --set x=1 --set seed=3"
+    assert _words(asked, run, 90) == [*start, *rest.split(), "--max-minutes", "1.5000", "--json"]
+
+
+def test_settings_are_those_of_each_run(request_of: QueueRequest) -> None:
+    queue = Queue(replace(request_of, methods=("cut", "fastcut"), seeds=(1, 2)))
+    configs = [sitting.run.config for sitting in queue.sittings]
+    assert [(one.method, one.seed) for one in configs] == [
+        *(("cut", 1), ("cut", 2), ("fastcut", 1), ("fastcut", 2))
+    ]
+    assert {one.generator.width for one in configs} == {4}
+    save(queue.sittings[0].run, 7)
+    others = replace(request_of, methods=("cut",), seeds=(1,), settings=())
+    (known,) = Queue(others).sittings  # a run keeps the settings that it was begun with
+    assert (known.run.config, known.progress.seconds) == (configs[0], 7)
+
+
+def test_signals_are_handed_on_to_the_process() -> None:
+    before = signal.getsignal(signal.SIGUSR1)
+    command = [sys.executable, "-c", "import time; print(); time.sleep(60)"]
+    with (
+        SignalRelay((signal.SIGUSR1, signal.SIGUSR2)) as relay,
+        subprocess.Popen(command, stdout=subprocess.PIPE) as process,
+    ):
+        assert process.stdout is not None
+        process.stdout.readline()
+        os.kill(os.getpid(), signal.SIGUSR1)
+        assert relay.number == signal.SIGUSR1
+        relay.to(process)  # one that came before goes to it now
+        assert process.wait() == -signal.SIGUSR1
+        os.kill(os.getpid(), signal.SIGUSR2)
+        assert relay.number == signal.SIGUSR1
+    assert signal.getsignal(signal.SIGUSR1) == before
+    with (
+        SignalRelay((signal.SIGUSR2,)) as relay,
+        subprocess.Popen(command, stdout=subprocess.PIPE) as process,
+    ):
+        relay.to(process)
+        assert relay.number is None
+        os.kill(os.getpid(), signal.SIGUSR2)
+        assert process.wait() == -signal.SIGUSR2
