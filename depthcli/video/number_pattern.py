@@ -1,10 +1,13 @@
-"""Names of numbered files: ``plate.%04d.exr`` stands for ``plate.1001.exr`` and the like."""
+"""Names of numbered files: ``plate.%04d.exr`` stands for ``plate.1001.exr`` and the like.
+
+So does ``plate.####.exr``, as compositing programs write it.
+"""
 
 import re
 
 NUMBER = 12
 """Most digits of a frame's number."""
-_PLACE = re.compile(r"%(?:0(\d))?d", re.ASCII)
+_PLACE = re.compile(r"%(?:0(\d))?d|(##+)", re.ASCII)
 _SEPARATORS = "._- "
 
 
@@ -15,7 +18,9 @@ def is_pattern(name: str) -> bool:
 
 def number_name(pattern: str, number: int) -> str:
     """The name of the file with a number."""
-    return _PLACE.sub(lambda place: f"{number:0{int(place[1] or 1)}d}", pattern, count=1)
+    return _PLACE.sub(
+        lambda place: f"{number:0{len(place[2] or '') or int(place[1] or 1)}d}", pattern, count=1
+    )
 
 
 def numbered(pattern: str, name: str) -> int | None:

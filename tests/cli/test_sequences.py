@@ -58,6 +58,8 @@ def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
     ("pattern", "name", "number"),
     [
         ("p.%04d.exr", "p.1001.exr", 1001),
+        ("p.####.exr", "p.1001.exr", 1001),
+        ("p.####.exr", "p.101.exr", None),
         ("p.%04d.exr", "p.12345.exr", 12345),
         ("p.%d.exr", "p.7.exr", 7),
         ("%06d.png", "000012.png", 12),
@@ -77,12 +79,16 @@ def test_patterns_name_numbers(pattern: str, name: str, number: int | None) -> N
 def test_what_the_files_of_a_pattern_share() -> None:
     assert without_number("plate.%04d") == "plate"
     assert without_number("%04d") == "sequence"
+    assert without_number("plate.####") == "plate"
 
 
 def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> None:
     (tmp_path / "a%d.mp4").touch()
     assert not is_sequence(tmp_path / "a%d.mp4")
     assert is_sequence(tmp_path / "b%d.png")
+    (tmp_path / "take##2.mp4").touch()
+    assert not is_sequence(tmp_path / "take##2.mp4")
+    assert not is_sequence(tmp_path / "take#3.mp4")
 
 
 @pytest.mark.parametrize(
