@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.pictures.decode import MAX_FILE_BYTES, check, decoded
+from depthcli.io.png.chunks import SIGNATURE
 from depthcli.io.storage.regular import read_regular
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 DEPTH_SUFFIXES = (".png",)
 
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_GRAY = 0
 _PNG_DEPTH_BITS = 16
 
@@ -39,7 +39,7 @@ def read_depth_header(path: Path) -> DepthHeader:
         head = read_regular(path, MAX_FILE_BYTES, first=26)
     except OSError as error:
         raise DatasetError(f"cannot read {path}: {error.strerror}") from error
-    if len(head) < 26 or not head.startswith(_PNG_SIGNATURE):  # noqa: PLR2004
+    if len(head) < 26 or not head.startswith(SIGNATURE):  # noqa: PLR2004
         raise DatasetError(f"{path} is not a PNG: depth is stored as 16-bit gray PNG")
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
     if bits != _PNG_DEPTH_BITS or colour != _PNG_GRAY:

@@ -25,8 +25,8 @@ from depthcli.datasets.files import (
     spread,
 )
 from depthcli.errors import DatasetError
+from depthcli.io.writers.formats import MILLIMETRES
 
-MILLIMETRES = 1000.0
 PREDICTED = ".depth"
 """What ``predict`` and ``batch`` add to names: ``depth/a.depth.png`` belongs to ``a``."""
 CAMERAS = "cameras.csv"

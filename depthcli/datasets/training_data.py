@@ -14,7 +14,6 @@ from depthcli.datasets.files import (
 from depthcli.datasets.layouts import opener_of
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.paired_folder import (
-    MILLIMETRES,
     PairedFolder,
     list_files,
     open_paired_folder,
@@ -23,6 +22,7 @@ from depthcli.datasets.splits import PAPER_TRAIN_COUNT, is_label
 from depthcli.datasets.subset import Subset
 from depthcli.datasets.unpaired_folder import open_unpaired_folder
 from depthcli.errors import DatasetError
+from depthcli.io.writers.formats import MILLIMETRES
 
 NYU_HFOV_DEG = 63.3
 """Horizontal field of view of NYU Depth v2's camera over the full picture width, degrees."""

@@ -16,7 +16,8 @@ from depthcli.datasets.files import (
     read_image_rgb,
     spread,
 )
-from depthcli.datasets.paired_folder import MILLIMETRES, PLAUSIBLE_M, list_files
+from depthcli.datasets.paired_folder import PLAUSIBLE_M, list_files
+from depthcli.io.writers.formats import MILLIMETRES
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,13 @@ import numpy as np
 
 from depthcli.core.parallel.process_map import process_map
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.datasets.paired_folder import CAMERAS, MILLIMETRES
+from depthcli.datasets.paired_folder import CAMERAS
 from depthcli.datasets.rooms.pair import VERSION, Recipe, render_pair, room_focal_px
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.depth.steps import quantized
 from depthcli.io.png.encode import encode_png
 from depthcli.io.storage.atomic import atomic_path, write_text
+from depthcli.io.writers.formats import MILLIMETRES
 
 RECIPE = "rooms.json"
 _OPTIONS = {"seed": "--seed", "size": "--size", "hfov_deg": "--hfov", "sensor": "--sensor"}

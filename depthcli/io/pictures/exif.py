@@ -1,17 +1,18 @@
 """The two EXIF facts that depth needs: how the camera was held and its focal length."""
 
-import re
 import struct
 from collections.abc import Collection
 from contextlib import suppress
 from typing import NamedTuple
 
 from depthcli.io.pictures.avif import find_box
+from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_tags
+from depthcli.io.png.chunks import SIGNATURE
 
 _ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 _ORIENTATIONS = range(1, 9)
-_FILL = re.compile(rb"\xff+")
+_JPEG_EXIF, _EXIF_START = 0xE1, b"Exif\0\0"
 _TURNED = (1, 8, 3, 6)  # EXIF orientations that quarter turns counter-clockwise make upright
 _MIRRORED = (2, 5, 4, 7)  # and those that mirroring left to right and then such turns do
 
@@ -38,28 +39,15 @@ def _tiff_part(data: bytes) -> bytes | None:
     """The TIFF structure that EXIF is, wherever the container keeps it."""
     if data.startswith(TIFF_STARTS):
         return data
-    if data[:2] == b"\xff\xd8":
-        return _in_jpeg(data)
-    if data[:8] == b"\x89PNG\r\n\x1a\n":
+    if data.startswith(JPEG_START):
+        bodies = (body for marker, body in jpeg_segments(data) if marker == _JPEG_EXIF)
+        found = next((body for body in bodies if body.startswith(_EXIF_START)), None)
+        return found and found.removeprefix(_EXIF_START)
+    if data.startswith(SIGNATURE):
         return _in_chunks(data, 8, b"eXIf", ">I4s", length_first=True)
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
         part = _in_chunks(data, 12, b"EXIF", "<4sI", length_first=False)
-        return part.removeprefix(b"Exif\0\0") if part else None
-    return None
-
-
-def _in_jpeg(data: bytes) -> bytes | None:
-    at = 2
-    while at + 4 <= len(data) and data[at] == 0xFF:
-        if data[at + 1] == 0xFF:  # fill, however long; its last byte begins a marker
-            at = _FILL.match(data, at).end() - 1  # type: ignore[union-attr]
-            continue
-        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
-        if marker == 0xDA or length < 2:  # pixels begin
-            return None
-        if marker == 0xE1 and data[at + 4 : at + 10] == b"Exif\0\0":
-            return data[at + 10 : at + 2 + length]
-        at += 2 + length
+        return part.removeprefix(_EXIF_START) if part else None
     return None
 
 

@@ -4,11 +4,11 @@ import re
 import struct
 
 from depthcli.io.pictures.avif import avif_size
+from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_size
+from depthcli.io.png.chunks import SIGNATURE
 
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_STANDALONE = frozenset(range(0xD0, 0xD8)) | {0x01}
-_JPEG_FILL = re.compile(rb"\xff+")
 _NETPBM = rb"P[1-6]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s"
 
 
@@ -21,10 +21,12 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
 
 
 def _size_of_kind(data: bytes) -> tuple[int, int] | None:
-    if data[:8] == b"\x89PNG\r\n\x1a\n":
+    if data.startswith(SIGNATURE):
         return struct.unpack_from(">II", data, 16)
-    if data[:2] == b"\xff\xd8":
-        return _jpeg(data)
+    if data.startswith(JPEG_START):
+        frame = next((body for marker, body in jpeg_segments(data) if marker in _JPEG_SIZES), b"")
+        height, width = struct.unpack_from(">HH", frame, 1)
+        return width, height
     if data[:2] == b"BM":
         small = data[14:18] == b"\x0c\0\0\0"  # the header of OS/2
         width, height = struct.unpack_from("<HH" if small else "<ii", data, 18)
@@ -39,24 +41,6 @@ def _size_of_kind(data: bytes) -> tuple[int, int] | None:
         return struct.unpack_from("<HH", data, 6)
     netpbm = re.match(_NETPBM, data)
     return (int(netpbm[1]), int(netpbm[2])) if netpbm else None
-
-
-def _jpeg(data: bytes) -> tuple[int, int] | None:
-    at = 2
-    while at + 9 <= len(data):
-        if data[at] != 0xFF:
-            return None
-        marker = data[at + 1]
-        if marker in _JPEG_SIZES:
-            height, width = struct.unpack_from(">HH", data, at + 5)
-            return width, height
-        if marker == 0xFF:  # fill, however long; its last byte begins a marker
-            at = _JPEG_FILL.match(data, at).end() - 1  # type: ignore[union-attr]
-            continue
-        at += 2
-        if marker not in _STANDALONE:
-            at += struct.unpack_from(">H", data, at)[0]
-    return None
 
 
 def _webp(data: bytes) -> tuple[int, int] | None:

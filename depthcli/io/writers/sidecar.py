@@ -4,8 +4,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
+from depthcli.core.summary import DepthRange
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.io.writers.facts import SOFTWARE, Facts
 from depthcli.io.writers.formats import MILLIMETRES
@@ -20,8 +19,6 @@ class SidecarWriter:
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""
-        finite = depth.values[np.isfinite(depth.values)]
-        has_depth = bool(finite.size)
         known, source = Facts.of(depth), depth.provenance or Provenance()
         facts = {
             "software": SOFTWARE,
@@ -31,9 +28,7 @@ class SidecarWriter:
             "width": depth.width,
             "height": depth.height,
             "orientation": frame.orientation if frame else source.orientation,
-            "min": float(finite.min()) if has_depth else None,
-            "median": float(np.median(finite)) if has_depth else None,
-            "max": float(finite.max()) if has_depth else None,
+            **DepthRange.of(depth)._asdict(),
             "network_size_px": source.input_size_px,
             **known.origin(),
         }

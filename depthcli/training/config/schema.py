@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from depthcli.core.codec import DepthCodec
+from depthcli.io.writers.formats import MILLIMETRES
 from depthcli.training.config.objective import LossConfig, OptimConfig
 from depthcli.training.config.rules import (
     Amount,
@@ -105,7 +106,7 @@ class DataConfig:
     #: NYU Depth v2 gives its training pairs of this split; its test pairs never
     split: Literal["paper", "official"] = "paper"
     #: what one metre is in the depth images of a folder of your own
-    units_per_metre: Small = 1000.0
+    units_per_metre: Small = MILLIMETRES
     #: every n-th scene by name is held out for validation; 0 holds out none
     holdout_every: Count = 7
     holdout_offset: Count = 3  #: the first of them
