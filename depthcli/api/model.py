@@ -165,18 +165,14 @@ class DepthModel:
                 for depth, frame in zip(depths, frames, strict=True)
             ]
 
-        done = ordered_map(batch, _batches(pictures, batch_size), workers=workers)
+        rest = iter(pictures)
+        batches = iter(lambda: list(itertools.islice(rest, batch_size)), [])
+        done = ordered_map(batch, batches, workers=workers)
         return itertools.chain.from_iterable(done)
 
 
 def _with_anchors(depth: DepthMap, anchors: Sequence[AnchorLike]) -> DepthMap:
     return depth.fit_anchors(anchors) if anchors else depth
-
-
-def _batches(pictures: Iterable[Picture], size: int) -> Iterator[list[Picture]]:
-    rest = iter(pictures)
-    while batch := list(itertools.islice(rest, size)):
-        yield batch
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:

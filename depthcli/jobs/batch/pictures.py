@@ -14,7 +14,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.manifest.row import OK, Origin, OutputFile, Row, written
+from depthcli.io.manifest.row import OK, Origin, Row, written
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.remote import path_of
@@ -101,7 +101,10 @@ class PictureWorker:
             return self._failed(task, depth, start_s, opened.sha256)
         try:
             depth = fitted(depth, self.options.camera.anchors)
-            files, warnings = self._write(task, depth, opened.frame)
+            warnings: list[str] = []
+            for which, path in task.outputs.items():
+                warnings += write_output(self.options.writing, which, depth, opened.frame, path)
+            files = tuple(written(self.out, path) for path in task.outputs.values())
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, opened.sha256)
         row = Row(
@@ -111,20 +114,10 @@ class PictureWorker:
             outputs=files,
             seconds=time.perf_counter() - start_s,
             input_sha256=opened.sha256,
-            warnings=warnings,
+            warnings=tuple(warnings),
             camera=camera_words(depth),
         )
         return Result(row)
-
-    def _write(
-        self, task: PictureTask, depth: DepthMap, frame: Frame
-    ) -> tuple[tuple[OutputFile, ...], tuple[str, ...]]:
-        """The files that are written, and warnings."""
-        warnings: list[str] = []
-        for which, path in task.outputs.items():
-            warnings += write_output(self.options.writing, which, depth, frame, path)
-        files = tuple(written(self.out, path) for path in task.outputs.values())
-        return files, tuple(warnings)
 
     def _failed(
         self, task: PictureTask, error: Exception, start_s: float, sha256: str | None

@@ -77,7 +77,11 @@ def plan_folder(root: str, out: str, wanted: NameFilter = ANY, shard: Shard = WH
     is_store = isinstance(place, RemotePath) and not place.is_http  # listing it says what it is
     if not is_store and not place.is_dir():
         raise UsageError(f"{place} is not a folder; name one, or give --files with a list")
-    _check_apart(root, out)
+    if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
+        raise UsageError(
+            f"--out {out} is the folder of the inputs; choose another folder, for example one "
+            f"inside it"
+        )
     sorting = _Sorting(out, wanted, shard)
     if isinstance(place, RemotePath):
         objects = list_objects(place, path_of(out), wanted.excludes, sorting.skip)
@@ -85,12 +89,11 @@ def plan_folder(root: str, out: str, wanted: NameFilter = ANY, shard: Shard = WH
         # As a folder of this machine would be walked, whatever the store's order.
         inputs = sorted(plan.inputs, key=lambda one: walk_order(one.name))
         plan = replace(plan, inputs=tuple(inputs))
-        _check_outside(plan, root)
-        return plan
-    listing = list_folder(root, leave_out=out, skip=wanted.excludes)
-    for file in listing.skipped:
-        sorting.skip(file)
-    plan = sorting.plan(listing.media, root, loops=listing.loops)
+    else:
+        listing = list_folder(root, leave_out=out, skip=wanted.excludes)
+        for file in listing.skipped:
+            sorting.skip(file)
+        plan = sorting.plan(listing.media, root, loops=listing.loops)
     _check_outside(plan, root)
     return plan
 
@@ -210,27 +213,14 @@ def _check_any(skipped: Sequence[Skipped], where: str) -> None:
     )
 
 
-def _check_apart(root: str, out: str) -> None:
-    """Outputs among the inputs would be read as pictures by the next run."""
-    if _real(root) == _real(out):
-        raise UsageError(
-            f"--out {out} is the folder of the inputs; choose another folder, for example one "
-            f"inside it"
-        )
-
-
 def _check_outside(plan: Plan, root: str) -> None:
-    """The same where the outputs' tree happens to lead into the inputs', by a link say."""
-    inside, out = Path(_real(root)), Path(_real(str(plan.out)))
+    """Refuse outputs whose tree happens to lead into that of the inputs, by a link say."""
+    inside, out = (Path(os.path.realpath(folder)) for folder in (root, plan.out))
     for folder in plan.folders():
-        real = Path(_real(str(folder)))
+        real = Path(os.path.realpath(folder))
         # A folder for outputs within the inputs' is never read, so that it may lie there.
         apart = real.is_relative_to(out) and not inside.is_relative_to(out)
         if real.is_relative_to(inside) and not apart:
             raise UsageError(
                 f"outputs in {folder} would lie among the inputs; choose another --out"
             )
-
-
-def _real(path: str) -> str:
-    return os.path.realpath(path)

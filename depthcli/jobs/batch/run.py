@@ -20,7 +20,6 @@ from depthcli.jobs.batch.engines.engine import Engine
 from depthcli.jobs.batch.engines.threads import ThreadEngine
 from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.output_map import OutputMap
-from depthcli.jobs.batch.pictures import PictureTask
 from depthcli.jobs.batch.suspects import suspected
 from depthcli.jobs.batch.tally import Tally
 from depthcli.jobs.batch.task import Result
@@ -108,7 +107,8 @@ class Batch(Iterator[Result]):
     def _run(self, journal: Journal) -> Generator[Result, None, None]:
         pictures = (self._outputs.picture(file, journal) for file in self._plan.pictures)
         films = (self._outputs.video(file, journal) for file in self._plan.videos)
-        chunks = _chunks(suspected(pictures, journal, self._begun), self._chunk)
+        tasks = suspected(pictures, journal, self._begun)
+        chunks = iter(lambda: tuple(islice(tasks, self._chunk)), ())
         videos = suspected(films, journal, min(1, self._begun))
         try:
             with (
@@ -167,8 +167,3 @@ class Batch(Iterator[Result]):
             self.tally.lose(lost, was_kept=self._passed[name])
         else:
             self._recorded[name] = Result(lost)
-
-
-def _chunks(tasks: Iterator[PictureTask], size: int) -> Iterator[Sequence[PictureTask]]:
-    while chunk := tuple(islice(tasks, size)):
-        yield chunk

@@ -112,9 +112,9 @@ class RayEngine:
         kind = ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)(RemoteWorker)
         here = os.getcwd()  # noqa: PTH109
         pool = Pool(_Actors(lambda: kind.remote(spec, here, self._cpus), self._go_on))
-        calls = chain(
-            map(Call, _chunk_groups(iter(chunks))), (Call(video=video) for video in videos)
-        )
+        rest = iter(chunks)
+        groups = iter(lambda: tuple(islice(rest, _CHUNKS_A_CALL)), ())
+        calls = chain(map(Call, groups), (Call(video=video) for video in videos))
         try:
             for results in pool.results(calls, self._workers):
                 record(results)
@@ -169,13 +169,6 @@ class _Actors:
 
         if flights:
             ray.wait(flights, num_returns=len(flights), timeout=_END_S)
-
-
-def _chunk_groups(
-    chunks: Iterator[Sequence[PictureTask]],
-) -> Iterator[tuple[Sequence[PictureTask], ...]]:
-    while group := tuple(islice(chunks, _CHUNKS_A_CALL)):
-        yield group
 
 
 def _connect(address: str) -> None:
