@@ -57,9 +57,10 @@ class EvalTask:
 
     def thinned(self, limit: int | None) -> Self:
         """The same with at most so many images, evenly over the split."""
-        if limit is None or limit >= len(self.test):
+        if limit is None:
             return self
-        chosen = np.linspace(0, len(self.test) - 1, limit).round().astype(int)
+        count = min(limit, len(self.test))
+        chosen = np.linspace(0, len(self.test) - 1, count).round().astype(int)
         return replace(self, test=tuple(self.test[i] for i in chosen))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from depthcli.evaluation.choices import Source
-from depthcli.evaluation.differences import differences_from, scene_interval
+from depthcli.evaluation.differences import Interval, differences_from, scene_interval
 from depthcli.evaluation.report import ImageScores, ReportRow
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.choices import Alignment
@@ -39,6 +39,30 @@ def test_interval_is_that_of_a_plain_loop() -> None:
     assert interval.mean == pytest.approx(values.mean())
     assert interval.low == pytest.approx(low, abs=0.01)
     assert interval.high == pytest.approx(high, abs=0.01)
+
+
+def test_every_digit_follows_from_the_scores() -> None:
+    """10,000 draws of as many scenes as there are, by the generator that begins with 0."""
+    values, scenes = np.array([0.3, -0.1, 0.2, 0.05, -0.3, 0.6]), list("aabccd")
+    counts = np.random.default_rng(0).multinomial(4, [1 / 4] * 4, 10_000)
+    sums = {s: values[[name == s for name in scenes]].sum() for s in "abcd"}
+    means = [
+        sum(k * sums[s] for k, s in zip(draw, "abcd", strict=True))
+        / sum(k * scenes.count(s) for k, s in zip(draw, "abcd", strict=True))
+        for draw in counts.tolist()
+    ]
+    interval = scene_interval(values, scenes)
+    assert (interval.low, interval.high) == pytest.approx(
+        tuple(np.percentile(means, (2.5, 97.5))), rel=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "clear"),
+    [(0.1, 0.2, True), (-0.2, -0.1, True), (0.0, 0.2, False), (-0.2, 0.0, False)],
+)
+def test_an_end_at_zero_is_not_clear_of_it(low: float, high: float, clear: bool) -> None:
+    assert Interval(0.1, low, high).clear is clear
 
 
 def test_pictures_of_one_scene_are_no_evidence_of_their_own() -> None:
@@ -85,3 +109,15 @@ def test_rows_are_compared_picture_by_picture_with_seeds_averaged() -> None:
     assert interval.mean == pytest.approx(-0.2)
     assert interval.low == pytest.approx(-0.3)
     assert interval.high == pytest.approx(-0.1)
+
+
+def test_each_alignment_is_compared_with_its_own() -> None:
+    none, median = Alignment.NONE, Alignment.MEDIAN
+    groups = {
+        "mean": [_row("mean", [0.9, 0.9, 0.9]), _row("mean", [0.3, 0.3, 0.3], median)],
+        "ours": [_row("ours", [0.2, 0.2, 0.2], median), _row("ours", [0.5, 0.5, 0.5])],
+    }
+    found = differences_from("ours", groups, {"0000": "a", "0001": "b", "0002": "c"})
+    assert [(d.other, d.alignment) for d in found] == [("mean", median), ("mean", none)]
+    first = list(METRICS).index("abs_rel")
+    assert [d.intervals[first].mean for d in found] == pytest.approx([-0.1, -0.4])

@@ -7,16 +7,17 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from small_set import Playback, SmallSet, noisy, small_set
+from small_set import Playback, SmallSet, Watched, noisy, small_set
 
 from depthcli._version import __version__
-from depthcli.core.types import DepthKind
+from depthcli.core.types import DepthKind, DepthMap
 from depthcli.datasets.splits import Split, SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.reports.figures import Figure, choose, draw_figures, scene_type
 from depthcli.evaluation.reports.html import html_page
 from depthcli.evaluation.reports.text import Page
 from depthcli.evaluation.table import EvalTask
+from depthcli.io.writers.preview import PreviewWriter
 from depthcli.visual.contact_sheet import contact_sheet
 
 CELL = (240, 180)
@@ -51,11 +52,14 @@ def test_every_type_of_scene_is_shown_before_any_is_shown_twice() -> None:
     two = choose(task, (), 2)
     assert len({scene_type(scenes[i]) for i in two}) == 2
     assert choose(task, (), 100) == tuple(range(len(scenes)))
+    assert len(choose(task)) == 6
 
 
 def test_of_each_type_the_middle_is_shown_first() -> None:
     task = _task(["a_1", "a_2", "a_3", "b_1", "b_2", "b_3", "b_4", "b_5"])
     assert [choose(task, (), count) for count in (1, 2, 4)] == [(1,), (1, 5), (0, 1, 4, 5)]
+    many = _task([f"{kind}_{i}" for kind in "abcde" for i in range(3)])
+    assert [choose(many, (), count) for count in (2, 3)] == [(1, 13), (1, 7, 13)]
 
 
 def test_named_pictures_keep_their_order_and_must_be_compared() -> None:
@@ -112,6 +116,59 @@ def test_holes_of_the_truth_are_no_depth() -> None:
     dataset.depths_m[:] = 0
     empty, _ = draw_figures(task, (0,), [Playback(noisy(dataset))], ["noisy"])
     assert (_cell(_pixels(empty), 0, 2) == 96).all()
+
+
+class _Coloured(SmallSet):
+    """Pictures of random colours."""
+
+    def image(self, i: int) -> np.ndarray:
+        shape = (*self.depths_m.shape[1:], 3)
+        return np.random.default_rng(i).integers(0, 256, shape, np.uint8)
+
+
+def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
+    """At the size of a cell, so that no pixel is resized but those of the smaller prediction."""
+    task = _task(["a_1", "b_1"], CELL[::-1])
+    dataset = _Coloured(**vars(task.dataset))
+    dataset.depths_m[:] *= np.float32([[[0.3]], [[1.0]]])  # from 0.12 m on, with holes
+    metric = Playback(noisy(dataset))
+    inverse = np.random.default_rng(7).uniform(0, 1, (60, 90)).astype(np.float32)
+    other = Playback(dict.fromkeys(dataset.ids, inverse), DepthKind.INVERSE)
+    watched = Watched()
+    gray, coloured = draw_figures(
+        replace(task, dataset=dataset), (1, 0), [metric, other], ["a", "b"], progress=watched
+    )
+    assert watched.stages == {"drawing pictures": [2, 2]}
+    for row, i in enumerate((1, 0)):
+        truth_m = dataset.depths_m[i]
+        known = truth_m > 0
+        near, far = np.percentile(truth_m[known], (2, 98))
+        sized = cv2.resize(inverse, CELL, interpolation=cv2.INTER_AREA)
+        fitted, shown = np.full((2, *truth_m.shape), np.nan, np.float32)
+        fit = np.polyfit(sized[known].astype(float), 1 / truth_m[known].astype(float), 1)
+        fitted[known] = 1 / np.polyval(fit, sized[known])
+        shown[known] = truth_m[known]
+        maps = [DepthMap(values) for values in (metric.maps[dataset.ids[i]], fitted, shown)]
+        picture = np.repeat(dataset.image(i).max(2)[..., None], 3, 2)
+        for sheet, colormap in ((_pixels(gray), "gray"), (_pixels(coloured), "inferno")):
+            assert np.array_equal(_cell(sheet, row, 0), picture)
+            writer = PreviewWriter(colormap, vmin=float(near), vmax=float(far))
+            for column, depth in enumerate(maps, 1):
+                cell = _cell(sheet, row, column)
+                assert np.abs(cell - writer.render(depth).astype(int)).max() <= 3 * (column == 2)
+
+
+def test_without_any_truth_the_range_is_one_metre() -> None:
+    task = _task(["a_1"], (1, 600))  # so flat that its cell has one row
+    dataset = task.dataset
+    assert isinstance(dataset, SmallSet)
+    dataset.depths_m[:] = 0
+    steps = np.repeat(np.float32([[0.9, 1.1]]), 300, 1)
+    gray, _ = draw_figures(task, (0,), [Playback({"0000": steps})], ["steps"])
+    sheet = _pixels(gray)
+    assert len(sheet) == TITLE + 1 + GAP
+    cell = sheet[TITLE, 2 * GAP + CELL[0] :][: CELL[0], 0]
+    assert (cell[0], cell[-1]) == (255, 0)
 
 
 def test_sheet_has_titles_over_its_columns_and_pictures_where_they_belong() -> None:

@@ -3,18 +3,30 @@ from __future__ import annotations
 import math
 import threading
 import weakref
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import plain_evaluator as plain
 import pytest
-from small_set import HEIGHT, WIDTH, Playback, Watched, noisy, small_set
+from small_set import HEIGHT, WIDTH, Playback, SmallSet, Watched, noisy, small_set
+from tiny import write_model
 
 from depthcli.core.types import DepthKind
+from depthcli.datasets.splits import ALL_PAIRS, Split, SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.choices import Mask
+from depthcli.evaluation.predictors.base import Sample
+from depthcli.evaluation.predictors.model import open_model
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.run import Entry, entry_for, evaluate
+from depthcli.evaluation.table import EvalOptions, evaluate_models, plan_nyu, plan_pairs
+from depthcli.inference.loading import SessionLoader
+from depthcli.metrics.boundary import BoundaryAccumulator, boundary_scores
 from depthcli.metrics.choices import Alignment, Averaging
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 SMALL = (WIDTH, HEIGHT)
 
@@ -211,3 +223,89 @@ def test_an_error_ends_all_workers() -> None:
         )
     assert watched.stages == {"comparing images": [30, 7]}
     assert threading.active_count() == before
+
+
+def test_scores_of_edges_are_those_of_the_map_put_together_again() -> None:
+    """And their means those over the images."""
+    dataset = small_set(shape=(40, 60))
+    maps = noisy(dataset)
+    protocol = EvalProtocol(full_size_px=(60, 40), boundary=True)
+    (row,) = evaluate(dataset, (0, 3), [Entry(Playback(maps))], protocol, per_image=True)
+    expected = BoundaryAccumulator()
+    for image, i in zip(row.images, (0, 3), strict=True):
+        depth_m = dataset.depths_m[i]
+        valid = (depth_m > 1e-3) & (depth_m < 10)
+        scores = boundary_scores(depth_m, maps[image.id].clip(1e-3, 10), valid)
+        assert image.boundary == scores
+        expected.update(scores)
+    assert row.boundary == expected.compute()
+    assert not math.isnan(row.boundary.edge_f1)
+    (without,) = evaluate(
+        dataset, (0,), [Entry(Playback(maps))], replace(protocol, boundary=False), per_image=True
+    )
+    assert without.boundary is without.images[0].boundary is None
+
+
+@pytest.mark.parametrize("workers", [None, 0, 2])
+def test_work_is_done_where_it_was_asked_for(workers: int | None) -> None:
+    """In the calling thread, unless there are workers; so is the fit of the trivial rows."""
+    threads: list[int] = []
+
+    class Listening(SmallSet):
+        def depth_m(self, i: int) -> np.ndarray:
+            threads.append(threading.get_ident())
+            return self.depths_m[i]
+
+    task = plan_nyu(Listening(**vars(small_set())), SplitName.OFFICIAL)
+    options = EvalOptions(EvalProtocol(full_size_px=SMALL))
+    evaluate_models(task, [], options if workers is None else replace(options, workers=workers))
+    training, testing = threads[:3], threads[3:]
+    for part in (training, testing):
+        assert len(part) == 3
+        assert (threading.get_ident() in part) is not bool(workers)
+
+
+def test_trivial_rows_know_the_depth_that_counts() -> None:
+    dataset = small_set()
+    protocol = EvalProtocol(full_size_px=SMALL, min_m=2, max_m=5)
+    task = plan_nyu(dataset, SplitName.OFFICIAL)
+    (row, *_) = evaluate_models(task, [], EvalOptions(protocol)).rows
+    training = np.concatenate([dataset.depths_m[i].ravel() for i in task.split.train])
+    mean_m = training[(training > 2) & (training < 5)].astype(float).mean()
+    errors = []
+    for i in task.test:
+        depth_m = dataset.depths_m[i]
+        counted = depth_m[(depth_m > 2) & (depth_m < 5)]
+        errors.append(np.mean(np.abs(counted - mean_m) / counted))
+    assert row.scores["abs_rel"] == pytest.approx(np.mean(errors), rel=1e-5)
+
+
+def test_a_set_of_ones_own_is_compared_whole() -> None:
+    dataset = small_set(3)
+    task = plan_pairs(dataset, "own")
+    assert (task.title, task.test) == ("own", (0, 1, 2))
+    assert task.split == Split(ALL_PAIRS, (), (0, 1, 2), 0, 3)
+    options = EvalOptions(EvalProtocol(full_size_px=SMALL))
+    report = evaluate_models(task, [Playback(noisy(dataset))], options)
+    assert [row.name for row in report.rows] == ["playback"]
+    assert report.notes == ("no training pair of this split is available: baselines are omitted",)
+
+
+class _Cameras(SmallSet):
+    """Pictures of other cameras than the models'; of the first, the focal length is known."""
+
+    hfov_deg = 40.0
+    focal_px: tuple[float | None, ...] = (25.0, None)
+
+
+@pytest.mark.parametrize("own_camera", [True, False])
+def test_metres_are_those_of_the_pictures_own_camera(tmp_path: Path, own_camera: bool) -> None:
+    camera = {"hfov_deg": 60.0} if own_camera else None
+    predictor = open_model(SessionLoader(write_model(tmp_path, camera=camera), "cpu", 1))
+    dataset = _Cameras(**vars(small_set(2)))
+    focal_px = [25.0, WIDTH / 2 / math.tan(math.radians(20))]
+    learned_px = WIDTH / 2 / math.tan(math.radians(30))
+    for i, actual_px in enumerate(focal_px):
+        depth_m = predictor.predict(Sample(dataset, i)).values
+        factor = actual_px / learned_px if own_camera else 1
+        np.testing.assert_allclose(depth_m, (1 + 8 * i / 255) * factor, rtol=1e-5)

@@ -5,6 +5,7 @@ import plain_evaluator as plain
 import pytest
 from small_set import HEIGHT, WIDTH, noisy, small_set
 
+from depthcli.core.choices import AUTO_TILE, Upsampling
 from depthcli.core.types import DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.choices import Crop, Mask
@@ -132,17 +133,32 @@ def test_names_tell_what_differs_from_the_headline() -> None:
 
 
 @pytest.mark.parametrize(
-    "variant",
+    ("variant", "name"),
     [
-        EvalProtocol(averaging=Averaging.POOLED),
-        EvalProtocol(crop=Crop.EIGEN),
-        EvalProtocol(mask=Mask.RAW),
-        EvalProtocol(compare_px=(256, 256)),
-        EvalProtocol(full_size_px=None),
-        EvalProtocol(min_m=0.5),
-        EvalProtocol(max_m=80),
+        (EvalProtocol(averaging=Averaging.POOLED), "pooled average"),
+        (EvalProtocol(crop=Crop.EIGEN), "eigen crop"),
+        (EvalProtocol(mask=Mask.RAW), "raw-valid mask"),
+        (EvalProtocol(compare_px=(256, 192)), "compared at 256×192"),
+        (EvalProtocol(full_size_px=None), "truth any size"),
+        (EvalProtocol(min_m=0.5), "min 0.5 m"),
+        (EvalProtocol(max_m=80), "max 80 m"),
+        (EvalProtocol(upsampling=Upsampling.GUIDED), "guided upsampling"),
+        (EvalProtocol(tile_px=320), "tiles of 320 px"),
+        (EvalProtocol(tile_px=AUTO_TILE), "tiles of 3/4 of the width"),
     ],
 )
-def test_no_variant_passes_for_the_headline(variant: EvalProtocol) -> None:
-    assert variant.name != "headline"
+def test_no_variant_passes_for_the_headline(variant: EvalProtocol, name: str) -> None:
+    assert variant.name == name
     assert not variant.is_headline
+
+
+def test_edges_change_no_other_number_and_no_name() -> None:
+    assert EvalProtocol(boundary=True).is_headline
+    assert EvalProtocol(boundary=True).name == "headline"
+    assert not EvalProtocol().boundary
+
+
+def test_the_ends_of_the_range_are_outside() -> None:
+    depth_m = np.float32([[0.5, 0.6, 0.9, 1.0]])
+    truth = EvalProtocol(full_size_px=None, min_m=0.5, max_m=1.0).truth(depth_m)
+    assert truth.valid.tolist() == [[False, True, True, False]]

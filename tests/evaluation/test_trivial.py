@@ -26,6 +26,14 @@ def test_means_equal_the_plain_loop() -> None:
     assert per_pixel.depth.values[0, 1] == 4.0
 
 
+def test_only_depth_inside_the_range_counts() -> None:
+    dataset = small_set(1, shape=(1, 4))
+    dataset.depths_m[:] = [[[0.5, 0.75, 1.25, 2.0]]]
+    constant, per_pixel = fit_trivial(dataset, (0,), min_m=0.5, max_m=2.0)
+    assert constant.depth.values.tolist() == [[1.0] * 4]
+    assert per_pixel.depth.values.tolist() == [[1.0, 0.75, 1.25, 1.0]]
+
+
 def test_only_training_pairs_are_read() -> None:
     dataset = small_set()
     watched = Watched()

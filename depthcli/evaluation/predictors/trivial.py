@@ -5,6 +5,7 @@ from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -48,11 +49,11 @@ def fit_trivial(
     Raises:
         DatasetError: no training pair, no valid pixel, or pairs of different sizes.
     """
-    sums, counts = np.zeros((0, 0)), np.zeros((0, 0), np.int64)
+    sums, counts = np.array([]), np.array([], np.int64)
     advance = progress.begin("mean of training images", len(train))
     with closing(ordered_map(dataset.depth_m, train, workers=workers)) as maps:
-        for n, (i, depth_m) in enumerate(zip(train, maps, strict=True)):
-            if n == 0:
+        for i, depth_m in zip(train, maps, strict=True):
+            if not counts.size:
                 sums, counts = np.zeros(depth_m.shape), np.zeros(depth_m.shape, np.int64)
             if depth_m.shape != sums.shape:
                 raise DatasetError(f"depth of {dataset.ids[i]} has another size than the others")
@@ -66,8 +67,7 @@ def fit_trivial(
 
 
 def _predictors(
-    sums: np.ndarray[tuple[int, int], np.dtype[np.float64]],
-    counts: np.ndarray[tuple[int, int], np.dtype[np.int64]],
+    sums: npt.NDArray[np.float64], counts: npt.NDArray[np.int64]
 ) -> tuple[TrivialPredictor, TrivialPredictor]:
     mean_m = float(sums.sum() / counts.sum())
     # A pixel that was never valid, in a corner of the frame say, knows nothing better.

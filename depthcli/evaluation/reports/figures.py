@@ -71,9 +71,8 @@ def _spread(dataset: DepthDataset, test: Sequence[int], count: int) -> tuple[int
     for i in test:
         types.setdefault(scene_type(dataset.scenes[i]), []).append(i)
     queues = [_from_the_middle(types[name]) for name in sorted(types)]
-    if len(queues) > count:
-        chosen = np.linspace(0, len(queues) - 1, count).round().astype(int)
-        queues = [queues[k] for k in chosen]
+    chosen = np.linspace(0, len(queues) - 1, min(count, len(queues))).round().astype(int)
+    queues = [queues[k] for k in chosen]
     turns = max(map(len, queues))
     in_turn = [queue[turn] for turn in range(turns) for queue in queues if turn < len(queue)]
     return tuple(sorted(in_turn[:count]))
@@ -132,9 +131,10 @@ def _figure_row(
     sample, truth_m = Sample(dataset, position), dataset.depth_m(position)
     picture = np.rint(255 * value_channel(sample.frame.pixels)).astype(np.uint8)
     maps = [_in_metres(predictor.predict(sample), truth_m) for predictor in predictors]
-    known = truth_m[truth_m > 0] if (truth_m > 0).any() else np.ones(1, np.float32)
-    near, far = np.percentile(known, (_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT))
-    truth = DepthMap(np.where(truth_m > 0, truth_m, np.float32(np.nan)))
+    known = truth_m > 0
+    ends = (_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT)
+    near, far = np.percentile(truth_m[known] if known.any() else 1.0, ends)
+    truth = DepthMap(np.where(known, truth_m, np.float32(np.nan)))
     return _FigureRow(
         np.repeat(picture[..., None], 3, 2), (*maps, truth), (float(near), float(far))
     )
@@ -144,16 +144,14 @@ def _in_metres(depth: DepthMap, truth_m: npt.NDArray[np.float32]) -> DepthMap:
     """A map of another kind, fitted to the truth where that is known."""
     if depth.kind is DepthKind.METRIC:
         return depth
-    values = _sized(depth.values, truth_m.shape).astype(np.float64)
-    known = np.where(truth_m > 0, truth_m, np.nan).astype(np.float64)
-    fitted = align(values[truth_m > 0], known[truth_m > 0], SUITABLE[depth.kind][0], depth.kind)
+    height, width = truth_m.shape
+    known = truth_m > 0
+    values = resize_area(depth.values, width, height)[known].astype(np.float64)
     metres = np.full(truth_m.shape, np.nan, np.float32)
-    metres[truth_m > 0] = fitted
+    metres[known] = align(
+        values, truth_m[known].astype(np.float64), SUITABLE[depth.kind][0], depth.kind
+    )
     return DepthMap(metres)
-
-
-def _sized(values: npt.NDArray[np.float32], shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
-    return resize_area(values, shape[1], shape[0])
 
 
 def _pictures_of_row(

@@ -1,0 +1,328 @@
+"""The table of trained runs, of runs that only a record tells of and models of one grey each."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import statistics
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from small_set import HEIGHT, WIDTH, SmallSet, small_set
+from tiny import write_model
+
+from depthcli.core.choices import Weights
+from depthcli.datasets.splits import Split, SplitName
+from depthcli.errors import DatasetError, UsageError
+from depthcli.evaluation.predictors.model import open_model
+from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.evaluation.published import PUBLISHED
+from depthcli.evaluation.reports.runs_text import runs_page
+from depthcli.evaluation.run import Entry, evaluate
+from depthcli.evaluation.runs_table import evaluate_runs
+from depthcli.evaluation.table import EvalOptions, EvalTask
+from depthcli.evaluation.trained import TrainedModel, grouped, plan_comparison
+from depthcli.inference.loading import SessionLoader
+from depthcli.metrics.choices import Alignment
+from depthcli.metrics.depth import METRICS
+from depthcli.training.trained_run import TrainedRun
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from depthcli.evaluation.runs_report import RunsReport, RunsRow
+
+PROTOCOL = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
+NONE, MEDIAN = Alignment.NONE, Alignment.MEDIAN
+RUN = TrainedRun(
+    folder=Path("x"),
+    seed=0,
+    settings="{}",
+    paired=False,
+    parameters=1_234_567,
+    epochs=4,
+    epochs_planned=4,
+    steps=80,
+    minutes=1.23456,
+    train_ids=("0002", "0003", "0004"),
+    held_out_ids=("0005", "0001"),
+)
+LONGER = replace(RUN, seed=1, epochs=3, steps=60, minutes=2.5)
+
+
+def _run(name: str, run: TrainedRun = RUN, **changes: object) -> TrainedRun:
+    return replace(run, folder=Path(name), **changes)
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> list[TrainedModel]:
+    """In no order; each says one depth of every picture, give or take the picture's grey."""
+    runs = {
+        "zeta": (_run("zeta"), 1.0),
+        "proposed-seed1": (_run("proposed-seed1", LONGER, paired=True), 2.0),
+        "proposed-seed0": (_run("proposed-seed0", paired=True), 4.0),
+        "cut-seed3": (_run("cut-seed3", seed=3), 3.0),
+    }
+    folder, found = tmp_path_factory.mktemp("models"), []
+    for i, (name, (run, far_m)) in enumerate(runs.items()):
+        loader = SessionLoader(write_model(folder / name, output__shift=far_m + 4), "cpu", 1)
+        predictor = replace(open_model(loader), name=name)
+        found.append(TrainedModel(run, predictor, 10.0 + i / 3))
+    return found
+
+
+@pytest.fixture
+def task(models: list[TrainedModel]) -> EvalTask:
+    return plan_comparison(small_set(), [model.run for model in models])
+
+
+def _report(
+    task: EvalTask, models: list[TrainedModel], *alignments: Alignment, **more: object
+) -> RunsReport:
+    return evaluate_runs(task, models, EvalOptions(PROTOCOL, alignments or (NONE,)), **more)
+
+
+def _scores(task: EvalTask, model: TrainedModel, alignment: Alignment) -> tuple[float, ...]:
+    entry = Entry(model.predictor, (alignment,))
+    return evaluate(task.dataset, task.test, [entry], PROTOCOL)[0].scores.values
+
+
+def _trained(report: RunsReport) -> list[RunsRow]:
+    return [line for line in report.rows if line.training]
+
+
+def test_pictures_are_those_that_the_runs_held_out(task: EvalTask) -> None:
+    assert task.ids == ("0005", "0001")
+    assert task.split == Split(SplitName.VAL, (2, 3, 4), (5, 1), 3, 2)
+
+
+def test_rows_are_means_over_seeds_in_the_papers_order(
+    task: EvalTask, models: list[TrainedModel]
+) -> None:
+    report = _report(task, models, NONE, MEDIAN)
+    zeta, proposed_1, proposed_0, cut = models
+    members = {"cut": (cut,), "proposed": (proposed_1, proposed_0), "zeta": (zeta,)}
+    others = [(line.row.name, line.row.alignment) for line in report.rows if not line.training]
+    trivial = [(name, a) for name in ("constant mean", "per-pixel mean") for a in (NONE, MEDIAN)]
+    assert others == [*trivial, *((row.name, None) for row in PUBLISHED)]
+    assert [(line.row.name, line.row.alignment) for line in _trained(report)] == [
+        (name, a) for name in members for a in (NONE, MEDIAN)
+    ]
+    for line in _trained(report):
+        row = line.row
+        assert row.alignment is not None
+        each = [_scores(task, model, row.alignment) for model in members[row.name]]
+        assert [run.scores.values for run in line.runs] == each
+        columns = list(zip(*each, strict=True))
+        assert row.scores.values == pytest.approx([statistics.mean(c) for c in columns])
+        assert (row.source, row.image_count, row.empty_count) == ("model", 2, 0)
+        assert {run.name for run in line.runs} == {m.run.name for m in members[row.name]}
+        assert not any(run.images for run in line.runs)
+        if len(each) == 1:
+            assert line.spread is None
+        else:
+            assert line.spread is not None
+            expected = [statistics.stdev(c) for c in columns]
+            assert line.spread.values == pytest.approx(expected, rel=1e-6, abs=1e-12)
+            assert (max(expected) > 0.1) is (row.alignment is NONE)  # no factor is left after it
+
+
+def test_pictures_without_depth_are_counted(models: list[TrainedModel]) -> None:
+    dataset = small_set()
+    dataset.depths_m[5] = 0
+    report = _report(plan_comparison(dataset, [model.run for model in models]), models)
+    assert {(line.row.image_count, line.row.empty_count) for line in _trained(report)} == {(1, 1)}
+
+
+def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[TrainedModel]) -> None:
+    report = _report(task, models)
+    assert (report.dataset, report.split, report.image_count) == ("NYU Depth v2", "val", 2)
+    assert (report.split_count, report.train_count, report.protocol) == (2, 3, PROTOCOL)
+    lines = runs_page(report).to_text().splitlines()
+    shown = {line.split()[0]: line.split()[1:10] for line in lines[4:] if line}
+    assert lines[3].split()[2:9] == [
+        "paired",
+        "seeds",
+        "epochs",
+        "steps",
+        "minutes",
+        "params",
+        "ms",
+    ]
+    assert shown["cut"] == ["none", "no", "1", "4/4", "80", "1.2", "1.23M", "11.0", "2"]
+    assert shown["proposed"] == ["none", "yes", "2", "3-4/4", "60-80", "1.9", "1.23M", "10.5", "2"]
+    assert shown["DCLGAN"] == ["(paper)", "-", *"-------"]
+    document = json.loads(report.to_json())
+    rows = {row["name"]: row for row in document["rows"]}
+    assert rows["proposed"]["training"] == {
+        "seeds": [1, 0],
+        "paired": True,
+        "parameters": 1234567,
+        "latency_ms": 10.5,
+        "epochs": [3, 4],
+        "epochs_planned": 4,
+        "steps": [60, 80],
+        "minutes": [2.5, 1.2346],
+    }
+    assert rows["zeta"]["training"]["latency_ms"] == 10.0
+    assert rows["cut"]["standard_deviation"] is None
+    assert list(rows["proposed"]["standard_deviation"]) == list(METRICS)
+    assert [run["name"] for run in rows["proposed"]["runs"]] == ["proposed-seed1", "proposed-seed0"]
+    assert "training" not in rows["constant mean"]
+    assert "differences" not in document
+    records = {r["name"]: list(r.values()) for r in csv.DictReader(io.StringIO(report.to_csv()))}
+    known = ["model", "none", "val", "2", PROTOCOL.name]
+    costs = ["yes", "1 0", "3 4", "4", "60 80", "2.50 1.23", "1234567", "10.500"]
+    (proposed,) = (line for line in report.rows if line.row.name == "proposed")
+    assert proposed.spread is not None
+    numbers = [*proposed.row.scores.values, *proposed.spread.values]
+    assert records["proposed"] == ["proposed", *known, *costs, *map(repr, numbers)]
+    assert records["cut"][-9:] == [""] * 9
+    assert records["CUT (paper)"][:14] == [
+        *("CUT (paper)", "published", "", "val", "449", PROTOCOL.name),
+        *[""] * 8,
+    ]
+
+
+def test_notes(task: EvalTask, models: list[TrainedModel]) -> None:
+    notes = _report(task, models).notes
+    assert notes == (
+        "± is the sample standard deviation over the seeds",
+        (
+            "ms: median of the network alone for one picture, onnxruntime on cpu, "
+            "measured in turns in this run"
+        ),
+        "stopped before their schedule's end: proposed-seed1",
+        (
+            "the paper's rows are of its own 449 test pictures, not of these: "
+            "no digit of theirs is comparable"
+        ),
+    )
+    whole = [model for model in models if model.run.epochs == 4]
+    assert _report(task, whole, published=False, weights=Weights.RAW).notes == (
+        *notes[:2],
+        "weights of the last step, not their moving average",
+    )
+    paper = replace(task, split=replace(task.split, name=SplitName.PAPER, train_count=1000))
+    assert _report(paper, whole).notes == (
+        *notes[:2],
+        "trivial rows know 3 of the split's 1000 training pairs",
+    )
+
+
+def test_trivial_and_published_rows_can_be_left_out(
+    task: EvalTask, models: list[TrainedModel]
+) -> None:
+    options = EvalOptions(PROTOCOL, trivial=False)
+    report = evaluate_runs(task, models, options, published=False)
+    assert [line.row.name for line in report.rows] == ["cut", "proposed", "zeta"]
+    assert report.train_count == 0
+
+
+@pytest.mark.parametrize(
+    ("split", "limit", "title"),
+    [
+        (SplitName.VAL, None, "NYU Depth v2 · scenes that the runs held out, 2 images"),
+        (SplitName.OFFICIAL, 1, "NYU Depth v2 · official, 1 of 654 images"),
+    ],
+)
+def test_titles(
+    models: list[TrainedModel], split: SplitName, limit: int | None, title: str
+) -> None:
+    runs = [replace(model.run, train_ids=("0003",)) for model in models]
+    report = _report(plan_comparison(small_set(), runs, split, limit), models)
+    assert report.title == f"{title} · {PROTOCOL.name} protocol"
+
+
+def test_one_row_minus_each_other(task: EvalTask, models: list[TrainedModel]) -> None:
+    report = _report(task, models, NONE, MEDIAN, against="zeta")
+    assert [(d.name, d.other, d.alignment) for d in report.differences] == [
+        ("zeta", other, alignment)
+        for alignment in (NONE, MEDIAN)
+        for other in ("constant mean", "per-pixel mean", "proposed", "cut")
+    ]
+    assert not any(line.row.images or any(run.images for run in line.runs) for line in report.rows)
+    rows = {(line.row.name, line.row.alignment): line.row.scores for line in report.rows}
+    entries = json.loads(report.to_json())["differences"]
+    page = runs_page(report)
+    assert page.differences is not None
+    title, (header, *cells) = page.differences
+    assert title == "zeta minus each row, 95 % of draws of whole scenes; ! clear of zero"
+    assert header[:3] == ["minus", "align", "abs_rel"]
+    assert page.to_text().count(f"\n\n{title}\n\nminus ") == 1
+    for difference, entry, cell in zip(report.differences, entries, cells, strict=True):
+        alignment, other = difference.alignment, difference.other
+        assert (entry["row"], entry["minus"], entry["align"]) == ("zeta", other, alignment)
+        for i, name in enumerate(METRICS):
+            found = difference.intervals[i]
+            expected = rows["zeta", alignment][name] - rows[other, alignment][name]
+            assert found.mean == pytest.approx(expected, abs=1e-9)
+            values = {"mean": found.mean, "low": found.low, "high": found.high}
+            assert entry["intervals"][name] == values
+        first = difference.intervals[0]
+        mark = "!" if first.low > 0 or first.high < 0 else ""
+        shown = f"{first.mean:+.4f}{mark} [{first.low:+.3f},{first.high:+.3f}]"
+        assert cell[:3] == [other, alignment, shown]
+
+
+def test_what_has_no_score_is_a_dash(models: list[TrainedModel]) -> None:
+    dataset = small_set()
+    dataset.depths_m[[1, 5]] = 0
+    task = plan_comparison(dataset, [model.run for model in models])
+    report = _report(task, models, against="zeta")
+    page = runs_page(report)
+    assert page.differences is not None
+    assert all(set(cells[2:]) == {"-"} for cells in page.differences[1][1:])
+    assert {line.split()[-1] for line in page.to_text().splitlines() if "cut " in line} == {"-"}
+
+
+def test_pages_name_footnotes_and_the_models_of_all_seeds(
+    task: EvalTask, models: list[TrainedModel]
+) -> None:
+    page = runs_page(_report(task, models))
+    assert page.notes[0] == "higher is better for d1, d2, d3, lower for the others"
+    assert page.notes[1].startswith("* log10 of CycleGAN is a misprint")
+    assert [row[0] for row in page.table if row[0].endswith("*")] == ["CycleGAN (paper)*"]
+    names = [word.split()[0] for word in page.models]
+    assert names == ["cut-seed3", "proposed-seed1", "proposed-seed0", "zeta"]
+
+
+@pytest.mark.parametrize(
+    ("runs", "problem"),
+    [
+        ([_run("a"), _run("b", held_out_ids=("0001",))], "a and b were trained on or hold out"),
+        ([_run("a"), _run("b", train_ids=("0002",))], "a and b were trained on or hold out"),
+        ([_run("a", held_out_ids=())], "a held out no pair"),
+        ([_run("a", held_out_ids=("0001", "0099"))], r"1 pairs .* \(first: 0099\)"),
+        ([_run("a", train_ids=("0098", "0099"))], r"2 pairs .* \(first: 0098\)"),
+        ([_run("a", train_ids=("0001", "0005"))], "a was trained on 2 of the 2 test pictures"),
+    ],
+)
+def test_what_cannot_be_compared(runs: Sequence[TrainedRun], problem: str) -> None:
+    with pytest.raises((UsageError, DatasetError), match=problem):
+        plan_comparison(small_set(), runs)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (_run("a-seed0"), _run("a-seed1", LONGER, settings='{"x": 1}')),
+        (_run("a-seed0"), _run("a")),
+    ],
+)
+def test_a_group_differs_in_its_seeds_alone(first: TrainedRun, second: TrainedRun) -> None:
+    with pytest.raises(UsageError, match="are no seeds of one configuration"):
+        grouped([first, second])
+    seeds = _run("a-seed1", LONGER)
+    assert grouped([first, seeds, _run("b2")]) == {"a": (first, seeds), "b2": (_run("b2"),)}
+
+
+def test_pictures_are_read_by_nobody_else(models: list[TrainedModel]) -> None:
+    dataset = small_set()
+    assert isinstance(dataset, SmallSet)
+    _report(plan_comparison(dataset, [model.run for model in models]), models)
+    assert dataset.image_reads == {1: 1, 5: 1}
+    assert dataset.depth_reads == dict.fromkeys(range(1, 6), 1)
