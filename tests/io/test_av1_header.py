@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import struct
+from itertools import pairwise
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from depthcli.io.pictures.avif import _coded_sizes, avif_size
+from depthcli.io.pictures.avif import avif_size
+from depthcli.io.pictures.size import picture_size
 
 
 class Bits:
@@ -63,12 +65,111 @@ def headers(draw: st.DrawFn) -> tuple[bytes, tuple[int, int]]:
     return int(text, 2).to_bytes(len(text) // 8, "big"), (size[0], size[1])
 
 
-@given(headers(), st.booleans())
-def test_the_size_of_any_header_is_found(made: tuple[bytes, tuple[int, int]], longer: bool) -> None:
-    header, size = made
-    obu = bytes([1 << 3 | longer << 2 | 2, *[0] * longer, len(header)]) + header
-    other = bytes([2 << 3 | 2, 3]) + b"abc"  # a temporal delimiter or the like goes before
-    assert _coded_sizes(memoryview(other + obu)) == [size]
+def leb128(value: int, length: int) -> bytes:
+    """A number in so many bytes, of which the last may say nothing."""
+    parts = [value >> 7 * i & 0x7F | 0x80 for i in range(length)]
+    return bytes([*parts[:-1], parts[-1] & 0x7F])
+
+
+@st.composite
+def units(draw: st.DrawFn) -> tuple[bytes, tuple[int, int]]:
+    """A sequence header and what may stand before it, and its size."""
+    header, size = draw(headers())
+    kinds = draw(st.lists(st.sampled_from([2, 3, 4, 5, 6, 15]), max_size=2))
+    data = b""
+    for kind, content in (*((kind, b"\x0a" * 200) for kind in kinds), (1, header)):
+        longer = draw(st.booleans())
+        data += bytes([kind << 3 | longer << 2 | 2, *[0xFF] * longer])
+        data += leb128(len(content), draw(st.integers(len(content) // 128 + 1, 8))) + content
+    return data, size
+
+
+def box(kind: bytes, content: bytes = b"") -> bytes:
+    return struct.pack(">I4s", 8 + len(content), kind) + content
+
+
+CLAIM = box(b"iprp", box(b"ipco", box(b"ispe", struct.pack(">III", 0, 1, 1))))
+START = box(b"ftyp", b"avif" + bytes(4)) + box(b"free")
+
+
+@st.composite
+def files(draw: st.DrawFn) -> tuple[bytes, tuple[int, int]]:
+    """Items as section 8.11.3 of ISO/IEC 14496-12 has them, and the largest of their sizes."""
+    version = draw(st.integers(0, 2))
+    wide = 4 if version == 2 else 2
+    widths = [draw(st.sampled_from(some)) for some in ([4, 8], [0, 4, 8], [0, 4, 8], [0, 4, 8])]
+    offset, length, base, index = widths
+    items, stores, sizes = [], {0: b"", 1: b""}, []
+    for _ in range(draw(st.integers(1, 3))):
+        data, size = draw(units())
+        sizes.append(size)
+        method, extents = draw(st.integers(0, 1)) if version else 0, []
+        cuts = sorted(draw(st.lists(st.integers(1, len(data) - 1), max_size=2))) if length else []
+        for first, last in pairwise([0, *cuts, len(data)]):
+            stores[method] += bytes(draw(st.integers(0, 2)))
+            extents.append((len(stores[method]), last - first))
+            stores[method] += data[first:last]
+        stores[method] += bytes(1)  # where there are no lengths, an item ends with the file
+        items.append((method, extents))
+
+    def whole(mdat: int) -> bytes:
+        def number(size: int, value: int) -> bytes:
+            return value.to_bytes(size, "big") if size else b""
+
+        text = bytes([version, 1, 2, 3, offset << 4 | length, base << 4 | index])
+        text += number(wide, len(items))
+        for method, extents in items:
+            text += number(wide, 7) + (number(2, 0xFF0 | method) if version else b"") + bytes(2)
+            first = extents[0][0] + (0 if method else mdat)
+            text += number(base, first) + number(2, len(extents))
+            for at, count in extents:
+                place = at + (0 if method else mdat) - (first if base else 0)
+                text += number(index if version else 0, 1) + number(offset, place)
+                text += number(length, count)
+        meta = box(b"free") + box(b"iloc", text) + box(b"idat", stores[1]) + CLAIM
+        before = START + box(b"meta", bytes(4) + meta)
+        return before + box(b"mdat", stores[0])
+
+    data = whole(len(whole(0)) - len(stores[0]))
+    return data, max([(1, 1), *sizes], key=lambda size: size[0] * size[1])
+
+
+@settings(max_examples=40)
+@given(files())
+def test_the_largest_picture_is_found_wherever_its_item_lies(
+    made: tuple[bytes, tuple[int, int]],
+) -> None:
+    data, size = made
+    width, height = avif_size(data) or (0, 0)
+    assert width * height == size[0] * size[1]
+
+
+@settings(max_examples=50)
+@given(units(), st.integers(0, 2), st.integers(0, 5))
+def test_the_first_chunk_of_an_animation_counts(
+    made: tuple[bytes, tuple[int, int]], empty: int, gap: int
+) -> None:
+    data, size = made
+    none = box(b"stco", bytes(8))
+    head = START + box(b"moov", none * empty + box(b"stco", bytes(4 + 4 + 8))) + CLAIM
+    at = len(head) + 8 + gap
+    chunk = box(b"stco", struct.pack(">IIII", 0, 2, at, 0))
+    whole = head.replace(box(b"stco", bytes(16)), chunk) + box(b"mdat", bytes(gap) + data)
+    assert avif_size(whole) == max((1, 1), size, key=lambda size: size[0] * size[1])
+
+
+def test_a_list_of_items_that_is_cut_short_or_uses_bytes_too_often_is_refused() -> None:
+    end = box(b"mdat")
+
+    def whole(items: int, cut: int) -> bytes:
+        """Items that are the whole file each."""
+        text = bytes([0, 0, 0, 0, 0x44, 0]) + struct.pack(">H", items)
+        text += struct.pack(">HHHII", 1, 0, 1, 0, 0) * items
+        return START + box(b"meta", bytes(4) + box(b"iloc", text[: len(text) - cut]) + CLAIM) + end
+
+    assert picture_size(whole(4, 0)) == (1, 1)
+    assert picture_size(whole(5, 0)) is None
+    assert not any(picture_size(whole(2, cut)) for cut in range(1, 36))
 
 
 def test_the_largest_claim_has_the_most_pixels() -> None:

@@ -99,7 +99,7 @@ def _places(iloc: bytes) -> Iterator[tuple[bool, list[tuple[int, int]]]]:
 def _coded_sizes(item: memoryview) -> list[tuple[int, int]]:
     """(width, height) of each sequence header; none if the item is no AV1, as metadata are not."""
     sizes: list[tuple[int, int]] = []
-    with suppress(struct.error, IndexError):
+    with suppress(struct.error, IndexError):  # the item's end, if not one within a header
         sizes.extend(_sequence_sizes(item))
     return sizes
 
@@ -107,8 +107,6 @@ def _coded_sizes(item: memoryview) -> list[tuple[int, int]]:
 def _sequence_sizes(item: memoryview) -> Iterator[tuple[int, int]]:
     at = 0
     for _ in range(_MAX_UNITS):
-        if at + 2 > len(item):
-            return
         head = item[at]
         if head & 0x81 or not head & 2:  # it has no size of its own, or is no AV1
             return
