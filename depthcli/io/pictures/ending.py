@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import struct
 import zlib
 
 from depthcli.io.pictures.jpeg import JPEG_START, jpeg_ends
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_flaw
-from depthcli.io.png.chunks import SIGNATURE
+from depthcli.io.png.chunks import SIGNATURE, read_chunks
 
-_PNG_FRAME = 12  # length, kind and checksum of a chunk
 _ANCILLARY = 0x20  # set in the kind's first letter: decoders may do without the chunk
 
 
@@ -31,16 +29,9 @@ def flaw(data: bytes) -> str | None:
 
 
 def _png_flaw(data: bytes) -> str | None:
-    view, at = memoryview(data), len(SIGNATURE)
-    while at + _PNG_FRAME <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, at)
-        end = at + _PNG_FRAME + length
-        if end > len(data):
-            break
-        (checksum,) = struct.unpack_from(">I", data, end - 4)
-        if not kind[0] & _ANCILLARY and zlib.crc32(view[at + 4 : end - 4]) != checksum:
+    for kind, body, checksum in read_chunks(data):
+        if not kind[0] & _ANCILLARY and zlib.crc32(body, zlib.crc32(kind)) != checksum:
             return "is damaged (a checksum of the PNG is wrong); copy it again"
         if kind == b"IEND":
             return None
-        at = end
     return "is truncated (the PNG has no end); copy it again"

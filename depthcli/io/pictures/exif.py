@@ -1,18 +1,18 @@
 """The two EXIF facts that depth needs: how the camera was held and its focal length."""
 
 import struct
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from typing import NamedTuple
 
 from depthcli.io.pictures.avif import find_box
 from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_tags
-from depthcli.io.png.chunks import SIGNATURE
+from depthcli.io.png.chunks import SIGNATURE, read_chunks
 
 _ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 _ORIENTATIONS = range(1, 9)
-_JPEG_EXIF, _EXIF_START = 0xE1, b"Exif\0\0"
+_APP1, _HEAD = 0xE1, b"Exif\0\0"
 _TURNED = (1, 8, 3, 6)  # EXIF orientations that quarter turns counter-clockwise make upright
 _MIRRORED = (2, 5, 4, 7)  # and those that mirroring left to right and then such turns do
 
@@ -32,42 +32,32 @@ def read_exif(data: bytes) -> Exif:
     if data[4:8] == b"ftyp":
         return Exif(_avif_orientation(data))
     tiff = _tiff_part(data)
-    return Exif() if tiff is None else _parse(tiff)
+    return _parse(tiff) if tiff.startswith(TIFF_STARTS) else Exif()
 
 
-def _tiff_part(data: bytes) -> bytes | None:
-    """The TIFF structure that EXIF is, wherever the container keeps it."""
-    if data.startswith(TIFF_STARTS):
-        return data
-    if data.startswith(JPEG_START):
-        bodies = (body for marker, body in jpeg_segments(data) if marker == _JPEG_EXIF)
-        found = next((body for body in bodies if body.startswith(_EXIF_START)), None)
-        return found and found.removeprefix(_EXIF_START)
+def _tiff_part(data: bytes) -> bytes:
+    """The TIFF structure that EXIF is, wherever the container keeps it; empty if it has none."""
     if data.startswith(SIGNATURE):
-        return _in_chunks(data, 8, b"eXIf", ">I4s", length_first=True)
-    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
-        part = _in_chunks(data, 12, b"EXIF", "<4sI", length_first=False)
-        return part.removeprefix(_EXIF_START) if part else None
-    return None
+        found = (bytes(body) for kind, body, _ in read_chunks(data) if kind == b"eXIf")
+    elif data.startswith(JPEG_START):
+        parts = (content for marker, content in jpeg_segments(data) if marker == _APP1)
+        found = (part for part in parts if part.startswith(_HEAD))
+    elif data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+        found = (body for kind, body in _riff_chunks(data) if kind == b"EXIF")
+    else:
+        return data
+    return next(found, b"").removeprefix(_HEAD)
 
 
-def _in_chunks(
-    data: bytes, at: int, wanted: bytes, header: str, *, length_first: bool
-) -> bytes | None:
-    size = struct.calcsize(header)
-    while at + size <= len(data):
-        first, second = struct.unpack_from(header, data, at)
-        length, name = (first, second) if length_first else (second, first)
-        if name == wanted:
-            return data[at + size : at + size + length]
-        # PNG adds a checksum, RIFF pads to even lengths.
-        at += size + length + (4 if length_first else length % 2)
-    return None
+def _riff_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    at = 12
+    while at + 8 <= len(data):
+        kind, length = struct.unpack_from("<4sI", data, at)
+        yield kind, data[at + 8 : at + 8 + length]
+        at += 8 + length + length % 2  # odd lengths are padded
 
 
 def _parse(tiff: bytes) -> Exif:
-    if not tiff.startswith(TIFF_STARTS):
-        return Exif()
     first = _first_values(tiff, (_ORIENTATION, _EXIF_IFD))
     orientation = first.get(_ORIENTATION, 1)
     inner = _first_values(tiff, (_FOCAL_35MM,), first[_EXIF_IFD]) if _EXIF_IFD in first else {}

@@ -8,7 +8,7 @@ from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_size
 from depthcli.io.png.chunks import SIGNATURE
 
-_JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_JPEG_SIZES = frozenset(b"\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf")
 _NETPBM = rb"P[1-6]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s"
 
 
@@ -27,7 +27,7 @@ def _size_of_kind(data: bytes) -> tuple[int, int] | None:
         frame = next((body for marker, body in jpeg_segments(data) if marker in _JPEG_SIZES), b"")
         height, width = struct.unpack_from(">HH", frame, 1)
         return width, height
-    if data[:2] == b"BM":
+    if data.startswith(b"BM"):
         small = data[14:18] == b"\x0c\0\0\0"  # the header of OS/2
         width, height = struct.unpack_from("<HH" if small else "<ii", data, 18)
         return width, abs(height)
@@ -37,7 +37,7 @@ def _size_of_kind(data: bytes) -> tuple[int, int] | None:
         return tiff_size(data)
     if data[4:8] == b"ftyp":
         return avif_size(data)
-    if data[:6] in (b"GIF87a", b"GIF89a"):
+    if data.startswith((b"GIF87a", b"GIF89a")):
         return struct.unpack_from("<HH", data, 6)
     netpbm = re.match(_NETPBM, data)
     return (int(netpbm[1]), int(netpbm[2])) if netpbm else None

@@ -2,6 +2,8 @@
 
 import struct
 import zlib
+from collections.abc import Iterator
+from contextlib import suppress
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_LENGTH = 2**31 - 1
@@ -15,3 +17,14 @@ def chunk(kind: bytes, body: bytes | bytearray | memoryview) -> tuple[bytes | me
     """
     check = zlib.crc32(body, zlib.crc32(kind))
     return struct.pack(">I4s", len(body), kind), memoryview(body), struct.pack(">I", check)
+
+
+def read_chunks(png: bytes) -> Iterator[tuple[bytes, memoryview, int]]:
+    """Kind, body and checksum of each chunk, up to the first that is not whole."""
+    view, at = memoryview(png), len(SIGNATURE)
+    with suppress(struct.error):
+        while True:
+            length, kind = struct.unpack_from(">I4s", png, at)
+            (checksum,) = struct.unpack_from(">I", png, at + 8 + length)
+            yield kind, view[at + 8 : at + 8 + length], checksum
+            at += 12 + length

@@ -1,8 +1,6 @@
 """Text chunks of PNG files (PNG specification, third edition, 11.3.3)."""
 
-import struct
-
-from depthcli.io.png.chunks import SIGNATURE, chunk
+from depthcli.io.png.chunks import chunk, read_chunks
 
 
 def text_chunk(keyword: str, text: str) -> tuple[bytes | memoryview, ...]:
@@ -20,15 +18,13 @@ def text_chunk(keyword: str, text: str) -> tuple[bytes | memoryview, ...]:
 def read_text(png: bytes) -> dict[str, str]:
     """The tEXt and uncompressed iTXt chunks of a PNG file; damaged ones are left out."""
     texts = {}
-    at = len(SIGNATURE)
-    while at + 12 <= len(png):
-        length, kind = struct.unpack_from(">I4s", png, at)
-        body = png[at + 8 : at + 8 + length]
-        keyword, _, rest = body.partition(b"\0")
+    for kind, body, _ in read_chunks(png):
+        if kind not in (b"tEXt", b"iTXt"):
+            continue
+        keyword, _, rest = bytes(body).partition(b"\0")
         if kind == b"tEXt":
             texts[keyword.decode("latin-1")] = rest.decode("latin-1")
-        elif kind == b"iTXt" and rest[:2] == b"\0\0":
+        elif rest.startswith(b"\0\0"):
             text = rest[2:].split(b"\0", 2)[-1]
             texts[keyword.decode("latin-1")] = text.decode("utf-8", "replace")
-        at += 12 + length
     return texts
