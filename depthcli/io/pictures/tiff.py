@@ -47,24 +47,22 @@ def tiff_tags(
     layout = _LAYOUTS[data[:4]]
     order, number = layout.order, layout.order + layout.number
     if at is None:
-        (at,) = struct.unpack_from(number, data, layout.start)
-    if at >= len(data):
-        raise struct.error("the directory lies after the file's end")
-    (count,) = struct.unpack_from(layout.order + layout.total, data, at)
+        (at,) = _unpack(number, data, layout.start)
+    (count,) = _unpack(order + layout.total, data, at)
     first = at + struct.calcsize(layout.total)
     for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
-        tag, kind = struct.unpack_from(order + "HH", data, entry)
+        tag, kind = _unpack(order + "HH", data, entry)
         if tag in wanted and kind in _FORMS:
-            (many,) = struct.unpack_from(number, data, entry + 4)
-            if many > len(data):
-                raise struct.error("a tag has more values than the file has bytes")
-            form = f"{order}{many}{_FORMS[kind]}"
-            place = entry + layout.value
+            (many,) = _unpack(number, data, entry + 4)
+            form, place = f"{order}{many}{_FORMS[kind]}", entry + layout.value
             if struct.calcsize(form) > struct.calcsize(number):
-                (place,) = struct.unpack_from(number, data, place)
-            if place + struct.calcsize(form) > len(data):
-                raise struct.error("the values of a tag lie after the file's end")
-            yield tag, struct.unpack_from(form, data, place)
+                (place,) = _unpack(number, data, place)
+            yield tag, _unpack(form, data, place)
+
+
+def _unpack(form: str, data: bytes, at: int) -> tuple[int, ...]:
+    """As ``struct.unpack_from``, at a position of any size."""
+    return struct.unpack(form, data[at : at + struct.calcsize(form)])
 
 
 def tiff_size(data: bytes) -> tuple[int, int] | None:
