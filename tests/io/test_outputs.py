@@ -159,8 +159,9 @@ def test_own_pictures_are_known_by_their_content(tmp_path: Path) -> None:
         ([Path("a.png")], "a.png"),
         ([Path("a.jpg"), Path("a.depth.png")], None),
         ([Path("a.jpg"), Path("a.jpg")], None),
+        ([Path("a.jpg")], "https://host/out/"),
     ],
-    ids=["same name", "one file for two", "input", "input of another", "twice"],
+    ids=["same name", "one file for two", "input", "input of another", "twice", "behind HTTP"],
 )
 def test_shared_outputs_and_inputs_are_refused(sources: list[Path], out: str | None) -> None:
     with pytest.raises(UsageError):

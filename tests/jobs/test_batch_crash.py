@@ -11,7 +11,12 @@ from command_line import ROOT, Cli
 from videos import flat_frames, write_video
 
 from depthcli.errors import InputError
-from depthcli.jobs.batch.suspects import check_picture, check_video
+from depthcli.io.listing.folder import InputFile
+from depthcli.io.manifest.journal import Journal
+from depthcli.io.manifest.row import OK, Origin, Row
+from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.suspects import check_picture, check_video, suspected
+from depthcli.jobs.batch.task import Task
 
 _CRASHING = """
 import os
@@ -62,18 +67,33 @@ def test_a_crash_costs_one_file(crashing: Cli) -> None:
         assert found == dict.fromkeys(("a.png", "b.png", "d.png", "e.png", "f.png"), "ok")
 
 
-def test_a_video_is_decoded_in_a_process_of_its_own(
+def test_suspects_are_decoded_in_a_process_of_their_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = write_video(tmp_path / "a.avi", flat_frames([9, 99]))
+    video = write_video(tmp_path / "a.avi", flat_frames([9, 99]))
+    picture = cv2.imencode(".png", np.full((8, 8, 3), 9, np.uint8))[1].tobytes()
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
-    check_video("a.avi", path)
+    check_video("a.avi", video)
+    check_picture("a.png", picture)
     (tmp_path / "sitecustomize.py").write_text(
-        "import av, os\nav.open = lambda *a, **b: os.abort()"
+        "import av, cv2, os\nav.open = cv2.imdecode = lambda *a, **b: os.abort()"
     )
     with pytest.raises(InputError, match=r"a\.avi ends the process that decodes it \(SIGABRT\)"):
-        check_video("a.avi", path)
+        check_video("a.avi", video)
+    with pytest.raises(InputError, match=r"a\.png ends the process that decodes it \(SIGABRT\)"):
+        check_picture("a.png", picture)
 
 
 def test_what_only_cannot_be_decoded_is_no_crash() -> None:
     check_picture("a.png", b"no picture")
+
+
+def test_the_first_inputs_without_a_row_are_suspects(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    journal.add(Row("b", OK, Origin("0" * 64, "tiny", "1" * 64, "1.0")))
+    tasks = [Task(InputFile(n, n), {Format.PNG16: Path(n)}) for n in "abcdefg"]
+    for count, names in ((0, ""), (1, "a"), (3, "acd"), (9, "acdefg")):
+        found = list(suspected(tasks, journal, count))
+        assert [task.input for task in found] == [task.input for task in tasks]
+        assert "".join(task.input.name for task in found if task.is_suspect) == names
+    journal.finish(None)

@@ -6,7 +6,7 @@ import json
 import multiprocessing
 from contextlib import closing
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -148,6 +148,26 @@ class LastFirst:
             record(done[-1])
         for results in reversed(done):
             yield from results
+
+
+@pytest.mark.parametrize(("asked", "sizes"), [(None, [1, 1, 1]), (2, [2, 1]), (5, [3])])
+def test_a_processor_takes_one_picture_at_a_time_if_nothing_is_said(
+    tmp_path: Path, asked: int | None, sizes: list[int]
+) -> None:
+    found: list[int] = []
+
+    class Sized(LastFirst):
+        def run(
+            self, spec: WorkerSpec, chunks: Iterable[Sequence[PictureTask]], *rest: Any
+        ) -> Generator[Result, None, None]:
+            held = list(chunks)
+            found.extend(map(len, held))
+            return super().run(spec, held, *rest)
+
+    pictures(tmp_path)
+    batch = Batch(replace(request(tmp_path), batch_size=asked), engine=Sized())
+    assert len(list(batch)) == sum(found) == batch.tally.done
+    assert found == sizes
 
 
 def test_another_engine_gives_the_same(tmp_path: Path) -> None:

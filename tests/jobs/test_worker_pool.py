@@ -4,22 +4,31 @@ from __future__ import annotations
 
 import random
 from collections import Counter, deque
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import cv2
 import pytest
+from batches import outputs, pictures, request
 from hypothesis import given
 from hypothesis import strategies as st
+from videos import flat_frames, write_mp4
 
+from depthcli._version import __version__
 from depthcli.errors import EngineError
 from depthcli.io.listing.folder import InputFile
+from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.engines.pool import Pool
-from depthcli.jobs.batch.engines.ray import _chunk_groups
-from depthcli.jobs.batch.engines.remote_worker import Call
+from depthcli.jobs.batch.engines.ray import _chunk_groups, _room
+from depthcli.jobs.batch.engines.remote_worker import Call, RemoteWorker
+from depthcli.jobs.batch.output_map import OutputMap
+from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.task import Result, Task
+from depthcli.jobs.batch.worker_spec import WorkerSpec
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Sequence
@@ -181,3 +190,54 @@ def test_chunks_go_out_by_eights() -> None:
     groups = list(_chunk_groups(iter(chunks)))
     assert [len(group) for group in groups] == [8, 3]
     assert [chunk for group in groups for chunk in group] == chunks
+
+
+def test_a_worker_elsewhere_gives_what_one_here_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures(tmp_path)
+    write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99]))
+    here = [result.row for result in Batch(request(tmp_path, "here"))]
+    there = request(tmp_path, "there")
+    (tmp_path / "there").mkdir()
+    (tmp_path / "began").mkdir()
+    sha256 = there.model.load().model.sha256
+    spec = WorkerSpec(there.model, sha256, there.options, there.plan.out)
+    maps, rows = OutputMap(there.plan, there.options.formats), known_rows(there.plan.out)
+    chunks = [(maps.picture(file, rows),) for file in there.plan.pictures]
+    (video,) = (maps.video(file, rows) for file in there.plan.videos)
+    threads = cv2.getNumThreads()
+    monkeypatch.chdir(tmp_path)
+    try:
+        worker = RemoteWorker(spec, str(tmp_path / "began"), 0.5)
+        with pytest.raises(TypeError):
+            worker.work(Call(video=video))
+        assert worker.start(__version__) == here[0].origin
+        assert Path.cwd() == tmp_path / "began"
+        assert cv2.getNumThreads() == 1
+        results = worker.work(Call(chunks=tuple(chunks))) + worker.work(Call(video=video))
+        RemoteWorker(spec, str(tmp_path / "nowhere"), 3).start(__version__)
+        assert (Path.cwd(), cv2.getNumThreads()) == (tmp_path / "began", 3)
+    finally:
+        cv2.setNumThreads(threads)
+    assert [replace(one.row, seconds=0) for one in results] == [
+        replace(row, seconds=0) for row in here
+    ]
+    assert outputs(tmp_path / "there") == outputs(tmp_path / "here")
+    assert (Call(tuple(chunks)).task, Call(video=video).task) == (chunks[0][0], video)
+
+
+@pytest.mark.parametrize(
+    ("cpus", "gpus", "workers"), [(1, 0, 7), (2, 0, 3), (0.5, 0, 15), (1, 1, 2), (0, 0.5, 4)]
+)
+def test_how_many_workers_have_room(
+    monkeypatch: pytest.MonkeyPatch, cpus: float, gpus: float, workers: int
+) -> None:
+    nodes = [
+        {"Alive": True, "Resources": {"CPU": 4.0, "memory": 9e9}},
+        {"Alive": True, "Resources": {"CPU": 3.5, "GPU": 2.0}},
+        {"Alive": False, "Resources": {"CPU": 64.0, "GPU": 8.0}},
+        {"Alive": True, "Resources": {}},
+    ]
+    monkeypatch.setattr(pytest.importorskip("ray"), "nodes", lambda: nodes)
+    assert _room(cpus, gpus) == workers

@@ -21,10 +21,16 @@ from depthcli.video.formats import VideoFormat
 
 _Which = TypeVar("_Which", Format, VideoFormat)
 _ENDS = "ends the process that decodes it"
-_PICTURE = "from depthcli.io.pictures.read import read_image as read; import sys"
-_PICTURE += "; read(None, sys.stdin.buffer.read())"
-_VIDEO = "from depthcli.video.source import VideoSource as Video; import sys"
-_VIDEO += "; all(True for _ in Video(sys.argv[1]).frames())"
+_PICTURE = """
+import sys
+from depthcli.io.pictures.read import read_image
+read_image(None, sys.stdin.buffer.read())
+"""
+_VIDEO = """
+import sys
+from depthcli.video.source import VideoSource
+for _ in VideoSource(sys.argv[1]).frames(): pass
+"""
 _CRASHES = {
     -getattr(signal, name)
     for name in ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGKILL", "SIGSEGV")
