@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from videos import NTSC
 
 from depthcli.core.camera import Camera
-from depthcli.core.types import CameraSource, DepthMap
-from depthcli.errors import OutputError, UsageError
+from depthcli.core.types import CameraSource, DepthMap, Frame
+from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.npy import NpyWriter
+from depthcli.io.writers.png16 import Png16Writer
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, target_format
-from depthcli.jobs.inspect import MapFacts, depth_at, inspect_file, read_map
+from depthcli.jobs.inspect import MapFacts, VideoFacts, depth_at, inspect_file, read_map
+from depthcli.video.depth_output import depth_video
+from depthcli.video.output import VideoFrame
+from depthcli.video.rates import Timing
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,8 +47,81 @@ def test_a_file_s_facts_are_values(depth_npy: Path) -> None:
 def test_a_pixel_has_depth_or_none(depth_npy: Path) -> None:
     depth = read_map(depth_npy)
     assert (depth_at(depth, 1, 0), depth_at(depth, 2, 0)) == (2, None)
-    with pytest.raises(UsageError, match="4,0 is outside"):
-        depth_at(depth, 4, 0)
+    for x, y in ((4, 0), (0, 1)):
+        with pytest.raises(UsageError, match=f"{x},{y} is outside"):
+            depth_at(depth, x, y)
+
+
+FRAMES_M = np.float32([[[1, 2, 3, np.nan]] * 2, [[np.nan] * 4] * 2, [[7, 0.5, 6, 5]] * 2])
+
+
+@pytest.fixture
+def depth_mkv(tmp_path: Path) -> Path:
+    """Three frames of 4 x 2 pixels in centimetres, the second without depth."""
+    path = tmp_path / "d.mkv"
+    with depth_video(path, Timing(NTSC), 100, ()) as output:
+        for number, values in enumerate(FRAMES_M):
+            frame = Frame(np.zeros((2, 4), np.uint8), timestamp_s=float(number / NTSC))
+            output.append(output.encode(VideoFrame(frame, DepthMap(values), (0, 1))))
+        output.finish()
+    return path
+
+
+@pytest.mark.parametrize(("scale", "unit_m"), [(None, 1), (50, 2)])
+def test_a_depth_video_s_facts_are_values(
+    depth_mkv: Path, scale: float | None, unit_m: float
+) -> None:
+    facts = inspect_file(str(depth_mkv), scale)
+    assert isinstance(facts, VideoFacts)
+    assert facts.metadata["scale"] == "100"
+    assert replace(facts, metadata={}) == VideoFacts(
+        input=str(depth_mkv),
+        kind="metric",
+        unit="m",
+        width=4,
+        height=2,
+        frames=3,
+        fps="30000/1001",
+        valid=6 + 8,
+        min=pytest.approx(0.5 * unit_m),
+        max=pytest.approx(7 * unit_m),
+        metadata={},
+    )
+    for number, values in enumerate(FRAMES_M):
+        found = read_map(depth_mkv, scale=scale, frame=number)
+        np.testing.assert_allclose(found.values, values * unit_m, rtol=1e-6)
+
+
+def test_a_depth_video_without_depth_has_no_range(tmp_path: Path) -> None:
+    with depth_video(tmp_path / "d.MKV", Timing(NTSC), 100, ()) as output:
+        frame = Frame(np.zeros((2, 4), np.uint8), timestamp_s=0.0)
+        output.append(output.encode(VideoFrame(frame, DepthMap(FRAMES_M[1]), (0, 1))))
+        output.finish()
+    facts = inspect_file(str(tmp_path / "d.MKV"))
+    assert (facts.valid, facts.min, facts.max) == (0, None, None)
+
+
+def test_a_frame_belongs_to_a_video(depth_mkv: Path, depth_npy: Path) -> None:
+    with pytest.raises(InputError, match=r"d\.mkv has no frame 3; its last one is 2"):
+        read_map(depth_mkv, frame=3)
+    with pytest.raises(UsageError, match="say which frame with --frame"):
+        read_map(depth_mkv)
+    with pytest.raises(UsageError, match="is not one; remove it"):
+        read_map(depth_npy, frame=0)
+
+
+def test_a_scale_is_one_of_steps(tmp_path: Path, depth_npy: Path) -> None:
+    path = tmp_path / "d.png"
+    Png16Writer(100).write(DepthMap(FRAMES_M[0]), path)
+    for scale, unit_m in ((None, 1), (50, 2)):
+        facts = inspect_file(str(path), scale)
+        assert isinstance(facts, MapFacts)
+        found = (facts.valid, facts.min, facts.median, facts.max)
+        assert found == pytest.approx((6, unit_m, 2 * unit_m, 3 * unit_m))
+        found_m = read_map(path, scale=scale).values
+        np.testing.assert_allclose(found_m, FRAMES_M[0] * unit_m, rtol=1e-6)
+    with pytest.raises(UsageError, match="a scale is for PNG"):
+        read_map(depth_npy, scale=100)
 
 
 def test_what_a_conversion_cost(depth_npy: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -52,6 +131,7 @@ def test_what_a_conversion_cost(depth_npy: Path, capfd: pytest.CaptureFixture[st
     assert done.round_trip is not None
     assert done.round_trip.lost == 0
     assert done.round_trip.max_error == pytest.approx(70 - 65.535, rel=1e-5)
+    assert done.round_trip.mean_error == pytest.approx((70 - 65.535 + 0.0004) / 3, rel=1e-5)
     (warning,) = done.warnings
     assert "65.535" in warning
     known = read_depth(target).provenance
@@ -80,6 +160,11 @@ def test_a_target_s_own_suffix_matches(tmp_path: Path, wanted: Format) -> None:
 def test_a_target_s_suffix_has_to_match_its_format(depth_npy: Path) -> None:
     with pytest.raises(UsageError, match=r"does not end in \.exr"):
         convert(ConvertRequest(str(depth_npy), "other.npy", Format.EXR))
+
+
+def test_pixels_that_have_depth_no_longer_are_lost() -> None:
+    here, there = np.float32([[1, 2, 3, np.nan]]), np.float32([[1, np.nan, 3.5, 4]])
+    assert RoundTrip.of(DepthMap(here), DepthMap(there)) == RoundTrip(0.5, 0.25, 1)
 
 
 def test_nothing_is_lost_where_nothing_was() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import re
 import subprocess
 import sys
 from io import BytesIO
@@ -79,6 +81,51 @@ def test_without_streams_there_is_nothing_to_read_or_write(
     name = str(write_picture(tmp_path / "a.png"))
     with pytest.raises(UsageError, match="there is no stdout"):
         next(predict(PredictRequest((name,), "-", model=loader)))
+
+
+class Broken(BytesIO):
+    """A stream that fails."""
+
+    def __init__(self, error: BaseException) -> None:
+        super().__init__()
+        self.error = error
+
+    def read(self, *_: object) -> bytes:
+        raise self.error
+
+    def write(self, *_: object) -> int:
+        raise self.error
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (OSError(errno.EBADF, "Bad file"), "standard (input|output): it is closed"),
+        (OSError(errno.EIO, "Input or output error"), "standard (input|output): Input or output"),
+        (MemoryError(), "does not fit into memory; make it smaller"),
+    ],
+)
+def test_a_stream_that_fails_is_one_line(
+    tmp_path: Path, loader: SessionLoader, error: Exception, reason: str
+) -> None:
+    request = PredictRequest(("-",), str(tmp_path / "d.png"), model=loader, stdin=Broken(error))
+    (failed,) = predict(request)
+    assert isinstance(failed, Failed)
+    assert isinstance(failed.error, InputError)
+    assert re.search(reason, str(failed.error))
+    if isinstance(error, OSError):
+        name = str(write_picture(tmp_path / "a.png"))
+        (failed,) = predict(PredictRequest((name,), "-", model=loader, stdout=Broken(error)))
+        assert isinstance(failed, Failed)
+        assert isinstance(failed.error, OutputError)
+        assert re.search(reason, str(failed.error))
+
+
+def test_nobody_who_reads_is_no_error_of_a_picture(tmp_path: Path, loader: SessionLoader) -> None:
+    name = str(write_picture(tmp_path / "a.png"))
+    gone = Broken(BrokenPipeError(errno.EPIPE, "Broken pipe"))
+    with pytest.raises(BrokenPipeError):
+        next(predict(PredictRequest((name,), "-", model=loader, stdout=gone)))
 
 
 def test_a_request_is_made_before_anything_heavy_is_loaded() -> None:

@@ -104,7 +104,7 @@ def save(run: PlannedRun, seconds: float, epoch: int = 1) -> None:
 
 
 class Simulated(Queue):
-    """A queue whose runs train ten seconds in no time; some end with an exit code or a signal."""
+    """A queue whose runs train for hours in no time; some end with an exit code or a signal."""
 
     ends: dict[str, int]
     number: int | None = None
@@ -112,24 +112,22 @@ class Simulated(Queue):
     def _epochs(self, run: PlannedRun, words: Sequence[str]) -> Generator[Epoch, None, int]:
         assert str(run.folder) in words
         yield Epoch(run, {})
-        save(run, run.progress().seconds + 10, 100_100 if run.config.seed == 4 else 1)
+        save(run, run.progress().seconds + 10e3, 100_100 if run.config.seed == 4 else 1)
         self.signal_number = self.number
         return self.ends.get(run.name, 0)
 
 
 def test_those_behind_go_first_and_all_share_what_is_left(request_of: QueueRequest) -> None:
     for run in Queue(replace(request_of, seeds=(0, 1, 2))).sittings:
-        save(run.run, {0: 5, 1: 0, 2: 300}[run.run.config.seed])
-    queue = Simulated(replace(request_of, seeds=(0, 1, 2, 3, 4), minutes=2))
+        save(run.run, {0: 5e3, 1: 0, 2: 300e3}[run.run.config.seed])
+    queue = Simulated(replace(request_of, seeds=(0, 1, 2, 3, 4), minutes=2e3))
     queue.ends = {"fastcut-seed2": 3, "fastcut-seed3": -9}
     events = list(queue)
     turns = [event for event in events if isinstance(event, Turn)]
     # Four catch up to the same total; the budget is not used up here, as no time goes by.
-    assert [(turn.run.config.seed, round(turn.share_s, 1)) for turn in turns] == [
-        *[(1, pytest.approx(31.2, abs=0.2)), (3, pytest.approx(41.7, abs=0.2))],
-        *[(4, pytest.approx(62.5, abs=0.2)), (0, pytest.approx(120, abs=0.2))],
-        (2, pytest.approx(120, abs=0.2)),
-    ]
+    assert [turn.run.config.seed for turn in turns] == [1, 3, 4, 0, 2]
+    shares_s = [turn.share_s for turn in turns]
+    assert shares_s == pytest.approx([31.25e3, 41.667e3, 62.5e3, 120e3, 120e3], abs=100)
     after = {sitting.run.config.seed: sitting for sitting in queue.sittings}
     assert [event for event in events if isinstance(event, Sitting)] == [
         after[seed] for seed in (1, 3, 4, 0, 2)
@@ -141,7 +139,7 @@ def test_those_behind_go_first_and_all_share_what_is_left(request_of: QueueReque
         ("failed", "ended by signal 9"),
         ("finished", ""),
     ]
-    assert [after[seed].progress.seconds for seed in range(5)] == [15, 10, 310, 10, 10]
+    assert [after[seed].progress.seconds for seed in range(5)] == [15e3, 10e3, 310e3, 10e3, 10e3]
     again = Simulated(replace(request_of, seeds=(4,)))
     assert list(again) == list(again.sittings) == [after[4]]
 
@@ -185,6 +183,26 @@ def test_settings_are_those_of_each_run(request_of: QueueRequest) -> None:
     others = replace(request_of, methods=("cut",), seeds=(1,), settings=())
     (known,) = Queue(others).sittings  # a run keeps the settings that it was begun with
     assert (known.run.config, known.progress.seconds) == (configs[0], 7)
+
+
+def test_a_run_s_process_tells_its_epochs_and_ends_by_a_signal(request_of: QueueRequest) -> None:
+    request = replace(request_of, signals=(signal.SIGUSR1,), tells_epochs=True)
+    queue = Queue(request)
+    run = queue.sittings[0].run
+    script = "import time; print('{\"epoch\": 1}', flush=True); time.sleep(60)"
+    epochs = queue._epochs(run, [sys.executable, "-c", script])
+    assert next(epochs) == Epoch(run, {"epoch": 1})
+    os.kill(os.getpid(), signal.SIGUSR1)
+    with pytest.raises(StopIteration) as ended:
+        next(epochs)
+    assert (ended.value.value, queue.signal_number) == (-signal.SIGUSR1, signal.SIGUSR1)
+    left = Queue(request)._epochs(run, [sys.executable, "-c", script])
+    next(left)
+    left.close()  # ends the process, for which it waits
+    silent = Queue(request_of)._epochs(run, [sys.executable, "-c", "raise SystemExit(7)"])
+    with pytest.raises(StopIteration) as ended:
+        next(silent)
+    assert ended.value.value == 7
 
 
 def test_signals_are_handed_on_to_the_process() -> None:
