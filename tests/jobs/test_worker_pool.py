@@ -23,7 +23,7 @@ from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.engines.pool import Pool
-from depthcli.jobs.batch.engines.ray import _chunk_groups, _room
+from depthcli.jobs.batch.engines.ray import _room
 from depthcli.jobs.batch.engines.remote_worker import Call, RemoteWorker
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.run import Batch
@@ -32,8 +32,6 @@ from depthcli.jobs.batch.worker_spec import WorkerSpec
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Sequence
-
-    from depthcli.jobs.batch.pictures import PictureTask
 
 ORIGIN = Origin("0" * 64, "tiny", "1" * 64, "1.0")
 
@@ -183,13 +181,6 @@ def test_workers_that_never_begin_are_given_up() -> None:
     with pytest.raises(EngineError, match=r"workers end before they begin \(no such module\)"):
         list(Pool(machines).results(calls(["a"]), 1))
     assert machines.begun == 3
-
-
-def test_chunks_go_out_by_eights() -> None:
-    chunks: list[Sequence[PictureTask]] = [call.chunks[0] for call in calls([*"abcdefghijk"])]
-    groups = list(_chunk_groups(iter(chunks)))
-    assert [len(group) for group in groups] == [8, 3]
-    assert [chunk for group in groups for chunk in group] == chunks
 
 
 def test_a_worker_elsewhere_gives_what_one_here_does(
