@@ -8,6 +8,7 @@ from typing import Any
 
 from depthcli.core.types import DepthKind
 from depthcli.datasets import id_ranges
+from depthcli.errors import ModelError, UsageError
 from depthcli.export.graph import IR_VERSION
 from depthcli.export.options import ExportOptions
 from depthcli.models.card import ModelCard
@@ -30,11 +31,15 @@ def card_path(model: Path) -> Path:
 
 
 def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
-    """The card of a checkpoint's generator, without what depends on the file."""
+    """The card of a checkpoint's generator, without what depends on the file.
+
+    Raises:
+        UsageError: a card cannot hold what an option says.
+    """
     config = saved.config
     codec = config.output.codec
     hfov_deg = options.hfov_deg or saved.progress.hfov_deg
-    return ModelCard(
+    card = ModelCard(
         name=options.name,
         version=options.version,
         summary=f"{config.method}, {config.generator.name} generator, {saved.progress.data}",
@@ -61,7 +66,13 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
         camera=None if hfov_deg is None else CameraSpec(hfov_deg),
         onnx=OnnxSpec(options.opset, IR_VERSION),
         training=_training_facts(saved),
+        float_model=options.float_model,
     )
+    try:
+        return ModelCard.from_json(card.to_json())
+    except ModelError as error:
+        what, _, _ = str(error).partition(";")
+        raise UsageError(f"{what}; correct the option") from error
 
 
 def _training_facts(saved: Checkpoint) -> dict[str, Any]:

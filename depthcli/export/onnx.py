@@ -45,6 +45,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
 
     Raises:
         CheckpointError: the checkpoint cannot be used.
+        UsageError: a card cannot hold what an option says.
         ParityError: the result is not the network; nothing is written.
         OutputError: a file cannot be written.
     """

@@ -156,7 +156,8 @@ def test_int8_is_small_and_close_on_pictures(
     assert main(["export-onnx", str(checkpoint), "-o", str(whole)]) == 0
     capsys.readouterr()
     command = ["export-onnx", str(checkpoint), "-o", str(small), "--int8", str(pictures), "--json"]
-    assert main(command) == 0
+    assert main([*command, "--float-model", "whole"]) == 0
+    assert find_model(small).card.float_model == "whole"
     done = json.loads(capsys.readouterr().out)
     assert done["tolerance"] == 0.2
     assert done["cases"] == [[1, 32, 48]]  # the card's size, at which it was calibrated
@@ -191,6 +192,9 @@ def test_int8_needs_pictures_and_excludes_fp16(
     for wrong, message in (
         (["--int8", str(tmp_path / "empty")], "has no picture"),
         (["--int8", str(pictures), "--fp16"], "exclude each other"),
+        (["--float-model", "float"], "--float-model needs --int8"),
+        (["--int8", str(pictures), "--float-model", "a/b"], "has to be a model's name, not 'a/b'"),
+        (["--license", ""], "license has to be"),
     ):
         assert main(["export-onnx", str(checkpoint), "-o", str(path), *wrong]) == 2
         assert message in capsys.readouterr().err

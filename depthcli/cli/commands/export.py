@@ -68,6 +68,14 @@ def export_onnx(
             "Default: that of NYU, if trained on NYU.",
         ),
     ] = None,
+    float_model: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="With --int8: name of the same model in floats, for the card; it is used in "
+            "place of this one on GPUs.",
+        ),
+    ] = None,
     weights: Annotated[
         Weights, typer.Option(help="averaged: the moving average, if the run keeps one; raw.")
     ] = Weights.AVERAGED,
@@ -85,8 +93,20 @@ def export_onnx(
 
     if fp16 and int8 is not None:
         raise UsageError("--fp16 and --int8 exclude each other; give one")
+    if float_model is not None and int8 is None:
+        raise UsageError("--float-model needs --int8: a float model runs on GPUs itself")
     options = ExportOptions(
-        name, model_version, fp16, mirror, opset, tolerance, int8, license_name, hfov, weights
+        name,
+        model_version,
+        fp16,
+        mirror,
+        opset,
+        tolerance,
+        int8,
+        license_name,
+        hfov,
+        float_model,
+        weights,
     )
     done = export_checkpoint(checkpoint, _export_path(checkpoint, output), options)
     (print_export_json if as_json else print_export)(done)
