@@ -139,13 +139,13 @@ def print_zooms(crops: Crops) -> None:
 def print_sizes(crops: Crops) -> None:
     """The slope over the size at which things appear, with nothing cut off."""
     log_ratios = [
-        -np.log(Crops(crops.task, _resized(crops.pipeline, size)).fits(640, 480, None)[:, 0])
+        -np.log(Crops(crops.task, resized(crops.pipeline, size)).fits(640, 480, None)[:, 0])
         for size in SIZES
     ]
     _print_slope("the same on log(size of the network's input), whole pictures", SIZES, log_ratios)
 
 
-def _resized(pipeline: depthcli.Pipeline, factor: float) -> depthcli.Pipeline:
+def resized(pipeline: depthcli.Pipeline, factor: float) -> depthcli.Pipeline:
     """The same network with an input of another size; its card then assumes the same picture."""
     session = copy(pipeline.session)
     spec = session.model.card.input

@@ -44,11 +44,11 @@ def test_no_terminal_is_too_narrow_for_names_and_paths(cli: Cli, columns: int) -
             assert cell in shown
 
 
-def test_both_bundled_models_are_in_the_wheel_and_run(inside: Cli) -> None:
+def test_the_bundled_models_are_in_the_wheel_and_run(inside: Cli) -> None:
     nothing_else = {"DEPTHCLI_MODELS": ""}
     listed = inside("models", "list", "--json", **nothing_else).stdout.splitlines()
     models = {row["name"]: row for row in map(json.loads, listed)}
-    assert models.keys() == {"default", "fast"}
+    assert models.keys() == {"default", "fast", "float"}
     write_picture(inside.folder / "a.png")
     words = ("predict", "a.png", "-o", "a.npy", "--json", "--model", "fast")
     told = json.loads(inside(*words, **nothing_else).stdout)

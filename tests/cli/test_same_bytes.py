@@ -21,7 +21,7 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize("model", ["default", "fast"])
+@pytest.mark.parametrize("model", ["default", "float"])
 def test_no_byte_depends_on_how_the_work_is_spread(model: str, inside: Cli) -> None:
     room = cv2.imread(str(ROOT / "docs" / "room.jpg"))
     for name, size in zip(NAMES, ((120, 90), (120, 90), (100, 100)), strict=True):

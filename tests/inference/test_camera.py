@@ -178,7 +178,7 @@ def test_a_point_cloud_has_the_camera_of_its_metres(tmp_path: Path) -> None:
         assert focal_px == pytest.approx(depth.provenance.focal_px, rel=1e-5)
 
 
-@pytest.mark.parametrize("name", ["default", "fast"])
+@pytest.mark.parametrize("name", ["default", "fast", "float"])
 def test_a_crop_of_a_picture_has_its_metres(name: str) -> None:
     """The same camera, whatever is cut off: within what the network itself makes of less room."""
     pipeline = load(ROOT / "models" / name, provider="cpu", threads=1)

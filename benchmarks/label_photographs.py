@@ -1,0 +1,105 @@
+"""Label photographs with the mean of several models, as pairs to train on (``train --extra``).
+
+Each model sees a photograph and its mirror at each width; the mean is of log depth. Rooms of
+``depthcli render rooms`` may be added whose focal length is near the models' own.
+Run: ``python benchmarks/label_photographs.py PHOTOS OUT --model A --model B [--rooms ROOMS]``
+It goes on where it stopped: a photograph that has a label is skipped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+from aspect_ratios import resized
+
+import depthcli
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import numpy.typing as npt
+
+WIDTHS = (192, 224)
+FOCAL_PX = 207.66
+"""Of NYU Depth v2 at 256 pixels across, which the photographs are taken to have."""
+FOCAL_RANGE_PX = 130.0, 330.0
+MM_PER_M = 1000
+
+
+class Teacher(NamedTuple):
+    """A model at one size of its input.
+
+    Attributes:
+        pipeline: the model.
+        scale: that width ÷ the model's own: things look larger by it, thus nearer.
+    """
+
+    pipeline: depthcli.Pipeline
+    scale: float
+
+    def log_depth(self, pixels: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+        """Mean of log metres (H, W) of a picture (H, W, 3) and its mirror."""
+        seen_m = [
+            self.pipeline.predict(depthcli.Frame(np.ascontiguousarray(pixels[:, ::side]))).values
+            for side in (1, -1)
+        ]
+        return np.log([seen_m[0] * self.scale, seen_m[1][:, ::-1] * self.scale]).mean(axis=0)
+
+
+def label_photographs(photos: Path, out: Path, teachers: Sequence[Teacher]) -> None:
+    """Write the photographs and their labels, those that have none yet."""
+    for kind in ("rgb", "depth"):
+        (out / kind / "p").mkdir(parents=True, exist_ok=True)
+    for photo in sorted(photos.glob("*.jpg")):
+        labelled = out / "depth" / "p" / f"{photo.stem}.png"
+        if not labelled.exists():
+            pixels = depthcli.read_image(photo).pixels
+            depth_m = np.exp(np.mean([teacher.log_depth(pixels) for teacher in teachers], axis=0))
+            (out / "rgb" / "p" / photo.name).write_bytes(photo.read_bytes())
+            cv2.imwrite(str(labelled), np.rint(depth_m * MM_PER_M).astype(np.uint16))
+
+
+def add_rooms(rooms: Path, out: Path) -> Iterator[tuple[str, float]]:
+    """Link the rooms of a fitting focal length; yields their ids and focal lengths."""
+    with (rooms / "cameras.csv").open(newline="") as file:
+        cameras = [(row["id"], float(row["focal_px"])) for row in csv.DictReader(file)]
+    for name, focal_px in cameras:
+        files = list(rooms.glob(f"*/{name}.*"))
+        if files and FOCAL_RANGE_PX[0] <= focal_px <= FOCAL_RANGE_PX[1]:
+            for path in files:
+                link = out / path.parts[len(rooms.parts)] / "r" / f"{name}{path.suffix}"
+                link.parent.mkdir(parents=True, exist_ok=True)
+                link.unlink(missing_ok=True)
+                link.symlink_to(path.resolve())
+            yield f"r/{name}", focal_px
+
+
+def main() -> None:
+    """Label, and write the focal length of each picture."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("photos", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--model", action="append", required=True)
+    parser.add_argument("--rooms", type=Path)
+    options = parser.parse_args()
+    plain = depthcli.Detail(upsampling="bilinear")
+    models = [
+        depthcli.load(model, provider="cpu", threads=1, detail=plain) for model in options.model
+    ]
+    scales = [width / models[0].card.input.width for width in WIDTHS]
+    teachers = [Teacher(resized(model, scale), scale) for model in models for scale in scales]
+    label_photographs(options.photos, options.out, teachers)
+    rows = [(f"p/{path.stem}", FOCAL_PX) for path in sorted((options.out / "rgb/p").iterdir())]
+    if options.rooms is not None:
+        rows += add_rooms(options.rooms, options.out)
+    with (options.out / "cameras.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([("id", "focal_px"), *rows])
+
+
+if __name__ == "__main__":
+    main()
