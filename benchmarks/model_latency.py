@@ -1,41 +1,62 @@
-"""Model-only latency of the default model: one picture, two threads, in milliseconds.
+"""Latency of models alone, one picture at a time, in milliseconds.
 
-Figure of merit: median ms a picture, beside a fixed matrix product as the machine's yardstick.
-Run: ``python benchmarks/model_latency.py [MODEL] [--threads N]``
+Figure of merit: median ms a picture, beside a fixed matrix product as the machine's yardstick, and
+its ratio to that of the first model. Models take turns, ten pictures each.
+Run: ``python benchmarks/model_latency.py [MODEL ...] [--threads N]``
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+from functools import partial
 
 # Threads of the yardstick would spin on, while the model is measured on the same cores.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
-from timing import alternate
+from timing import Timing, alternate
 
 import depthcli
+
+TURN = 10
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("model", nargs="?")
+    parser.add_argument("models", nargs="*", default=["default"])
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--runs", type=int, default=60)
+    parser.add_argument("--rounds", type=int, default=10)
     options = parser.parse_args()
-    pipeline = depthcli.load(options.model, provider="cpu", threads=options.threads)
+    prepared = [ten_runs(name, options.threads) for name in options.models]
+    square = np.random.default_rng(1).uniform(size=(512, 512)).astype(np.float32)
+    *models, yardstick = (
+        Timing(tuple(seconds / TURN for seconds in timing.seconds))
+        for timing in alternate(
+            [*prepared, lambda: [square @ square for _ in range(TURN)]], options.rounds
+        )
+    )
+    print(f"{options.threads} threads; 512³ matmul {yardstick}")
+    for name, timing in zip(options.models, models, strict=True):
+        print(
+            f"{name:24} {timing}   {timing.median_s / models[0].median_s:.2f} of the first, "
+            f"{timing.median_s / yardstick.median_s:.1f} matmuls"
+        )
+
+
+def ten_runs(name: str, threads: int) -> partial[None]:
+    """A model, made ready to run ten times on a picture of noise."""
+    pipeline = depthcli.load(name, provider="cpu", threads=threads)
     spec = pipeline.card.input
     shape = (1, spec.colour.channels, spec.height, spec.width)
     batch = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
-    square = np.random.default_rng(1).uniform(size=(512, 512)).astype(np.float32)
-    model, yardstick = alternate(
-        [lambda: pipeline.session.run(batch), lambda: square @ square], options.runs
-    )
-    print(f"{pipeline.card.name} {spec.width}×{spec.height}, {options.threads} threads")
-    print(f"model       {model}")
-    print(f"512³ matmul {yardstick}   ratio {model.median_s / yardstick.median_s:.1f}")
+    return partial(_run, pipeline, batch)
+
+
+def _run(pipeline: depthcli.Pipeline, batch: np.ndarray) -> None:
+    for _ in range(TURN):
+        pipeline.session.run(batch)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+_SETTLE_S = 0.05
+"""Idle threads of the action before spin for a while."""
+
 
 class Timing(NamedTuple):
     """Seconds of several runs of one thing."""
@@ -42,6 +45,7 @@ def alternate(actions: Sequence[Callable[[], object]], runs: int) -> list[Timing
     seconds: list[list[float]] = [[] for _ in actions]
     for run in range(runs + 2):
         for action, measured in zip(actions, seconds, strict=True):
+            time.sleep(_SETTLE_S)
             start = time.perf_counter()
             action()
             if run > 1:

@@ -34,7 +34,11 @@ REFERENCES = {
     ("fast", "bilinear"): REFERENCE / "fast-room.npy",
     ("float", "bilinear"): REFERENCE / "float-room.npy",
 }
-LOSSY_M = {"default": 0.1, "fast": 0.1, "float": 0.02}  # int8 sums are rounded elsewhere on other processors
+LOSSY_M = {
+    "default": 0.1,
+    "fast": 0.1,
+    "float": 0.02,
+}  # int8 sums are rounded elsewhere on other processors
 
 
 @pytest.fixture(scope="module", params=MODELS)

@@ -39,12 +39,9 @@ def start_from(generator: nn.Module, paths: Sequence[Path]) -> str:
         name: torch.stack([each[name] for each in found]).double().mean(0) for name in found[0]
     }
     generator.load_state_dict(means)
-    names = [f"{path.name} {_sha256(path)[:_HASH_LENGTH]}" for path in paths]
+    hashes = [hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_LENGTH] for path in paths]
+    names = [f"{path.name} {digest}" for path, digest in zip(paths, hashes, strict=True)]
     return names[0] if len(names) == 1 else f"mean of {', '.join(names)}"
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _fitting_weights(generator: nn.Module, path: Path) -> dict[str, Tensor]:
