@@ -60,7 +60,7 @@ def change_values(module: ModuleType, source: str) -> None:
             continue
         if isinstance(before, type) and isinstance(after, type):
             _change_class(before, after)
-        elif isinstance(before, FunctionType):
+        elif isinstance(getattr(before, "__wrapped__", before), FunctionType):
             _change_defaults(before, after)
         elif not name.startswith("__") and not isinstance(after, ModuleType):
             _rebind(name, before, after)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from depthcli.core.codec import DepthCodec, Transform
 from depthcli.core.colour import luma, rgb, value_channel
 from depthcli.core.resize import resize_area, resize_bilinear
-from depthcli.core.scaling import fit_anchors, focal_px_of_35mm, focal_px_of_hfov
+from depthcli.core.scaling import fit_anchors, focal_px_of_35mm, focal_px_of_hfov, hfov_deg
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import UsageError
 
@@ -112,6 +112,11 @@ def test_focal_lengths() -> None:
         focal_px_of_hfov(180, 640)
 
 
+@given(st.floats(0.1, 179.9), st.integers(1, 20_000))
+def test_a_field_of_view_is_that_of_its_focal_length(degrees: float, width: int) -> None:
+    assert hfov_deg(focal_px_of_hfov(degrees, width), width) == pytest.approx(degrees)
+
+
 @pytest.mark.parametrize("kind", list(DepthKind))
 def test_anchors_recover_scale_and_shift(kind: DepthKind) -> None:
     truth_m = RANDOM.uniform(1, 9, (8, 10))
@@ -126,6 +131,12 @@ def test_anchors_recover_scale_and_shift(kind: DepthKind) -> None:
 def test_one_anchor_fits_the_scale() -> None:
     depth = DepthMap(np.array([[1.0, 2.0]], np.float32))
     assert fit_anchors(depth, [Point(1, 0, 3.0)]).values == pytest.approx(np.array([[1.5, 3.0]]))
+
+
+def test_two_anchors_one_unit_apart_fit_scale_and_shift() -> None:
+    depth = DepthMap(np.float32([[1, 2, 3]]), DepthKind.RELATIVE)
+    fitted = fit_anchors(depth, [Point(0, 0, 3.0), Point(1, 0, 7.0)])
+    assert fitted.values == pytest.approx(np.array([[3, 7, 11]]))
 
 
 def test_what_the_fit_puts_behind_the_camera_has_no_depth() -> None:

@@ -58,6 +58,11 @@ def test_stillness_takes_the_largest_change_nearby() -> None:
             assert still[y, x] == pytest.approx(1 - min(near / 0.06, 1), abs=1e-5)
 
 
+def test_a_change_of_two_percent_is_not_still() -> None:
+    difference = np.float32([[0, np.nextafter(np.float32(0.02), np.float32(0)), 0.02, 1]])
+    assert Change(difference, is_cut=False).is_still.tolist() == [[True, True, False, False]]
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 def test_a_guide_is_brightness_at_a_bounded_size(dtype: type) -> None:
     top = 1 if dtype is np.float32 else np.iinfo(dtype).max
@@ -66,6 +71,7 @@ def test_a_guide_is_brightness_at_a_bounded_size(dtype: type) -> None:
     assert small.shape == (GUIDE_PX // 2, GUIDE_PX)
     np.testing.assert_allclose(small, 1, atol=1e-5)
     assert guide(pixels[:7, :9, 0]).shape == (7, 9)
+    assert guide(pixels[:1]).shape == guide(pixels[:, :1]).T.shape == (1, GUIDE_PX)
 
 
 def test_a_new_scene_is_a_cut_and_motion_is_not() -> None:

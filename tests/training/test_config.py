@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import math
 import os
 import re
 import tomllib
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
+from depthcli.core.foreign import FieldError, built
 from depthcli.errors import UsageError
+from depthcli.training.config import rules
 from depthcli.training.config.changes import resolve, updated
 from depthcli.training.config.presets import FOLDER, preset_file
 from depthcli.training.config.schema import LossConfig, OutputConfig, TrainConfig
@@ -20,8 +25,7 @@ from depthcli.training.methods.registry import DEFAULTS, default_config
 from depthcli.training.methods.table import METHODS
 from depthcli.training.networks.build import build_generator
 
-if TYPE_CHECKING:
-    from pathlib import Path
+REFERENCE = Path(__file__).parents[1] / "reference"
 
 
 def test_defaults_are_the_papers() -> None:
@@ -38,6 +42,39 @@ def test_defaults_are_the_papers() -> None:
     assert not any(getattr(data, name) for name in (*extras, "noise", "cutmix"))
     added = ("similarity", "relation", "gradient", "extra_scale", "l1_backward")
     assert not any(getattr(config.loss, name) for name in added)
+
+
+def test_defaults_never_change() -> None:
+    """What a checkpoint or a file of an earlier version does not say is what it was then."""
+    stored = json.loads((REFERENCE / "training-defaults.json").read_text("utf-8"))
+    now = _leaves(json.loads(json.dumps(dataclasses.asdict(TrainConfig()))))
+    assert {name: now.get(name) for name in _leaves(stored)} == _leaves(stored)
+
+
+@pytest.mark.parametrize(
+    ("rule", "least", "most"),
+    [
+        (rules.Count, 0, None),
+        (rules.Positive, 1, None),
+        (rules.Amount, 0.0, None),
+        (rules.Share, 0.0, math.nextafter(1, 0)),
+        (rules.WholeShare, 0.0, 1.0),
+        (rules.Small, 0.001, None),
+        (rules.Zoom, 1.0, None),
+        (rules.Aspect, 0.25, 4.0),
+        (rules.Side, 32, None),
+        (rules.Width, 1, 1024),
+        (rules.Blocks, 1, 128),
+    ],
+)
+def test_ranges_hold_their_ends(rule: Any, least: float, most: float | None) -> None:
+    for end, beyond in ((least, -math.inf), (most, math.inf)):
+        if end is None:
+            continue
+        assert built(rule, end) == end
+        step = math.copysign(1, beyond)
+        with pytest.raises(FieldError):
+            built(rule, end + step if type(end) is int else math.nextafter(end, beyond))
 
 
 def test_later_changes_win(tmp_path: Path) -> None:
@@ -185,7 +222,13 @@ def test_losses_against_the_truth_need_pairs(setting: str) -> None:
     ("settings", "reason"),
     [
         (["data.rotate_deg=20"], "data.zoom"),
-        (["data.crop_286=true", "data.zoom=1.5"], "data.crop_286"),
+        (["data.turn=0.5"], "data.turn needs room"),
+        (["data.crop_286=true", "data.zoom=1.5"], "data.crop_286 and data.zoom"),
+        (["data.crop_286=true", "data.aspects=[2]"], "data.crop_286 and data.aspects"),
+        (["data.zoom=2", "data.rotate_deg=11.5"], "at most 11.4 at 256 x 256"),
+        (["data.zoom=2", "data.rotate_deg=5.8", "data.width=512"], "at most 5.7 at 512 x 256"),
+        (["data.zoom=2", "data.rotate_deg=5.8", "data.height=512"], "at most 5.7 at 256 x 512"),
+        (["output.min_m=10"], "output.min_m"),
         (["data.cutmix=0.5"], "optim.batch_size"),
         (["optim.epochs_constant=0", "optim.epochs_decay=0"], "optim.epochs_decay"),
     ],
@@ -193,6 +236,23 @@ def test_losses_against_the_truth_need_pairs(setting: str) -> None:
 def test_what_would_do_nothing_is_refused(settings: list[str], reason: str) -> None:
     with pytest.raises(UsageError, match=re.escape(reason)):
         resolve(TrainConfig(), [], settings)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ["data.zoom=2", "data.rotate_deg=11.4"],
+        ["data.zoom=1.5", "data.turn=0.5", "data.aspects=[2]"],
+        ["data.crop_286=true"],
+        ["data.cutmix=0.5", "optim.batch_size=2"],
+        ["optim.epochs_constant=0", "optim.epochs_decay=1"],
+        ["generator.name=efficient", "generator.encoder=[1,1,1,1,4096]"],
+        ["generator.name=efficient", "generator.decoder=[1,1,1,4096]"],
+        ["generator.name=efficient", "generator.depths=[1,1,1,64]"],
+    ],
+)
+def test_what_is_just_possible_is_taken(settings: list[str]) -> None:
+    resolve(TrainConfig(), [], settings)
 
 
 @pytest.mark.parametrize("content", [b"seed = ", b"\xff\xfe", None])
