@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthcli.core.foreign import FieldError, Rule, built, merged, parsed_json
+from depthcli.core.text import one_line, shown
 
 
 class Colour(StrEnum):
@@ -170,3 +171,29 @@ def test_whole_numbers_have_64_bits(number: int) -> None:
     assert built(Whole, {"number": number}) == Whole(number)
     with pytest.raises(FieldError):
         built(Whole, {"number": number + (1 if number > 0 else -1)})
+
+
+def nested(depth: int) -> Any:
+    value: Any = 0
+    for _ in range(depth):
+        value = [value] if depth % 2 else {"a": value}
+    return value
+
+
+@pytest.mark.parametrize("depth", [31, 32])
+def test_free_values_are_as_deep_as_people_write_them(depth: int) -> None:
+    assert built(Any, nested(depth)) == nested(depth)
+    with pytest.raises(FieldError, match="nested too deeply"):
+        built(Any, nested(depth + 2))
+
+
+def test_messages_show_the_beginning_of_what_is_long() -> None:
+    refused = FieldError("is wrong", "b")
+    assert refused.within("x" * 60).path == refused.within("x" * 61).path == "x" * 60 + ".b"
+    assert shown("x" * 58) == f"'{'x' * 58}'"
+    assert shown("x" * 59) == f"'{'x' * 59}..."
+    assert (shown(2**63 - 1), shown(1 - 2**63)) == (str(2**63 - 1), str(1 - 2**63))
+    assert shown(2**63) == shown(-(2**63)) == "a number of more than 64 bits"
+    assert shown([10**5000]) == "something too deep or too long"
+    assert shown("a\né\u202e") == r"'a\n\xe9\u202e'"
+    assert one_line("é a\n\u202e\udcff") == r"é a\n\u202e\udcff"
