@@ -26,6 +26,7 @@ from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.pipeline import load
 from depthcli.jobs.video.outputs import open_output
 from depthcli.jobs.video.plan import plan_video
+from depthcli.jobs.video.request import VideoRequest
 from depthcli.jobs.video.settings import VideoSettings
 from depthcli.jobs.video.stages import FrameStages
 from depthcli.video.formats import VideoFormat
@@ -65,7 +66,7 @@ def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
     pipeline = load(threads=1, detail=Detail())
     settings = VideoSettings()
     work, stages = FrameStages(pipeline, settings), Stages()
-    plan = plan_video(str(video), f"{folder}/", FORMATS)
+    plan = plan_video(VideoRequest(str(video), f"{folder}/", FORMATS))
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
             which: stack.enter_context(

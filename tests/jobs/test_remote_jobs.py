@@ -33,7 +33,8 @@ from depthcli.jobs.failed import Failed
 from depthcli.jobs.predict.pictures import Done
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
-from depthcli.jobs.video.run import VideoRequest, video
+from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:

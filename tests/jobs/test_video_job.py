@@ -21,7 +21,8 @@ from depthcli.inference.pipeline import load
 from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.video.plan import plan_video, video_formats
-from depthcli.jobs.video.run import VideoRequest, video
+from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.run import video
 from depthcli.jobs.video.settings import VideoSettings
 from depthcli.video.codecs import PreviewCodec
 from depthcli.video.depth import DepthVideo
@@ -390,14 +391,13 @@ def test_frames_of_another_request_are_done_again(
 
 def test_names_of_outputs(tmp_path: Path) -> None:
     formats = (VideoFormat.MKV, VideoFormat.PNG16)
-    assert plan_video("in/a.mov", None, formats).path(VideoFormat.MKV).as_posix() == (
-        "in/a.depth.mkv"
-    )
-    assert plan_video("a.mov", "x/b.mkv", formats).names == {
+    beside = plan_video(VideoRequest("in/a.mov", None, formats))
+    assert beside.path(VideoFormat.MKV).as_posix() == "in/a.depth.mkv"
+    assert plan_video(VideoRequest("a.mov", "x/b.mkv", formats)).names == {
         VideoFormat.MKV: "b.depth.mkv",
         VideoFormat.PNG16: "b.depth.%06d.png",
     }
-    assert plan_video("a.mov", str(tmp_path), formats).folder == tmp_path
+    assert plan_video(VideoRequest("a.mov", str(tmp_path), formats)).folder == tmp_path
     assert video_formats("frames", ()) == (VideoFormat.MKV, VideoFormat.MP4)
     assert set(VIDEO_FORMATS) == set(VideoFormat)
 

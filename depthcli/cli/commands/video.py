@@ -163,6 +163,7 @@ def video(
     from depthcli.jobs.failed import Failed
     from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import STANDARD, video_formats
+    from depthcli.jobs.video.request import VideoRequest
     from depthcli.jobs.video.settings import VideoSettings
 
     to_stdout = output == STANDARD
@@ -174,7 +175,7 @@ def video(
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
     refuse_unused(context, chosen, {which: which.facts.options for which in VideoFormat})
     use_bytes = [which.facts.use_bytes for which in chosen]
-    request = job.VideoRequest(
+    request = VideoRequest(
         video=file,
         output=output,
         formats=chosen,

@@ -8,7 +8,8 @@ from typing import BinaryIO
 from depthcli.errors import UsageError
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.jobs.naming import is_folder, output_bases
-from depthcli.video.codecs import Codec, PreviewCodec, preview_codec
+from depthcli.jobs.video.request import VideoRequest
+from depthcli.video.codecs import Codec, preview_codec
 from depthcli.video.formats import (
     SEQUENCES,
     VIDEO_FORMATS,
@@ -75,48 +76,30 @@ def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vid
     return chosen
 
 
-def plan_video(
-    name: str,
-    output: str | None,
-    formats: Sequence[VideoFormat],
-    *,
-    sidecar: bool = False,
-    codec: PreviewCodec | None = None,
-    has_sound: bool = True,
-    stdin: BinaryIO | None = None,
-    stdout: BinaryIO | None = None,
-) -> VideoPlan:
+def plan_video(request: VideoRequest) -> VideoPlan:
     """Name every output before anything is read.
 
-    Args:
-        name: the video; ``-`` is standard input.
-        output: a file for one format, or a stem that several share; a folder, which exists, ends
-            in ``/`` or has no suffix; ``-`` is standard output; None for the video's own folder.
-        formats: what to write.
-        sidecar: write the JSON as well.
-        codec: of the preview; None for the usual one of its container.
-        has_sound: take the video's sound into the preview.
-        stdin: where ``-`` is read.
-        stdout: where ``-`` is written.
-
     Raises:
-        UsageError: a sequence is to go into one file or a pipe, an output is the video itself, or a
-            codec is for another container.
+        UsageError: the output's suffix says nothing, a sequence is to go into one file or a pipe,
+            an output is the video itself, or a codec is for another container.
     """
-    source, file = _source(name, stdin), None if name == STANDARD else path_of(name)
-    wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if sidecar else formats))
+    name, output = request.video, request.output
+    formats = video_formats(output, request.formats)
+    source, file = _source(name, request.stdin), None if name == STANDARD else path_of(name)
+    wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if request.sidecar else formats))
     if output == STANDARD:
-        folder, names = Path(), _piped(wanted, stdout)
+        folder, names = Path(), _piped(wanted, request.stdout)
     elif output is None or _is_folder(output):
         folder = path_of(name).parent if output is None else path_of(output)
         names = {which: _base(file) + VIDEO_FORMATS[which].suffix for which in wanted}
     else:
         folder = path_of(output).parent
         names = _file_names(path_of(output), formats, wanted)
-    written = stdout if output == STANDARD else None
-    plan = VideoPlan(
-        safe_name(name), source, folder, names, _preview_codecs(names, codec), has_sound, written
-    )
+    asked = None if request.codec is None else Codec(request.codec)
+    previews = [which for which in names if VIDEO_FORMATS[which].is_preview]
+    codecs = {which: preview_codec(f".{which}", asked) for which in previews}
+    stdout = request.stdout if output == STANDARD else None
+    plan = VideoPlan(safe_name(name), source, folder, names, codecs, request.has_sound, stdout)
     for which in names:
         check_writable(plan.path(which))
         if file is not None and _same(plan.path(which), file):
@@ -162,14 +145,6 @@ def _base(source: Path | None) -> str:
     if source is None or not is_sequence(source):
         return output_bases([source])[0]
     return without_number(source.stem) if is_pattern(source.name) else source.resolve().name
-
-
-def _preview_codecs(
-    names: dict[VideoFormat, str], asked: PreviewCodec | None
-) -> dict[VideoFormat, Codec]:
-    previews = [which for which in names if VIDEO_FORMATS[which].is_preview]
-    codec = None if asked is None else Codec(asked)
-    return {which: preview_codec(f".{which}", codec) for which in previews}
 
 
 def _file_names(

@@ -2,44 +2,16 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from typing import BinaryIO
+from dataclasses import replace
 
 from depthcli.core.parallel.cores import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.inference.loading import SessionLoader
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.transfer import local_copy
-from depthcli.jobs.video.plan import VideoPlan, plan_video, video_formats
+from depthcli.jobs.video.plan import VideoPlan, plan_video
+from depthcli.jobs.video.request import VideoRequest
 from depthcli.jobs.video.result import VideoDone
-from depthcli.jobs.video.settings import VideoSettings
-from depthcli.video.codecs import PreviewCodec
-from depthcli.video.formats import VideoFormat
 from depthcli.video.frame_source import is_sequence
-
-
-@dataclass(frozen=True, slots=True)
-class VideoRequest:
-    """A video, and what is to become of it."""
-
-    #: a file, a folder of numbered pictures, a pattern such as ``plate.%04d.exr``, or ``-``
-    video: str
-    #: a file for one format, or a stem that several share; a folder, which exists, ends in ``/`` or
-    #: has no suffix; a pattern for numbered files; ``-``; None for the video's own folder
-    output: str | None = None
-    #: what to write; empty for what the output's suffix says, else depth and a preview
-    formats: tuple[VideoFormat, ...] = ()
-    sidecar: bool = False  #: write the JSON as well
-    codec: PreviewCodec | None = None  #: of the preview; None for the usual one of its container
-    has_sound: bool = True  #: take the video's sound into the preview
-    #: which model runs, and how; without a number of threads, with each worker's share of the cores
-    model: SessionLoader = field(default_factory=SessionLoader)
-    #: how frames become depth, and which do
-    settings: VideoSettings = field(default_factory=VideoSettings)
-    #: threads beside the one that decodes and writes; None for one a core
-    workers: int | None = None
-    stdin: BinaryIO | None = None  #: where ``-`` is read
-    stdout: BinaryIO | None = None  #: where ``-`` is written
 
 
 def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoDone:
@@ -62,16 +34,7 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoDone:
         ModelError: the model cannot be used.
         UsageError: the outputs do not fit the video, or each other, or the options the model.
     """
-    plan = plan_video(
-        request.video,
-        request.output,
-        video_formats(request.output, request.formats),
-        sidecar=request.sidecar,
-        codec=request.codec,
-        has_sound=request.has_sound,
-        stdin=request.stdin,
-        stdout=request.stdout,
-    )
+    plan = plan_video(request)
     workers, threads = share_cores(request.workers, request.model.threads)
     loading = replace(request.model, threads=threads).start()
     # What reads and writes videos is imported while the model loads.
