@@ -31,7 +31,6 @@ from depthcli.core.text import shown
 _T = TypeVar("_T")
 _Read: TypeAlias = Callable[[Any], Any]
 _LARGEST = 2**63
-_NUMBERS = (int, float)
 _DEEPEST = 32
 _LONGEST = 60
 _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
@@ -188,25 +187,18 @@ def _dataclass_reader(kind: Any) -> _Read:  # noqa: ANN401
 
 def _scalar_reader(kind: type, rule: Rule) -> _Read:
     def read(value: Any) -> Any:  # noqa: ANN401
-        if kind is float and type(value) is int and _is_exact_integer(value):
+        is_int = type(value) is int and -_LARGEST <= value < _LARGEST
+        if kind is float and is_int:
             return float(value)
-        if type(value) is kind and (kind not in _NUMBERS or _is_good(cast("float", value), rule)):
-            return value
-        raise FieldError.unless(rule.what, value)
+        if (
+            type(value) is not kind
+            or (kind is int and not is_int)
+            or (kind is float and rule.is_finite and not math.isfinite(cast("float", value)))
+        ):
+            raise FieldError.unless(rule.what, value)
+        return value
 
     return read
-
-
-def _is_good(number: float, rule: Rule) -> bool:
-    return (
-        _is_exact_integer(number)
-        if type(number) is int
-        else math.isfinite(number) or not rule.is_finite
-    )
-
-
-def _is_exact_integer(number: float) -> bool:
-    return -_LARGEST <= number < _LARGEST
 
 
 def _ruled(read: _Read, rule: Rule) -> _Read:

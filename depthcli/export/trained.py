@@ -67,7 +67,8 @@ def export_run(run: TrainedRun, spare: Path, weights: Weights = Weights.AVERAGED
         ParityError: the exported model is not the network.
     """
     checkpoint, cached = run.folder / CHECKPOINT, run.folder / CACHE_NAMES[weights]
-    version = f"checkpoint-{_sha256(checkpoint)[:_HASH_LENGTH]}"
+    with checkpoint.open("rb") as file:
+        version = f"checkpoint-{hashlib.file_digest(file, 'sha256').hexdigest()[:_HASH_LENGTH]}"
     if _version(cached) == version:
         return cached
     options = ExportOptions(name=run.name, version=version, weights=weights)
@@ -85,8 +86,3 @@ def _version(model: Path) -> str | None:
         return read_model(Place(onnx=model, card=None)).card.version
     except ModelError:
         return None
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

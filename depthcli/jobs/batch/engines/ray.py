@@ -74,12 +74,12 @@ class RayEngine:
         address = address or os.environ.get("RAY_ADDRESS") or "auto"
         if address not in _WORDS:
             _check_reachable(address)
-        self._is_own = not ray.is_initialized()
+        self._ray, self._is_own = ray, not ray.is_initialized()
         if self._is_own:
-            _connect(address)
+            _connect(ray, address)
         self._cpus, self._gpus = cpus, gpus
         self._go_on = progress.begin("", None)
-        self._workers = workers or _room(cpus, gpus)
+        self._workers = workers or _room(ray, cpus, gpus)
         if not self._workers:
             self.close()
             raise EngineError(
@@ -89,10 +89,8 @@ class RayEngine:
 
     def close(self) -> None:
         """Disconnect, unless the caller had connected."""
-        import ray  # noqa: PLC0415 - an extra
-
         if self._is_own:
-            ray.shutdown()
+            self._ray.shutdown()
 
     def run(
         self,
@@ -107,11 +105,10 @@ class RayEngine:
             EngineError: workers die before they begin, or a machine lacks what they need.
             ModelError: the network fails on any picture.
         """
-        import ray  # noqa: PLC0415 - an extra
-
-        kind = ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)(RemoteWorker)
+        own = self._ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)
+        kind = own(RemoteWorker)
         here = os.getcwd()  # noqa: PTH109
-        pool = Pool(_Actors(lambda: kind.remote(spec, here, self._cpus), self._go_on))
+        pool = Pool(_Actors(self._ray, lambda: kind.remote(spec, here, self._cpus), self._go_on))
         rest = iter(chunks)
         groups = iter(lambda: tuple(islice(rest, _CHUNKS_A_CALL)), ())
         calls = chain(map(Call, groups), (Call(video=video) for video in videos))
@@ -127,6 +124,7 @@ class RayEngine:
 class _Actors:
     """Ray's own kind of workers, as a :class:`depthcli.jobs.batch.engines.pool.Cluster`."""
 
+    ray: Any
     make: Callable[[], Any]
     go_on: Callable[[int], object]
 
@@ -138,42 +136,32 @@ class _Actors:
         return worker.work.remote(call)
 
     def first(self, flights: Sequence[Any]) -> Any:  # noqa: ANN401
-        import ray  # noqa: PLC0415 - an extra
-
-        while not (landed := ray.wait(flights, num_returns=1, timeout=_LOOK_S)[0]):
+        while not (landed := self.ray.wait(flights, num_returns=1, timeout=_LOOK_S)[0]):
             self.go_on(0)
         return landed[0]
 
     def landed(self, flight: Any) -> object:  # noqa: ANN401
-        import ray  # noqa: PLC0415 - an extra
-
         try:
-            return ray.get(flight)
-        except ray.exceptions.RayTaskError as error:
+            return self.ray.get(flight)
+        except self.ray.exceptions.RayTaskError as error:
             cause = error.cause
             if isinstance(cause, DepthcliError):
                 raise cause from None
             raise EngineError(
                 one_line(f"a worker of the Ray cluster failed: {type(cause).__name__}: {cause}")
             ) from error
-        except ray.exceptions.RayError as error:
+        except self.ray.exceptions.RayError as error:
             return error
 
     def end(self, worker: Any) -> None:  # noqa: ANN401
-        import ray  # noqa: PLC0415 - an extra
-
-        ray.kill(worker)
+        self.ray.kill(worker)
 
     def wait(self, flights: Sequence[Any]) -> None:
-        import ray  # noqa: PLC0415 - an extra
-
         if flights:
-            ray.wait(flights, num_returns=len(flights), timeout=_END_S)
+            self.ray.wait(flights, num_returns=len(flights), timeout=_END_S)
 
 
-def _connect(address: str) -> None:
-    import ray  # noqa: PLC0415 - an extra
-
+def _connect(ray: Any, address: str) -> None:  # noqa: ANN401 - a module
     how = {"log_to_driver": False, "logging_level": logging.ERROR}
     if address == "local":
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # it would tell its makers
@@ -216,10 +204,8 @@ def _signals_kept() -> Iterator[None]:
             signal.signal(signal.SIGTERM, before)
 
 
-def _room(cpus: float, gpus: float) -> int:
+def _room(ray: Any, cpus: float, gpus: float) -> int:  # noqa: ANN401 - a module
     """How many workers the cluster has room for."""
-    import ray  # noqa: PLC0415 - an extra
-
     count = 0
     for node in ray.nodes():
         has = node["Resources"] if node["Alive"] else {}
