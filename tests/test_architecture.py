@@ -79,6 +79,24 @@ def test_the_contract_has_a_layer_for_every_row() -> None:
     assert set(re.findall(r"\w+", layers[1])) == below(PACKAGE)
 
 
+def test_the_picture_has_the_imports_between_folders() -> None:
+    """An import is an arrow, or a way along arrows; every arrow is an import."""
+    graph = grimp.build_graph("depthcli")
+    pairs = {
+        (name.split(".")[1], used.split(".")[1])
+        for name in graph.modules
+        for used in graph.find_modules_directly_imported_by(name)
+        if name.count(".") > 1 and "." in used
+    }
+    imports = {(one, other) for one, other in pairs if other not in (one, "_version")}
+    arrows = set(re.findall(r"^ +(\w+)(?:\[.+?\])? --> (\w+)", PAGE, re.MULTILINE))
+    ways = set(arrows)
+    while longer := {(a, d) for a, b in ways for c, d in arrows if b == c} - ways:
+        ways |= longer
+    assert imports - ways == set()
+    assert arrows - imports == set()
+
+
 def test_no_module_stands_in_a_circle() -> None:
     """Imports for types alone and those within functions count as well."""
     graph = grimp.build_graph("depthcli")
