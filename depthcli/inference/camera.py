@@ -28,9 +28,9 @@ class PictureCamera(NamedTuple):
     scale: float = 1.0  #: what the network's metres are multiplied by
 
 
-def gives_metres(card: ModelCard) -> bool:
-    """Whether a model's metres belong to a camera that is known."""
-    return card.camera is not None and card.output.kind is DepthKind.METRIC
+def metric_camera(card: ModelCard) -> CameraSpec | None:
+    """The camera that a model's metres belong to; None if it is not known, or there are none."""
+    return card.camera if card.output.kind is DepthKind.METRIC else None
 
 
 def camera_of(
@@ -42,11 +42,12 @@ def camera_of(
     one in its EXIF, else that of the card.
     """
     known = _stated_camera(frame, focal_px, hfov_deg)
-    if card.camera is None or not gives_metres(card):
+    learned = metric_camera(card)
+    if learned is None:
         return known
-    camera = known or _assumed(card.input, card.camera, frame)
+    camera = known or _assumed(card.input, learned, frame)
     seen_px = camera.focal_px * _shrink(card.input, frame, place)
-    return camera._replace(scale=seen_px / learned_focal_px(card.input, card.camera))
+    return camera._replace(scale=seen_px / learned_focal_px(card.input, learned))
 
 
 def learned_focal_px(spec: InputSpec, camera: CameraSpec) -> float:

@@ -11,7 +11,7 @@ from depthcli.core import scaling
 from depthcli.core.choices import PLAIN, Detail
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import ModelError, UsageError
-from depthcli.inference.camera import PictureCamera, camera_of, gives_metres
+from depthcli.inference.camera import PictureCamera, camera_of, metric_camera
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.memory import tile_width_px
 from depthcli.inference.postprocess import coarse_depth, full_size
@@ -148,7 +148,7 @@ class Pipeline:
         """
         scaling.check_camera(focal_px, hfov_deg)
         stated = focal_px is not None or hfov_deg is not None
-        if stated and not gives_metres(self.card):
+        if stated and metric_camera(self.card) is None:
             raise UsageError(
                 f"model {self.card.name!r} gives no metres of a known camera, so a focal "
                 "length does not apply; remove --focal-px and --hfov"

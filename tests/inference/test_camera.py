@@ -13,7 +13,8 @@ from tiny import write_model
 
 import depthcli
 from depthcli.core.choices import Detail
-from depthcli.core.types import CameraSource, Frame
+from depthcli.core.types import CameraSource, Frame, Provenance
+from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.preprocess import layout
 from depthcli.io.writers.ply import PlyWriter
@@ -189,3 +190,29 @@ def test_a_crop_of_a_picture_has_its_metres(name: str) -> None:
         part = slice(top, top + height), slice(left, left + width)
         seen = pipeline.predict(Frame(np.ascontiguousarray(pixels[part])), focal_px=518.86)
         assert 0.8 < np.median(seen.values / whole[part]) < 1.25, (width, height)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"camera": None}, {"output__kind": "relative"}, {"output__kind": "inverse"}]
+)
+def test_what_has_no_metres_of_a_known_camera_is_not_rescaled(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    pipeline = model(tmp_path, **changes)
+    plain = pipeline.predict(black(40, 30))
+    stated = pipeline.predict(black(40, 30, focal_35mm=20.0))
+    np.testing.assert_array_equal(stated.values, plain.values)
+    assert plain.provenance == Provenance("tiny", pipeline.session.model.sha256, (16, 12), None, 1)
+    focal_px = 20 * math.hypot(40, 30) / math.hypot(36, 24)
+    assert stated.provenance == replace(
+        plain.provenance, focal_px=pytest.approx(focal_px), camera_source=CameraSource.EXIF
+    )
+    with pytest.raises(UsageError, match="a focal length does not apply"):
+        pipeline.predict(black(40, 30), focal_px=50)
+
+
+def test_a_map_says_where_it_comes_from(tmp_path: Path) -> None:
+    pipeline = model(tmp_path)
+    found = pipeline.predict(black(40, 30, orientation=6), focal_px=50).provenance
+    sha256 = pipeline.session.model.sha256
+    assert found == Provenance("tiny", sha256, (16, 12), 50, 6, (), CameraSource.OPTION)

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+from itertools import groupby
+from typing import TYPE_CHECKING
+
 import pytest
+from tiny import write_model
 
 from depthcli.inference import latency
+from depthcli.inference.pipeline import load
+from depthcli.inference.session import Session
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
 
 
 def test_runs_after_the_first_three_are_summed_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -16,3 +27,24 @@ def test_runs_after_the_first_three_are_summed_up(monkeypatch: pytest.MonkeyPatc
     assert found.median_ms == pytest.approx(3)
     assert found.min_ms == pytest.approx(1)
     assert found.noise == pytest.approx((4.5 - 1.5) / 2 / 3)  # the middle half of the five
+
+
+def test_models_take_turns_at_pictures_of_their_own_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[tuple[int, ...]] = []
+    run = Session.run
+
+    def noted(self: Session, batch: np.ndarray) -> np.ndarray:
+        seen.append(batch.shape)
+        assert -1 <= batch.min() < 0 < batch.max() <= 1
+        return run(self, batch)
+
+    monkeypatch.setattr(Session, "run", noted)
+    sizes = {"a": {}, "b": {"input__colour": "rgb", "input__width": 32}}
+    pipelines = [load(write_model(tmp_path / name, **size)) for name, size in sizes.items()]
+    found_ms = latency.measure_ms(pipelines)
+    assert all(0 < ms < 1000 for ms in found_ms)
+    turns = [shape for shape, _ in groupby(seen)]
+    assert turns == [(1, 1, 12, 16), (1, 3, 12, 32)] * 3
+    assert max(len(list(turn)) for _, turn in groupby(seen)) <= 11  # the first is not counted
