@@ -126,7 +126,7 @@ def _blend_tiles(
 def _starts(size: int, tile: int) -> list[int]:
     """First cells of tiles that overlap by at least a quarter if they can, evenly spread."""
     step = max(1, tile - max(1, round(tile * _OVERLAP)))
-    count = 1 + math.ceil(max(0, size - tile) / step)
+    count = 1 + math.ceil((size - tile) / step)
     return [round(start) for start in np.linspace(0, size - tile, count)]
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import bisect
 import re
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 import onnx
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tiny import tiny_onnx, write_model
 
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
@@ -19,7 +22,7 @@ from depthcli.inference.memory import tile_width_px
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
-from depthcli.inference.tiles import TileGrid, refine
+from depthcli.inference.tiles import TileGrid, _starts, refine
 from depthcli.models.card_specs import OutputSpec
 
 if TYPE_CHECKING:
@@ -67,6 +70,14 @@ def test_tiles_cover_the_picture_and_overlap() -> None:
     assert len(grid) == len(tiles) == len({(r.start, c.start) for r, c in tiles})
     lefts = sorted({columns.start for _, columns in tiles})
     assert np.diff(lefts).max() <= 0.75 * grid.tile_width
+
+
+@given(tile=st.integers(1, 40), more=st.integers(0, 200))
+def test_no_more_tiles_lie_along_a_side_than_overlap_by_a_quarter(tile: int, more: int) -> None:
+    starts, step = _starts(tile + more, tile), max(1, tile - max(1, round(tile / 4)))
+    assert (starts[0], starts[-1]) == (0, more)
+    assert all(0 < after - before <= step for before, after in pairwise(starts))
+    assert len(starts) == 1 or (len(starts) - 2) * step < more
 
 
 @pytest.mark.parametrize("network", [seen, moody])
