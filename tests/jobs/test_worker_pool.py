@@ -7,6 +7,7 @@ from collections import Counter, deque
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -221,14 +222,11 @@ def test_a_worker_elsewhere_gives_what_one_here_does(
 @pytest.mark.parametrize(
     ("cpus", "gpus", "workers"), [(1, 0, 7), (2, 0, 3), (0.5, 0, 15), (1, 1, 2), (0, 0.5, 4)]
 )
-def test_how_many_workers_have_room(
-    monkeypatch: pytest.MonkeyPatch, cpus: float, gpus: float, workers: int
-) -> None:
+def test_how_many_workers_have_room(cpus: float, gpus: float, workers: int) -> None:
     nodes = [
         {"Alive": True, "Resources": {"CPU": 4.0, "memory": 9e9}},
         {"Alive": True, "Resources": {"CPU": 3.5, "GPU": 2.0}},
         {"Alive": False, "Resources": {"CPU": 64.0, "GPU": 8.0}},
         {"Alive": True, "Resources": {}},
     ]
-    monkeypatch.setattr(pytest.importorskip("ray"), "nodes", lambda: nodes)
-    assert _room(cpus, gpus) == workers
+    assert _room(SimpleNamespace(nodes=lambda: nodes), cpus, gpus) == workers
