@@ -10,6 +10,7 @@ from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_media
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.places import Places
+from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
 from depthcli.io.writers.formats import Format, ending_of, fits, stem_of
 
@@ -78,6 +79,8 @@ def _one_file(
         raise UsageError(
             f"-o {file} is one file but there are {len(sources)} inputs; name a folder: {file}/"
         )
+    if is_special(file):
+        raise UsageError(f"-o {file} is a device or a pipe; '-o -' writes to standard output")
     if len(suffixes) == 1 and file.suffix:
         return OutputPlan(sources[0], dict.fromkeys(suffixes, file))
     # Several formats of one input share the stem that the user gave; one completes it.
@@ -95,13 +98,15 @@ def _in_folders(
     ]
     shared = Counter(map(_case_folded_path, stems))
     plans = []
-    for source, stem, base in zip(sources, stems, output_bases(sources), strict=True):
+    for source, folder, stem, base in zip(
+        sources, folders, stems, output_bases(sources), strict=True
+    ):
         is_whole = (
             source is not None and shared[_case_folded_path(stem)] > 1 and base == source.stem
         )
         name = source.name if source and is_whole else base
         wanted = {} if source and not source.name else suffixes
-        plans.append(OutputPlan(source, {f: stem.parent / (name + s) for f, s in wanted.items()}))
+        plans.append(OutputPlan(source, {f: folder / (name + s) for f, s in wanted.items()}))
     return plans
 
 

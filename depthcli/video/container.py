@@ -66,12 +66,13 @@ def _is_cover(stream: VideoStream) -> bool:
 def _check_file(path: Path) -> None:
     """Say what is wrong with a file before FFmpeg says less."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) and not path.is_dir():
             raise InputError(
                 f"{path} is a pipe or a device; 'depthcli video -' reads standard input"
             )
-        with path.open("rb") as file:
-            empty = not file.read(1)
+        with path.open("rb"):  # not read: files such as /proc/kmsg state no size and never end
+            empty = not status.st_size
     except FileNotFoundError:
         what = "is a broken link" if path.is_symlink() else "is missing: no such file"
         raise InputError(f"{path} {what}") from None

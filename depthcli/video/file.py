@@ -40,9 +40,14 @@ class VideoFile:
             sound: what is heard; None for nothing.
 
         Raises:
-            OutputError: the codec cannot be written here.
+            OutputError: the codec cannot be written here, or no container counts in such steps.
         """
         check_encoder(codec)
+        if not timing.is_countable:
+            raise OutputError(
+                f"{timing.rate} frames a second cannot be written to a video; choose an image "
+                "sequence with --format png16 or --format exr"
+            )
         self._target = target
         self._codec = codec
         self._timing = timing

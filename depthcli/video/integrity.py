@@ -9,8 +9,10 @@ import av
 from av import logging as av_logging
 
 from depthcli.video.container import open_video
+from depthcli.video.pipes import HEAD_BYTES
 
 _EBML = b"\x1aE\xdf\xa3"
+_SEGMENT = b"\x18S\x80g"
 _MATROSKA = "matroska,webm"
 _MP4_STARTS = {b"ftyp", b"moov", b"mdat", b"free", b"wide", b"skip"}
 _SLICE_END = 8  # bytes: three of the slice's size, one of its state, four of its checksum
@@ -27,13 +29,24 @@ def is_cut(path: Path) -> bool:
         OSError: it cannot be read.
     """
     with path.open("rb") as file:
-        head = file.read(12)
+        head = file.read(HEAD_BYTES)
         end = file.seek(0, os.SEEK_END)
         if head[4:8] in _MP4_STARTS:
             return _mp4_end(file, end) > end
         if head.startswith(b"RIFF"):
             return int.from_bytes(head[4:8], "little") + 8 > end
-    return head.startswith(_EBML) and _has_gap(path)
+    return head.startswith(_EBML) and (matroska_end(head) > end or _has_gap(path))
+
+
+def matroska_end(head: bytes) -> int:
+    """Where Matroska or WebM says that it ends, by its first bytes; 0 where it does not."""
+    before, _, segment = head.partition(_SEGMENT)
+    if not (before.startswith(_EBML) and segment):
+        return 0
+    length = 9 - segment[0].bit_length()  # of the number, by its leading zeros
+    unknown = (1 << 7 * length) - 1
+    size = int.from_bytes(segment[:length]) & unknown
+    return 0 if size == unknown else len(before) + len(_SEGMENT) + length + size
 
 
 def counts_frames(path: Path) -> bool:

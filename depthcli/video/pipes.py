@@ -1,8 +1,12 @@
 """Videos that are read from a stream and written to one, front to back."""
 
+import os
 from typing import BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError
+
+HEAD_BYTES = 256
+"""Of a video, in which it says what it is and how long."""
 
 
 class _Pipe:
@@ -36,6 +40,8 @@ class InputPipe(_Pipe):
         # What is there at once, so that live video is not held back.
         self._read = getattr(stream, "read1", stream.read)
         self.seekable, self.seek, self.tell = stream.seekable, stream.seek, stream.tell
+        self.head = b""  #: the first bytes of it
+        self._count = 0
 
     def __str__(self) -> str:
         return "standard input"
@@ -43,10 +49,18 @@ class InputPipe(_Pipe):
     def read(self, size: int) -> bytes:
         """Up to ``size`` bytes; none at the end."""
         try:
-            return b"" if self._stopped else bytes(self._read(size))
+            data = b"" if self._stopped else bytes(self._read(size))
         except BaseException as reason:  # noqa: BLE001 - raised by check
             self._stopped = reason
             return b""
+        self.head += data[: HEAD_BYTES - len(self.head)]
+        self._count += len(data)
+        return data
+
+    @property
+    def end(self) -> int:
+        """Bytes of the stream, once it was read to its end."""
+        return self.seek(0, os.SEEK_END) if self.seekable() else self._count
 
 
 class OutputPipe(_Pipe):

@@ -11,6 +11,7 @@ _DECIMALS = (2, 3)
 _SAME = 2e-5
 _LARGEST_DENOMINATOR = 1_000_000
 _FASTEST = 10_000
+_SLOWEST = Fraction(1, 100_000_000)
 _MOST_TICKS = 1_200_000
 _COARSE_TICKS = 1000
 _LONGEST_STEP = 1 << 28  # ticks; MP4 keeps the distance of two frames in 32 bits
@@ -49,6 +50,11 @@ class Timing:
 
     rate: Fraction  #: frames a second; the mean where frames are not evenly spaced
     tick_s: Fraction = Fraction(1, 1000)  #: seconds of which the source's times are multiples
+
+    @property
+    def is_countable(self) -> bool:
+        """Whether FFmpeg and MP4, which count in 32 bits, can state the rate."""
+        return self.rate >= _SLOWEST and max(self.rate.as_integer_ratio()) < 1 << 31
 
     @property
     def clock(self) -> Fraction:

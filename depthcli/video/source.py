@@ -18,7 +18,7 @@ from depthcli.io.pictures.read import upright
 from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
 from depthcli.video.frames import FrameSource
-from depthcli.video.integrity import counts_frames, is_cut
+from depthcli.video.integrity import counts_frames, is_cut, matroska_end
 from depthcli.video.pipes import InputPipe
 from depthcli.video.pixels import orientation_of, rgb_pixels, shape_warning, transfer_warning
 from depthcli.video.rates import FALLBACK_RATE
@@ -149,9 +149,14 @@ class VideoSource(FrameSource):
         read = self._timeline.index + 1
         stated = self.frames_stated if self._path and counts_frames(self._path) else None
         short = stated is not None and stated - read > max(1, stated // _MISSING_SHARE)
-        if short or self._decoder.ended_early or (self._path and is_cut(self._path)):
+        if short or self._decoder.ended_early or self._is_cut():
             of = "" if stated is None else f" of {stated}"
             self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
+
+    def _is_cut(self) -> bool:
+        if isinstance(self._source, InputPipe):
+            return matroska_end(self._source.head) > self._source.end
+        return is_cut(self._source)
 
     def _say_lost(self) -> None:
         if self._timeline.lost:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
@@ -14,7 +15,6 @@ from depthcli.io.listing.path_list import listed_inputs, read_list
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 WORDS = ["hall/a.png", "s3://bucket/b c,d.jpg", "é.png"]
 
@@ -24,8 +24,8 @@ def parquet(path: Path, /, **columns: list[Any]) -> Path:
     return path
 
 
-def csv(path: Path, text: str) -> Path:
-    path.write_text(text, encoding="utf-8")
+def csv(path: Path, text: str, encoding: str = "utf-8") -> Path:
+    path.write_text(text, encoding=encoding)
     return path
 
 
@@ -85,6 +85,12 @@ def test_a_folder_of_parquet_files_is_read_in_the_order_of_names(tmp_path: Path)
             "line 3: .* limit",
         ),
         (lambda f: csv(f / "l.txt", "a.png\n"), "c", "--column is for lists in Parquet and CSV"),
+        (
+            lambda f: csv(f / "l.txt", "a.png\n", "utf-16"),
+            None,
+            "the list of inputs is in UTF-16; save it in UTF-8",
+        ),
+        (lambda _: Path("/dev/zero"), None, "the list /dev/zero is a device; '-' reads"),
         (lambda f: f / "missing.parquet", None, "cannot read the list .*missing.parquet: No such"),
         (lambda f: f / "missing.csv", None, "cannot read the list .*missing.csv: No such"),
     ],
@@ -118,6 +124,13 @@ def test_without_pyarrow_one_line_says_what_to_do(
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(UsageError, match="need pyarrow; pip install pyarrow"):
         read_list(str(path))
+
+
+def test_a_byte_order_mark_is_no_part_of_a_name(tmp_path: Path) -> None:
+    assert list(read_list(str(csv(tmp_path / "l.txt", "\ufeffa.png\r\nb.png\r\n")))) == [
+        "a.png",
+        "b.png",
+    ]
 
 
 def test_a_file_uri_is_the_path_that_it_names(tmp_path: Path) -> None:

@@ -168,6 +168,17 @@ def test_shared_outputs_and_inputs_are_refused(sources: list[Path], out: str | N
         plan_outputs(sources, out, PNG)
 
 
+@pytest.mark.parametrize("name", ["..png", "...png", ".png", "a..png"])
+def test_dots_in_a_name_lead_to_no_other_folder(name: str) -> None:
+    (plan,) = plan_outputs([Path("in") / name], "out/", PNG)
+    assert [path.parent for path in plan.outputs.values()] == [Path("out")]
+
+
+def test_a_format_s_suffix_leads_to_no_file_beside_a_device() -> None:
+    with pytest.raises(UsageError, match="'-o -' writes to standard output"):
+        plan_outputs([Path("a.png")], os.devnull, PNG)
+
+
 def test_devices_and_pipes_are_not_replaced(tmp_path: Path) -> None:
     pipe, link = tmp_path / "pipe.png", tmp_path / "link.png"
     os.mkfifo(pipe)

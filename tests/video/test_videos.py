@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -30,8 +31,9 @@ from depthcli.io.writers.preview import PreviewWriter
 from depthcli.video.codecs import Codec, preview_codec
 from depthcli.video.depth import DepthVideo
 from depthcli.video.depth_output import depth_video, within
-from depthcli.video.integrity import is_cut
+from depthcli.video.integrity import is_cut, matroska_end
 from depthcli.video.output import VideoFrame
+from depthcli.video.pipes import InputPipe
 from depthcli.video.preview_output import preview_video
 from depthcli.video.rates import Timing, exact_rate, rate_text
 from depthcli.video.sound import Sound
@@ -201,6 +203,13 @@ def test_another_scale_is_labelled_and_obeyed(tmp_path: Path) -> None:
     assert next(DepthVideo(tmp_path / "a.mkv").steps())[0, 0] == 640
     assert next(iter(DepthVideo(tmp_path / "a.mkv"))).values[0, 0] == 2.5
     assert next(iter(DepthVideo(tmp_path / "a.mkv", scale=640))).values[0, 0] == 1
+
+
+@pytest.mark.parametrize("rate", [Fraction(25, 10**10), Fraction(1, 10**40), Fraction(10**10)])
+def test_a_rate_that_no_container_states_is_refused(rate: Fraction, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="frames a second cannot be written to a video"):
+        write_depth(tmp_path / "a.mkv", [np.ones((48, 64), np.float32)], rate, times_s=[0])
+    assert not list(tmp_path.iterdir())
 
 
 def test_depth_out_of_range_saturates_with_a_warning(tmp_path: Path) -> None:
@@ -388,6 +397,30 @@ def test_a_cut_video_gives_what_there_is_and_says_so(make: Any, tmp_path: Path) 
         assert source.problem is None
 
 
+def test_a_cut_pipe_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.mkv"
+    write_depth(path, [np.ones((48, 64), np.float32)] * 20)
+    whole = path.read_bytes()
+    for data, is_whole in ((whole, True), (whole[:-9], False), (whole[: len(whole) // 2], False)):
+        path.write_bytes(data)
+        with (
+            subprocess.Popen(["cat", path], stdout=subprocess.PIPE) as sender,
+            path.open("rb") as file,
+        ):
+            assert sender.stdout
+            for stream in (sender.stdout, file):
+                with VideoSource(InputPipe(stream)) as source:
+                    assert list(source.frames())
+                    assert (source.problem is None) == is_whole
+
+
+def test_matroska_of_unknown_length_is_whole_wherever_it_ends() -> None:
+    assert matroska_end(b"\x1aE\xdf\xa3\x80\x18S\x80g\x40\x09") == 11 + 9
+    for size in (b"", b"\xff", b"\x01" + b"\xff" * 7):
+        assert matroska_end(b"\x1aE\xdf\xa3\x80\x18S\x80g" + size) == 0
+    assert matroska_end(b"RIFF\x18S\x80g\x90") == 0
+
+
 def test_a_whole_video_has_no_problem(tmp_path: Path) -> None:
     write_depth(tmp_path / "a.mkv", [np.ones((48, 64), np.float32)] * 20)
     write_mp4(tmp_path / "a.mp4", flat_frames(range(20)))
@@ -488,6 +521,7 @@ def test_what_is_no_video_is_one_clear_line(tmp_path: Path, capfd: Any) -> None:
         "missing.mp4": "no such file",
         "link.mp4": "broken link",
         ".": "folder",
+        "/proc/version": "is empty",  # as files without an end, it states no size
     }
     for name, reason in cases.items():
         with pytest.raises(InputError, match=reason) as caught:

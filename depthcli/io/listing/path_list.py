@@ -2,6 +2,7 @@
 
 import csv
 import os
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from pathlib import Path
@@ -37,6 +38,8 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
             return _csv_texts(Path(source), column, _DELIMITERS[suffix])
         if column is not None:
             raise UsageError(f"--column is for lists in Parquet and CSV, which {source} is not")
+        if Path(source).is_char_device():  # such as /dev/zero, which never ends
+            raise UsageError(f"the list {source} is a device; '-' reads standard input")
         return parse_list(Path(source).read_bytes())
     except OSError as error:
         raise UsageError(f"cannot read the list {source}: {error.strerror or error}") from error
@@ -71,7 +74,13 @@ def parse_list(data: bytes) -> list[str]:
 
     One a line; or, where a NUL byte is in it, one before each NUL (``find -print0``), which is how
     names with a newline are listed.
+
+    Raises:
+        UsageError: it is in UTF-16, as some shells of Windows write it.
     """
+    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        raise UsageError("the list of inputs is in UTF-16; save it in UTF-8")
+    data = data.removeprefix(BOM_UTF8)
     words = data.split(b"\0") if b"\0" in data else data.splitlines()
     return [os.fsdecode(word) for word in words if word]
 

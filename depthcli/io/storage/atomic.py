@@ -36,7 +36,7 @@ def atomic_path(
         with _sent(path) as temporary:
             yield temporary
         return
-    if _is_special(path):
+    if is_special(path):
         raise OutputError(f"{path} is a device or a pipe and is not replaced; {advice}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -96,7 +96,7 @@ def _same_file(path: Path, source: Path) -> bool:
         return False
 
 
-def _is_special(path: Path) -> bool:
+def is_special(path: Path) -> bool:
     """Whether something is there, or at the end of a link, that is neither a file nor a folder."""
     try:
         mode = path.stat().st_mode
