@@ -15,6 +15,7 @@ from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import (
     FAILED,
     OK,
+    ManifestFormat,
     Origin,
     OutputFile,
     Row,
@@ -22,6 +23,7 @@ from depthcli.io.manifest.row import (
     parse_row,
     written,
 )
+from depthcli.io.manifest.shard import WHOLE, Shard
 
 JOURNAL_NAME = ".depthcli-batch.jsonl"
 MANIFEST_NAME = "manifest.jsonl"
@@ -163,3 +165,74 @@ def test_a_disk_that_cannot_be_read_any_more_is_one_error(tmp_path: Path) -> Non
     with pytest.raises(OutputError, match="cannot read the rows of the batch again"):
         journal.finish(["a"])
     assert sorted(path.name for path in tmp_path.iterdir()) == [JOURNAL_NAME]
+
+
+def _finished(folder: Path, names: str, shard: Shard = WHOLE) -> None:
+    journal = Journal(folder, shard)
+    for name in names:
+        journal.add(row(name))
+    journal.finish(names)
+
+
+def _files(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_what_shards_left_becomes_part_of_the_whole(tmp_path: Path) -> None:
+    names = "abcdefgh"
+    for number in (1, 2):
+        shard = Shard(number, 2)
+        _finished(tmp_path, "".join(filter(shard.holds, names)), shard)
+    manifests = ["manifest-1-of-2.jsonl", "manifest-2-of-2.jsonl"]
+    assert _files(tmp_path) == manifests
+    second = known_rows(tmp_path, Shard(2, 2))
+    assert [found.input for found in second] == list(filter(Shard(2, 2).holds, names))
+    _finished(tmp_path, "", Shard(1, 2))
+    assert _files(tmp_path) == manifests  # those of another shard stay
+    whole = Journal(tmp_path)
+    assert whole.is_there
+    assert not whole.was_cut_short
+    assert [found.input for found in known_rows(tmp_path)] != []
+    whole.add(Row("bad", FAILED, ORIGIN))
+    whole.finish(None)
+    assert _files(tmp_path) == [MANIFEST_NAME]
+    assert [found.input for found in known_rows(tmp_path)] == [
+        *names[:1],
+        *names[1:2],
+        "bad",
+        *names[2:],
+    ]
+
+
+def test_a_shard_or_a_whole_that_was_killed_is_cut_short(tmp_path: Path) -> None:
+    shard = Journal(tmp_path, Shard(1, 2))
+    shard.add(row("x"))
+    shard._opened.close()
+    assert not Journal(tmp_path, Shard(1, 2)).was_cut_short  # others may write here
+    assert Journal(tmp_path).was_cut_short
+
+
+def test_shards_share_a_folder_with_none_but_shards(tmp_path: Path) -> None:
+    one, other = (Journal(tmp_path, Shard(number, 2)) for number in (1, 2))
+    with pytest.raises(UsageError, match="another batch"):
+        Journal(tmp_path, Shard(1, 2))
+    with pytest.raises(UsageError, match="another batch"):
+        Journal(tmp_path)
+    one.finish([])
+    other.finish([])
+    Journal(tmp_path).finish([])
+
+
+def test_a_manifest_keeps_its_form_until_another_is_asked_for(tmp_path: Path) -> None:
+    for form, kept in [
+        (ManifestFormat.PARQUET, "manifest.parquet"),
+        (None, "manifest.parquet"),
+        (ManifestFormat.JSONL, "manifest.jsonl"),
+        (None, "manifest.jsonl"),
+    ]:
+        journal = Journal(tmp_path, form=form)
+        journal.add(row(f"{form}"))
+        journal.finish([f"{form}"])
+        assert _files(tmp_path) == [kept]
+    names = [found.input for found in known_rows(tmp_path)]
+    assert names == ["None", "jsonl", "parquet"]

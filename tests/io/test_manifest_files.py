@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from depthcli.io.manifest.files import is_journal, is_of
+from depthcli.io.manifest.files import (
+    JsonRows,
+    is_journal,
+    is_of,
+    journal_name,
+    manifest_name,
+    row_files,
+)
+from depthcli.io.manifest.index import RowIndex, RowPlace
+from depthcli.io.manifest.row import ManifestFormat, Origin, Row
 from depthcli.io.manifest.shard import Shard
 
 
@@ -30,3 +42,61 @@ def test_names_tell_whose_rows_are_in_a_file(
     path = Path("out") / name
     assert (is_of(path, Shard()), is_of(path, Shard(2, 3))) == (of_all, of_the_second)
     assert is_journal(path) == journal
+
+
+def test_rows_of_others_of_the_same_division_are_not_read(tmp_path: Path) -> None:
+    names = [
+        *("manifest.jsonl", "manifest-1-of-3.jsonl", "manifest-2-of-3.jsonl"),
+        *("manifest-2-of-4.parquet", ".depthcli-batch-3-of-3.jsonl", ".depthcli-batch.jsonl"),
+        *("manifest.txt", "manifesto.jsonl", ".depthcli-batch.jsonl.part"),
+    ]
+    for age, name in enumerate(reversed(names)):
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, ns=(0, age // 2))  # of two that are as old, by name
+    (tmp_path / "manifest-9-of-9.jsonl").symlink_to("nowhere")
+    of_all = [path.name for path in row_files(tmp_path, Shard())]
+    assert of_all == [
+        *(".depthcli-batch.jsonl", ".depthcli-batch-3-of-3.jsonl", "manifest-2-of-4.parquet"),
+        *("manifest-1-of-3.jsonl", "manifest-2-of-3.jsonl", "manifest.jsonl"),
+    ]
+    others = {".depthcli-batch-3-of-3.jsonl", "manifest-1-of-3.jsonl"}
+    of_the_second = [path.name for path in row_files(tmp_path, Shard(2, 3))]
+    assert of_the_second == [name for name in of_all if name not in others]
+    assert journal_name(Shard(2, 3)) == ".depthcli-batch-2-of-3.jsonl"
+    assert manifest_name(Shard(), ManifestFormat.PARQUET) == "manifest.parquet"
+
+
+def test_lines_that_are_no_rows_are_passed_over(tmp_path: Path) -> None:
+    rows = [Row(name, "ok", Origin("", "", "", "")) for name in "abc"]
+    path = tmp_path / "rows.jsonl"
+    lines = [b"#\n", rows[0].as_line(), b"\n", rows[1].as_line(), rows[2].as_line()]
+    path.write_bytes(b"".join(lines[:-1]) + b'{"input"')
+    with path.open("ab", buffering=0) as end:
+        file = JsonRows(path.open("rb"), end)
+        assert dict(file.rows()) == {"a": 2, "b": len(b"".join(lines[:3]))}
+        assert not file.ends_whole
+        file.append(b"\n")
+        place = file.append(lines[-1])
+        assert place == path.stat().st_size - len(lines[-1])
+        assert list(dict(file.rows())) == ["a", "b", "c"]
+        assert file.ends_whole
+        assert file.row(place) == rows[2]
+        assert file.row(2) == rows[0]
+        file.close()
+
+
+@settings(max_examples=30)
+@given(st.lists(st.tuples(st.text(max_size=3), st.integers(0, 3), st.integers(0, 9))))
+def test_an_index_is_a_dictionary_in_two_orders(added: list[tuple[str, int, int]]) -> None:
+    index, expected = RowIndex(), {}
+    for name, *place in added:
+        index.add([(name, RowPlace(*place))])
+        expected[name] = RowPlace(*place)
+    names = sorted(expected, key=lambda name: name.encode("utf-8", "surrogatepass"))
+    assert list(index) == [expected[name] for name in names]
+    assert list(index.as_they_stand()) == sorted(expected.values())
+    for name, place in expected.items():
+        assert index.find(name) == place
+        index.remove(name)
+        assert index.find(name) is None
+    assert list(index) == []
