@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import resource
+import shutil
 from typing import TYPE_CHECKING
 
 import pytest
 
-from depthcli.errors import OutputError
+from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage.atomic import append_whole, atomic_path
-from depthcli.io.storage.atomic_folder import folder_in_place, put_back
-from depthcli.io.storage.lock import open_locked
+from depthcli.io.storage.atomic_folder import folder_in_place, put_back, put_folder, workspace
+from depthcli.io.storage.lock import folder_lock, open_locked
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -104,3 +105,73 @@ def test_what_does_not_fit_at_the_end_of_a_file_leaves_no_part(tmp_path: Path) -
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert path.read_bytes() == b"one\ntwo\n"
+
+
+def test_a_workspace_is_empty_and_gone_afterwards(tmp_path: Path) -> None:
+    root = tmp_path / "a" / "b"
+    for _ in range(2):
+        with workspace(root) as work:
+            assert work.parent == root
+            assert list(work.iterdir()) == []
+            (work / "x").touch()
+            with pytest.raises(UsageError, match=f"another depthcli is changing {root}; wait"):
+                workspace(root).__enter__()
+        assert list(root.iterdir()) == []
+        (work / "of a killed process").mkdir(parents=True)
+    shutil.rmtree(work)
+    for error in (KeyError(), OSError(5, "broken")):
+        with pytest.raises((KeyError, OutputError)) as told, workspace(root):
+            raise error
+        assert list(root.iterdir()) == []
+    assert str(told.value) == f"cannot write {root}: broken"
+
+
+def test_a_folder_appears_whole_in_place_of_another(tmp_path: Path) -> None:
+    target = tmp_path / "new" / "rows"
+    for names in (["a", "b"], ["b"]):
+        with folder_in_place(target) as made:
+            assert list(made.iterdir()) == []
+            for name in names:
+                (made / name).touch()
+        assert sorted(path.name for path in target.iterdir()) == names
+        assert [path.name for path in target.parent.iterdir()] == ["rows"]
+        killed = target.with_name(".depthcli-new-rows")
+        killed.mkdir()
+        (killed / "left").touch()
+    with pytest.raises(OutputError, match=f"cannot write {target}: full"), folder_in_place(target):
+        raise OSError(28, "full")
+    assert [path.name for path in target.iterdir()] == ["b"]
+    assert [path.name for path in target.parent.iterdir()] == ["rows"]
+
+
+def test_a_folder_s_files_take_others_places_and_the_one_that_counts_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, target, moved = tmp_path / "made", tmp_path / "target", []
+    for folder, names in ((made, "abc"), (target, "bcd")):
+        folder.mkdir()
+        for name in names:
+            (folder / name).write_text(folder.name)
+    real = os.replace
+    monkeypatch.setattr(os, "replace", lambda a, b: (moved.append(a.name), real(a, b)))
+    put_folder(made, target, last="b")
+    assert sorted(moved) == ["a", "b", "c"]
+    assert moved[-1] == "b"
+    assert {path.name: path.read_text() for path in target.iterdir()} == dict.fromkeys(
+        "abc", "made"
+    )
+    assert {path.name: path.read_text() for path in made.iterdir()} == {"d": "target"}
+    put_folder(target, tmp_path / "other", last="b")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "other"]
+
+
+def test_a_folder_is_shared_or_had_alone(tmp_path: Path) -> None:
+    with folder_lock(tmp_path, shared=True) as first, folder_lock(tmp_path, shared=True) as second:
+        assert (first, second) == (True, True)
+        with folder_lock(tmp_path) as alone:
+            assert not alone
+    with folder_lock(tmp_path) as alone:
+        assert alone
+        for shared in (True, False):
+            with folder_lock(tmp_path, shared=shared) as other:
+                assert not other

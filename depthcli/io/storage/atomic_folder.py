@@ -29,12 +29,12 @@ def workspace(root: Path) -> Iterator[Path]:
         with folder_lock(root) as is_free:
             if not is_free:
                 raise UsageError(f"another depthcli is changing {root}; wait for it")
-            shutil.rmtree(work, ignore_errors=True)
+            _remove_folder(work)
             work.mkdir()
             try:
                 yield work
             finally:
-                shutil.rmtree(work, ignore_errors=True)
+                _remove_folder(work)
     except OSError as error:
         raise OutputError(f"cannot write {root}: {error.strerror or error}") from error
 
@@ -50,7 +50,7 @@ def folder_in_place(target: Path) -> Iterator[Path]:
     """
     temporary = target.with_name(f"{_NEW}{target.name}")
     try:
-        shutil.rmtree(temporary, ignore_errors=True)
+        _remove_folder(temporary)
         temporary.mkdir(parents=True)
         yield temporary
         if target.exists():
@@ -60,17 +60,20 @@ def folder_in_place(target: Path) -> Iterator[Path]:
         raise OutputError(f"cannot write {target}: {error.strerror or error}") from error
     finally:
         put_back(target)
-        shutil.rmtree(temporary, ignore_errors=True)
+        _remove_folder(temporary)
 
 
 def put_back(target: Path) -> None:
     """Put a folder back that was moved away for one that did not come, or remove it."""
-    old = _old(target)
-    if old.is_dir() and not target.exists():
-        with suppress(OSError):  # it stays for the next one to put back
-            old.rename(target)
-    elif old.is_dir():
-        shutil.rmtree(old, ignore_errors=True)
+    if target.exists():
+        _remove_folder(_old(target))
+        return
+    with suppress(OSError):  # there is none, or it stays for the next one to put back
+        _old(target).rename(target)
+
+
+def _remove_folder(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _old(target: Path) -> Path:
