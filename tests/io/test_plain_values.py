@@ -1,0 +1,382 @@
+"""Depth to steps, shares and light, as plain Python computes them one pixel at a time."""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+import struct
+import sys
+import threading
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+import OpenEXR
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
+from depthcli.errors import InputError
+from depthcli.io.depth import exr
+from depthcli.io.depth.exr import _has_all_rows, _silence, read_exr_channels, write_exr
+from depthcli.io.depth.facts import positive_number, stated_facts
+from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.steps import metres, quantized
+from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
+from depthcli.io.pictures.any import frame_of
+from depthcli.io.png.encode import encode_png
+from depthcli.io.writers.png16 import Png16Writer, stretched
+from depthcli.io.writers.preview import PreviewWriter, nearness, percentiles
+from depthcli.io.writers.sidecar import SidecarWriter
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+F32 = np.float32
+DEPTHS = st.one_of(
+    st.floats(-1, 100, width=32), st.sampled_from([0.0, -0.0, math.nan, math.inf, -math.inf])
+)
+MAPS = st.lists(DEPTHS, min_size=1, max_size=12).map(lambda row: np.array([row], F32))
+
+
+@settings(max_examples=40)
+@given(MAPS, st.sampled_from([1.0, 1000.0, 5000.0]))
+def test_steps(values: np.ndarray, scale: float) -> None:
+    steps, saturated = quantized(values, scale)
+    beyond = 0
+    for value, found in zip(values[0], steps[0], strict=True):
+        step = np.rint(value * F32(scale))
+        beyond += bool(step >= 65535)
+        assert found == (min(max(step, 1), 65535) if value > 0 else 0)
+    assert saturated == beyond
+    back = metres(steps, scale)
+    expected = [F32(s) / F32(scale) if s else math.nan for s in steps[0].tolist()]
+    np.testing.assert_array_equal(back[0], F32(expected))
+
+
+@settings(max_examples=40)
+@given(MAPS)
+def test_stretched(values: np.ndarray) -> None:
+    steps, low, high = stretched(values)
+    finite = [float(value) for value in values[0] if math.isfinite(value)]
+    ends = (min(finite), max(finite)) if finite else (0.0, 0.0)
+    assert (low, high) == ends
+    for value, found in zip(values[0].tolist(), steps[0].tolist(), strict=True):
+        share = (value - low) / (high - low or 1.0)
+        assert found == (np.rint(1 + share * 65534) if math.isfinite(value) else 0)
+
+
+def test_a_stretched_png_is_read_with_its_own_ends(tmp_path: Path) -> None:
+    values = F32([[-3, -1.25, 0.5, np.nan]])
+    path = tmp_path / "a.png"
+    warnings = Png16Writer().write(DepthMap(values, DepthKind.RELATIVE), path)
+    assert warnings == ("relative depth has no unit; png is normalized",)
+    found = read_depth(path)
+    assert found.kind is DepthKind.RELATIVE
+    np.testing.assert_allclose(found.values, values, atol=1e-4)
+    metric = DepthMap(F32([[1, 65.535, 66]]))
+    assert Png16Writer(png_normalize=True).write(metric, path) == ()
+    assert Png16Writer().write(metric, path) == ("2 pixels beyond 65.535 m were saturated",)
+    assert stated_facts(path)["unit"] == "mm"
+    Png16Writer(png_scale=256).write(metric, path)
+    assert (stated_facts(path)["unit"], stated_facts(path)["scale"]) == ("1/256 m", "256")
+
+
+@pytest.mark.parametrize("kind", DepthKind)
+@settings(max_examples=40)
+@given(MAPS, st.floats(0, 50, width=32), st.floats(0, 50, width=32))
+def test_shares_of_the_colormap(kind: DepthKind, values: np.ndarray, a: float, b: float) -> None:
+    depth = DepthMap(values, kind)
+    near, far = (max(a, b), min(a, b)) if kind is DepthKind.INVERSE else (min(a, b), max(a, b))
+    metric = kind is DepthKind.METRIC
+
+    def turned(value: float) -> float:
+        if metric and near > 0:
+            return float(F32(1) / max(F32(value), F32(1e-6)))
+        return value if kind is DepthKind.INVERSE else -value
+
+    top, bottom = turned(near), turned(far)
+    for value, found in zip(values[0].tolist(), nearness(depth, near, far)[0], strict=True):
+        if math.isnan(value) or (metric and value <= 0):
+            assert math.isnan(found)
+        elif F32(top) <= F32(bottom):
+            assert found == (math.copysign(1, turned(value) - bottom) + 1) / 2 or found == 0.5
+        else:
+            share = (turned(value) - bottom) / (top - bottom)
+            assert found == pytest.approx(min(max(share, 0), 1), abs=1e-3)
+
+
+def test_equal_ends_are_halfway() -> None:
+    shares = nearness(DepthMap(F32([[1, 2, 4, np.inf]])), 2, 2)
+    assert shares.tolist() == [[1, 0.5, 0, 0]]
+    shares = nearness(DepthMap(F32([[1e-7, 1e-5]])), 1e-6, 1)
+    assert shares[0, 0] == 1
+    assert shares[0, 1] == pytest.approx(0.1, rel=1e-3)
+
+
+@settings(max_examples=40)
+@given(st.lists(DEPTHS, min_size=1, max_size=80))
+def test_percentiles(row: list[float]) -> None:
+    found = percentiles(DepthMap(F32([row])))
+    ordered = sorted(value for value in row if 0 < value < math.inf)
+    if not ordered:
+        assert found == (1.0, 1.0)
+        return
+    low = round(0.02 * (len(ordered) - 1))
+    assert found == (F32(ordered[low]), F32(ordered[len(ordered) - 1 - low]))
+
+
+@pytest.mark.parametrize(
+    ("vmin", "vmax", "ends"),
+    [
+        *((None, None, (1, 5)), (2, 3, (2, 3)), (2, None, (2, 5)), (7, None, (7, 7))),
+        *((None, 4, (1, 4)), (None, 0.5, (0.5, 0.5))),
+    ],
+)
+@pytest.mark.parametrize("kind", DepthKind)
+def test_limits(
+    kind: DepthKind, vmin: float | None, vmax: float | None, ends: tuple[float, float]
+) -> None:
+    depth = DepthMap(F32([[1, 2, 3, 4, 5, np.nan]]), kind)
+    near, far = ends[::-1] if kind is DepthKind.INVERSE else ends
+    shares = nearness(depth, near, far)
+    expected = np.where(np.isnan(shares), 96, np.rint(255 * np.nan_to_num(shares)))
+    for spread in (None, (1.0, 5.0)):
+        image = PreviewWriter("gray", vmin=vmin, vmax=vmax).render(depth, spread=spread)
+        np.testing.assert_array_equal(image, np.repeat(expected[..., None], 3, 2))
+
+
+def test_light_is_shown_in_the_srgb_curve(tmp_path: Path) -> None:
+    light = [-1.0, 0.0, 0.002, 0.0031308, 0.0032, 0.2, 0.5, 1.0, 3.0, math.nan, math.inf, -math.inf]
+    expected = []
+    for value in light:
+        part = 0.0 if math.isnan(value) else min(max(value, 0.0), 1.0)
+        linear = part <= 0.0031308
+        expected.append(12.92 * part if linear else 1.055 * part ** (1 / 2.4) - 0.055)
+    path = tmp_path / "a.exr"
+    write_exr(path, {"Y": F32([light])}, {})
+    np.testing.assert_allclose(read_exr_picture(path)[0], expected, atol=1e-6)
+
+
+def test_colours_are_those_of_the_outermost_layer_that_has_them(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    one = np.ones((2, 3), F32)
+    long = {f"view.long.{c}": one * k for c, k in zip("RGB", (0, 0, 0), strict=True)}
+    short = {f"rgba.{c}": one * k for c, k in zip("RGB", (0, 0.0031, 1), strict=True)}
+    write_exr(path, long | short | {"R": one, "Y": one}, {})
+    picture = read_exr_picture(path)
+    np.testing.assert_allclose(picture[0, 0], [0, 0.0031 * 12.92, 1], atol=1e-6)
+    assert picture.shape == (2, 3, 3)
+    assert read_exr_picture(path, max_pixels=6).shape == (2, 3, 3)
+    with pytest.raises(InputError, match="3×2"):
+        read_exr_picture(path, max_pixels=5)
+    write_exr(path, {"R": one, "G": one}, {})
+    with pytest.raises(InputError, match="no channels R, G, B or Y; it has G, R"):
+        read_exr_picture(path)
+
+
+@pytest.mark.parametrize("rate", [Fraction(24000, 1001), Fraction(25), None])
+def test_rate_of_an_exr(rate: Fraction | None, tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.EXR", {"Y": np.ones((2, 2), F32)}, {}, rate)
+    assert read_exr_rate(tmp_path / "a.EXR") == rate
+    assert read_exr_rate(tmp_path / "none.png") is None
+
+
+def test_an_exr_is_whole_to_its_last_byte(tmp_path: Path) -> None:
+    path, height = tmp_path / "a.exr", 33  # one row in its third block
+    noise = np.random.default_rng(0).random((height, 5), F32)
+    write_exr(path, {"Y": noise, "Z": noise}, {"a": "b" * 300})
+    data = path.read_bytes()
+    assert _has_all_rows(path, height)
+    # Where the first of three blocks is, stands 24 bytes before it.
+    block = next(at for at in range(24, len(data)) if data[at - 24 :][:8] == struct.pack("<Q", at))
+    lost = data[: block - 16] + bytes(8) + data[block - 8 :]
+    cuts = [data[:end] for end in (*range(0, len(data), 37), len(data) - 1)]
+    for broken in (*cuts, data + b"\0", lost):
+        path.write_bytes(broken)
+        assert not _has_all_rows(path, height)
+
+
+@pytest.mark.parametrize("window", ["dataWindow", "displayWindow"])
+def test_an_exr_that_claims_too_much_is_not_decoded(
+    window: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, {"Y": np.ones((3, 4), F32)}, {})
+    monkeypatch.setattr(exr, "MAX_PIXELS", 12)
+    assert read_exr_channels(path)["Y"].shape == (3, 4)
+    data, value = path.read_bytes(), b"\0box2i\0\x10\0\0\0"
+    at = data.index(window.encode() + value) + len(window) + len(value)
+    claim = np.array([-1, -2, 3, 2], "<i4").tobytes()
+    path.write_bytes(data[:at] + claim + data[at + 16 :])
+    with pytest.raises(InputError, match="claims 5×5 pixels, more than 12"):
+        read_exr_channels(path)
+
+
+def test_names_of_channels_have_those_of_parts_only_where_there_are_several(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    one = {c: np.ones((2, 2), F32) for c in "RGB"}
+    parts = [OpenEXR.Part({**header, "name": name}, dict(one)) for name in ("a", "b")]
+    for count, names in ((1, ["B", "G", "R"]), (2, ["a.B", "a.G", "a.R", "b.B", "b.G", "b.R"])):
+        OpenEXR.File(parts[:count]).write(str(path))
+        assert sorted(read_exr_channels(path)) == names
+
+
+def test_silence_is_of_one_thread(capsys: pytest.CaptureFixture[str]) -> None:
+    with _silence():
+        sys.stdout.write("mine")
+        other = threading.Thread(target=sys.stdout.write, args=("another's",))
+        other.start()
+        other.join()
+    sys.stdout.write(" after")
+    assert capsys.readouterr().out == "another's after"
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        *(("1.1e-9", 1.1e-9), ("12.5", 12.5), ("9e11", 9e11)),
+        *((text, None) for text in ("1e-9", "1e12", "0", "-1", "nan", "inf", "", None, "a")),
+    ],
+)
+def test_numbers_that_may_divide_a_depth(text: str | None, number: float | None) -> None:
+    assert positive_number(text) == number
+
+
+def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
+    card = CameraSource.CARD
+    source = Provenance("m", "ab", (8, 6), focal_px=3.0, orientation=6, camera_source=card)
+    values = F32([[1, 2, 4, np.nan], [np.inf, 5, 9, 3]])
+    path = tmp_path / "a.json"
+    SidecarWriter().write(DepthMap(values, provenance=source), path)
+    text = path.read_text()
+    document = json.loads(text)
+    assert text == json.dumps(document, indent=2) + "\n"
+    finite = [1, 2, 4, 5, 9, 3]
+    hfov_deg = 2 * math.degrees(math.atan(4 / 2 / 3))
+    del document["software"]
+    assert document == {
+        "kind": "metric",
+        "unit": "m",
+        "png16_scale": 1000.0,
+        "width": 4,
+        "height": 2,
+        "orientation": 6,
+        "min": 1,
+        "median": statistics.median(finite),
+        "max": 9,
+        "network_size_px": [8, 6],
+        "model": "m",
+        "model_sha256": "ab",
+        "focal_px": 3.0,
+        "camera_source": "card",
+        "camera": f"hfov {hfov_deg:.1f}° (assumed, from the model's card)",
+    }
+    inverse = DepthMap(np.full((1, 2), np.nan, F32), DepthKind.INVERSE)
+    SidecarWriter().write(inverse, path, Frame(np.zeros((1, 2), np.uint8), orientation=3))
+    document = json.loads(path.read_text())
+    assert {name for name, value in document.items() if value is not None} == {
+        *("software", "kind", "width", "height", "orientation")
+    }
+    assert document["orientation"] == 3
+    SidecarWriter(png_normalize=True).write(DepthMap(values), path)
+    assert json.loads(path.read_text())["png16_scale"] is None
+
+
+OLD = {"software": "depthcli 0.1", "sha256": "ef"}
+SIDECAR = {"software": "depthcli 1", "model": "m", "model_sha256": "ab", "focal_px": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "beside", "own", "facts"),
+    [
+        ("a.json", SIDECAR, {}, SIDECAR),
+        ("a.json", SIDECAR, {"model": "n"}, SIDECAR | {"model": "n"}),
+        ("a.json", SIDECAR, {"model_sha256": "ab"}, SIDECAR),
+        ("a.json", SIDECAR, {"model_sha256": "cd"}, {"model_sha256": "cd"}),
+        ("a.json", SIDECAR | {"software": "another"}, {}, {}),
+        ("a.json", [], {}, {}),
+        ("a.json", SIDECAR | {"more": "x" * 2**20}, {}, {}),
+        ("a.json", SIDECAR | {"more": "x" * 900_000, "model": None}, {"model": "m"}, SIDECAR),
+        ("a.json", OLD, {}, {"software": "depthcli 0.1", "model_sha256": "ef"}),
+        ("b.json", SIDECAR, {}, {}),
+    ],
+)
+def test_facts_are_a_file_s_own_before_its_sidecar_s(
+    name: str, beside: object, own: dict[str, str], facts: dict[str, object], tmp_path: Path
+) -> None:
+    labels = {f"depthcli:{key}": text for key, text in own.items()} | {"model": "somebody's"}
+    data = encode_png(np.ones((1, 2), np.uint16), labels)
+    (tmp_path / name).write_text(json.dumps(beside))
+    expected = {key: str(value) for key, value in facts.items()}
+    frame = "a.000012.png"  # of a video, whose sidecar has its name
+    for picture in ("a.png", "a.PNG", frame):
+        (tmp_path / picture).write_bytes(data)
+        assert stated_facts(tmp_path / picture) == expected
+    (tmp_path / "a.000012.json").write_text(json.dumps({"software": "depthcli 2"}))
+    assert stated_facts(tmp_path / frame) == {
+        **({} if "model_sha256" in own else {"software": "depthcli 2"}),
+        **own,
+    }
+
+
+PIXELS = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
+
+
+@pytest.mark.parametrize(
+    ("picture", "expected"),
+    [
+        (PIXELS[..., 0], PIXELS[..., 0]),
+        (PIXELS[..., :1], PIXELS[..., 0]),
+        (PIXELS[..., :2], PIXELS[..., 0]),
+        (PIXELS[..., :3], PIXELS[..., :3]),
+        (PIXELS, PIXELS[..., :3]),
+        (PIXELS[..., 0].astype(">u2"), PIXELS[..., 0]),
+        (PIXELS[:, ::-1, :3], PIXELS[:, ::-1, :3]),
+        (PIXELS[..., 0].tolist, None),
+        (object(), None),
+        (np.uint8(3), None),
+        ([[1, 2], [3]], None),
+    ],
+)
+def test_arrays_as_pictures(picture: object, expected: np.ndarray | None) -> None:
+    if expected is None:
+        with pytest.raises(InputError, match=r"is no array|a picture is a path"):
+            frame_of(picture)
+        return
+    frame = frame_of(picture)
+    np.testing.assert_array_equal(frame.pixels, expected)
+    assert frame.pixels.dtype.isnative
+    assert not np.shares_memory(frame.pixels, PIXELS)
+    assert frame_of(frame) is frame
+
+
+@pytest.mark.parametrize("mode", ["1", "L", "LA", "P", "RGB", "RGBA", "CMYK", "I;16"])
+def test_pil_pictures(mode: str, tmp_path: Path) -> None:
+    gray = Image.fromarray(PIXELS[..., 0] * 9)
+    image = gray.convert("I").convert(mode) if mode == "I;16" else gray.convert(mode)
+    frame = frame_of(image)
+    colours = image if mode == "I;16" else image.convert("L" if mode in "1LA" else "RGB")
+    np.testing.assert_array_equal(frame.pixels, np.array(colours))
+    assert (frame.path, frame.orientation, frame.focal_35mm) == (None, 1, None)
+    if mode != "RGB":
+        return
+    facts = Image.Exif()
+    for orientation, focal, expected in ((6, 28, (6, 28.0)), (9, 0, (1, None)), (0, 1, (1, 1.0))):
+        facts[0x0112] = orientation
+        facts.get_ifd(0x8769)[0xA405] = focal
+        image.save(tmp_path / "a.png", exif=facts)
+        with Image.open(tmp_path / "a.png") as opened:
+            frame = frame_of(opened)
+            own = frame_of(opened.copy())
+        assert (frame.orientation, frame.focal_35mm) == expected
+        assert frame.path == tmp_path / "a.png"
+        upright = np.rot90(np.array(image), 3) if orientation == 6 else np.array(image)
+        np.testing.assert_array_equal(frame.pixels, upright)
+        np.testing.assert_array_equal(frame.pixels, frame_of(tmp_path / "a.png").pixels)
+        np.testing.assert_array_equal(own.pixels, np.array(image))
+        assert own.orientation == 1
