@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from depthcli.errors import OutputError, UsageError
 from depthcli.io.manifest.files import (
     JsonRows,
     is_journal,
@@ -18,6 +20,7 @@ from depthcli.io.manifest.files import (
     row_files,
 )
 from depthcli.io.manifest.index import RowIndex, RowPlace
+from depthcli.io.manifest.journal import remove_path
 from depthcli.io.manifest.row import ManifestFormat, Origin, Row
 from depthcli.io.manifest.shard import Shard
 
@@ -100,3 +103,38 @@ def test_an_index_is_a_dictionary_in_two_orders(added: list[tuple[str, int, int]
         index.remove(name)
         assert index.find(name) is None
     assert list(index) == []
+
+
+def test_an_index_without_room_is_one_clear_error() -> None:
+    index = RowIndex()
+    index._database.close()
+    with pytest.raises(OutputError, match="set SQLITE_TMPDIR to a folder with room"):
+        index.add([("a", RowPlace(0, 0))])
+
+
+def test_files_and_folders_of_rows_are_removed(tmp_path: Path) -> None:
+    (tmp_path / "folder" / "inner").mkdir(parents=True)
+    (tmp_path / "file").touch()
+    for name in ("folder", "file", "gone already"):
+        remove_path(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "word", ["0/4", "5/4", "x", "1", "1/0", "-1/4", "1/4/4", "1.5/4", " 1/4", "", "²/4"]
+)
+def test_words_that_name_no_shard(word: str) -> None:
+    with pytest.raises(UsageError, match="is not I/N with I from 1 to N"):
+        Shard.parse(word)
+
+
+def test_every_name_is_in_one_shard_for_ever() -> None:
+    names = [f"hall/{number}.jpg" for number in range(3000)] + ["caf\udce9.png"]
+    shards = [Shard.parse(f"{number}/4") for number in (1, 2, 3, 4)]
+    held = Counter(shard.number for name in names for shard in shards if shard.holds(name))
+    assert held.total() == len(names)
+    assert max(held.values()) < 1.1 * min(held.values())
+    # What is promised to those who divide lists themselves.
+    known = {"a.png": 1, "hall/b.png": 4, "a.jpg": 3}
+    for name, number in known.items():
+        assert [shard.number for shard in shards if shard.holds(name)] == [number]

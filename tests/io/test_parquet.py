@@ -53,6 +53,7 @@ def test_rows_of_any_number_are_found_in_any_order(count: int, tmp_path: Path) -
     assert list(table.column("s")) == [row["s"] for row in rows]
     assert list(table.column("none")) == []
     table.close()
+    assert all(file.closed for file in table._files)
     texts = [row["s"] for row in rows if row["s"]]
     assert list(column_texts(tmp_path, "s")) == texts
 
@@ -136,3 +137,11 @@ def test_a_folder_without_tables(tmp_path: Path) -> None:
         column_texts(tmp_path, None)
     with pytest.raises(FileNotFoundError):
         column_texts(tmp_path / "none.parquet", None)
+
+
+def test_an_error_of_the_disk_stays_one(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="broken"), parquet._reading(tmp_path):
+        raise OSError(5, "broken")
+    line = "is no whole Parquet file: of two lines; make it again"
+    with pytest.raises(UsageError, match=line), parquet._reading(tmp_path):
+        raise OSError("of two\n  lines")

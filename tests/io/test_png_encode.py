@@ -17,8 +17,10 @@ from strict_png import read_strictly
 
 from depthcli.errors import OutputError
 from depthcli.io.png import encode as png_encode
+from depthcli.io.png.chunks import read_chunks
 from depthcli.io.png.text import read_text
 
+SLOPE = np.add.outer(np.arange(60) ** 2, np.arange(80)).astype(np.uint16)
 TYPES = st.sampled_from([np.uint8, np.uint16])
 GRAY = array_shapes(min_dims=2, max_dims=2, max_side=12)
 SHAPES = st.one_of(GRAY, GRAY.map(lambda shape: (*shape, 3)))
@@ -106,3 +108,11 @@ def test_without_libdeflate_the_pixels_are_the_same(monkeypatch: pytest.MonkeyPa
     assert reload(png_encode).encode_png(pixels) == usual
     np.testing.assert_array_equal(decoded(png), pixels)
     np.testing.assert_array_equal(read_strictly(png).pixels, pixels)
+
+
+def test_the_quickest_level_compresses() -> None:
+    (packed,) = (bytes(b) for k, b, _ in read_chunks(png_encode.encode_png(SLOPE)) if k == b"IDAT")
+    for compress in (png_encode._compress, png_encode._compressor()):
+        assert bytes(compress(np.frombuffer(zlib.decompress(packed), np.uint8))) == packed
+    deflate = pytest.importorskip("deflate")
+    assert packed == bytes(deflate.zlib_compress(zlib.decompress(packed), 1))

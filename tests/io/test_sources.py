@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
-from depthcli.io.listing.folder import is_media, is_video, list_folder
+from depthcli.io.listing.folder import is_media, is_video, list_folder, why_skipped
 from depthcli.io.listing.path_list import listed_inputs, parse_list
+from depthcli.io.listing.skipped import Skipped, counted, to_convert
+from depthcli.io.png.encode import encode_png
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -90,3 +93,40 @@ def test_listed_paths_are_named_from_the_folder() -> None:
         "z.png": "/base/z.png",
     }
     assert [one.name for one in listed_inputs(["a.png", "./a.png"], "/base")] == ["a.png"] * 2
+
+
+def test_what_is_skipped_is_counted_by_its_reason() -> None:
+    reasons = {"hidden": 3, ".heic": 2, "excluded": 2, ".dng": 1, ".a": 1, ".b": 1}
+    skipped = [Skipped("x", reason) for reason, count in reasons.items() for _ in range(count)]
+    assert counted(skipped) == (
+        "10 files skipped (3 hidden, 2 .heic, 2 excluded, 1 .dng, 1 .a, 1 .b)"
+    )
+    more = [*skipped, Skipped("y", ".c"), Skipped("y", ".d")]
+    assert counted(more).endswith("1 .a, 1 .b, 2 others)")
+    assert counted(skipped[:1]) == "1 file skipped (1 hidden)"
+    assert to_convert(skipped) == (
+        "3 pictures of a format that is not read (.dng, .heic) skipped; "
+        "convert to JPEG, PNG or TIFF"
+    )
+    assert (to_convert(skipped[3:4]) or "").startswith("1 picture of a format")
+    assert to_convert(skipped[:3]) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        *((name, "written by depthcli") for name in ("a.depth.mkv", "a.preview.MP4")),
+        *((f"a{ending}", "written by depthcli") for ending in (".depth.png", ".depth.000001.png")),
+        *((name, None) for name in ("a.png", "a.mkv", "mine.depth.png", "a.depth.01.png")),
+        *((".a.png", "hidden"), ("a.txt", ".txt"), ("a", "without suffix"), (".b/a.JPEG", None)),
+    ],
+)
+def test_why_a_file_is_no_input(name: str, reason: str | None, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    texts = {} if name.startswith("mine") else {"depthcli:software": "depthcli 1"}
+    path.write_bytes(encode_png(np.zeros((1, 1), np.uint8), texts))
+    assert why_skipped(str(path)) == reason
+    if reason == "written by depthcli" and name.endswith("png"):
+        path.unlink()
+        assert why_skipped(str(path)) is None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -34,26 +33,6 @@ def shard_request(folder: Path, number: int, out: str = "out", count: int = COUN
 
 def files(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir() if path.is_file() and path.suffix == ".jsonl"}
-
-
-@pytest.mark.parametrize(
-    "word", ["0/4", "5/4", "x", "1", "1/0", "-1/4", "1/4/4", "1.5/4", " 1/4", "", "²/4"]
-)
-def test_words_that_name_no_shard(word: str) -> None:
-    with pytest.raises(UsageError, match="is not I/N with I from 1 to N"):
-        Shard.parse(word)
-
-
-def test_every_name_is_in_one_shard_for_ever() -> None:
-    names = [f"hall/{number}.jpg" for number in range(3000)] + ["caf\udce9.png"]
-    shards = [Shard.parse(f"{number}/4") for number in (1, 2, 3, 4)]
-    held = Counter(shard.number for name in names for shard in shards if shard.holds(name))
-    assert held.total() == len(names)
-    assert max(held.values()) < 1.1 * min(held.values())
-    # What is promised to those who divide lists themselves.
-    known = {"a.png": 1, "hall/b.png": 4, "a.jpg": 3}
-    for name, number in known.items():
-        assert [shard.number for shard in shards if shard.holds(name)] == [number]
 
 
 def test_shards_at_the_same_time_are_the_whole(tmp_path: Path) -> None:

@@ -33,7 +33,8 @@ def list_objects(
             above = name.rpartition("/")[0]
             if above != folder:  # names come folder by folder
                 folder, is_entered = above, not _is_skipped(above, skip)
-            if name.endswith("/") or not is_entered or (out and name.startswith(out)):
+            # Some tools make an object that stands for the folder itself.
+            if not name or not is_entered or (out and name.startswith(out)):
                 continue
             path = f"{start}/{name}"
             reason = why_skipped(path)

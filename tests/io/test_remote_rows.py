@@ -1,0 +1,186 @@
+"""Rows and pictures of a bucket: what is fetched, sent and removed there, and what is listed."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from depthcli.errors import OutputError, UsageError
+from depthcli.io.listing.folder import InputFile
+from depthcli.io.listing.skipped import Skipped
+from depthcli.io.listing.store import list_objects, walk_order
+from depthcli.io.manifest.rows_folder import RemoteRows, RowsFolder, rows_folder
+from depthcli.io.storage.remote import RemotePath, path_of
+
+if TYPE_CHECKING:
+    from stores import Bucket, Faults
+
+PART = r"out/\.depthcli-batch\.jsonl\.\d{20}-[0-9a-f]{8}"
+JOURNAL = ".depthcli-batch.jsonl"
+
+
+def remote(uri: str) -> RemotePath:
+    path = path_of(uri)
+    assert isinstance(path, RemotePath)
+    return path
+
+
+def _content(folder: Path) -> dict[str, bytes]:
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+@pytest.fixture
+def left(bucket: Bucket) -> dict[str, bytes]:
+    """What an earlier batch that was killed, and others, left in a folder."""
+    parts = [f"{JOURNAL}.{number:020}-0123abcd" for number in (7, 8, 10)]
+    found = {
+        "manifest.jsonl": b"whole\n",
+        "manifest.parquet/part-00000.parquet": b"PAR1",
+        **dict(zip(parts, (b"a\n", b"b\n", b"c\n"), strict=True)),
+        "manifest-1-of-2.jsonl": b"shard\n",
+    }
+    for name, data in found.items():
+        bucket.put(f"out/{name}", data)
+    for name in (
+        "out/a.png",
+        "out/.depthcli-aside",
+        "out/nearby",
+        "manifest.jsonl",
+        "out2/manifest",
+    ):
+        bucket.put(name, b"not a row")
+    return found
+
+
+@pytest.mark.usefixtures("left")
+def test_rows_are_fetched_and_parts_put_together(bucket: Bucket) -> None:
+    out = remote(bucket.uri("out"))
+    before = bucket.objects()
+    rows = rows_folder(out)
+    assert isinstance(rows, RemoteRows)
+    assert _content(rows.path) == {
+        "manifest.jsonl": b"whole\n",
+        "manifest-1-of-2.jsonl": b"shard\n",
+        "manifest.parquet/part-00000.parquet": b"PAR1",
+        JOURNAL: b"a\nb\nc\n",
+    }
+    for name in ("manifest.jsonl", "manifest-1-of-2.jsonl"):
+        assert (rows.path / name).stat().st_mtime == (out / name).stat().st_mtime
+    rows.keep()
+    rows.finish()
+    assert bucket.objects() == before
+    assert not rows.path.exists()
+    with pytest.raises(
+        OutputError, match=r"cannot use s3://no-such-bucket/out: there is no bucket"
+    ):
+        rows_folder(remote("s3://no-such-bucket/out"))
+    assert type(rows_folder(Path("here"))) is RowsFolder
+
+
+def test_new_rows_are_sent_now_and_then_as_parts(
+    bucket: Bucket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 1000.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    rows = RemoteRows(remote(bucket.uri("out")))
+    journal = rows.path / JOURNAL
+    sent: list[bytes] = []
+    for passed, data, expected in [
+        (4.9, b"a\n", []),
+        (0.1, b"b\n", [b"a\nb\n"]),
+        (4.9, b"c\n", [b"a\nb\n"]),
+        (0.1, b"", [b"a\nb\n", b"c\n"]),
+        (5.0, b"", [b"a\nb\n", b"c\n"]),
+        (5.0, b"d\n", [b"a\nb\n", b"c\n", b"d\n"]),
+    ]:
+        now += passed
+        with journal.open("ab") as file:
+            file.write(data)
+        rows.keep()
+        sent = list(bucket.objects().values())
+        assert sent == expected
+    assert all(re.fullmatch(PART, name) for name in bucket.names())
+    with journal.open("ab") as file:
+        file.write(b"e\n")
+    rows.finish()  # as of a batch that was stopped: its journal stays
+    again = RemoteRows(remote(bucket.uri("out")))
+    assert _content(again.path) == {JOURNAL: b"a\nb\nc\nd\ne\n"}
+    again.finish()
+
+
+@pytest.mark.usefixtures("left")
+def test_the_manifest_takes_the_place_of_parts(bucket: Bucket, faults: Faults) -> None:
+    out = remote(bucket.uri("out"))
+    rows = RemoteRows(out)
+    (rows.path / JOURNAL).unlink()
+    (rows.path / "manifest-1-of-2.jsonl").unlink()
+    (rows.path / "manifest.jsonl").write_bytes(b"all\n")
+    (rows.path / ".hidden").write_bytes(b"")
+    (rows.path / "manifest.parquet" / "part-00001.parquet").write_bytes(b"PAR2")
+    faults.passed.clear()
+    rows.finish()
+    put = sorted(place.partition("/out/")[2] for verb, place in faults.passed if verb == "PUT")
+    assert put == ["manifest.jsonl", "manifest.parquet/part-00001.parquet"]
+    found = {name: data for name, data in bucket.objects().items() if data != b"not a row"}
+    assert found == {
+        "out/manifest.jsonl": b"all\n",
+        "out/manifest.parquet/part-00000.parquet": b"PAR1",
+        "out/manifest.parquet/part-00001.parquet": b"PAR2",
+    }
+
+
+def test_pictures_of_a_bucket_and_what_is_none(bucket: Bucket) -> None:
+    names = [
+        *(
+            "a.jpg",
+            "in/",
+            "in/h/",
+            "in/.b.jpg",
+            "in/.c/d.jpg",
+            "in/e.txt",
+            "in/f.depth.mkv",
+            "in/g.JPG",
+        ),
+        *("in/h/i.mp4", "in/h/j/k.png", "in/l/m.jpg", "in/l/n/o.jpg", "in/p", "in/q.out/r.jpg"),
+        *("in/out/s.jpg", "in/out.jpg", "in/l.jpg"),
+    ]
+    for name in names:
+        bucket.put(name, b"")
+    aside: list[Skipped] = []
+    root = remote(bucket.uri("in"))
+    found = list(list_objects(root, root / "out", {"l", "h/j"}.__contains__, aside.append))
+    wanted = ["g.JPG", "h/i.mp4", "l.jpg", "out.jpg", "q.out/r.jpg"]
+    assert found == [InputFile(name, bucket.uri(f"in/{name}")) for name in wanted]
+    assert aside == [
+        Skipped(".b.jpg", "hidden"),
+        Skipped("e.txt", ".txt"),
+        Skipped("f.depth.mkv", "written by depthcli"),
+        Skipped("p", "without suffix"),
+    ]
+    whole = remote(bucket.uri())
+    every = list(list_objects(whole, Path("elsewhere"), lambda _: False, aside.append))
+    assert [one.name for one in every if "out/" in one.name] == ["in/out/s.jpg", "in/q.out/r.jpg"]
+    assert every[0] == InputFile("a.jpg", bucket.uri("a.jpg"))
+
+
+def test_what_cannot_be_listed(bucket: Bucket, faults: Faults) -> None:
+    def listed(root: RemotePath) -> list[InputFile]:
+        return list(list_objects(root, Path("out"), lambda _: False, lambda _: None))
+
+    with pytest.raises(UsageError, match=r"in is not a folder; name one, or give --files"):
+        listed(remote(bucket.uri("in")))
+    faults.fault = lambda *_: "403"
+    with pytest.raises(UsageError, match=r"in cannot be listed: access denied; check the cred"):
+        listed(remote(bucket.uri("in")))
+
+
+def test_the_order_of_a_store_is_that_of_a_walk_of_folders() -> None:
+    names = ["a.b", "a/b", "a/b/c", "a/é", "a-b", "a/\udcff", "b", "Z"]
+    assert sorted(names, key=walk_order) == [
+        *("Z", "a-b", "a.b", "b", "a/b", "a/é", "a/\udcff", "a/b/c"),
+    ]
