@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -50,16 +51,16 @@ def read_exr_rate(path: Path) -> Fraction | None:
         return None
     from depthcli.io.depth.exr import read_exr_header  # noqa: PLC0415 - OpenEXR is slow to load
 
-    stated = read_exr_header(path).get("framesPerSecond")
+    stated: Any = read_exr_header(path).get("framesPerSecond")
     if not isinstance(stated, Fraction):  # releases of OpenEXR differ
-        n, d = getattr(stated, "n", 0), getattr(stated, "d", 0)
-        stated = Fraction(n, d) if d else Fraction(0)
-    return stated if stated > 0 else None
+        d = getattr(stated, "d", None)
+        stated = Fraction(stated.n, d) if d else None
+    return stated if stated and stated > 0 else None
 
 
 def _displayed(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """The sRGB curve (IEC 61966-2-1)."""
-    light = np.clip(np.nan_to_num(linear, nan=0.0, posinf=1.0, neginf=0.0), 0, 1)
+    light = np.clip(np.nan_to_num(linear), 0, 1)
     curve = np.float32(1.055) * light ** np.float32(1 / 2.4) - np.float32(0.055)
     shown: npt.NDArray[np.float32] = np.where(
         light <= _LINEAR_UP_TO, light * np.float32(12.92), curve

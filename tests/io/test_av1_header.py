@@ -39,7 +39,7 @@ class Bits:
         displayed = self.put(1)  # initial_display_delay_present_flag
         for _ in range(self.put(5, self._draw(st.integers(0, 3))) + 1):
             self.put(12)  # operating_point_idc
-            if self.put(5) > 7:  # seq_level_idx
+            if self.put(5, self._draw(st.sampled_from([0, 7, 8, 31]))) > 7:  # seq_level_idx
                 self.put(1)
             if delay_bits and self.put(1):
                 self.put(2 * delay_bits + 1)

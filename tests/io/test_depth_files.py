@@ -207,6 +207,9 @@ def test_what_is_no_depth_file(name: str, content: bytes | None, tmp_path: Path)
     with pytest.raises(InputError, match=name) as caught:
         read_depth(tmp_path / name)
     assert "\n" not in str(caught.value)
+    if name == "a.exr":
+        with pytest.raises(InputError, match=name):
+            stated_facts(tmp_path / name)
 
 
 def test_pictures_and_other_suffixes_are_no_depth(tmp_path: Path) -> None:

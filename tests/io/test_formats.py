@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
 import pytest
 
+from depthcli.core.types import DepthMap, Frame
+from depthcli.errors import OutputError, UsageError
+from depthcli.io.writers.by_suffix import write_depth
 from depthcli.io.writers.formats import Format, format_of, stem_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @pytest.mark.parametrize(
@@ -42,3 +52,19 @@ def test_a_name_says_its_format(name: str, wanted: Format | None) -> None:
 )
 def test_the_rest_is_the_stem(name: str, stem: str) -> None:
     assert stem_of(name) == stem
+
+
+def test_options_are_those_of_the_format_that_the_name_says(tmp_path: Path) -> None:
+    depth = DepthMap(np.full((2, 3), 1.5, np.float32))
+    write_depth(depth, tmp_path / "a.png", None, {"png_scale": 5000, "half": None})
+    assert cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED).max() == 7500
+    for name, problem in [
+        ("b.png", "half is for .depth.exr, not for .depth.png"),
+        ("b.gif", "has no suffix that selects a format; use .png, .exr, .npy, .ply, .json"),
+    ]:
+        with pytest.raises(UsageError, match=problem):
+            write_depth(depth, tmp_path / name, None, {"half": True})
+    frame = Frame(np.zeros((2, 3, 3), np.uint8), tmp_path / "a.png")
+    with pytest.raises(OutputError, match="is an input"):
+        write_depth(depth, tmp_path / "a.png", frame, {})
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]

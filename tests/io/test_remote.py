@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
 import threading
@@ -69,9 +70,18 @@ def test_plain_paths_and_file_uris_are_this_machines() -> None:
     assert join("here", "a.jpg") == os.path.join("here", "a.jpg")  # noqa: PTH118
 
 
-@pytest.mark.parametrize("uri", ["hdfs://a/b", "s3://", "s3:///k", "http://?x", "file://h/a"])
-def test_other_addresses_are_refused(uri: str) -> None:
-    with pytest.raises(UsageError, match=r"unknown scheme|has no|names a host"):
+@pytest.mark.parametrize(
+    ("uri", "problem"),
+    [
+        ("hdfs://a/b", "hdfs://a/b: unknown scheme hdfs://; use s3://, "),
+        ("s3://", "s3:// has no bucket; write s3://bucket/name"),
+        ("s3:///k", "s3:///k has no bucket; write s3://bucket/name"),
+        ("http://?x", "has no host; write http://host/name"),
+        ("file://h/a", "file://h/a names a host; write file:///folder/name"),
+    ],
+)
+def test_other_addresses_are_refused(uri: str, problem: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(problem)):
         path_of(uri)
 
 
@@ -85,7 +95,7 @@ def test_passwords_and_signatures_are_not_shown() -> None:
     assert safe_name("what?.jpg") == "what?.jpg"
 
 
-def test_objects_are_read_and_described(bucket: Bucket) -> None:
+def test_objects_are_read_and_described(bucket: Bucket, faults: Faults) -> None:
     names = ["a b/ü#?.jpg", "100%.jpg", "%20.jpg", "p+q&=.jpg", "empty.jpg"]
     for name in names:
         data = b"" if name == "empty.jpg" else name.encode()
@@ -95,6 +105,9 @@ def test_objects_are_read_and_described(bucket: Bucket) -> None:
         assert path.stat().st_size == len(data)
         assert path.is_file()
         assert not path.is_dir()
+    faults.seen.clear()
+    assert remote(bucket.uri("100%.jpg")).stat().st_size == len("100%.jpg")
+    assert [method for method, _ in faults.seen] == ["HEAD"]  # not its content
     folder = remote(bucket.uri("a b"))
     assert folder.is_dir()
     assert folder.exists()

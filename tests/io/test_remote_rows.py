@@ -139,7 +139,6 @@ def test_pictures_of_a_bucket_and_what_is_none(bucket: Bucket) -> None:
         *(
             "a.jpg",
             "in/",
-            "in/h/",
             "in/.b.jpg",
             "in/.c/d.jpg",
             "in/e.txt",

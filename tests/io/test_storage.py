@@ -175,3 +175,14 @@ def test_a_folder_is_shared_or_had_alone(tmp_path: Path) -> None:
         for shared in (True, False):
             with folder_lock(tmp_path, shared=shared) as other:
                 assert not other
+
+
+def test_a_new_locked_file_has_the_rights_of_any_other(tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        handle = open_locked(tmp_path / "rows")
+    finally:
+        os.umask(before)
+    assert handle is not None
+    os.close(handle)
+    assert (tmp_path / "rows").stat().st_mode & 0o777 == 0o666

@@ -94,7 +94,7 @@ def _of_pil(image: Any) -> Frame:  # noqa: ANN401 - PIL need not be installed
         return Frame(pixels)
     exif = image.getexif()
     orientation, focal_35mm = exif.get(_ORIENTATION), exif.get_ifd(_EXIF_IFD).get(_FOCAL_35MM)
-    orientation = orientation if orientation in range(1, 9) else 1
+    orientation = orientation if orientation in range(2, 9) else 1
     return Frame(
         np.ascontiguousarray(upright(pixels, orientation)),
         Path(image.filename) if getattr(image, "filename", "") else None,

@@ -153,9 +153,9 @@ class RemotePath(Path, PurePosixPath):
         except FileNotFoundError:
             if not self.is_dir():
                 raise
-            return os.stat_result((stat.S_IFDIR, 0, 0, 1, 0, 0, 0, 0, 0, 0))
+            return os.stat_result((stat.S_IFDIR, *bytes(9)))
         times_s = (known.time_s,) * 3
-        return os.stat_result((stat.S_IFREG, 0, 0, 1, 0, 0, known.size, *times_s))
+        return os.stat_result((stat.S_IFREG, *bytes(5), known.size, *times_s))
 
     def exists(self, **_: Any) -> bool:  # noqa: ANN401 - as a path has it
         """Whether there is such an object or folder."""
