@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -140,3 +141,9 @@ def test_a_file_uri_is_the_path_that_it_names(tmp_path: Path) -> None:
     as_uri, as_path = (next(iter(listed_inputs([w], str(tmp_path)))) for w in (uri, str(plain)))
     assert as_uri == as_path
     assert as_uri.name == "in/a b.png"
+
+
+def test_a_table_keeps_every_byte_of_a_name(tmp_path: Path) -> None:
+    path = tmp_path / "l.csv"
+    path.write_bytes(b'n,path\n1,"a\r\nb\rc.png"\n2\n3,\n\n4,caf\xe9.png,more\n')
+    assert list(read_list(str(path))) == ["a\r\nb\rc.png", os.fsdecode(b"caf\xe9.png")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import pickle
@@ -352,3 +353,53 @@ def test_credentials_are_those_of_the_usual_chain(
     file.write_text(f"[mine]\n{keys}")
     monkeypatch.setenv("AWS_PROFILE", "mine")
     assert path.read_bytes() == b"data"
+
+
+def test_a_copy_is_of_a_size_and_is_told_of(bucket: Bucket) -> None:
+    path, told = remote(bucket.put("a.bin", b"12345")), []
+
+    class Watched:
+        def begin(self, *what: object) -> Callable[[int], None]:
+            told.append(what)
+            return told.append
+
+    with local_copy(path, Watched(), max_bytes=5) as copy:
+        assert copy.read_bytes() == b"12345"
+    assert told == [("a.bin", 5, "bytes"), 5]
+    with pytest.raises(InputError, match="more than 4 bytes"), local_copy(path, max_bytes=4):
+        pass
+
+
+def test_what_is_not_there(bucket: Bucket) -> None:
+    none = remote(bucket.uri("none"))
+    with pytest.raises(FileNotFoundError):
+        none.read_some(first=3)
+    with pytest.raises(FileNotFoundError):
+        none.stat()
+    for path in (none, remote("s3://no-such-bucket/x")):
+        assert (path.exists(), path.is_file(), path.is_dir()) == (False, False, False)
+    path = remote(bucket.put("a", b"data"))
+    with path.open("rb") as file:
+        assert file.read() == b"data"
+    with pytest.raises(io.UnsupportedOperation, match="is written as a whole, not opened as 'wb'"):
+        path.open("wb")
+    path.unlink()
+    path.unlink()
+    assert bucket.names() == []
+    assert path.samefile(bucket.uri("a"))
+    assert not path.samefile(bucket.uri("b"))
+    assert not path.is_symlink()
+
+
+@pytest.mark.parametrize(("word", "count"), [(None, 10), ("0", 0), ("7", 7), ("x", None)])
+def test_how_often_a_request_is_made_again(
+    word: str | None, count: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DEPTHCLI_RETRIES", raising=False)
+    if word is not None:
+        monkeypatch.setenv("DEPTHCLI_RETRIES", word)
+    if count is None:
+        with pytest.raises(UsageError, match="DEPTHCLI_RETRIES is 'x'; set it to a number"):
+            objects._retries()
+    else:
+        assert objects._retries() == count

@@ -37,8 +37,11 @@ def test_links_are_followed_but_not_round_in_circles(tmp_path: Path) -> None:
     (tmp_path / "in" / "hall" / "up").symlink_to("..")
     (tmp_path / "in" / "far").symlink_to("../far")
     (tmp_path / "in" / "broken.png").symlink_to("nowhere")
+    (tmp_path / "in" / "itself.png").symlink_to("itself.png")
     listing = list_folder(str(tmp_path / "in"))
-    assert [found.name for found in listing.media] == ["broken.png", "far/b.png", "hall/a.png"]
+    assert [found.name for found in listing.media] == [
+        *("broken.png", "itself.png", "far/b.png", "hall/a.png"),
+    ]
     assert listing.loops == ("hall/up",)
 
 
@@ -55,6 +58,7 @@ def test_a_folder_that_cannot_be_listed_is_named(tmp_path: Path) -> None:
     (found,) = list_folder(str(tmp_path / "missing")).media
     assert found.problem is not None
     assert "cannot be listed" in found.problem
+    assert found.name == "."
 
 
 @pytest.mark.parametrize(
@@ -130,3 +134,29 @@ def test_why_a_file_is_no_input(name: str, reason: str | None, tmp_path: Path) -
     if reason == "written by depthcli" and name.endswith("png"):
         path.unlink()
         assert why_skipped(str(path)) is None
+
+
+def test_listed_paths_may_be_of_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    touch(tmp_path, "in/a.png", "in/b.png", "in/in/b.png")
+    monkeypatch.chdir(tmp_path)
+    found = {f.name: f.path for f in listed_inputs(["in/a.png", "in/b.png"], "in")}
+    assert found == {"a.png": "in/a.png", "b.png": "in/b.png"}
+    found = {f.name: f.path for f in listed_inputs(["a.png", "in/b.png"], "in")}
+    assert found == {"a.png": "in/a.png", "in/b.png": "in/in/b.png"}
+
+
+def test_listed_uris_are_named_from_the_folder() -> None:
+    words = ["s3://b/k/x/a.png", "s3://b/c.png", "gs://b/k/d.png", "ftp://h/e.png", "s3:///f.png"]
+    found = list(listed_inputs(words, "s3://b/k"))
+    assert [one.name for one in found] == [
+        *("x/a.png", "b/c.png", "b/k/d.png", "ftp/h/e.png", "s3//f.png"),
+    ]
+    assert [one.path for one in found] == words
+    problems = [one.problem or "" for one in found]
+    assert problems[:3] == [""] * 3
+    assert "unknown scheme ftp://" in problems[3]
+    assert "has no bucket" in problems[4]
+    (local,) = listed_inputs(["s3://b/k/a.png"], "/here")
+    assert local.name == "b/k/a.png"

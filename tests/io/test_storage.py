@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
+import re
 import resource
 import shutil
+import tempfile
 from typing import TYPE_CHECKING
 
 import pytest
 
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.storage import regular, temporaries
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.atomic_folder import folder_in_place, put_back, put_folder, workspace
 from depthcli.io.storage.lock import folder_lock, open_locked
+from depthcli.io.storage.regular import read_regular
+from depthcli.io.storage.temporary_folder import temporary_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,9 +44,16 @@ def test_two_at_one_output_do_not_meet(tmp_path: Path) -> None:
         one.write_bytes(b"one")
         with atomic_path(path) as other:
             other.write_bytes(b"other")
+            for name in (one.name, other.name):  # which the next run knows to be temporary
+                assert re.fullmatch(r"\.depthcli-[0-9a-f]{16}\.png", name)
+                assert tmp_path / name in temporaries._own
         assert path.read_bytes() == b"other"
         assert one.read_bytes() == b"one"
     assert path.read_bytes() == b"one"
+    assert not {one, other} & temporaries._own
+    handle = open_locked(path)
+    assert handle is not None  # nobody has it any more
+    os.close(handle)
     assert [found.name for found in tmp_path.iterdir()] == ["a.png"]
 
 
@@ -186,3 +200,46 @@ def test_a_new_locked_file_has_the_rights_of_any_other(tmp_path: Path) -> None:
     assert handle is not None
     os.close(handle)
     assert (tmp_path / "rows").stat().st_mode & 0o777 == 0o666
+
+
+def test_where_there_are_no_locks_all_is_free(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(_handle: int, _how: int) -> None:
+        raise OSError(errno.ENOTSUP, "no locks")
+
+    monkeypatch.setattr(fcntl, "flock", refused)
+    with folder_lock(tmp_path) as one, folder_lock(tmp_path) as other:
+        assert (one, other) == (True, True)
+
+    def closed(_path: Path, _flags: int) -> int:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "open", closed)  # as Windows has it for folders
+    with folder_lock(tmp_path) as free:
+        assert free
+
+
+def test_a_file_in_no_folder_is_not_locked(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        open_locked(tmp_path / "none" / "rows")
+
+
+def test_files_are_read_up_to_a_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"12345")
+    assert read_regular(path, 5) == b"12345"
+    assert [read_regular(path, 5, first=n) for n in (0, 2, 9)] == [b"", b"12", b"12345"]
+    with pytest.raises(OSError, match="it has more than 4 bytes"):
+        read_regular(path, 4)
+    monkeypatch.setattr(regular, "regular_size", lambda _path: 4)
+    with pytest.raises(OSError, match="it grew while it was read; try again"):
+        read_regular(path, 5)
+    assert read_regular(path, 5, first=2) == b"12"
+
+
+def test_without_a_place_for_temporary_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", "/nowhere")
+    line = "cannot write a temporary file: No such file or directory; set TMPDIR"
+    with pytest.raises(OutputError, match=line), temporary_folder():
+        pass

@@ -87,10 +87,13 @@ def test_what_killed_runs_left_goes_with_the_next_output_and_nothing_else(tmp_pa
 
 def test_links_and_folders_are_nobody_s_temporary_files(tmp_path: Path) -> None:
     (tmp_path / "precious").write_bytes(b"x")
-    (tmp_path / f".depthcli-{'a' * 16}").symlink_to("precious")
-    (tmp_path / f".depthcli-{'b' * 16}").mkdir()
+    for letter in "abcd":
+        (tmp_path / f".depthcli-{letter * 16}").symlink_to("precious")
+        (tmp_path / f".depthcli-{letter * 16}.d").mkdir()
+        (tmp_path / f".depthcli-{letter * 16}.png").touch()  # which goes all the same
     remove_stale(tmp_path)
-    assert len(names(tmp_path)) == 3
+    assert len(names(tmp_path)) == 1 + 2 * 4
+    assert not list(tmp_path.glob(".depthcli-*.png"))
     remove_stale(tmp_path / "missing")
 
 
@@ -101,7 +104,7 @@ def test_without_locks_what_was_written_to_today_stays(
     old, new = (tmp_path / f".depthcli-{letter * 16}.png" for letter in "ab")
     for path in (old, new):
         path.touch()
-    yesterday_s = time.time() - 2 * 86_400
-    os.utime(old, (yesterday_s, yesterday_s))
+    for path, hours in ((old, 25), (new, 23)):
+        os.utime(path, (time.time() - 3600 * hours,) * 2)
     remove_stale(tmp_path)
     assert names(tmp_path) == [new.name]

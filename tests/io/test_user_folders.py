@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -39,3 +40,31 @@ def test_a_home_that_is_there_is_used(monkeypatch: pytest.MonkeyPatch, tmp_path:
     monkeypatch.setenv("HOME", str(tmp_path))
     assert config_folder().is_relative_to(tmp_path)
     check_home(config_folder())
+
+
+@pytest.mark.parametrize(
+    ("platform", "variables", "data", "config"),
+    [
+        ("linux", {}, "~/.local/share/depthcli", "~/.config/depthcli"),
+        ("linux", {"XDG_DATA_HOME": "/d"}, "/d/depthcli", "~/.config/depthcli"),
+        ("linux", {"XDG_CONFIG_HOME": "c"}, "~/.local/share/depthcli", "~/.config/depthcli"),
+        ("darwin", {}, *["~/Library/Application Support/depthcli"] * 2),
+        ("win32", {"LOCALAPPDATA": "/l", "APPDATA": "/a"}, "/l/depthcli", "/a/depthcli"),
+        ("win32", {}, "~/depthcli", "~/depthcli"),
+    ],
+)
+def test_each_platform_has_its_folders(
+    platform: str,
+    variables: dict[str, str],
+    data: str,
+    config: str,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    for name in ("LOCALAPPDATA", "APPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in {"HOME": str(tmp_path), **variables}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(sys, "platform", platform)
+    found = [str(folder()).replace(str(tmp_path), "~") for folder in (data_folder, config_folder)]
+    assert found == [data, config]

@@ -141,13 +141,12 @@ class RemotePath(Path, PurePosixPath):
         query = f"?{self.query}" if self.query else ""
         return path_of, (f"{self.base}/{self.key}{query}",)
 
-    def stat(self, *, follow_symlinks: bool = True) -> os.stat_result:
+    def stat(self, **_: Any) -> os.stat_result:  # noqa: ANN401
         """Size and time of the object; a prefix with objects below it is a folder.
 
         Raises:
             OSError: there is neither, or the store cannot be asked.
         """
-        del follow_symlinks
         try:
             known = objects.object_info(self.address)
         except FileNotFoundError:
@@ -193,17 +192,15 @@ class RemotePath(Path, PurePosixPath):
         """The same."""
         return self
 
-    def resolve(self, strict: bool = False) -> RemotePath:
+    def resolve(self, *_: Any, **__: Any) -> RemotePath:  # noqa: ANN401
         """The same."""
-        del strict
         return self
 
-    def mkdir(self, mode: int = 0o777, parents: bool = False, exist_ok: bool = False) -> None:
+    def mkdir(self, *_: Any, **__: Any) -> None:  # noqa: ANN401
         """Do nothing: stores have no folders to make."""
 
-    def unlink(self, missing_ok: bool = False) -> None:
+    def unlink(self, *_: Any, **__: Any) -> None:  # noqa: ANN401
         """Delete the object."""
-        del missing_ok
         objects.delete(self.address)
 
     def read_bytes(self) -> bytes:

@@ -69,11 +69,15 @@ def _claimed(temporary: Path) -> int | None:
         return None
     handle = None
     with _lock:
-        if not os.path.lexists(temporary):
+        is_new = not os.path.lexists(temporary)
+        if is_new:
             _own.add(temporary)  # a signal may come as soon as it is there, and in this thread
         with suppress(OSError):  # another user's, or the folder cannot be written to
             handle = open_locked(temporary)
-        (_own.discard if handle is None else _own.add)(temporary)
+        if handle is not None:
+            _own.add(temporary)
+        elif is_new:
+            _own.discard(temporary)
     return handle
 
 
@@ -99,8 +103,9 @@ def remove_stale(folder: Path, most: int | None = None) -> None:
     """
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in islice(entries, most):
-            if re.fullmatch(_NAME, entry.name) and entry.is_file(follow_symlinks=False):
-                _remove_stale(Path(entry.path))
+            if re.fullmatch(_NAME, entry.name):
+                with suppress(OSError):  # a link, a folder, or another user's
+                    _remove_stale(Path(entry.path))
 
 
 def _remove_stale(path: Path) -> None:
