@@ -178,6 +178,32 @@ def test_light_changes_the_picture_and_never_the_depth(strengths: dict[str, floa
     assert float(relit.max()) <= 1
 
 
+def _lit(level: float, **strengths: float) -> Tensor:
+    """V of 1,000 views of a red picture, (1000, 24, 32)."""
+    rgb = torch.zeros(1000, 3, 24, 32)
+    rgb[:, 0] = level
+    data = replace(PLAIN, **strengths)
+    return (augment(rgb, torch.ones(1000, 1, 24, 32), data, _random(7)).gray[:, 0] + 1) / 2
+
+
+def test_strengths_are_standard_deviations() -> None:
+    gain = _lit(0.5, colour_jitter=0.05)[:, 0, 0] / 0.5
+    exponent = _lit(0.5, gamma=0.2)[:, 0, 0].log() / math.log(0.5)
+    for drawn, wanted in ((gain.log(), 0.05), (exponent.log(), 0.2)):
+        assert float(drawn.std()) == pytest.approx(wanted, rel=0.1)
+        assert abs(float(drawn.mean())) < 0.1 * wanted
+    for level in (0.25, 0.5):  # a gain, and a quarter of it as an offset
+        bright = _lit(level, brightness=0.1)[:, 0, 0]
+        assert float(bright.std()) == pytest.approx(math.hypot(0.1 * level, 0.025), rel=0.1)
+        assert float(bright.mean()) == pytest.approx(level, abs=0.01)
+    noise = _lit(0.5, noise=0.1)
+    deviations = noise.std((1, 2))
+    assert float(deviations.mean()) == pytest.approx(0.05, rel=0.1)
+    assert float(deviations.max()) == pytest.approx(0.1, rel=0.1)
+    assert float(noise.mean()) == pytest.approx(0.5, abs=1e-3)
+    assert float(_lit(1e-6, gamma=0.2).log().mean()) == pytest.approx(math.log(1e-4), rel=0.05)
+
+
 def test_gray_is_value_or_luma() -> None:
     rgb = torch.tensor([0.2, 0.6, 0.1]).view(1, 3, 1, 1)
     assert float(network_input(rgb, PLAIN)) == pytest.approx(2 * 0.6 - 1)
