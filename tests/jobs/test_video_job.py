@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import json
+import math
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +15,8 @@ import pytest
 from tiny import write_model
 from videos import NTSC, encode, flat_frames, with_sound, write_mp4, write_video
 
+from depthcli._version import __version__
+from depthcli.core.camera import Camera
 from depthcli.core.choices import Detail
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
@@ -99,6 +103,50 @@ def test_a_video_has_one_result_and_its_frames_are_told(
     assert (done.provider, done.problem, done.is_regular) == ("cpu", None, True)
     assert done.seconds > 0
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("smooth_s", [0.0, 0.2])
+def test_the_sidecar_says_what_the_outputs_mean(
+    clip: Path, tmp_path: Path, loader: SessionLoader, smooth_s: float
+) -> None:
+    span = Span(frame_number(4), every=frame_number(2))
+    settings = VideoSettings(span=span, smooth_s=smooth_s, camera=Camera(hfov_deg=60))
+    write_model(tmp_path / "model", camera={"hfov_deg": 60.0})
+    request = VideoRequest(
+        str(clip), f"{tmp_path}/out/", sidecar=True, model=loader, settings=settings
+    )
+    done = video(request)
+    assert done.outputs == tuple(
+        f"{tmp_path}/out/clip.{name}" for name in ("depth.mkv", "preview.mp4", "depth.json")
+    )
+    assert done.flicker is not None
+    if smooth_s:
+        assert 0 < done.flicker < (done.flicker_unsmoothed or 0)
+    assert json.loads((tmp_path / "out" / "clip.depth.json").read_text()) == {
+        "software": f"depthcli {__version__}",
+        "frames": 10,
+        "fps": "15000/1001",
+        "source_fps": "30000/1001",
+        "constant_rate": True,
+        "first_frame": 4,
+        "start_s": pytest.approx(4 * 1001 / 30000),
+        "width": 64,
+        "height": 48,
+        "orientation": 1,
+        "kind": "metric",
+        "unit": "m",
+        "scale": 1000.0,
+        "scenes": 1,
+        "flicker": done.flicker,
+        "flicker_unsmoothed": done.flicker_unsmoothed if smooth_s else None,
+        "smooth_s": smooth_s,
+        "lock_s": 1.0,
+        "model": "tiny",
+        "model_sha256": loader.load().model.sha256,
+        "focal_px": pytest.approx(32 / math.tan(math.radians(30))),
+        "camera_source": "option",
+        "camera": "hfov 60.0° (given)",
+    }
 
 
 @pytest.mark.parametrize(
