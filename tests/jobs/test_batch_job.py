@@ -221,6 +221,16 @@ def test_patterns(
     assert {file.name for file in plan.inputs} == taken
 
 
+def test_what_is_excluded_is_not_looked_through(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    for name in ("notes.txt", "hall/notes.txt", "thumbs/notes.txt"):
+        (tmp_path / "in" / name).parent.mkdir(exist_ok=True)
+        (tmp_path / "in" / name).touch()
+    wanted = NameFilter.of((), ("thumbs",))
+    plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), wanted)
+    assert {file.name for file in plan.skipped} == {"notes.txt", "hall/notes.txt"}
+
+
 def test_a_list_is_given_as_words(tmp_path: Path) -> None:
     pictures(tmp_path)
     plan = plan_files(["z.png", "a.png"], "mine", str(tmp_path / "in"), str(tmp_path / "out"))

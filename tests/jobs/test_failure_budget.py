@@ -73,6 +73,14 @@ def test_what_is_within_the_budget_goes_on(tmp_path: Path, budget: str | None) -
     assert (batch.tally.passed, len(batch.tally.failures)) == (batch.tally.total, BAD)
 
 
+def test_nothing_is_stopped_by_the_last_input(tmp_path: Path) -> None:
+    for name in GOOD:
+        write_picture(tmp_path / "in" / f"{name}.png")
+    (tmp_path / "in" / "c.png").touch()
+    batch = ended(tmp_path, "0")
+    assert (batch.stopped, batch.tally.passed, len(batch.tally.failures)) == (None, 3, 1)
+
+
 def test_a_share_is_one_of_the_last_hundred_that_were_worked_on() -> None:
     tally, budget = Tally(1000), FailureBudget.parse("2%")
     origin = Origin("0" * 64, "tiny", "1" * 64, "1.0")
