@@ -274,6 +274,12 @@ def test_a_model_is_one_line_at_a_prompt(model: depthcli.DepthModel) -> None:
     assert repr(model) == "<DepthModel tiny 1.0.0, cpu>"
 
 
+def test_a_frame_is_one_line_at_a_prompt() -> None:
+    gray = depthcli.Frame(np.zeros((3, 4), np.uint16), Path("a.png"))
+    assert repr(gray) == "<Frame 4×3, gray uint16, a.png>"
+    assert repr(depthcli.Frame(np.zeros((3, 4, 3), np.uint8))) == "<Frame 4×3, RGB uint8>"
+
+
 def test_the_focal_length_scales_metres(model: depthcli.DepthModel) -> None:
     once, twice = (model.predict(PIXELS, focal_px=focal) for focal in (50, 100))
     assert twice.values == pytest.approx(2 * once.values, rel=1e-5)
@@ -428,6 +434,8 @@ def test_frames_of_a_depth_video_have_the_same_methods(tmp_path: Path) -> None:
         output.append(output.encode(VideoFrame(frame, flat, (1, 2))))
         output.finish()
     (depth,) = depthcli.DepthVideo(tmp_path / "a.mkv")
+    with pytest.raises(depthcli.InputError, match="DepthVideo reads"):
+        depthcli.read_depth(tmp_path / "a.mkv")
     assert depth.to_points(focal_px=6).xyz_m[:, 2] == pytest.approx(1.5)
 
 
@@ -442,6 +450,8 @@ def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:
     assert depth.colorize(legend=True).shape[1] > 64
     with pytest.raises(depthcli.UsageError, match="no colormap named 'jet'"):
         depth.colorize("jet")
+    with pytest.raises(depthcli.UsageError, match="near is warm or white or black, not 'cold'"):
+        depth.colorize("gray", near="cold")  # type: ignore[arg-type]
 
 
 def test_plot_draws_metres(depth: depthcli.DepthMap) -> None:

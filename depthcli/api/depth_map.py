@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from depthcli.core.point_cloud import PointCloud
 
 AnchorLike: TypeAlias = "Anchor | tuple[int, int, float]"
+_ENDS = ("warm", "white", "black")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -142,10 +143,12 @@ class DepthMap(types.DepthMap):
             (H, W, 3) RGB uint8; wider with a legend. Gray where there is no depth.
 
         Raises:
-            UsageError: there is no such colormap.
+            UsageError: there is no such colormap, or no such end.
         """
         if colormap not in NAMES:
             raise UsageError(f"no colormap named {colormap!r}; choose {', '.join(NAMES)}")
+        if near not in _ENDS:
+            raise UsageError(f"near is {' or '.join(_ENDS)}, not {near!r}")
         return PreviewWriter(colormap, near, vmin, vmax, legend).render(self)
 
     def plot(

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 
 from depthcli.api.depth_map import DepthMap
+from depthcli.errors import InputError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.storage.remote import path_of
 from depthcli.video import depth as depth_videos
@@ -27,4 +28,7 @@ def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) 
     Raises:
         InputError: missing, damaged, or without depth.
     """
-    return DepthMap.of(depth_files.read_depth(path_of(path), png_scale=png_scale))
+    path = path_of(path)
+    if path.suffix.lower() == ".mkv":
+        raise InputError(f"{path} is a video; depthcli.DepthVideo reads the maps in it")
+    return DepthMap.of(depth_files.read_depth(path, png_scale=png_scale))

@@ -80,6 +80,11 @@ class Frame:
         """Columns."""
         return int(self.pixels.shape[1])
 
+    def __repr__(self) -> str:
+        colours = "gray" if self.pixels.ndim == 2 else "RGB"  # noqa: PLR2004
+        path = f", {self.path}" if self.path else ""
+        return f"<Frame {self.width}×{self.height}, {colours} {self.pixels.dtype}{path}>"
+
     def pixels_8bit(self) -> npt.NDArray[np.uint8]:
         """The picture for people: (H, W, 3) RGB uint8."""
         top = {"uint8": 255, "uint16": 65535}.get(self.pixels.dtype.name, 1)
