@@ -3,10 +3,11 @@
 import signal
 import subprocess
 from collections.abc import Iterable
-from typing import Any, Self
+
+from depthcli.core.interrupt import Interrupt
 
 
-class SignalRelay:
+class SignalRelay(Interrupt):
     """While entered, signals go to a process, which decides when it ends; ``number`` is the first.
 
     The process has a process group of its own: a terminal would tell it too, and a second signal
@@ -14,10 +15,8 @@ class SignalRelay:
     """
 
     def __init__(self, signals: Iterable[signal.Signals]) -> None:
-        self.number: int | None = None
-        self._signals = tuple(signals)
+        super().__init__(*signals)
         self._process: subprocess.Popen[bytes] | None = None
-        self._before: dict[signal.Signals, Any] = {}
 
     def to(self, process: subprocess.Popen[bytes]) -> None:
         """Name the process; a signal that came before goes to it now."""
@@ -25,16 +24,7 @@ class SignalRelay:
         if self.number is not None:
             process.send_signal(self.number)
 
-    def __enter__(self) -> Self:
-        for number in self._signals:
-            self._before[number] = signal.signal(number, self._relay)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _relay(self, number: int, _frame: object) -> None:
+    def _note(self, number: int, _frame: object) -> None:
         if self.number is None:
             self.number = number
         if self._process is not None:
