@@ -61,9 +61,8 @@ def check_modules() -> Iterator[Check]:
         try:
             getattr(import_module(module), needed)
         except Exception as error:  # noqa: BLE001 - a broken package raises whatever it likes
-            yield Check(
-                f"import {module}", "failed", f"{one_line_reason(error)}; {_reinstall(package)}"
-            )
+            mend = f"install it again: pip install --force-reinstall {package}"
+            yield Check(f"import {module}", "failed", f"{one_line_reason(error)}; {mend}")
         else:
             yield Check(f"import {module}", "ok", "imports")
 
@@ -72,10 +71,6 @@ def one_line_reason(error: Exception) -> str:
     """An error in one line."""
     text = " ".join(str(error).split())
     return text if isinstance(error, ImportError) else f"{type(error).__name__}: {text}"
-
-
-def _reinstall(package: str) -> str:
-    return f"install it again: pip install --force-reinstall {package}"
 
 
 def check_families() -> Iterator[Check]:

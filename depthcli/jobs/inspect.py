@@ -65,7 +65,8 @@ def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts
     path = path_of(file)
     _check_scale(path, scale)
     if _is_video(path):
-        return _video_facts(file, scale)
+        with local_copy(path) as video:
+            return _facts_of(DepthVideo(video, scale=scale), safe_name(file))
     depth = read_depth(path, png_scale=scale)
     spread = DepthRange.of(depth)
     return MapFacts(
@@ -132,11 +133,6 @@ def _video_frame(path: Path, scale: float | None, number: int) -> DepthMap:
         if count > number:
             return depth
     raise InputError(f"{path} has no frame {number}; its last one is {count - 1}")
-
-
-def _video_facts(file: str, scale: float | None) -> VideoFacts:
-    with local_copy(path_of(file)) as path:
-        return _facts_of(DepthVideo(path, scale=scale), safe_name(file))
 
 
 def _facts_of(video: DepthVideo, file: str) -> VideoFacts:

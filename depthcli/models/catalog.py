@@ -52,7 +52,9 @@ def read_model(place: Place) -> Model:
     Raises:
         ModelError: no card, damaged, external data, or a checksum that differs.
     """
-    card = _read_card(place.card) if place.card else None
+    card = None
+    if place.card:
+        card = ModelCard.from_json(read_card(place.card), where=str(place.card))
     path = _onnx_path(place, card)
     data = _read_limited(path, MAX_BYTES)
     sha256 = hashlib.sha256(data).hexdigest()
@@ -97,10 +99,6 @@ def _onnx_path(place: Place, card: ModelCard | None) -> Path:
     if card is None or card.file is None:
         raise ModelError(f"{place.path}: file is missing; name the model's ONNX file in the card")
     return place.path.with_name(card.file)
-
-
-def _read_card(path: Path) -> ModelCard:
-    return ModelCard.from_json(read_card(path), where=str(path))
 
 
 def _read_limited(path: Path, max_bytes: int) -> bytes:

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Mapping
-from fractions import Fraction
 from pathlib import Path
 from typing import cast
 
@@ -61,12 +60,9 @@ def add_video(
     stream.time_base = timing.clock
     context = stream.codec_context
     context.time_base = timing.clock
-    context.gop_size = 1 if encoding.is_all_key else _frames_between_keys(timing.rate)
+    between_keys = max(1, min(round(_KEY_EVERY_S * timing.rate), _MOST_BETWEEN_KEYS))
+    context.gop_size = 1 if encoding.is_all_key else between_keys
     if encoding.pixel_format != DEPTH_PIXELS:
         context.colorspace = context.color_primaries = context.color_trc = _BT709
         context.color_range = ColorRange.MPEG
     return stream
-
-
-def _frames_between_keys(rate: Fraction) -> int:
-    return max(1, min(round(_KEY_EVERY_S * rate), _MOST_BETWEEN_KEYS))

@@ -16,7 +16,6 @@ from depthcli.errors import DepthcliError, ExitCode
 if TYPE_CHECKING:
     from depthcli.jobs.verify_models import ModelCheck
     from depthcli.models.card import ModelCard
-    from depthcli.models.catalog import Model
     from depthcli.models.places import Place
 
 app = typer.Typer(
@@ -111,13 +110,10 @@ def _print_check(check: ModelCheck, *, as_json: bool) -> None:
         else:
             console.error(str(found))
     elif as_json:
-        console.out_json({"name": name, "status": "ok", **_file_facts(found)})
+        facts = {"path": str(found.path), "sha256": found.sha256, "bytes": len(found.data)}
+        console.out_json({"name": name, "status": "ok", **facts})
     else:
         console.out(f"{one_line(name)}: ok, sha256 {found.sha256}")
-
-
-def _file_facts(model: Model) -> dict[str, object]:
-    return {"path": str(model.path), "sha256": model.sha256, "bytes": len(model.data)}
 
 
 def _card_or_error(place: Place) -> ModelCard | DepthcliError:

@@ -90,7 +90,8 @@ class Report:
         for loop in plan.loops:
             console.warn(f"{loop} leads back to a folder that it is in; skipped")
         say = console.note if self.as_json else console.say
-        say(", ".join(_account(plan, tally)) + f"; {_speed(tally)}")
+        speed = f"{tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s"
+        say(f"{', '.join(_account(plan, tally))}; {speed}")
         if tally.passed < tally.total and not batch.stopped:
             console.note("stopped early; run the same command again to resume")
         if batch.manifest.exists():  # the disk may have been too full for it
@@ -106,10 +107,6 @@ def _account(plan: Plan, tally: Tally) -> list[str]:
     if plan.skipped:
         parts.append(counted(plan.skipped))
     return parts
-
-
-def _speed(tally: Tally) -> str:
-    return f"{tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s"
 
 
 def print_forecasts(forecasts: Iterable[Forecast], plan: Plan, *, as_json: bool) -> None:

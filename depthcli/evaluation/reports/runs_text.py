@@ -19,6 +19,7 @@ def runs_page(report: RunsReport) -> Page:
     """A report in words."""
     header = ["row", "align", *_FACTS, "images", *_METRICS]
     table = [header, *(_run_cells(line) for line in report.rows)]
+    marked = [f"* {line.row.note}" for line in report.rows if line.row.note]
     differences = None
     if report.differences:
         name = one_line(report.differences[0].name)
@@ -28,7 +29,7 @@ def runs_page(report: RunsReport) -> Page:
         report.title,
         report.protocol.description,
         table,
-        _runs_footnotes(report),
+        ["higher is better for d1, d2, d3, lower for the others", *marked, *report.notes],
         differences,
         model_words(run for line in report.rows for run in line.runs or (line.row,)),
     )
@@ -49,12 +50,6 @@ def _interval(interval: Interval) -> str:
         return "-"
     clear = "!" if interval.clear else ""
     return f"{interval.mean:+.4f}{clear} [{interval.low:+.3f},{interval.high:+.3f}]"
-
-
-def _runs_footnotes(report: RunsReport) -> list[str]:
-    """What stands under the table."""
-    marked = [f"* {line.row.note}" for line in report.rows if line.row.note]
-    return ["higher is better for d1, d2, d3, lower for the others", *marked, *report.notes]
 
 
 def _run_cells(line: RunsRow) -> list[str]:

@@ -75,7 +75,8 @@ class RemoteRows(RowsFolder):
         """
         with self._lock:
             self._send_rows()
-            here = {file.relative_to(self.path).as_posix() for file in _local_files(self.path)}
+            files = (path for path in self.path.rglob("*") if path.is_file())
+            here = {file.relative_to(self.path).as_posix() for file in files}
             for name in sorted(here):
                 file = self.path / name
                 if not name.startswith(".") and _file_state(file) != self._states.get(name):
@@ -131,10 +132,6 @@ def rows_folder(out: Path) -> RowsFolder:
         OutputError: a remote folder cannot be read.
     """
     return RemoteRows(out) if isinstance(out, RemotePath) else RowsFolder(out)
-
-
-def _local_files(folder: Path) -> list[Path]:
-    return [path for path in folder.rglob("*") if path.is_file()]
 
 
 def _file_state(file: Path) -> tuple[int, int]:

@@ -66,7 +66,10 @@ def train(request: TrainRequest, watcher: Watcher) -> TrainResult:
         first = fabric.is_global_zero
         threads = set_threads(request.threads, config, out, fabric)
         if first:
-            watcher.begin(TrainStart(threads, _lacks_scenes(config, data)))
+            lacks_scenes = (
+                bool(config.data.holdout_every) and not divide(data.dataset, config.data)[1]
+            )
+            watcher.begin(TrainStart(threads, lacks_scenes))
         board = Board(watcher, out, config) if request.tensorboard and first else None
         interrupt = Interrupt(*request.signals)
         with closing(board) if board else nullcontext(watcher) as told:
@@ -84,7 +87,3 @@ def _data(request: TrainRequest) -> TrainingData:
         units_per_metre=wanted.units_per_metre,
     )
     return data if request.extra is None else data.with_extra(open_paired_folder(request.extra))
-
-
-def _lacks_scenes(config: TrainConfig, data: TrainingData) -> bool:
-    return bool(config.data.holdout_every) and not divide(data.dataset, config.data)[1]

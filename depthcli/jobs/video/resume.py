@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -63,11 +62,9 @@ class EarlierFrames:
             return DepthMap(metres(steps, self._scale), self._kind)
         if self._journal is None or number not in self._journal.earlier:
             return None
+        names = [number_name(self._plan.names[which], number) for which in self._formats]
         try:
-            maps = [
-                read_depth(self._path(which, number), png_scale=self._scale)
-                for which in self._formats
-            ]
+            maps = [read_depth(self._plan.folder / n, png_scale=self._scale) for n in names]
         except InputError:
             return None
         return DepthMap(maps[0].values, self._kind)  # NPY does not say it
@@ -76,9 +73,6 @@ class EarlierFrames:
         """Note that a frame is written."""
         if self._journal is not None:
             self._journal.add(number)
-
-    def _path(self, which: VideoFormat, number: int) -> Path:
-        return self._plan.folder / number_name(self._plan.names[which], number)
 
 
 def rounding(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings) -> float | None:
