@@ -39,7 +39,10 @@ _Text: TypeAlias = Annotated[
 ]
 _FileName: TypeAlias = Annotated[
     str,  # a card never points outside its own folder
-    Rule("a file name without a folder", re.compile(r"(?!\.\.?$)[^/\\:\0]{1,255}").fullmatch),
+    Rule(
+        "a file name without a folder",
+        re.compile(r"(?!\.\.?$)[^/\\:\0\ud800-\udfff]{1,255}").fullmatch,
+    ),
 ]
 _ModelName: TypeAlias = Annotated[
     str,  # nor anywhere but among the models by name

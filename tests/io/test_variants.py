@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from typing import TYPE_CHECKING
 
 import cv2
@@ -171,3 +172,13 @@ def test_floats_in_another_unit_are_refused() -> None:
 def test_five_channels_are_refused() -> None:
     with pytest.raises(InputError, match="cannot be decoded"):
         pixels(made.tiff(np.zeros((2, 2, 5), np.uint8)))
+
+
+@pytest.mark.parametrize("frames", [0, 2])
+def test_of_an_animated_png_the_still_picture_is_read(frames: int) -> None:
+    control = made.chunk(b"acTL", struct.pack(">II", 2, 0))
+    frame = made.chunk(b"fcTL", struct.pack(">IIIIIHHBB", 0, 2, 1, 0, 0, 1, 1, 0, 0))
+    black = made.chunk(b"fdAT", struct.pack(">I", 1) + zlib.compress(bytes(3)))
+    data = made.png([b"\x10\x20"], 2, 8, 0, control)
+    end = data.rindex(b"IEND") - 4
+    assert pixels(data[:end] + (frame + black) * frames + data[end:]).tolist() == [[16, 32]]

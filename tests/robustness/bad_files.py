@@ -242,6 +242,7 @@ CARDS = {
     "no angle": Bad(_card(camera={"hfov_deg": 1e-9}), "camera.hfov_deg has to be an angle", 3),
     "wide angle": Bad(_card(camera={"hfov_deg": 179.999}), "camera.hfov_deg has to be an an", 3),
     "another file": Bad(_card(file="../model.onnx"), "file has to be a file name without a fo", 3),
+    "surrogate": Bad(_card(file="\ud800.onnx"), "file has to be a file name without a fol", 3),
     "long name": Bad(_card(file="a" * 999), "file has to be a file name without a folder", 3),
     "no file": Bad(_card(file="none.onnx"), "cannot read", 3),
 }

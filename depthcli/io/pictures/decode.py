@@ -13,6 +13,7 @@ from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.pictures.complaints import complaints
 from depthcli.io.pictures.ending import flaw
 from depthcli.io.pictures.size import picture_size
+from depthcli.io.png.chunks import still
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath
 
@@ -71,7 +72,7 @@ def decode(
     """
     check(data, name, max_pixels)
     try:
-        pixels = decoded(data, _FLAGS)
+        pixels = decoded(still(data), _FLAGS)
     except cv2.error as error:
         if is_out_of_memory(error):
             raise InputError(f"{name} does not fit into memory; make it smaller") from error
