@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,16 @@ def test_an_output_is_intact_until_it_changes(tmp_path: Path) -> None:
     assert not is_intact(tmp_path, file)
     with pytest.raises(OutputError, match="is gone, or cannot be read"):
         written(tmp_path, path)
+
+
+def test_an_output_that_is_removed_meanwhile_is_a_failure(tmp_path: Path) -> None:
+    made = row("a")
+    path = tmp_path / made.outputs[0].path
+    path.touch()
+    assert made.lost(tmp_path) is None
+    path.unlink()
+    error = f"{path} was removed while the batch ran; run it again"
+    assert made.lost(tmp_path) == replace(made, status=FAILED, outputs=(), error=error)
 
 
 def test_rows_become_the_manifest_in_the_order_of_the_inputs(tmp_path: Path) -> None:

@@ -52,6 +52,7 @@ def test_steps(values: np.ndarray, scale: float) -> None:
         beyond += bool(step >= 65535)
         assert found == (min(max(step, 1), 65535) if value > 0 else 0)
     assert saturated == beyond
+    np.testing.assert_array_equal(quantized(values.T, scale)[0], steps.T)
     back = metres(steps, scale)
     expected = [F32(s) / F32(scale) if s else math.nan for s in steps[0].tolist()]
     np.testing.assert_array_equal(back[0], F32(expected))
@@ -64,6 +65,7 @@ def test_stretched(values: np.ndarray) -> None:
     finite = [float(value) for value in values[0] if math.isfinite(value)]
     ends = (min(finite), max(finite)) if finite else (0.0, 0.0)
     assert (low, high) == ends
+    np.testing.assert_array_equal(stretched(values.T)[0], steps.T)
     for value, found in zip(values[0].tolist(), steps[0].tolist(), strict=True):
         share = (value - low) / (high - low or 1.0)
         assert found == (np.rint(1 + share * 65534) if math.isfinite(value) else 0)
@@ -216,6 +218,14 @@ def test_an_exr_that_claims_too_much_is_not_decoded(
     claim = np.array([-1, -2, 3, 2], "<i4").tobytes()
     path.write_bytes(data[:at] + claim + data[at + 16 :])
     with pytest.raises(InputError, match="claims 5×5 pixels, more than 12"):
+        read_exr_channels(path)
+
+
+def test_an_exr_whose_pixels_are_damaged_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, {"Y": np.add.outer(np.arange(40), np.arange(50)).astype(F32)}, {})
+    path.write_bytes(path.read_bytes()[:-30] + bytes(30))
+    with pytest.raises(InputError, match="is damaged: its pixels cannot be read; copy it again"):
         read_exr_channels(path)
 
 

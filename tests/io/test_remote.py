@@ -22,6 +22,7 @@ from stores import KEYS
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_depth
+from depthcli.io.listing.path_list import read_list
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
@@ -403,3 +404,9 @@ def test_how_often_a_request_is_made_again(
             objects._retries()
     else:
         assert objects._retries() == count
+
+
+def test_a_list_in_a_bucket(bucket: Bucket) -> None:
+    assert list(read_list(bucket.put("l.csv", b"path\na.png\n"))) == ["a.png"]
+    with pytest.raises(UsageError, match=f"the list {bucket.uri('none')} cannot be read: no such"):
+        list(read_list(bucket.uri("none")))

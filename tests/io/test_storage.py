@@ -15,7 +15,7 @@ import pytest
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage import regular, temporaries
-from depthcli.io.storage.atomic import append_whole, atomic_path
+from depthcli.io.storage.atomic import append_whole, atomic_path, write_text
 from depthcli.io.storage.atomic_folder import folder_in_place, put_back, put_folder, workspace
 from depthcli.io.storage.lock import folder_lock, open_locked
 from depthcli.io.storage.regular import read_regular
@@ -243,3 +243,8 @@ def test_without_a_place_for_temporary_files(monkeypatch: pytest.MonkeyPatch) ->
     line = "cannot write a temporary file: No such file or directory; set TMPDIR"
     with pytest.raises(OutputError, match=line), temporary_folder():
         pass
+
+
+def test_a_text_is_utf_8_whatever_the_locale(tmp_path: Path) -> None:
+    write_text("é深\n", tmp_path / "new" / "a.txt")
+    assert (tmp_path / "new" / "a.txt").read_bytes() == "é深\n".encode()

@@ -85,4 +85,4 @@ def _avif_orientation(data: bytes) -> int:
     if not axis:
         return _TURNED[quarters]
     # Mirroring after a turn is turning the other way after mirroring; top to bottom is two more.
-    return _MIRRORED[-quarters % 4 if axis[0] & 1 else -(quarters + 2) % 4]
+    return _MIRRORED[-quarters % 4 if axis[0] & 1 else (2 - quarters) % 4]

@@ -91,7 +91,7 @@ def stem_of(path: str | PurePath) -> str:
     """A file's name without what says its format: ``a`` of ``a.png`` and of ``a.preview.png``."""
     name = PurePath(path).name
     ends = (facts.suffix for facts in FORMATS.values() if name.lower().endswith(facts.suffix))
-    end = max(ends, key=len, default=PurePath(name).suffix)
+    end = next(ends, PurePath(name).suffix)
     return name[: len(name) - len(end)] or name
 
 

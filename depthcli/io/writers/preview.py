@@ -113,7 +113,7 @@ def nearness(depth: DepthMap, near: float, far: float) -> npt.NDArray[np.float32
     elif depth.kind is not DepthKind.INVERSE:
         values, ends = -values, -ends
     span = ends[0] - ends[1]
-    share = np.sign(values - ends[1]) / 2 + 0.5 if span <= 0 else (values - ends[1]) / span
+    share = np.sign(values - ends[1]) + 0.5 if span <= 0 else (values - ends[1]) / span
     return np.where(_has_depth(depth), np.clip(share, 0, 1), np.nan).astype(np.float32)
 
 
