@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import cv2
@@ -11,7 +12,8 @@ import pytest
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.writers.by_suffix import write_depth
-from depthcli.io.writers.formats import Format, format_of, stem_of
+from depthcli.io.writers.formats import FORMATS, Format, fits, format_of, stem_of, writer_class
+from depthcli.io.writers.options import WriterOptions
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -68,3 +70,44 @@ def test_options_are_those_of_the_format_that_the_name_says(tmp_path: Path) -> N
     with pytest.raises(OutputError, match="is an input"):
         write_depth(depth, tmp_path / "a.png", frame, {})
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+@pytest.mark.parametrize(
+    ("name", "asked", "fitting"),
+    [
+        ("a.png", Format.PNG16, True),
+        ("a.PNG", Format.PREVIEW, True),
+        ("a.preview.png", Format.PNG16, True),
+        ("a.png", Format.EXR, False),
+        ("a.preview.png", Format.NPY, False),
+        ("a.depth.exr", Format.EXR, True),
+        ("a", Format.EXR, True),
+        ("a.gif", Format.PLY, True),
+    ],
+)
+def test_a_name_fits_a_format_that_it_does_not_deny(
+    name: str, asked: Format, fitting: bool
+) -> None:
+    assert fits(name, asked) is fitting
+
+
+@pytest.mark.parametrize("name", Format)
+def test_each_writer_takes_its_options_and_has_their_defaults(name: Format) -> None:
+    assert WriterOptions().writer(name) == writer_class(name)()
+    others = {
+        "png_scale": 256.0,
+        "png_normalize": True,
+        "exr_channel": "Z",
+        "half": True,
+        "centre_px": (1.0, 2.0),
+        "colormap": "turbo",
+        "near": "black",
+        "vmin": 1.0,
+        "vmax": 2.0,
+        "legend": True,
+        "side_by_side": True,
+    }
+    assert {field.name for field in fields(WriterOptions)} == others.keys()
+    writer = WriterOptions(**others).writer(name)
+    for option in FORMATS[name].options:
+        assert getattr(writer, option) == others[option]
