@@ -19,6 +19,8 @@ class Bits:
         self._draw, self.text = draw, ""
 
     def put(self, count: int, value: int | None = None) -> int:
+        if not count:
+            return 0
         if value is None:
             value = self._draw(st.integers(0, (1 << count) - 1))
         self.text += format(value, f"0{count}b")
@@ -60,7 +62,7 @@ def headers(draw: st.DrawFn) -> tuple[bytes, tuple[int, int]]:
     for length in lengths:
         bits.put(4, length - 1)
     size = tuple(bits.put(length) + 1 for length in lengths)
-    bits.put(8)
+    bits.put(8 * draw(st.integers(0, 1)))  # what comes after the size
     text = bits.text + "0" * (-len(bits.text) % 8)
     return int(text, 2).to_bytes(len(text) // 8, "big"), (size[0], size[1])
 

@@ -19,6 +19,8 @@ from depthcli.datasets.files import read_depth_header, read_image_rgb
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.opencv_log import WARNINGS, set_log_level
+from depthcli.io.pictures import complaints
+from depthcli.io.pictures.codecs import PICTURE_SUFFIXES, can_code
 from depthcli.io.pictures.decode import decoded
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.regular import read_regular
@@ -101,6 +103,25 @@ def test_each_thread_hears_of_its_own_picture(name: str, capfd: pytest.CaptureFi
     assert not wrong
     assert set_log_level(WARNINGS) == WARNINGS
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "name", sorted(BAD.keys() & {"baseline cut at 50 %, closed", "TIFF of damaged LZW"})
+)
+def test_a_new_listener_hears_decoders_too(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    complaints._stderr.cache_clear()
+    data = np.frombuffer(BAD[name][0], np.uint8)
+    for _ in range(2):
+        with complaints.complaints() as said:
+            cv2.imdecode(data, cv2.IMREAD_COLOR)
+        assert said
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("suffix", PICTURE_SUFFIXES)
+def test_this_build_knows_every_format(suffix: str) -> None:
+    assert can_code(suffix)
+    assert not can_code(".none")
 
 
 def test_a_training_picture_with_lost_pixels_is_refused(tmp_path: Path) -> None:

@@ -246,5 +246,6 @@ def test_without_a_place_for_temporary_files(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_text_is_utf_8_whatever_the_locale(tmp_path: Path) -> None:
-    write_text("é深\n", tmp_path / "new" / "a.txt")
-    assert (tmp_path / "new" / "a.txt").read_bytes() == "é深\n".encode()
+    path = tmp_path / "new" / "er" / "a.txt"
+    write_text("é深\n", path)
+    assert path.read_bytes() == "é深\n".encode()
