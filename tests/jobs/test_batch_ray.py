@@ -18,12 +18,10 @@ from batches import outputs, request
 from tiny import synthetic_picture, write_picture
 from videos import write_mp4
 
-from depthcli._version import __version__
 from depthcli.errors import EngineError, ModelError, UsageError
 from depthcli.io.manifest.row import FAILED, OK
 from depthcli.jobs.batch.account import rows_of
 from depthcli.jobs.batch.engines.ray import LOCAL, RayEngine
-from depthcli.jobs.batch.engines.remote_worker import RemoteWorker
 from depthcli.jobs.batch.pictures import PictureWorker
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.worker_spec import WorkerSpec
@@ -257,16 +255,6 @@ def test_a_worker_that_no_machine_has_room_for(cluster: str) -> None:
     for needs in ({"cpus": 3}, {"gpus": 1}):
         with pytest.raises(EngineError, match="no machine of the Ray cluster has"):
             RayEngine(cluster, **needs)
-
-
-def test_a_machine_without_this_version_or_the_folder_is_named(tmp_path: Path) -> None:
-    inputs(tmp_path)
-    found = request(tmp_path)
-    spec = WorkerSpec(found.model, "0" * 64, found.options, found.plan.out)
-    with pytest.raises(EngineError, match=r"has depthcli .*; install 0\.0\.1 there"):
-        RemoteWorker(spec, ".", 1).start("0.0.1")
-    with pytest.raises(EngineError, match=r"does not see .*; put inputs and --out where all"):
-        RemoteWorker(spec, ".", 1).start(__version__)
 
 
 def test_without_ray_one_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -230,3 +230,13 @@ def test_how_many_workers_have_room(cpus: float, gpus: float, workers: int) -> N
         {"Alive": True, "Resources": {}},
     ]
     assert _room(SimpleNamespace(nodes=lambda: nodes), cpus, gpus) == workers
+
+
+def test_a_machine_without_this_version_or_the_folder_is_named(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    found = request(tmp_path)
+    spec = WorkerSpec(found.model, "0" * 64, found.options, found.plan.out)
+    with pytest.raises(EngineError, match=r"has depthcli .*; install 0\.0\.1 there"):
+        RemoteWorker(spec, ".", 1).start("0.0.1")
+    with pytest.raises(EngineError, match=r"does not see .*; put inputs and --out where all"):
+        RemoteWorker(spec, ".", 1).start(__version__)
