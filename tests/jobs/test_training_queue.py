@@ -23,7 +23,7 @@ from depthcli.jobs.train.signal_relay import SignalRelay
 from depthcli.jobs.train.sitting import Epoch, Sitting, Turn
 from depthcli.training.checkpoint import Checkpoint, RunProgress
 from depthcli.training.methods.registry import METHODS, default_config
-from depthcli.training.planned_runs import PlannedRun
+from depthcli.training.planned_runs import PlannedRun, next_share_s
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -108,26 +108,35 @@ class Simulated(Queue):
 
     ends: dict[str, int]
     number: int | None = None
+    now_s = 0.0
+
+    def monotonic(self) -> float:
+        return self.now_s
 
     def _epochs(self, run: PlannedRun, words: Sequence[str]) -> Generator[Epoch, None, int]:
         assert str(run.folder) in words
         yield Epoch(run, {})
+        self.now_s += 10e3 + 500  # to train, and to start and end
         save(run, run.progress().seconds + 10e3, 100_100 if run.config.seed == 4 else 1)
         self.signal_number = self.number
         return self.ends.get(run.name, 0)
 
 
-def test_those_behind_go_first_and_all_share_what_is_left(request_of: QueueRequest) -> None:
+def test_those_behind_go_first_and_all_share_what_is_left(
+    request_of: QueueRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for run in Queue(replace(request_of, seeds=(0, 1, 2))).sittings:
         save(run.run, {0: 5e3, 1: 0, 2: 300e3}[run.run.config.seed])
     queue = Simulated(replace(request_of, seeds=(0, 1, 2, 3, 4), minutes=2e3))
     queue.ends = {"fastcut-seed2": 3, "fastcut-seed3": -9}
+    monkeypatch.setattr("depthcli.jobs.train.queue.time", queue)
     events = list(queue)
     turns = [event for event in events if isinstance(event, Turn)]
-    # Four catch up to the same total; the budget is not used up here, as no time goes by.
-    assert [turn.run.config.seed for turn in turns] == [1, 3, 4, 0, 2]
-    shares_s = [turn.share_s for turn in turns]
-    assert shares_s == pytest.approx([31.25e3, 41.667e3, 62.5e3, 120e3, 120e3], abs=100)
+    spent_s, left_s = [0, 0, 0, 5e3, 300e3], [120e3 - 10.5e3 * n for n in range(5)]
+    shares_s = [next_share_s(spent_s[n:], left_s[n], 500 if n else 0) for n in range(5)]
+    assert [(turn.run.config.seed, turn.share_s) for turn in turns] == list(
+        zip((1, 3, 4, 0, 2), shares_s, strict=True)
+    )
     after = {sitting.run.config.seed: sitting for sitting in queue.sittings}
     assert [event for event in events if isinstance(event, Sitting)] == [
         after[seed] for seed in (1, 3, 4, 0, 2)

@@ -122,7 +122,10 @@ def test_the_sidecar_says_what_the_outputs_mean(
     assert done.flicker is not None
     if smooth_s:
         assert 0 < done.flicker < (done.flicker_unsmoothed or 0)
-    assert json.loads((tmp_path / "out" / "clip.depth.json").read_text()) == {
+    text = (tmp_path / "out" / "clip.depth.json").read_text()
+    assert text.startswith('{\n  "software": ')
+    assert text.endswith("\n}\n")
+    assert json.loads(text) == {
         "software": f"depthcli {__version__}",
         "frames": 10,
         "fps": "15000/1001",
