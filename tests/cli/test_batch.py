@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
 import shutil
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
@@ -18,6 +20,7 @@ from videos import flat_frames, write_mp4, write_video
 
 from depthcli.cli.app import main
 from depthcli.inference.pipeline import Pipeline
+from depthcli.io.listing.folder import list_folder
 from depthcli.video.depth import DepthVideo
 
 if TYPE_CHECKING:
@@ -275,6 +278,17 @@ def test_a_folder_that_cannot_be_listed_is_a_failure(inside: Cli) -> None:
     (inside.folder / "in" / "locked").chmod(0o700)
     assert done.returncode == 1
     assert b"in/locked cannot be listed" in done.stderr
+
+
+def test_a_folder_that_is_too_deep_is_a_failure(tmp_path: Path) -> None:
+    with contextlib.chdir(tmp_path):
+        for name in ["in"] + 50 * ["a" * 100]:  # more than a path may have
+            Path(name).mkdir()
+            os.chdir(name)
+        Path("b.png").touch()
+    (found,) = list_folder(str(tmp_path / "in"), leave_out=str(tmp_path / "out")).media
+    assert found.problem is not None
+    assert "cannot be listed: File name too long" in found.problem
 
 
 def test_an_output_that_cannot_be_written_stops_no_other(inside: Cli) -> None:

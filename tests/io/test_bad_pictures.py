@@ -18,6 +18,7 @@ from PIL import Image
 from depthcli.datasets.files import read_depth_header, read_image_rgb
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import read_depth
+from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.opencv_log import WARNINGS, set_log_level
 from depthcli.io.pictures import complaints
 from depthcli.io.pictures.codecs import PICTURE_SUFFIXES, can_code
@@ -163,6 +164,7 @@ def test_what_has_no_end_is_not_read(name: str) -> None:
 def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
     pipe = tmp_path / "a.png"
     os.mkfifo(pipe)
+    assert not is_own_picture(pipe)
     for read in (read_image, read_depth):
         with pytest.raises(InputError, match=r"a\.png cannot be read: it is a pipe"):
             read(pipe)

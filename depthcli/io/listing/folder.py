@@ -116,7 +116,11 @@ class _Walk:
     ) -> tuple[_Identity, ...] | None:
         """The folders that a folder's content is in, or None if it is not entered."""
         identity = _identity(child.path)
-        if child.name.startswith(".") or identity == self._avoided or self._skip(name):
+        if child.name.startswith(".") or self._skip(name):
+            return None
+        if identity is None:  # listing it will say why
+            return above
+        if identity == self._avoided:
             return None
         if identity in above:
             self.loops.append(name)

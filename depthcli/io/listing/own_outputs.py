@@ -1,12 +1,11 @@
 """Telling what depthcli wrote from what it is to read."""
 
-import os
 import re
 from pathlib import Path
 
 from depthcli.io.png.chunks import SIGNATURE
 from depthcli.io.png.text import read_text
-from depthcli.io.storage.remote import RemotePath, is_remote, path_of
+from depthcli.io.storage.remote import RemotePath, path_of
 
 MARK = "depthcli:software"
 """Name of a text in every PNG (right behind its header) and EXR of ours."""
@@ -31,6 +30,8 @@ def is_own_picture(path: str | Path) -> bool:
 def _head(path: Path) -> bytes:
     if isinstance(path, RemotePath):
         return path.read_some(first=_HEAD_BYTES) if re.search(_PICTURE_NAME, path.name) else b""
+    if not path.is_file():  # a pipe would be waited for
+        return b""
     with path.open("rb") as file:
         return file.read(_HEAD_BYTES)
 
@@ -44,4 +45,4 @@ def is_own_output(path: str) -> bool:
         return True
     if not re.search(_PICTURE_NAME, path):
         return False
-    return (is_remote(path) or os.path.isfile(path)) and is_own_picture(path)  # noqa: PTH113
+    return is_own_picture(path)
