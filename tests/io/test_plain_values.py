@@ -95,20 +95,21 @@ def test_shares_of_the_colormap(kind: DepthKind, values: np.ndarray, a: float, b
     near, far = (max(a, b), min(a, b)) if kind is DepthKind.INVERSE else (min(a, b), max(a, b))
     metric = kind is DepthKind.METRIC
 
-    def turned(value: float) -> float:
+    def turned(value: float) -> np.float32:
         if metric and near > 0:
-            return float(F32(1) / max(F32(value), F32(1e-6)))
-        return value if kind is DepthKind.INVERSE else -value
+            return F32(1) / max(F32(value), F32(1e-6))
+        return F32(value) if kind is DepthKind.INVERSE else -F32(value)
 
     top, bottom = turned(near), turned(far)
     for value, found in zip(values[0].tolist(), nearness(depth, near, far)[0], strict=True):
         if math.isnan(value) or (metric and value <= 0):
             assert math.isnan(found)
-        elif F32(top) <= F32(bottom):
-            assert found == (math.copysign(1, turned(value) - bottom) + 1) / 2 or found == 0.5
+        elif top <= bottom:
+            one = turned(value)
+            assert found == (0.5 if one == bottom else float(one > bottom))
         else:
             share = (turned(value) - bottom) / (top - bottom)
-            assert found == pytest.approx(min(max(share, 0), 1), abs=1e-3)
+            assert found == pytest.approx(min(max(share, 0), 1), abs=1e-6)
 
 
 def test_equal_ends_are_halfway() -> None:

@@ -20,7 +20,7 @@ _COLUMNS = {
     "camera": str,
     **dict.fromkeys(Origin.__slots__, str),
 }
-_ESCAPED = re.compile(r"\\u(d[c-f][0-9a-f]{2})")
+_ESCAPED = re.compile(r"\\u(d[89a-f][0-9a-f]{2})")
 
 
 def write_rows(folder: Path, rows: Iterable[Row]) -> None:
