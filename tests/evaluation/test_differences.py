@@ -43,12 +43,13 @@ def test_interval_is_that_of_a_plain_loop() -> None:
 
 def test_every_digit_follows_from_the_scores() -> None:
     """10,000 draws of as many scenes as there are, by the generator that begins with 0."""
-    values, scenes = np.array([0.3, -0.1, 0.2, 0.05, -0.3, 0.6]), list("aabccd")
-    counts = np.random.default_rng(0).multinomial(4, [1 / 4] * 4, 10_000)
-    sums = {s: values[[name == s for name in scenes]].sum() for s in "abcd"}
+    values, scenes = np.random.default_rng(8).normal(size=12), list("aabccdefghij")
+    names = sorted(set(scenes))
+    counts = np.random.default_rng(0).multinomial(10, [1 / 10] * 10, 10_000)
+    sums = {s: values[[name == s for name in scenes]].sum() for s in names}
     means = [
-        sum(k * sums[s] for k, s in zip(draw, "abcd", strict=True))
-        / sum(k * scenes.count(s) for k, s in zip(draw, "abcd", strict=True))
+        sum(k * sums[s] for k, s in zip(draw, names, strict=True))
+        / sum(k * scenes.count(s) for k, s in zip(draw, names, strict=True))
         for draw in counts.tolist()
     ]
     interval = scene_interval(values, scenes)

@@ -130,7 +130,8 @@ def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
     """At the size of a cell, so that no pixel is resized but those of the smaller prediction."""
     task = _task(["a_1", "b_1"], CELL[::-1])
     dataset = _Coloured(**vars(task.dataset))
-    dataset.depths_m[:] *= np.float32([[[0.3]], [[1.0]]])  # from 0.12 m on, with holes
+    shares = np.random.default_rng(3).uniform(0.2, 1, dataset.depths_m.shape)
+    dataset.depths_m[:] *= shares.astype(np.float32)  # from 0.1 m on, with holes
     metric = Playback(noisy(dataset))
     inverse = np.random.default_rng(7).uniform(0, 1, (60, 90)).astype(np.float32)
     other = Playback(dict.fromkeys(dataset.ids, inverse), DepthKind.INVERSE)

@@ -93,4 +93,7 @@ def test_damaged_prediction(tmp_path: Path, position: int) -> None:
     _write_npy(tmp_path)
     (tmp_path / f"{IDS[position]}.npy").write_bytes(b"not numpy")
     with pytest.raises(DatasetError, match=IDS[position]):
-        open_predictions(tmp_path, IDS).predict(Sample(small_set(), position))
+        open_predictions(tmp_path, IDS, DepthKind.METRIC).predict(Sample(small_set(), position))
+    if position == 0:  # whose kind is asked for
+        with pytest.raises(DatasetError, match=IDS[0]):
+            open_predictions(tmp_path, IDS)

@@ -326,3 +326,11 @@ def test_pictures_are_read_by_nobody_else(models: list[TrainedModel]) -> None:
     _report(plan_comparison(dataset, [model.run for model in models]), models)
     assert dataset.image_reads == {1: 1, 5: 1}
     assert dataset.depth_reads == dict.fromkeys(range(1, 6), 1)
+
+
+def test_one_row_minus_one_other(task: EvalTask, models: list[TrainedModel]) -> None:
+    options = EvalOptions(PROTOCOL, trivial=False)
+    report = evaluate_runs(task, models[::3], options, against="zeta")
+    page = runs_page(report)
+    assert page.differences is not None
+    assert [cells[0] for cells in page.differences[1]] == ["minus", "cut"]

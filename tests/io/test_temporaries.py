@@ -8,6 +8,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from depthcli.io.storage import temporaries
 from depthcli.io.storage.temporaries import remove_stale, temporary_beside
 
 if TYPE_CHECKING:
@@ -108,3 +109,8 @@ def test_without_locks_what_was_written_to_today_stays(
         os.utime(path, (time.time() - 3600 * hours,) * 2)
     remove_stale(tmp_path)
     assert names(tmp_path) == [new.name]
+
+
+def test_a_name_that_cannot_be_had_is_nobody_s(tmp_path: Path) -> None:
+    with temporary_beside(tmp_path / "missing" / "a.png") as path:
+        assert {own for own in temporaries._own if own.parent == path.parent} == {path}

@@ -162,6 +162,10 @@ def test_integers_that_are_no_picture_are_refused(dtype: type) -> None:
 
 def test_doubles_are_a_picture() -> None:
     np.testing.assert_array_equal(pixels(made.tiff(np.array([[0.25, 1.0]]))), [[0.25, 1.0]])
+    colours = np.arange(16).reshape(2, 2, 4) / 16
+    for channels in (3, 4):
+        found = pixels(made.tiff(colours[..., :channels]))
+        np.testing.assert_array_equal(found, colours[..., :3])
 
 
 def test_floats_in_another_unit_are_refused() -> None:
