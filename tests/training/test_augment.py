@@ -204,6 +204,20 @@ def test_strengths_are_standard_deviations() -> None:
     assert float(_lit(1e-6, gamma=0.2).log().mean()) == pytest.approx(math.log(1e-4), rel=0.05)
 
 
+def test_the_generator_is_the_only_source_of_chance() -> None:
+    rgb, depth_m = _pairs(6)
+    light = {"colour_jitter": 0.1, "gamma": 0.1, "brightness": 0.1, "noise": 0.1, "blur": 0.5}
+    shape = {"zoom": 2.0, "rotate_deg": 5, "turn": 0.5, "border": 0.5, "cutmix": 0.9}
+    data = replace(PLAIN, **light, **shape, aspects=(0.5, 1.0, 2.0))
+    for seed in range(4):
+        found = []
+        for other in (0, 1):
+            torch.manual_seed(other)
+            found.append(augment(rgb, depth_m, data, _random(seed)))
+        torch.testing.assert_close(*found, rtol=0, atol=0)
+        assert found[0].known is not None
+
+
 def test_gray_is_value_or_luma() -> None:
     rgb = torch.tensor([0.2, 0.6, 0.1]).view(1, 3, 1, 1)
     assert float(network_input(rgb, PLAIN)) == pytest.approx(2 * 0.6 - 1)

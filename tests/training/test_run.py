@@ -104,3 +104,19 @@ def test_checkpoint_of_before_is_continued(tmp_path: Path) -> None:
     assert parts.progress.step == 4
     for name, weight in whole.method.items():
         assert torch.equal(weight, parts.method[name]), name
+
+
+def test_each_step_moves_the_average() -> None:
+    config = updated(PAPER, {**PLAIN, "optim": {"pool_size": 0, "ema": 0.9}})
+    run = Run(config, Fabric(accelerator="cpu", devices=1), 5)
+    assert run.average is not None
+    random = torch.Generator().manual_seed(0)
+    gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
+    depth_m = torch.rand(1, 1, 32, 32, generator=random) * 5 + 1
+    before = {n: w.clone() for n, w in run.average.network.state_dict().items()}
+    run.step(TrainingBatch(gray, depth_m))
+    now = run.method.generator.state_dict()
+    for name, average in run.best_generator.state_dict().items():
+        if average.is_floating_point():
+            torch.testing.assert_close(average, torch.lerp(before[name], now[name], 1 - 1 / 10))
+    assert any(not torch.equal(before[name], now[name]) for name in now)

@@ -7,7 +7,7 @@ import torch
 
 from depthcli.training.config.schema import GeneratorConfig
 from depthcli.training.networks.build import build_generator
-from depthcli.training.networks.efficient import EfficientGenerator
+from depthcli.training.networks.efficient import EfficientGenerator, ResidualBlock
 
 SMALL = {"encoder": (4, 5, 6, 7, 8), "decoder": (9, 6, 5, 4), "depths": (1, 2, 1, 1)}
 
@@ -62,3 +62,18 @@ def test_depths_and_dropout_are_those_of_the_configuration() -> None:
     assert [len(stage) for stage in network.stages] == [1, 2, 1, 1]
     assert network.dropout.p == 0.25
     network.load_state_dict(_small().state_dict())
+
+
+@pytest.mark.parametrize(("outputs", "stride"), [(4, 1), (6, 1), (4, 2)])
+def test_a_block_adds_to_its_input_and_takes_away_from_it(outputs: int, stride: int) -> None:
+    torch.manual_seed(0)
+    block = ResidualBlock(4, outputs, stride, norm=True).eval()
+    x = torch.rand(2, 4, 8, 10)
+    first, second = block.body
+    hidden = torch.relu(first[1](torch.conv2d(x, first[0].weight, None, stride, 1)))
+    change = second[1](torch.conv2d(hidden, second[0].weight, None, 1, 1)).detach()
+    kept = x
+    if outputs != 4 or stride != 1:
+        kept = block.skip[1](torch.conv2d(x, block.skip[0].weight, None, stride))
+    assert float(change.min()) < 0 < float(change.max())
+    torch.testing.assert_close(block(x), torch.relu(kept + change))
