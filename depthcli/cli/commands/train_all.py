@@ -86,5 +86,6 @@ def _handed_on(context: typer.Context) -> list[str]:
         if parameter.name in _OF_THE_QUEUE or value in (None, False):
             continue
         flag = max(parameter.opts, key=len)
-        words += [flag] if value is True else [flag, str(value)]
+        given = value if isinstance(value, list | tuple) else [value]
+        words += [flag] if value is True else [word for one in given for word in (flag, str(one))]
     return words

@@ -110,19 +110,21 @@ def read_exr_channels(path: Path) -> dict[str, npt.NDArray[np.float32]]:
     """
     read_bytes(path)
     channels: dict[str, npt.NDArray[np.float32]] = {}
+    problem = "is not an EXR file that can be read"
     try:
         with _plain_name(path) as name, _silence():
             for part in OpenEXR.File(name, header_only=True).parts:
                 _check_pixel_count(path, part.header)
+            problem = "is damaged: its pixels cannot be read; copy it again"
             parts = OpenEXR.File(name, separate_channels=True).parts
         if not parts or not all(part.channels for part in parts):  # all that becomes of damage
-            raise InputError(f"{path} is damaged: its pixels cannot be read; copy it again")
+            raise InputError(f"{path} {problem}")
         for part in parts:
             layer = f"{part.header['name']}." if len(parts) > 1 else ""
             for channel, content in part.channels.items():
                 channels[layer + channel] = _in_window(content.pixels, part.header)
     except _DAMAGED as error:
-        raise InputError(f"{path} is not an EXR file that can be read") from error
+        raise InputError(f"{path} {problem}") from error
     return channels
 
 
