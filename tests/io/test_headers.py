@@ -207,9 +207,9 @@ def test_size_of(name: str) -> None:
         assert picture_size(data[: 12 if "WebP" in name else 9]) is None
 
 
-@pytest.mark.parametrize("focal", [28, None])
+@pytest.mark.parametrize("focal", [28, 1, None])
 def test_exif_without_an_orientation_is_upright(focal: int | None) -> None:
-    inner = tiff("<", False, {0xA405 if focal else 1: (3, (28,))})
+    inner = tiff("<", False, {0xA405 if focal else 1: (3, (focal or 28,))})
     at = len(tiff("<", False, {0x8769: (4, (0,))})) + 8
     data = tiff("<", False, {0x8769: (4, (at,))}, after=inner)
     assert tuple(read_exif(data)) == (1, focal)
