@@ -20,6 +20,7 @@ from depthcli.io.manifest.row import (
     Origin,
     OutputFile,
     Row,
+    checksum,
     is_intact,
     parse_row,
     written,
@@ -72,6 +73,8 @@ def test_an_output_is_intact_until_it_changes(tmp_path: Path) -> None:
     file = written(tmp_path, path)
     assert (file.path, file.bytes) == ("hall/a.png", 5)
     assert is_intact(tmp_path, file)
+    os.mkfifo(tmp_path / "pipe")
+    assert checksum(tmp_path / "pipe") is None  # and is not waited for
     path.write_bytes(b"dept!")
     assert not is_intact(tmp_path, file)
     path.unlink()
@@ -91,14 +94,14 @@ def test_an_output_that_is_removed_meanwhile_is_a_failure(tmp_path: Path) -> Non
 
 
 def test_rows_become_the_manifest_in_the_order_of_the_inputs(tmp_path: Path) -> None:
-    journal = Journal(tmp_path / "out")
+    journal = Journal(tmp_path / "new" / "out")
     assert not journal.was_cut_short
     for name in ("c", "a", "b", "a"):
         journal.add(row(name, seconds=0.25))
     journal.add(row("a", seconds=1.5))
     journal.finish(["a", "b", "c", "missing"])
-    assert [path.name for path in (tmp_path / "out").iterdir()] == [MANIFEST_NAME]
-    lines = (tmp_path / "out" / MANIFEST_NAME).read_bytes().splitlines()
+    assert [path.name for path in (tmp_path / "new" / "out").iterdir()] == [MANIFEST_NAME]
+    lines = (tmp_path / "new" / "out" / MANIFEST_NAME).read_bytes().splitlines()
     found = [parse_row(line) for line in lines]
     assert found == [row("a", 1.5), row("b", 0.25), row("c", 0.25)]
 

@@ -394,3 +394,12 @@ def test_pil_pictures(mode: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame.pixels, frame_of(tmp_path / "a.png").pixels)
         np.testing.assert_array_equal(own.pixels, np.array(image))
         assert own.orientation == 1
+
+
+def test_a_pil_picture_that_breaks_off_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    Image.fromarray(np.random.default_rng(0).integers(0, 256, (64, 64, 3), np.uint8)).save(path)
+    path.write_bytes(path.read_bytes()[:900])
+    line = "the PIL picture cannot be read: image file is trunc"
+    with Image.open(path) as opened, pytest.raises(InputError, match=line):
+        frame_of(opened)

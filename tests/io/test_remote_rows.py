@@ -123,8 +123,12 @@ def test_the_manifest_takes_the_place_of_parts(bucket: Bucket, faults: Faults) -
     (rows.path / ".hidden").write_bytes(b"")
     (rows.path / "manifest.parquet" / "part-00001.parquet").write_bytes(b"PAR2")
     faults.passed.clear()
-    rows.finish()
+    faults.fault = lambda method, *_: None if method in {"PUT", "GET", "HEAD"} else "403"
+    with pytest.raises(OutputError, match=r"cannot remove s3://.*: access denied; check the cred"):
+        rows.finish()
+    faults.fault = lambda *_: None
     put = sorted(place.partition("/out/")[2] for verb, place in faults.passed if verb == "PUT")
+    rows.finish()
     assert put == ["manifest.jsonl", "manifest.parquet/part-00001.parquet"]
     found = {name: data for name, data in bucket.objects().items() if data != b"not a row"}
     assert found == {
