@@ -194,7 +194,7 @@ def test_directml_runs_in_order_and_one_at_a_time(
     [
         (("cuda", "cpu"), "auto", "float"),
         (("cuda", "cpu"), "cpu", "int8"),
-        (("openvino", "cpu"), "auto", "int8"),
+        (("openvino", "cpu"), "auto", "float"),
         (("cpu",), "auto", "int8"),
     ],
 )

@@ -73,7 +73,7 @@ def export_onnx(
         typer.Option(
             metavar="NAME",
             help="With --int8: name of the same model in floats, for the card; it is used in "
-            "place of this one on GPUs.",
+            "place of this one on GPUs and OpenVINO.",
         ),
     ] = None,
     weights: Annotated[
