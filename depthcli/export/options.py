@@ -27,7 +27,7 @@ class ExportOptions:
     #: horizontal field of view of the camera that took the training pictures, degrees; None for
     #: what the checkpoint knows of it
     hfov_deg: float | None = None
-    float_model: str | None = None  #: name of the model that takes an int8 one's place on GPUs
+    float_model: str | None = None  #: name of the model that takes an int8 one's place off the CPU
     #: the average, where the run keeps one, or those of the last step
     weights: Weights = Weights.AVERAGED
 

@@ -66,7 +66,7 @@ def wanted_providers(provider: str) -> tuple[str, ...]:
 def made_for_int8(provider: str) -> bool:
     """Whether what would be tried first runs int8 networks faster than floats, and as calibrated.
 
-    GPUs run them slowly; OpenVINO does, too, and rounds them otherwise.
+    GPUs run them slowly; OpenVINO gains nothing from them, and rounds them otherwise.
 
     Raises:
         ProviderError: this onnxruntime has it not.

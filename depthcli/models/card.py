@@ -67,8 +67,8 @@ class ModelCard:
         file: name of the ONNX file beside the card; None in an embedded card.
         sha256: checksum of that file, 64 hex digits; None in an embedded card.
         size_bytes: size of that file (``bytes`` in JSON); None in an embedded card.
-        float_model: the same network in floats, which takes this one's place on processors that
-            are not made for int8; None if there is none.
+        float_model: the same network in floats, which takes this one's place on any provider
+            but the CPU's; None if there is none.
         training: how it came to be; free.
         scores: what it reaches on which protocol; free.
         latency: how fast it is on which machine; free.

@@ -94,7 +94,7 @@ def export_onnx(
     if fp16 and int8 is not None:
         raise UsageError("--fp16 and --int8 exclude each other; give one")
     if float_model is not None and int8 is None:
-        raise UsageError("--float-model needs --int8: a float model runs on GPUs itself")
+        raise UsageError("--float-model needs --int8: a float model runs on every provider itself")
     options = ExportOptions(
         name,
         model_version,
