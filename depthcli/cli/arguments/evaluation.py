@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 ModelsOption = Annotated[
     list[str] | None,
     typer.Option(
+        "--model",
         metavar="MODEL",
         autocompletion=completion.models,
         help="Name or path of a model; repeatable. Default: the bundled model.",

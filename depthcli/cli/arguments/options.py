@@ -13,6 +13,7 @@ from depthcli.io.writers.formats import Format
 ModelOption = Annotated[
     str | None,
     typer.Option(
+        "--model",  # typer 0.27 takes a metavar of the same word for the name
         metavar="MODEL",
         autocompletion=completion.models,
         help="Name ('depthcli models list'), .onnx file, or folder with a card.json.",

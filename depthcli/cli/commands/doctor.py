@@ -18,6 +18,7 @@ def doctor(
     model: Annotated[
         str | None,
         typer.Option(
+            "--model",
             metavar="MODEL",
             autocompletion=completion.models,
             help="Model to check, by name or path.",

@@ -26,7 +26,9 @@ def export_onnx(
             help="Output ONNX file or folder. Default: next to the checkpoint.",
         ),
     ] = None,
-    name: Annotated[str, typer.Option(metavar="NAME", help="Model name in the card.")] = "custom",
+    name: Annotated[
+        str, typer.Option("--name", metavar="NAME", help="Model name in the card.")
+    ] = "custom",
     model_version: Annotated[
         str, typer.Option(metavar="VERSION", help="Model version in the card.")
     ] = "1.0.0",

@@ -25,6 +25,7 @@ def add_own(
     card: Annotated[
         str | None,
         typer.Option(
+            "--card",
             metavar="CARD",
             autocompletion=completion.cards,
             help="A card.json, or the name of a ready card ('depthcli models cards'). Default: "
@@ -33,7 +34,9 @@ def add_own(
     ] = None,
     name: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Name for --model. Default: the name in the card."),
+        typer.Option(
+            "--name", metavar="NAME", help="Name for --model. Default: the name in the card."
+        ),
     ] = None,
     force: Annotated[
         bool,
