@@ -83,7 +83,7 @@ def _added(
     if sha256 is not None and found != sha256.lower():
         raise ModelError(f"{path} is another file: its sha256 is {found}; it is not added")
     draft = _draft(path, data, card)
-    complete = _complete(draft, path, data, name)
+    complete = _complete(draft, path, data, found, name)
     target = _install_target(complete.name, force=force)
     if target.is_dir():  # the old one stays until the new card is there
         complete = replace(complete, file=f"model-{found[:12]}.onnx")
@@ -160,18 +160,18 @@ def _object(text: str | bytes, where: str) -> dict[str, Any]:
         raise ModelError(f"{where}: {refused}; correct it") from None
 
 
-def _complete(draft: CardDraft, path: Path, data: bytes, name: str | None) -> ModelCard:
+def _complete(
+    draft: CardDraft, path: Path, data: bytes, sha256: str, name: str | None
+) -> ModelCard:
     """The card with all that the file itself says."""
     opset, ir = onnx_file.versions(data, str(path))
     fields = draft.fields | {"onnx": {"opset": opset, "ir": ir}, "file": _FILE_NAME}
     if name is not None:
         fields["name"] = name
-    sha256 = hashlib.sha256(data).hexdigest()
     card = ModelCard.from_json(json.dumps(fields), where=draft.where)
     _checked_name(card.name)
     catalog.check_file(card, path, len(data), sha256)
-    fields |= {"sha256": sha256, "bytes": len(data)}
-    return ModelCard.from_json(json.dumps(fields), where=draft.where)
+    return replace(card, sha256=sha256, size_bytes=len(data))
 
 
 def _user_place(folder: Path) -> Place | None:

@@ -22,7 +22,6 @@ from depthcli.io.writers.formats import MILLIMETRES
 RECIPE = "rooms.json"
 _OPTIONS = {"seed": "--seed", "size": "--size", "hfov_deg": "--hfov", "sensor": "--sensor"}
 _PER_FOLDER = 100
-_JPEG_QUALITY = 95
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +121,7 @@ def _pair_files(out: Path, index: int) -> tuple[Path, Path]:
 def _write_pair(out: Path, recipe: Recipe, index: int) -> None:
     pair = render_pair(recipe, index)
     picture, depth = _pair_files(out, index)
-    quality = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY)
-    encoded = cv2.imencode(".jpg", cv2.cvtColor(pair.rgb, cv2.COLOR_RGB2BGR), quality)[1]
+    encoded = cv2.imencode(".jpg", cv2.cvtColor(pair.rgb, cv2.COLOR_RGB2BGR))[1]
     steps, _ = quantized(pair.depth_m.astype(np.float32), MILLIMETRES)
     for path, data in ((picture, encoded.tobytes()), (depth, encode_png(steps))):
         with atomic_path(path) as temporary:

@@ -61,6 +61,32 @@ def test_the_card_is_completed_from_the_file(own: Path, file: Path, tmp_path: Pa
     assert "tiny" in dict(list_places())
 
 
+def test_a_card_may_be_called_anything(own: Path, file: Path, tmp_path: Path) -> None:
+    add_model(file, write_card(tmp_path / "card-of-mine"))
+    assert [path.name for path in own.iterdir()] == ["tiny"]
+
+
+def test_a_file_is_the_one_whose_checksum_was_given(own: Path, file: Path, tmp_path: Path) -> None:
+    card, own_sha256 = (
+        write_card(tmp_path / "c.json"),
+        hashlib.sha256(file.read_bytes()).hexdigest(),
+    )
+    with pytest.raises(ModelError, match=f"its sha256 is {own_sha256}; it is not added"):
+        add_model(file, card, sha256="0" * 64)
+    with pytest.raises(UsageError, match="is no SHA-256 checksum"):
+        add_model(file, card, sha256=own_sha256[1:])
+    assert not own.exists()
+    assert add_model(file, card, sha256=own_sha256.upper()).sha256 == own_sha256
+
+
+def test_a_name_that_is_taken_is_said_before_anything_is_fetched(own: Path, tmp_path: Path) -> None:
+    write_model(own / "mine")
+    with pytest.raises(UsageError, match="named 'mine' already exists"):
+        add_model(tmp_path / "none.onnx", name="mine")
+    with pytest.raises(ModelError, match="cannot read"):
+        add_model(tmp_path / "none.onnx", name="mine", force=True)
+
+
 def test_the_name_can_be_chosen(own: Path, file: Path, tmp_path: Path) -> None:
     add_model(file, write_card(tmp_path / "c.json"), name="mine")
     assert find_model("mine").card.name == "mine"

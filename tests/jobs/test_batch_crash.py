@@ -1,12 +1,15 @@
 """A decoder that crashes its process costs one file of a batch, not the batch."""
 
 import json
+import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from batches import request
 from command_line import ROOT, Cli
 from videos import flat_frames, write_video
 
@@ -15,6 +18,7 @@ from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import Journal
 from depthcli.io.manifest.row import OK, Origin, Row
 from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.suspects import check_picture, check_video, suspected
 from depthcli.jobs.batch.task import Task
 
@@ -84,8 +88,47 @@ def test_suspects_are_decoded_in_a_process_of_their_own(
         check_picture("a.png", picture)
 
 
-def test_what_only_cannot_be_decoded_is_no_crash() -> None:
+def test_what_only_cannot_be_decoded_is_no_crash(capfd: pytest.CaptureFixture[str]) -> None:
     check_picture("a.png", b"no picture")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("killed", "cores", "options", "suspects"),
+    [
+        (False, 1, {"workers": 2}, ""),
+        (True, 1, {"workers": 2}, "acm"),  # and of videos, done one by one, the first
+        (True, 3, {"workers": 2}, "acdm"),
+        (True, 1, {"workers": 2, "batch_size": 2}, "acdem"),
+    ],
+)
+def test_what_was_under_way_when_a_batch_died_is_suspected(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    killed: bool,
+    cores: int,
+    options: dict[str, int],
+    suspects: str,
+) -> None:
+    (tmp_path / "in").mkdir()
+    for name in ("a.png", "b.png", "c.png", "d.png", "e.png", "f.png", "m.mp4", "n.mp4"):
+        (tmp_path / "in" / name).touch()
+    journal = Journal(tmp_path / "out")
+    journal.add(Row("b.png", OK, Origin("0" * 64, "tiny", "1" * 64, "1.0")))
+    journal._opened.close() if killed else journal.finish(None)
+    asked: list[Any] = []
+
+    class Asking:
+        def run(self, _spec: object, chunks: Any, videos: Any, _record: object) -> Any:
+            asked.extend(task for chunk in chunks for task in chunk)
+            asked.extend(videos)
+            yield from ()
+
+    monkeypatch.setattr(os, "cpu_count", lambda: cores)
+    list(Batch(replace(request(tmp_path), **options), engine=Asking()))
+    assert "".join(task.input.name[0] for task in asked) == "abcdefmn"
+    assert "".join(task.input.name[0] for task in asked if task.is_suspect) == suspects
 
 
 def test_the_first_inputs_without_a_row_are_suspects(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import time
 from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,6 @@ from videos import write_mp4
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.errors import ModelError, UsageError
-from depthcli.inference.pipeline import Pipeline
 from depthcli.io.listing.globs import NameFilter
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, written
@@ -227,21 +225,6 @@ def test_outputs_do_not_go_behind_http(tmp_path: Path) -> None:
     pictures(tmp_path)
     with pytest.raises(UsageError, match="is behind HTTP, where nothing is written"):
         plan_folder(str(tmp_path / "in"), "https://host/out")
-
-
-def test_each_picture_has_its_share_of_a_run_of_the_network(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    predict_many = Pipeline.predict_many
-
-    def slow(self: Pipeline, *frames: Any, **camera: Any) -> Any:
-        time.sleep(0.06)
-        return predict_many(self, *frames, **camera)
-
-    monkeypatch.setattr(Pipeline, "predict_many", slow)
-    pictures(tmp_path)
-    together = replace(request(tmp_path), batch_size=3, workers=1)
-    assert all(result.row.seconds >= 0.06 / 3 for result in Batch(together))
 
 
 def test_what_is_excluded_is_not_looked_through(tmp_path: Path) -> None:

@@ -84,14 +84,19 @@ def test_a_killed_shard_goes_on_and_touches_no_other_s_files(tmp_path: Path) -> 
     manifest = tmp_path / "out" / "manifest-1-of-2.jsonl"
     manifest.rename(tmp_path / "out" / ".depthcli-batch-1-of-2.jsonl")  # as if it had been killed
     half = tmp_path / "out" / ".depthcli-0123456789abcdef.png"
-    half.write_bytes(b"of another shard that is at work")
+    deeper = tmp_path / "out" / "hall" / half.name
+    deeper.parent.mkdir(exist_ok=True)
+    for path in (half, deeper):
+        path.write_bytes(b"of another shard that is at work")
     assert all(result.is_kept for result in Batch(shard_request(tmp_path, 1, count=2)))
     assert half.exists()
+    assert deeper.exists()
     assert manifest.exists()
     list(Batch(shard_request(tmp_path, 2, count=2)))
     manifest.rename(tmp_path / "out" / ".depthcli-batch-1-of-2.jsonl")
     assert all(kept(tmp_path).values())
     assert not half.exists()
+    assert not deeper.exists()
     assert files(tmp_path / "out") == {"manifest.jsonl"}
 
 
@@ -105,6 +110,16 @@ def test_a_shard_replaces_no_input_of_another(tmp_path: Path) -> None:
         plan = plan_files([picture, its_output], "mine", *[str(tmp_path)] * 2, shard=shard)
         with pytest.raises(UsageError, match=r"the output for a\.jpg, is an input"):
             OutputMap(plan, (Format.PNG16,)).check_apart()
+
+
+def test_what_is_skipped_is_told_by_one_shard(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    for number in range(9):
+        (tmp_path / "in" / f"{number}.txt").touch()
+    told = [shard_request(tmp_path, number + 1).plan.skipped for number in range(COUNT)]
+    assert all(told), "a shard that skips nothing shows nothing"
+    whole = request(tmp_path).plan.skipped
+    assert sorted(file.name for part in told for file in part) == [file.name for file in whole]
 
 
 def test_a_shard_without_inputs_is_done(tmp_path: Path) -> None:

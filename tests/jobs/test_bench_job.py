@@ -68,7 +68,7 @@ def test_peak_memory_grows_with_what_is_held() -> None:
     held = np.ones(int(1.3 * before * 1e6 / 8))
     after = speed.peak_memory_mb()
     assert after is not None
-    assert after >= held.nbytes / 1e6
+    assert held.nbytes / 1e6 <= after <= before + 1.5 * held.nbytes / 1e6
 
 
 @pytest.mark.parametrize("size", [(640, 480), (1, 1), (301, 7)])
@@ -80,7 +80,9 @@ def test_the_made_picture_weighs_what_photographs_do(size: tuple[int, int]) -> N
     if size == (640, 480):
         assert 50_000 < len(data) < 150_000
         detail = cv2.Laplacian(frame.pixels.astype(np.float32), cv2.CV_32F)
-        assert detail.std() > 5
+        # The figures of two versions are of the same picture.
+        found = (frame.pixels.mean(), frame.pixels.std(), detail.std(), len(data))
+        assert found == pytest.approx((131.4, 50.0, 15.1, 70_700), rel=1e-2)
 
 
 def test_the_figures_belong_to_a_model_and_a_provider(model_folder: Path) -> None:

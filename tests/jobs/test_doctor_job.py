@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import importlib.metadata
+import platform
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import pytest
 from tiny import write_model
 
 from depthcli.errors import ModelError
+from depthcli.inference import providers
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.pictures import codecs
 from depthcli.jobs.doctor import check_installation
-from depthcli.jobs.doctor_packages import Check, check_families
+from depthcli.jobs.doctor_packages import Check, check_families, check_modules, check_versions
 from depthcli.jobs.verify_models import verify_models
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from depthcli.inference.session import Session
 
 
 @pytest.fixture
@@ -70,6 +79,57 @@ def test_add_ons_of_onnxruntime_are_no_conflict(
 ) -> None:
     seem_installed(tmp_path, monkeypatch, "onnxruntime_extensions", "onnxruntime_genai")
     assert by_name(check_families())["onnxruntime packages"].status == "ok"
+
+
+def test_only_what_is_needed_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def version(package: str) -> str:
+        if package in ("torch", "av"):
+            raise importlib.metadata.PackageNotFoundError
+        return "1.2.3"
+
+    monkeypatch.setattr(importlib.metadata, "version", version)
+    found = by_name(check_versions())
+    assert found["numpy"] == Check("numpy", "ok", "1.2.3")
+    assert found["av"] == Check("av", "warning", "not installed under this name")
+    assert "torch" not in found
+    assert found["Python"].detail == platform.python_version()
+
+
+def test_a_module_that_is_not_whole_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", ModuleType("cv2"))
+    monkeypatch.setitem(sys.modules, "av", None)
+    found = by_name(check_modules())
+    statuses = {name.removeprefix("import "): check.status for name, check in found.items()}
+    assert statuses == {
+        **dict.fromkeys(("numpy", "onnxruntime", "OpenEXR"), "ok"),
+        **dict.fromkeys(("cv2", "av"), "failed"),
+    }
+    advice = "install it again: pip install --force-reinstall opencv-python-headless"
+    assert found["import cv2"].detail.startswith("AttributeError: ")
+    assert found["import cv2"].detail.endswith(advice)
+    assert not found["import av"].detail.startswith("ModuleNotFoundError")
+
+
+@pytest.mark.usefixtures("models")
+@pytest.mark.filterwarnings("ignore:Specified provider")
+def test_what_works_only_in_part_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(providers, "available_providers", lambda: ("tensorrt", "rocm", "cpu"))
+    monkeypatch.setattr(codecs, "can_code", lambda suffix: suffix != ".webp")
+    load = SessionLoader.load
+
+    def settled(self: SessionLoader) -> Session:
+        session = load(self)
+        session.warnings = ("runs on cpu",)
+        return session
+
+    monkeypatch.setattr(SessionLoader, "load", settled)
+    found = by_name(check_installation())
+    assert found["model"].status == "warning"
+    assert found["model"].detail.endswith("has tensorrt, rocm, cpu; runs on cpu")
+    assert (found["provider tensorrt"].status, found["provider cpu"].status) == ("ok", "ok")
+    assert "not tried" in found["provider tensorrt"].detail
+    assert found["provider rocm"].status == "warning"
+    assert (found["codec .webp"].status, found["codec .png"].status) == ("warning", "ok")
 
 
 def seem_installed(folder: Path, monkeypatch: pytest.MonkeyPatch, *names: str) -> None:

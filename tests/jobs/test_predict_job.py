@@ -6,7 +6,7 @@ import errno
 import re
 import subprocess
 import sys
-from io import BytesIO
+from io import BufferedWriter, BytesIO
 from typing import TYPE_CHECKING
 
 import cv2
@@ -71,6 +71,14 @@ def test_streams_are_those_of_the_request(tmp_path: Path, loader: SessionLoader)
     assert done.outputs == ("-",)
     steps = cv2.imdecode(np.frombuffer(written.getvalue(), np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_allclose(steps / 256, done.depth, atol=1 / 256)
+
+
+def test_a_picture_is_out_when_its_result_is_there(tmp_path: Path, loader: SessionLoader) -> None:
+    name = str(write_picture(tmp_path / "a.png"))
+    passed = BytesIO()
+    stream = BufferedWriter(passed, 1_000_000)  # type: ignore[arg-type]
+    next(predict(PredictRequest((name,), "-", model=loader, stdout=stream)))
+    assert passed.getvalue().endswith(b"IEND\xaeB`\x82")
 
 
 def test_without_streams_there_is_nothing_to_read_or_write(

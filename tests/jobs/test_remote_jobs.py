@@ -203,6 +203,18 @@ os.kill(os.getpid(), signal.SIGKILL)
     assert found == tree
 
 
+def test_rows_reach_the_bucket_while_a_batch_runs(
+    tmp_path: Path, bucket: Bucket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("depthcli.io.manifest.rows_folder._SEND_EVERY_S", 0)
+    bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
+    job = Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("out")))
+    next(job)
+    assert any(name.startswith(".depthcli-batch.jsonl.") for name in results_in(bucket))
+    job.close()
+    assert results_in(bucket).keys() == {"a.depth.png", "a.depth.npy", "manifest.jsonl"}
+
+
 def test_shards_into_a_bucket_become_one_manifest(
     tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]
 ) -> None:

@@ -14,7 +14,7 @@ from command_line import Cli
 from depthcli.cli.shell import run
 from depthcli.core.types import Frame
 from depthcli.datasets.paired_folder import open_paired_folder
-from depthcli.datasets.rooms.pair import Recipe, render_pair, room_focal_px
+from depthcli.datasets.rooms.pair import VERSION, Recipe, render_pair, room_focal_px
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError
 from depthcli.inference.camera import camera_of
@@ -66,6 +66,26 @@ def test_a_signal_ends_the_workers_too(cli: Cli) -> None:
     process.send_signal(signal.SIGTERM)
     _, said = process.communicate(timeout=20)  # until the last of them has closed it
     assert (process.returncode, said) == (128 + signal.SIGTERM, "")
+
+
+def test_a_folder_holds_a_hundred_rooms_and_those_that_are_missing_are_told(
+    tmp_path: Path,
+) -> None:
+    for number in range(100):
+        for path in (f"rgb/0000/{number:06}.jpg", f"depth/0000/{number:06}.png"):
+            (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / path).touch()
+    told: list[object] = []
+
+    class Told:
+        def begin(self, *what: object) -> object:
+            told.append(what)
+            return told.append
+
+    (tmp_path / "rooms.json").write_text(json.dumps({"version": VERSION, **RECIPE._asdict()}))
+    done = render(RenderRequest(tmp_path, 102, RECIPE), Told())  # type: ignore[arg-type]
+    assert (done.count, done.made, told) == (102, 2, [("", 2, "rooms"), 1, 1])
+    assert {path.stem for path in tmp_path.glob("*/0001/*")} == {"000100", "000101"}
 
 
 def test_files_hold_what_was_rendered(folder: Path) -> None:

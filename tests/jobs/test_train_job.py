@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -63,6 +64,25 @@ def test_pairs_without_scenes_are_said_to_lack_them(tmp_path: Path) -> None:
     notes = Notes()
     train(_request(tmp_path, minutes=0), notes)
     assert [start.lacks_scenes for start in notes.starts] == [True]
+
+
+@pytest.mark.parametrize(
+    ("changed", "line"),
+    [
+        ({"units_per_metre": 256.0}, "is in a unit that is known"),
+        ({"split": "official"}, "no pair here belongs to the training part of the official split"),
+    ],
+)
+def test_settings_of_the_data_are_those_of_the_run(
+    tmp_path: Path, changed: dict[str, Any], line: str
+) -> None:
+    index = write_rooms(tmp_path / "data") / "index.csv"
+    index.write_text(index.read_text().replace(",train", ",test"))
+    request = _request(tmp_path)
+    config = replace(request.config, data=replace(request.config.data, **changed))
+    with pytest.raises(DatasetError, match=line):
+        train(replace(request, config=config), Notes())
+    assert not request.out.exists()
 
 
 def test_errors_are_raised_before_anything_is_written(tmp_path: Path) -> None:

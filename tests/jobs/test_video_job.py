@@ -343,6 +343,7 @@ RESUMED = [
     (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.WEBM),
     (VideoFormat.MKV, VideoFormat.MOV, VideoFormat.PNG16),
     (VideoFormat.MP4, VideoFormat.NPY),
+    (VideoFormat.EXR,),
 ]
 
 
@@ -368,6 +369,29 @@ def test_a_video_that_was_stopped_twice_goes_on_to_the_same_bytes(
     whole = video(dataclasses.replace(request, output=f"{tmp_path}/whole/"))
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
     assert (done.frames, done.flicker, done.warnings) == (24, whole.flicker, whole.warnings)
+
+
+@pytest.mark.parametrize(
+    ("which", "writing"),
+    [
+        (VideoFormat.PNG16, WriterOptions(png_normalize=True)),
+        (VideoFormat.EXR, WriterOptions(half=True)),
+    ],
+)
+def test_frames_that_keep_less_than_their_depth_tell_no_other_figures(
+    clip: Path, tmp_path: Path, loader: SessionLoader, which: VideoFormat, writing: WriterOptions
+) -> None:
+    settings = VideoSettings(writing=writing, span=Span(end=frame_number(9)))
+    asked = VideoRequest(str(clip), f"{tmp_path}/whole/", (which,), model=loader, settings=settings)
+    whole = video(dataclasses.replace(asked, sidecar=True))
+    for folder, sidecar in (("alone", False), ("described", True)):
+        again = dataclasses.replace(asked, output=f"{tmp_path}/{folder}/", sidecar=sidecar)
+        with pytest.raises(KeyboardInterrupt):
+            video(again, Watch(last=5))
+        assert video(again).flicker == pytest.approx(whole.flicker, rel=1e-2)
+    frames = {n: d for n, d in contents(tmp_path / "whole").items() if not n.endswith(".json")}
+    assert contents(tmp_path / "alone") == frames
+    assert contents(tmp_path / "described") == contents(tmp_path / "whole")
 
 
 @pytest.mark.parametrize("keep", [0.5, 0.8, 1.0])
@@ -509,6 +533,7 @@ def test_a_part_of_a_video(clip: Path, tmp_path: Path, loader: SessionLoader) ->
     indices = [6, 9, 12, 15, 18]
     assert (done.frames, done.first.index, done.rate) == (5, 6, NTSC / 3)
     assert done.first.timestamp_s == pytest.approx(6 * 1001 / 30000)
+    assert done.first.pixels.size == 1  # of a frame only what it says is kept
     names = {f"clip.depth.{i:06d}.png" for i in indices}
     assert files(tmp_path / "p") == {"clip.depth.mkv"} | names
     steps = list(DepthVideo(tmp_path / "whole.mkv").steps())
@@ -568,6 +593,36 @@ def test_smoothing_lowers_the_flicker_and_stops_at_a_cut(
         np.std([values[20:28] for values in maps[10:25]], axis=0).mean() for maps in (first, second)
     ]
     assert noise[1] < noise[0] / 2
+
+
+def test_a_part_is_smoothed_and_coloured_as_a_video_of_its_own(
+    tmp_path: Path, loader: SessionLoader
+) -> None:
+    """Only how long ago frames were counts, not when."""
+    whole = noisy(tmp_path / "whole.avi", 1, 40)
+    with VideoSource(whole) as source:
+        frames = [frame.pixels for frame in source.frames()][30:]
+    encode(tmp_path / "part.avi", frames, Fraction(25), "ffv1", "bgr0")
+    gray = WriterOptions(colormap="gray")
+    part, own = (
+        run(path, f"{tmp_path}/{path.stem}/", loader, smooth_s=0.2, writing=gray, span=span)
+        for path, span in ((whole, Span(frame_number(30))), (tmp_path / "part.avi", Span()))
+    )
+    assert (part.first.index, own.first.index, part.flicker) == (30, 0, own.flicker)
+    maps, others = ([depth.values for depth in DepthVideo(done.outputs[0])] for done in (part, own))
+    np.testing.assert_array_equal(maps, others)
+    shown, other = (colours(tmp_path / name / f"{name}.preview.mp4") for name in ("whole", "part"))
+    np.testing.assert_array_equal(shown, other)
+
+
+@pytest.mark.parametrize(
+    ("times_s", "is_regular"), [([0, 0.04, 0.08, 0.12], True), ([0, 0.04, 0.1, 0.12], False)]
+)
+def test_frames_off_the_grid_are_told(
+    tmp_path: Path, loader: SessionLoader, times_s: list[float], *, is_regular: bool
+) -> None:
+    path = write_mp4(tmp_path / "a.mp4", flat_frames([9, 50, 99, 200]), Fraction(25), times_s)
+    assert run(path, tmp_path / "d.mkv", loader).is_regular is is_regular
 
 
 def colours(path: Path) -> list[np.ndarray[Any, Any]]:

@@ -1,8 +1,6 @@
 """One worker's turn: a few pictures from their files to their outputs."""
 
 import hashlib
-import os
-import stat
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -131,14 +129,8 @@ def read_input(file: InputFile) -> bytes:
     """Content of an input.
 
     Raises:
-        InputError: it cannot be read, or is no file: reading a pipe could take for ever.
+        InputError: it cannot be read, or is no file.
     """
     if file.problem is not None:
         raise InputError(file.problem)
-    try:
-        mode = os.stat(file.path).st_mode  # noqa: PTH116 - names with any byte pass here
-    except (OSError, ValueError):
-        mode = stat.S_IFREG  # reading it says what is wrong
-    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-        raise InputError(f"{file.path} is not a file but a pipe or a device; copy it to a file")
     return read_bytes(path_of(file.path))

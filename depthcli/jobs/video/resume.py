@@ -64,7 +64,7 @@ class EarlierFrames:
             return None
         names = [number_name(self._plan.names[which], number) for which in self._formats]
         try:
-            maps = [read_depth(self._plan.folder / n, png_scale=self._scale) for n in names]
+            maps = [read_depth(self._plan.folder / name) for name in names]
         except InputError:
             return None
         return DepthMap(maps[0].values, self._kind)  # NPY does not say it
@@ -104,7 +104,7 @@ def earlier_frames(
     """
     kept = plan, pipeline.card.output.kind, settings.writing.png_scale
     numbered = [which for which in plan.names if which in SEQUENCES]
-    others = set(plan.names) - {*SEQUENCES, VideoFormat.JSON}
+    others = set(plan.names) - set(SEQUENCES)
     is_whole = (
         rounding(plan, pipeline, settings) is not None
         or VideoFormat.NPY in numbered

@@ -1,0 +1,110 @@
+"""Options of a batch mean what they mean to one picture and to one video."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+from batches import NAMES, outputs, pictures, request
+from videos import flat_frames, write_mp4
+
+from depthcli.core.camera import Camera
+from depthcli.core.choices import GPU_BATCH, Detail, Upsampling
+from depthcli.io.writers.formats import Format
+from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.batch.forecast import forecast
+from depthcli.jobs.batch.options import BatchOptions
+from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.predict.request import PredictRequest
+from depthcli.jobs.predict.run import predict
+from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.run import video
+from depthcli.jobs.video.settings import VideoSettings
+from depthcli.video.formats import VideoFormat
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+WRITING = WriterOptions(png_scale=256.0, half=True, colormap="turbo", legend=True)
+DETAIL = Detail(Upsampling.BILINEAR)
+
+
+@pytest.mark.parametrize("camera", [Camera(hfov_deg=80.0), Camera(focal_px=40.0)])
+def test_a_file_in_a_batch_becomes_what_it_becomes_alone(tmp_path: Path, camera: Camera) -> None:
+    pictures(tmp_path)
+    clip = write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99, 200]))
+    formats = (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON)
+    asked = request(tmp_path, options=BatchOptions(formats, WRITING, camera, DETAIL))
+    results = {result.row.input: result.row for result in Batch(asked)}
+    alone, loader = f"{tmp_path}/alone/", asked.model
+    picture = str(tmp_path / "in" / "a.png")
+    list(
+        predict(PredictRequest((picture,), alone, formats, False, loader, camera, WRITING, DETAIL))
+    )
+    settings = VideoSettings(writing=WRITING, camera=camera, detail=DETAIL)
+    of_video = (VideoFormat.MKV, VideoFormat.EXR, VideoFormat.MP4, VideoFormat.JSON)
+    done = video(VideoRequest(str(clip), alone, of_video, model=loader, settings=settings))
+    wanted, found = outputs(tmp_path / "alone"), outputs(tmp_path / "out")
+    assert len(wanted) == 4 + 3 + 3
+    assert {name: found.get(name) for name in wanted} == wanted
+    assert results["clip.mp4"].warnings == done.warnings
+    assert "(given)" in str(results["clip.mp4"].camera)
+
+
+def test_what_is_too_large_is_refused_beforehand_and_then(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99]))
+    asked = request(tmp_path, options=BatchOptions(max_pixels=24 * 32))
+    would = {one.input: one.error for one in forecast(asked, asked.model.load())}
+    became = {result.row.input: result.row.error for result in Batch(asked)}
+    assert [name for name in NAMES if would[name] is None] == ["a.png"]
+    assert {name: would[name] for name in NAMES} == {name: became[name] for name in NAMES}
+    assert "more than 768; raise --max-pixels" in str(became["clip.mp4"])
+
+
+def test_what_a_model_settled_for_is_told_once_of_the_whole_batch(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    (tmp_path / "in" / "a.heic").touch()
+    asked = request(tmp_path)
+    session = asked.model.load()
+    session.warnings = ("runs on cpu",)
+    batch = Batch(asked, session)
+    assert batch.warnings == (*asked.plan.warnings, "runs on cpu")
+    assert len(batch.warnings) == 2
+    assert not any(result.row.warnings for result in batch)
+
+
+@pytest.mark.parametrize(("provider", "at_once"), [("cpu", 1), ("cuda", GPU_BATCH)])
+def test_a_gpu_takes_several_pictures_at_a_time(
+    tmp_path: Path, provider: str, at_once: int
+) -> None:
+    for number in range(GPU_BATCH + 1):
+        (tmp_path / "in").mkdir(exist_ok=True)
+        (tmp_path / "in" / f"{number}.png").write_bytes(b"no picture")
+    asked = replace(request(tmp_path), workers=1)
+    session = asked.model.load()
+    session.provider = provider
+    sizes: list[int] = []
+    with pytest.MonkeyPatch.context() as patch:
+        from depthcli.jobs.batch.pictures import PictureWorker  # noqa: PLC0415
+
+        work = PictureWorker.work
+        patch.setattr(
+            PictureWorker, "work", lambda self, tasks: sizes.append(len(tasks)) or work(self, tasks)
+        )
+        list(Batch(asked, session))
+    assert (sizes[0], sum(sizes)) == (at_once, GPU_BATCH + 1)
+
+
+def test_the_frames_of_a_batch_s_videos_are_told(tmp_path: Path) -> None:
+    write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99, 200]))
+    told: list[object] = []
+
+    class Told:
+        def begin(self, *what: object) -> object:
+            told.append(what)
+            return told.append
+
+    list(Batch(request(tmp_path), progress=Told()))  # type: ignore[arg-type]
+    assert told == [("clip.mp4", 3, "frames"), 1, 1, 1]
