@@ -298,6 +298,9 @@ def test_a_model_of_one_file_is_removed_with_its_card(own: Path) -> None:
     (own / "other.txt").write_text("stays")
     remove_model("flat")
     assert [p.name for p in own.iterdir()] == ["other.txt"]
+    (own / "flat.onnx").write_bytes(tiny_onnx(card=json.dumps(card_with({}))))
+    assert remove_model("flat") == own / "flat"
+    assert [p.name for p in own.iterdir()] == ["other.txt"]
 
 
 def test_a_link_is_removed_and_not_what_it_leads_to(own: Path, tmp_path: Path) -> None:

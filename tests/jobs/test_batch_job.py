@@ -182,8 +182,11 @@ def test_what_was_recorded_is_in_the_manifest_though_nobody_asked_for_it(tmp_pat
     pictures(tmp_path)
     with closing(Batch(request(tmp_path), engine=LastFirst())) as batch:
         assert next(batch).row.input == NAMES[0]
-    assert [result.row.input for result in batch.late] == list(NAMES[1:])
+        (tmp_path / "out" / "z.depth.png").unlink()
+    late = [(result.row.input, result.row.status) for result in batch.late]
+    assert late == [("z.png", FAILED), ("hall/b.png", OK)]
     assert batch.tally.done == len(NAMES)
+    assert [name for name, _ in batch.tally.failures] == ["z.png"]
     lines = (tmp_path / "out" / "manifest.jsonl").read_text().splitlines()
     assert [json.loads(line)["input"] for line in lines] == list(NAMES)
 

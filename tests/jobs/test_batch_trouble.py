@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import threading
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -13,8 +14,14 @@ from tiny import write_picture
 from videos import write_mp4
 
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import FAILED, OK
+from depthcli.io.pictures.read import read_image
+from depthcli.io.writers.formats import Format
+from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.batch.forecast import forecast
+from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch
 
 if TYPE_CHECKING:
@@ -134,6 +141,37 @@ def test_a_video_that_changes_while_it_is_read_counts_as_failed(tmp_path: Path) 
     assert "changed while it was read; run the batch again" in str(result.row.error)
     assert kept(tmp_path) == {"a.mp4": False}
     assert kept(tmp_path) == {"a.mp4": True}
+
+
+def test_what_cannot_be_listed_fails_with_its_reason(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    asked = request(tmp_path)
+    closed = InputFile("hall", f"{tmp_path}/in/hall", "in/hall cannot be listed: closed")
+    asked = replace(asked, plan=replace(asked.plan, inputs=(*asked.plan.inputs, closed)))
+    would = {one.input: one.error for one in forecast(asked, asked.model.load())}
+    became = {result.row.input: result.row.error for result in Batch(asked)}
+    assert would == became == dict.fromkeys(NAMES) | {"hall": closed.problem}
+
+
+def test_a_picture_beyond_the_memory_fails_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(path: Path, *rest: Any, **options: Any) -> Any:
+        if path.name == "z.png":
+            raise MemoryError
+        return read_image(path, *rest, **options)
+
+    monkeypatch.setattr("depthcli.jobs.batch.pictures.read_image", read)
+    pictures(tmp_path)
+    became = {result.row.input: result.row.error for result in Batch(request(tmp_path))}
+    assert became == dict.fromkeys(NAMES) | {"z.png": "does not fit into memory; make it smaller"}
+
+
+def test_options_that_fit_no_picture_end_the_batch(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    options = BatchOptions((Format.PREVIEW,), WriterOptions(vmin=2.0, vmax=1.0))
+    with pytest.raises(UsageError, match="vmin 2 is above vmax 1; swap them"):
+        list(Batch(request(tmp_path, options=options)))
 
 
 def test_a_file_that_disappears_after_it_was_listed_stops_no_other(tmp_path: Path) -> None:

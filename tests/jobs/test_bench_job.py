@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from depthcli.core.types import DepthMap, Frame
+    from depthcli.inference.session import Session
 
 SLEEP_S = 0.004
 
@@ -93,6 +94,24 @@ def test_the_figures_belong_to_a_model_and_a_provider(model_folder: Path) -> Non
     for latency in (done.speed.network, done.speed.end_to_end):
         assert 0 < latency.min_ms <= latency.median_ms
         assert latency.noise >= 0
+
+
+def test_what_a_model_settled_for_is_said(
+    model_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load_model = SessionLoader.load
+
+    def settled(self: SessionLoader) -> Session:
+        session = load_model(self)
+        session.warnings = (f"{self.threads} threads",)
+        return session
+
+    monkeypatch.setattr(SessionLoader, "load", settled)
+    said: list[str] = []
+    loader = SessionLoader(model_folder, "cpu", 3)
+    asked = speed.BenchRequest(loader, made_px=(64, 48), workers=2, seconds=0)
+    speed.run_bench(asked, said.append)
+    assert said == ["3 threads"]
 
 
 def test_throughput_is_that_between_the_first_picture_and_the_last(

@@ -52,6 +52,17 @@ def test_each_provider_is_tried() -> None:
 
 
 @pytest.mark.usefixtures("models")
+def test_an_error_that_nobody_foresaw_hides_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_suffix: str) -> bool:
+        raise ValueError("of two\nlines")
+
+    monkeypatch.setattr(codecs, "can_code", broken)
+    found = by_name(check_installation())
+    assert found["codecs"] == Check("codecs", "failed", "ValueError: of two lines")
+    assert found["codec .exr"].status == "ok"
+
+
+@pytest.mark.usefixtures("models")
 def test_a_provider_that_is_not_there_fails() -> None:
     model = by_name(check_installation(provider="openvino"))["model"]
     assert model.status == "failed" or "runs on openvino" in model.detail

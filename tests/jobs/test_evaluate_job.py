@@ -76,6 +76,19 @@ def test_what_a_model_settled_for_is_said_once(
     assert said == ["runs on cpu"]
 
 
+def test_what_is_not_wanted_is_not_written(
+    request_of_val: ModelsRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = compare_models(replace(request_of_val, shown_ids=None))
+    monkeypatch.chdir(tmp_path)
+    before = set(tmp_path.rglob("*"))
+    assert (done.figures, list(EvaluationFiles().write(report_page(done.report), "", ()))) == (
+        (),
+        [],
+    )
+    assert set(tmp_path.rglob("*")) == before
+
+
 def test_nothing_to_compare(request_of_val: ModelsRequest) -> None:
     with pytest.raises(UsageError, match="nothing to compare"):
         compare_models(replace(request_of_val, models=()))

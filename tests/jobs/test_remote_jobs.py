@@ -17,7 +17,7 @@ from tiny import write_model, write_picture
 from videos import flat_frames, write_video
 
 from depthcli.core.ending import prepare_to_end
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest.rows_folder import rows_folder
@@ -30,11 +30,13 @@ from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.failed import Failed
+from depthcli.jobs.install_model import add_model
 from depthcli.jobs.predict.pictures import Done
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
 from depthcli.jobs.video.request import VideoRequest
 from depthcli.jobs.video.run import video
+from depthcli.models.catalog import find_model
 from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:
@@ -201,6 +203,30 @@ os.kill(os.getpid(), signal.SIGKILL)
     found = results_in(bucket)
     assert rows(found.pop("manifest.jsonl"))
     assert found == tree
+
+
+def test_a_model_is_fetched_from_a_bucket(
+    tmp_path: Path, bucket: Bucket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path / "own"))
+    made = write_model(tmp_path / "made")
+    data, card = (made / "model.onnx").read_bytes(), str(made / "card.json")
+    source = path_of(bucket.put("model.onnx", data))
+    told: list[int] = []
+
+    class Told:
+        def begin(self, _what: str, total: int | None, _unit: str = "") -> Callable[[int], None]:
+            assert total == len(data)
+            return told.append
+
+    assert add_model(source, card, progress=Told()).sha256 == find_model(made).sha256
+    assert sum(told) == len(data)
+    with pytest.raises(ModelError, match=r"none\.onnx cannot be read: no such object"):
+        add_model(path_of(bucket.uri("none.onnx")), card, name="other")
+    monkeypatch.setattr("depthcli.models.catalog.MAX_BYTES", len(data) - 1)
+    with pytest.raises(ModelError, match="bytes"):
+        add_model(source, card, name="other")
+    assert [path.name for path in (tmp_path / "own").iterdir()] == ["tiny"]
 
 
 def test_rows_reach_the_bucket_while_a_batch_runs(

@@ -200,6 +200,11 @@ def test_outputs_that_do_not_fit(
     assert files(tmp_path) == {"clip.mp4", "link.mp4"}
 
 
+def test_without_a_stream_there_is_nothing_to_read() -> None:
+    with pytest.raises(UsageError, match="there is no stdin; name a file"):
+        video(VideoRequest("-", "a.mkv"))
+
+
 def test_a_codec_is_for_its_containers() -> None:
     with pytest.raises(UsageError, match="vp9 or av1"):
         video(VideoRequest("a.mp4", None, (VideoFormat.WEBM,), codec=PreviewCodec.H264))
@@ -316,6 +321,22 @@ def test_a_folder_in_the_place_of_an_output_is_an_error(
         video(VideoRequest(str(clip), model=loader))
 
 
+@pytest.mark.parametrize("which", [VideoFormat.MKV, VideoFormat.MP4, VideoFormat.PNG16])
+def test_a_file_in_the_place_of_the_folder_is_an_error(
+    clip: Path, loader: SessionLoader, which: VideoFormat
+) -> None:
+    with pytest.raises(OutputError, match=r"cannot write .*clip\.mp4.*; choose another -"):
+        video(VideoRequest(str(clip), f"{clip}/out/", (which,), model=loader))
+
+
+def test_a_span_behind_the_damage_is_an_error(tmp_path: Path, loader: SessionLoader) -> None:
+    cut = write_video(tmp_path / "cut.avi", flat_frames(range(30)))
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
+    with pytest.raises(InputError, match=r"cut\.avi has no frame that can be read: .*ends after"):
+        run(cut, tmp_path / "d.mkv", loader, span=Span(frame_number(25)))
+    assert files(tmp_path) == {"model", "cut.avi"}
+
+
 def test_numbered_files_of_a_run_that_was_stopped_are_kept(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
@@ -327,6 +348,8 @@ def test_numbered_files_of_a_run_that_was_stopped_are_kept(
     out = tmp_path / "out"
     assert not (out / "clip.depth.json").exists()
     written_ns = {path.name: path.stat().st_mtime_ns for path in sorted(out.glob("*.png"))[6:9]}
+    (out / "clip.depth.000002.png").write_bytes(b"damaged")
+    (out / "clip.depth.000003.png").unlink()
     watch = Watch()
     assert (video(request, watch).frames, watch.done) == (24, 24)
     for name, at_ns in written_ns.items():
@@ -472,6 +495,8 @@ def test_names_of_outputs(tmp_path: Path) -> None:
         VideoFormat.MKV: "b.depth.mkv",
         VideoFormat.PNG16: "b.depth.%06d.png",
     }
+    described = plan_video(VideoRequest("a.mov", "x/b.webm", sidecar=True))
+    assert described.names == {VideoFormat.WEBM: "b.webm", VideoFormat.JSON: "b.json"}
     assert plan_video(VideoRequest("a.mov", str(tmp_path), formats)).folder == tmp_path
     assert video_formats("frames", ()) == (VideoFormat.MKV, VideoFormat.MP4)
     assert set(VIDEO_FORMATS) == set(VideoFormat)

@@ -216,6 +216,7 @@ def test_a_worker_elsewhere_gives_what_one_here_does(
         replace(row, seconds=0) for row in here
     ]
     assert outputs(tmp_path / "there") == outputs(tmp_path / "here")
+    assert list(Call(video=video, losses=1).alone()) == [Call(video=video, losses=2)]
     assert (Call(tuple(chunks)).task, Call(video=video).task) == (chunks[0][0], video)
 
 

@@ -84,8 +84,6 @@ class PictureWorker:
             return self.pipeline.predict_many(
                 frames, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
             )
-        except UsageError:
-            raise
         except Exception as error:  # noqa: BLE001 - no picture may stop the others
             if len(frames) == 1:
                 check_network(error, self.pipeline.session)
