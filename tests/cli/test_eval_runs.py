@@ -25,7 +25,11 @@ from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
+from depthcli.errors import DepthcliError, ModelError
+from depthcli.evaluation.table import HEADLINE_TABLE
+from depthcli.export.trained import export_run
 from depthcli.inference.pipeline import load
+from depthcli.jobs.evaluate.runs import RunsRequest, compare_runs
 from depthcli.training.config.changes import updated
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import default_config
@@ -35,6 +39,7 @@ from depthcli.training.watchers import Watcher
 if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
     from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.trained_run import TrainedRun
 
 SMALL = {
     "generator": {"width": 4, "blocks": 1},
@@ -319,6 +324,33 @@ def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(
     assert shown.err.splitlines()[-1].startswith(
         "depthcli: error: 1 runs are skipped: proposed-seed0 ("
     )
+
+
+def test_a_run_that_cannot_be_exported_is_named_and_the_others_are_compared(
+    trained: Path, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def export(run: TrainedRun, *rest: Any) -> Path:
+        if run.name in unable:
+            raise ModelError("no room")
+        return export_run(run, *rest)
+
+    told: list[object] = []
+
+    class Told:
+        def begin(self, *what: object) -> object:
+            told.append(what)
+            return lambda count: told.append(count) if told[0] is what else None
+
+    monkeypatch.setattr("depthcli.jobs.evaluate.runs.export_run", export)
+    asked = RunsRequest(trained, data, options=replace(HEADLINE_TABLE, trivial=False))
+    unable = {"fastcut-seed0", "proposed-seed0"}
+    done = compare_runs(replace(asked, published=False), Told())  # type: ignore[arg-type]
+    assert done.failed == ("fastcut-seed0 (no room)", "proposed-seed0 (no room)")
+    assert [[run.name for run in row.runs] for row in done.report.rows] == [["fastcut-seed1"]]
+    assert told[:4] == [("exporting runs", 3), 1, 1, 1]
+    unable.add("fastcut-seed1")
+    with pytest.raises(DepthcliError, match="no run can be exported: fastcut-seed0 "):
+        compare_runs(asked)
 
 
 def test_ids_choose_the_pictures(

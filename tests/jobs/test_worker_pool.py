@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import random
+import re
+import signal
 from collections import Counter, deque
 from dataclasses import replace
 from itertools import count
@@ -18,13 +22,13 @@ from hypothesis import strategies as st
 from videos import flat_frames, write_mp4
 
 from depthcli._version import __version__
-from depthcli.errors import EngineError
+from depthcli.errors import EngineError, ModelError
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.engines.pool import Pool
-from depthcli.jobs.batch.engines.ray import _room
+from depthcli.jobs.batch.engines.ray import LOCAL, _Actors, _connect, _room
 from depthcli.jobs.batch.engines.remote_worker import Call, RemoteWorker
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.run import Batch
@@ -231,6 +235,82 @@ def test_how_many_workers_have_room(cpus: float, gpus: float, workers: int) -> N
         {"Alive": True, "Resources": {}},
     ]
     assert _room(SimpleNamespace(nodes=lambda: nodes), cpus, gpus) == workers
+
+
+def test_a_cluster_of_this_machine_alone_is_told_to_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("RAY_USAGE_STATS_ENABLED", raising=False)
+    asked: dict[str, dict[str, object]] = {}
+
+    def init(address: str, **how: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # as Ray itself takes it over
+        asked[address] = how
+
+    before = signal.getsignal(signal.SIGTERM)
+    for address in ("127.0.0.1:6379", "local"):
+        assert "RAY_USAGE_STATS_ENABLED" not in os.environ
+        _connect(SimpleNamespace(init=init), address)
+        assert signal.getsignal(signal.SIGTERM) == before
+    assert os.environ["RAY_USAGE_STATS_ENABLED"] == "0"
+    quiet = {"log_to_driver": False, "logging_level": logging.ERROR}
+    assert asked == {"127.0.0.1:6379": quiet, "local": quiet | LOCAL}
+    assert (LOCAL["include_dashboard"], LOCAL["_node_ip_address"]) == (False, "127.0.0.1")
+
+
+class LostError(Exception):
+    """Ray's own error of a worker that is gone."""
+
+
+class RaisedError(Exception):
+    """Ray's own error of what a worker raised."""
+
+    def __init__(self, cause: Exception) -> None:
+        self.cause = cause
+
+
+@pytest.mark.parametrize(
+    ("error", "address", "line"),
+    [
+        (ConnectionError(), "auto", "no Ray cluster on this machine; begin one with 'ray start"),
+        (ConnectionError(), "h:1", "no Ray cluster at h:1; begin one with 'ray start --head'"),
+        (ValueError("two\nlines"), "h:1", "cannot join the Ray cluster h:1: two lines"),
+        (LostError("gone"), "auto", "cannot join the Ray cluster auto: gone"),
+    ],
+)
+def test_a_cluster_that_takes_nobody_is_one_line(error: Exception, address: str, line: str) -> None:
+    def init(*_: object, **__: object) -> None:
+        raise error
+
+    ray = SimpleNamespace(init=init, exceptions=SimpleNamespace(RayError=LostError))
+    with pytest.raises(EngineError, match=re.escape(line)):
+        _connect(ray, address)
+
+
+def test_what_a_worker_raised_is_raised_and_a_lost_one_is_not() -> None:
+    def get(error: Exception) -> None:
+        raise error
+
+    kinds = SimpleNamespace(RayTaskError=RaisedError, RayError=LostError)
+    actors = _Actors(SimpleNamespace(get=get, exceptions=kinds), list, print)
+    lost = LostError()
+    assert actors.landed(lost) is lost
+    with pytest.raises(ModelError, match="no model"):
+        actors.landed(RaisedError(ModelError("no model")))
+    with pytest.raises(EngineError, match="a worker of the Ray cluster failed: TypeError: why not"):
+        actors.landed(RaisedError(TypeError("why not")))
+
+
+def test_who_waits_for_a_cluster_is_asked_whether_to_go_on() -> None:
+    waits, asked = [((), "f"), ((), "f"), (("f",), ())], []
+
+    def wait(flights: Sequence[str], *, num_returns: int, timeout: float) -> object:
+        assert (flights, num_returns) == (["f"], 1)
+        assert timeout < 1
+        return waits.pop(0)
+
+    actors = _Actors(SimpleNamespace(wait=wait), list, asked.append)
+    assert actors.first(["f"]) == "f"
+    assert asked == [0, 0]
+    actors.wait([])  # nothing is under way
 
 
 def test_a_machine_without_this_version_or_the_folder_is_named(tmp_path: Path) -> None:
