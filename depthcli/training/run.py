@@ -149,8 +149,8 @@ class Run:
         self.method.load_state_dict(saved.method)
         for phase, optimizer in self.optimizers.items():
             optimizer.load_state_dict(saved.optimizers[phase])
-        if self.average and saved.average:
-            self.average.network.load_state_dict(saved.average)
+        if self.average:
+            self.average.network.load_state_dict(saved.average or {})
         if saved.precision:
             self.fabric.strategy.precision.load_state_dict(saved.precision)
         first = {"rng": saved.rng, "device_rng": saved.device_rng, "extra": saved.extra}

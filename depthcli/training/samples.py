@@ -33,7 +33,7 @@ def write_samples(
         shown += [_coloured(d, nearest_m, farthest_m) for d in (output_m, truth_m)]
         if validation.store.known is not None:
             known = validation.store.known[row, 0].numpy().astype(np.uint8)
-            shown[-1][cv2.resize(known, size, interpolation=cv2.INTER_NEAREST) == 0] = 0
+            shown[-1][cv2.resize(known, size) == 0] = 0
         lines.append(np.hstack(shown))
     encoded = cv2.imencode(".jpg", np.vstack(lines))[1]
     with atomic_path(sample_path(folder, epoch)) as temporary:

@@ -28,7 +28,7 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
         pixels = np.roll(synthetic_picture(), 9 * shift, axis=1)
         write_picture(tmp_path / f"{shift}.png", pixels)
     (tmp_path / "notes.txt").write_text("no picture")
-    network = EfficientGenerator((32, 32, 32, 32, 32), (32, 32, 32, 32), (1, 1, 1, 1)).eval()
+    network = EfficientGenerator((32,) * 5, (32,) * 4, (1,) * 4, 0.0, norm=True).eval()
     network.head.weight.data.normal_(0, 0.1)
     model = build_graph(network)
     batches = calibration_batches(tmp_path, SPEC)

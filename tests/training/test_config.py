@@ -18,7 +18,6 @@ import torch
 from depthcli.core.codec import DepthCodec
 from depthcli.core.foreign import FieldError, built
 from depthcli.errors import UsageError
-from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config import rules
 from depthcli.training.config.changes import resolve, updated
 from depthcli.training.config.presets import FOLDER, preset_file
@@ -55,20 +54,6 @@ def test_defaults_never_change() -> None:
         DepthCodec("linear", 5, 5),
         200,
     )
-    assert dataclasses.asdict(RunProgress()) == {
-        "step": 0,
-        "epoch": 0,
-        "seconds": 0.0,
-        "scores": {},
-        "train_ids": (),
-        "threads": 0,
-        "held_out_ids": (),
-        "data": "NYU Depth v2, labelled pairs 1-1000",
-        "extra": "",
-        "hfov_deg": 63.3,
-        "start": "",
-        "aspect": 4 / 3,
-    }
 
 
 @pytest.mark.parametrize(

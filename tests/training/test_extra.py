@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import onnx
 import pytest
 import torch
 from lightning_fabric import Fabric
@@ -119,6 +120,10 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
     assert start_from(generator, [model]) == f"model.onnx {exported.card.sha256[:16]}"
     gray = torch.rand(2, 1, 32, 32) * 2 - 1
     torch.testing.assert_close(generator(gray), taught(gray), atol=1e-4, rtol=1e-4)
+    apart = tmp_path / "apart.onnx"
+    onnx.save(onnx.load(model), apart, save_as_external_data=True, size_threshold=0)
+    with pytest.raises(CheckpointError, match=r"apart\.onnx is not a whole ONNX file in itself"):
+        start_from(generator, [apart])
 
     extra = write_rooms(tmp_path / "extra")
     (extra / "index.csv").unlink()
@@ -168,6 +173,9 @@ def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
     _train(SUPERVISED, tmp_path)
     with pytest.raises(CheckpointError, match=r"no weights for stem\.0\.bias"):
         start_from(build_generator(BARE.generator), [tmp_path / CHECKPOINT])
+    wider = replace(SUPERVISED.generator, decoder=(8, 8, 4, 8))
+    with pytest.raises(CheckpointError, match=r"no weights for fusions\.3\.0\.weight"):
+        start_from(build_generator(wider), [tmp_path / CHECKPOINT])
     (tmp_path / "broken.onnx").write_bytes(b"no graph")
     with pytest.raises(CheckpointError, match=r"broken\.onnx is not a whole ONNX file"):
         start_from(build_generator(BARE.generator), [tmp_path / "broken.onnx"])

@@ -92,6 +92,7 @@ def test_run_killed_between_checkpoints_repeats_from_the_last(tmp_path: Path) ->
     with pytest.raises(KeyboardInterrupt):
         _train(EFFICIENT, parts, Notes(fail_at=3))
     assert Checkpoint.load(parts / CHECKPOINT).progress.step == 2
+    assert Checkpoint.load(parts / CHECKPOINT).progress.threads == torch.get_num_threads()
     again = Notes()
     _train(EFFICIENT, parts, again)
     assert again.steps == [3, 4, 5, 6]
@@ -147,9 +148,11 @@ def test_checkpoint_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
     assert saved == [None, 2, 3]
 
 
-def test_run_without_held_out_pairs(tmp_path: Path) -> None:
+def test_run_without_held_out_pairs(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     config = replace(EFFICIENT, data=replace(EFFICIENT.data, holdout_every=0))
-    done = _train(config, tmp_path, steps=3)
+    with caplog.at_level("INFO"):
+        done = _train(config, tmp_path, steps=3)
+    assert not caplog.records  # whoever calls says what is said
     assert (len(done.train_ids), done.held_out_ids, done.scores) == (6, (), {})
     assert not (tmp_path / "samples").exists()
 
@@ -178,9 +181,14 @@ def test_limits_stop_after_a_step_and_save(tmp_path: Path) -> None:
     assert _train(EFFICIENT, tmp_path / "steps", steps=3).step == 3
     progress = Checkpoint.load(tmp_path / "steps" / CHECKPOINT).progress
     assert (progress.step, progress.epoch) == (3, 1)
-    assert _train(EFFICIENT, tmp_path / "minutes", minutes=0).step == 1
-    assert _train(EFFICIENT, tmp_path / "minutes", minutes=0).step == 2
-    assert Checkpoint.load(tmp_path / "minutes" / CHECKPOINT).progress.step == 2
+    first = _train(EFFICIENT, tmp_path / "minutes", minutes=0)
+    second = _train(EFFICIENT, tmp_path / "minutes", minutes=0)
+    assert (first.step, second.step) == (1, 2)
+    assert 0 < first.seconds < second.seconds < 600
+    assert Checkpoint.load(tmp_path / "minutes" / CHECKPOINT).progress == second
+    for seconds, steps, over in ((119.9, 9, False), (120, 0, True), (0, 10, True)):
+        assert Limits(minutes=2, steps=10).reached(seconds, steps) is over
+    assert not Limits().reached(1e9, 10**9)
 
 
 def test_training_lowers_the_loss(tmp_path: Path) -> None:
@@ -283,10 +291,20 @@ def test_weights_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     _train(EFFICIENT, tmp_path, steps=1)
     path = tmp_path / CHECKPOINT
     saved = Checkpoint.load(path)
-    del saved.method["generator.head.bias"]
+    lacking = {name: w for name, w in saved.method.items() if name != "generator.head.bias"}
+    for changed in (
+        {"method": lacking},
+        {"optimizers": {}},
+        {"optimizers": {"generator": {}}},
+        {"rng": saved.rng[:10]},
+        {"average": {}},
+        {"average": None},
+    ):
+        replace(saved, **changed).save(path)
+        with pytest.raises(CheckpointError, match=r"last\.ckpt does not fit the networks"):
+            _train(EFFICIENT, tmp_path)
     saved.save(path)
-    with pytest.raises(CheckpointError, match="does not fit the networks"):
-        _train(EFFICIENT, tmp_path)
+    assert _train(EFFICIENT, tmp_path, steps=1).step == 2
 
 
 def test_truncated_checkpoint_is_not_trained_over(tmp_path: Path) -> None:

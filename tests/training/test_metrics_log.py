@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING
 
 import pytest
@@ -36,6 +37,22 @@ def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
         metrics_log.cut(path, step)
         assert _steps(path) == kept
     assert [p.name for p in tmp_path.iterdir()] == [METRICS_LOG]
+
+
+def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
+    path, scores = tmp_path / METRICS_LOG, {"rmse": 0.5, "d1": math.nan}
+    metrics_log.append(path, RunProgress(4, 2, 12.3456, scores), {"l1": 0.25})
+    assert path.read_bytes().endswith(b"}\n")
+    assert json.loads(path.read_bytes()) == {
+        "epoch": 2,
+        "step": 4,
+        "seconds": 12.3,
+        "losses": {"l1": 0.25},
+        "scores": {"rmse": 0.5, "d1": None},
+    }
+    path.write_bytes(b'[4]\n{"epoch": 1}\n{"step": "4"}\n' + path.read_bytes())
+    metrics_log.cut(path, 4)
+    assert _steps(path) == [4]
 
 
 @settings(max_examples=30, deadline=None)

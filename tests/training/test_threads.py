@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import pytest
 import torch
 from lightning_fabric import Fabric
 
+from depthcli.core.parallel.cores import usable_cores
 from depthcli.training.config.schema import DataConfig, GeneratorConfig, OptimConfig, TrainConfig
-from depthcli.training.threads import candidates, default_threads, fastest
+from depthcli.training.devices import AveragingStrategy
+from depthcli.training.folder import CHECKPOINT
+from depthcli.training.run import Run
+from depthcli.training.threads import (
+    Threads,
+    _measured_s,
+    candidates,
+    default_threads,
+    fastest,
+    set_threads,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 SMALL = TrainConfig(
     generator=GeneratorConfig(width=4, blocks=1),
@@ -39,11 +58,44 @@ def test_the_fastest_is_taken_and_fewer_where_it_is_as_fast(
     assert fastest(seconds) == chosen
 
 
-def test_a_trial_leaves_no_trace() -> None:
+def test_a_trial_leaves_no_trace_and_takes_no_longer_than_it_measures() -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
     torch.manual_seed(4)
     before, threads = torch.get_rng_state(), torch.get_num_threads()
-    assert default_threads(SMALL, fabric, 2) in {1, 2}
+    began = time.perf_counter()
+    found = _measured_s(SMALL, fabric, (1, 2))
+    assert sum(found.values()) < time.perf_counter() - began
+    assert found.keys() == {1, 2}
+    assert min(found.values()) > 0
     assert torch.equal(torch.get_rng_state(), before)
     assert torch.get_num_threads() == threads
     assert default_threads(SMALL, fabric, 1) == 1
+
+
+@pytest.fixture
+def _as_before() -> Iterator[None]:
+    threads = torch.get_num_threads()
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.mark.usefixtures("_as_before")
+def test_a_number_is_that_of_the_option_of_the_run_or_of_a_trial(tmp_path: Path) -> None:
+    fabric, cores = Fabric(accelerator="cpu", devices=1), usable_cores()
+    assert set_threads(1, SMALL, tmp_path, fabric) == Threads(1, cores, timed=False)
+    found = set_threads(None, SMALL, tmp_path, fabric)
+    assert found == Threads(torch.get_num_threads(), cores, timed=True)
+    assert found.count in candidates(cores)
+    run = Run(SMALL, fabric, 1)
+    for saved, wanted in ((1, 1), (10_000, cores), (0, 1)):  # 0 is not known: as many as now
+        run.progress = replace(run.progress, threads=saved)
+        run.save(tmp_path / CHECKPOINT)
+        torch.set_num_threads(1)
+        assert set_threads(None, SMALL, tmp_path, fabric) == Threads(wanted, cores, timed=False)
+        assert torch.get_num_threads() == wanted
+    assert set_threads(1, SMALL, tmp_path, fabric).count == 1
+
+
+def test_processes_share_the_cores() -> None:
+    two = Fabric(accelerator="cpu", devices=2, strategy=AveragingStrategy())
+    assert [default_threads(SMALL, two, cores) for cores in (1, 2, 5)] == [1, 1, 2]

@@ -22,12 +22,12 @@ class EfficientGenerator(nn.Module):
 
     def __init__(
         self,
-        encoder: Sequence[int] = (32, 64, 128, 192, 256),
-        decoder: Sequence[int] = (128, 96, 64, 48),
-        depths: Sequence[int] = (2, 2, 2, 2),
-        dropout: float = 0.0,
+        encoder: Sequence[int],
+        decoder: Sequence[int],
+        depths: Sequence[int],
+        dropout: float,
         *,
-        norm: bool = True,
+        norm: bool,
     ) -> None:
         super().__init__()
         self.encoder_channels = tuple(encoder)

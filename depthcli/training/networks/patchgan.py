@@ -17,9 +17,9 @@ class PatchGan(nn.Module):
     stride-1 convolutions in place of strides (the CUT family).
     """
 
-    def __init__(self, channels: int = 1, width: int = 64, *, antialias: bool = False) -> None:
+    def __init__(self, width: int = 64, *, antialias: bool = False) -> None:
         super().__init__()
-        widths = (channels, width, 2 * width, 4 * width, 8 * width)
+        widths = (1, width, 2 * width, 4 * width, 8 * width)
         layers: list[nn.Module] = []
         for i, (inputs, outputs) in enumerate(itertools.pairwise(widths)):
             shrinks = i < 3  # noqa: PLR2004 - the last two layers keep the size
@@ -35,5 +35,5 @@ class PatchGan(nn.Module):
         (init_xavier if antialias else init_normal)(self)
 
     def forward(self, image: Tensor) -> Tensor:
-        """(B, channels, 256, 256) to (B, 1, 30, 30); other sizes alike."""
+        """(B, 1, 256, 256) to (B, 1, 30, 30); other sizes alike."""
         return self.layers(image)  # type: ignore[no-any-return]

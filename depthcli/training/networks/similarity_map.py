@@ -17,7 +17,7 @@ class SimilarityMap(nn.Module):
     length ``dim``, is too short for half precision before it is normalised.
     """
 
-    def __init__(self, taps: int = 4, dim: int = 64) -> None:
+    def __init__(self, taps: int, dim: int = 64) -> None:
         super().__init__()
         self.conv = nn.Conv2d(taps, dim, 3, 2)
         self.linear = nn.Sequential(nn.Linear(dim, dim), nn.ReLU(), nn.Linear(dim, dim))

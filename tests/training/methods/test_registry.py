@@ -67,6 +67,7 @@ def test_the_order_of_the_half_steps_is_the_published_one(name: str) -> None:
     first = "generator" if name in {"cyclegan", "proposed"} else "discriminator"
     method = build_method(tiny(name))
     assert method.phases[0] == first
+    assert method.PAIRED is (name == "proposed")
     assert sorted(method.phases) == ["discriminator", "generator"]
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor
 
 from depthcli.training.config.schema import GeneratorConfig
 from depthcli.training.networks.build import build_generator
@@ -12,9 +14,9 @@ from depthcli.training.networks.efficient import EfficientGenerator, ResidualBlo
 SMALL = {"encoder": (4, 5, 6, 7, 8), "decoder": (9, 6, 5, 4), "depths": (1, 2, 1, 1)}
 
 
-def _small() -> EfficientGenerator:
+def _small(*, norm: bool = True) -> EfficientGenerator:
     torch.manual_seed(0)
-    return EfficientGenerator(**SMALL).eval()
+    return EfficientGenerator(**SMALL, dropout=0.0, norm=norm).eval()
 
 
 @pytest.mark.parametrize("size", [(64, 64), (48, 64), (33, 47), (31, 95), (1, 1)])
@@ -77,3 +79,49 @@ def test_a_block_adds_to_its_input_and_takes_away_from_it(outputs: int, stride: 
         kept = block.skip[1](torch.conv2d(x, block.skip[0].weight, None, stride))
     assert float(change.min()) < 0 < float(change.max())
     torch.testing.assert_close(block(x), torch.relu(kept + change))
+
+
+def _by_hand(weights: dict[str, Tensor], x: Tensor) -> Tensor:
+    """The network written down once more, layer by layer."""
+
+    def layer(name: str, x: Tensor, stride: int = 1) -> Tensor:
+        kernel = weights[f"{name}.0.weight"]
+        x = F.conv2d(x, kernel, weights.get(f"{name}.0.bias"), stride, kernel.shape[2] // 2)
+        if f"{name}.1.weight" not in weights:
+            return x
+        mean, var, gain, bias = (
+            weights[f"{name}.1.{part}"][:, None, None]
+            for part in ("running_mean", "running_var", "weight", "bias")
+        )
+        return (x - mean) / (var + 1e-5).sqrt() * gain + bias
+
+    maps = [layer("stem", x, 2).relu()]
+    for stage, depth in enumerate(SMALL["depths"]):
+        y = maps[-1]
+        for block in range(depth):
+            name, stride = f"stages.{stage}.{block}", 1 if block else 2
+            hidden = layer(f"{name}.body.0", y, stride).relu()
+            kept = y if block else layer(f"{name}.skip", y, stride)
+            y = (layer(f"{name}.body.1", hidden) + kept).relu()
+        maps.append(y)
+    *skips, y = maps
+    whole = y.mean((2, 3)) @ weights["whole_picture.weight"].T + weights["whole_picture.bias"]
+    y = y + whole[:, :, None, None]
+    for number, skip in enumerate(reversed(skips)):
+        y = F.interpolate(y, skip.shape[2:], mode="bilinear", align_corners=False)
+        y = layer(f"fusions.{number}", torch.cat([y, skip], 1)).relu()
+    return F.conv2d(y, weights["head.weight"], weights["head.bias"], padding=1)
+
+
+@pytest.mark.parametrize("norm", [True, False])
+def test_is_its_layers(norm: bool) -> None:
+    network, random = _small(norm=norm), torch.Generator().manual_seed(1)
+    weights = network.state_dict()
+    for name, values in weights.items():
+        if values.is_floating_point():  # variances are above zero
+            drawn = torch.randn(values.shape, generator=random)
+            values.copy_(drawn.abs() + 0.5 if name.endswith("running_var") else 0.3 * drawn)
+    for size in ((64, 32), (33, 47)):
+        picture = torch.rand(2, 1, *size, generator=random) * 2 - 1
+        torch.testing.assert_close(network(picture), _by_hand(weights, picture))
+    assert any(name.endswith("0.bias") for name in weights) is not norm

@@ -81,12 +81,12 @@ def test_vectors_are_full_precision_under_autocast() -> None:
 
 
 def test_similarity_map_has_the_parameters_stated() -> None:
-    assert sum(p.numel() for p in SimilarityMap().parameters()) == 10_688
+    assert sum(p.numel() for p in SimilarityMap(4).parameters()) == 10_688
 
 
 def test_similarity_map_starts_as_the_cut_family_does() -> None:
     torch.manual_seed(0)
-    weights = dict(SimilarityMap().named_parameters())
+    weights = dict(SimilarityMap(4).named_parameters())
     for name, fans in (("conv", 9 * (4 + 64)), ("linear.0", 128), ("linear.2", 128)):
         assert weights[f"{name}.weight"].std().item() == pytest.approx(
             0.02 * (2 / fans) ** 0.5, rel=0.1
@@ -97,7 +97,7 @@ def test_similarity_map_starts_as_the_cut_family_does() -> None:
 @pytest.mark.parametrize("narrow", [torch.bfloat16, torch.float16])
 def test_similarity_map_is_full_precision_under_autocast(narrow: torch.dtype) -> None:
     torch.manual_seed(0)
-    similarity_map, vectors = SimilarityMap(), [torch.randn(2, 32, 16) / 16 for _ in range(4)]
+    similarity_map, vectors = SimilarityMap(4), [torch.randn(2, 32, 16) / 16 for _ in range(4)]
     with torch.autocast("cpu", narrow):
         found = similarity_map(vectors)
     torch.testing.assert_close(found, similarity_map(vectors))
@@ -128,7 +128,7 @@ def test_similarity_map_is_its_formula() -> None:
 
 def test_similarity_map_gives_each_image_its_own_vector() -> None:
     torch.manual_seed(0)
-    similarity_map, vectors = SimilarityMap(), [torch.randn(3, 32, 16) for _ in range(4)]
+    similarity_map, vectors = SimilarityMap(4), [torch.randn(3, 32, 16) for _ in range(4)]
     found = similarity_map(vectors)
     assert found.shape == (3, 64)
     torch.testing.assert_close(found.norm(dim=1), torch.ones(3))

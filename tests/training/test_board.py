@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
-from runs import ENVIRONMENT, finished
+from runs import inside
 
 if TYPE_CHECKING:
     import subprocess
+    from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
 SETTINGS = (
     "generator.name=efficient",
     "generator.encoder=[4,4,8,8,8]",
@@ -34,14 +30,13 @@ SETTINGS = (
 )
 
 
-def _train(folder: Path, *more: str, path: str = "") -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "depthcli", "train", "proposed", "--preset", "default"]
-    command += ["--data", "data", "--out", "run", "--accelerator", "cpu", "--threads", "1"]
-    command += ["--quiet", "--tensorboard", *more]
+def _train(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
+    words = ["train", "proposed", "--preset", "default"]
+    words += ["--data", "data", "--out", "run", "--accelerator", "cpu", "--threads", "1"]
+    words += ["--tensorboard", *more]
     for setting in SETTINGS:
-        command += ["--set", setting]
-    env = {**ENVIRONMENT, "PYTHONPATH": f"{path}{os.pathsep}{ROOT}"}
-    return finished(command, folder, env=env)
+        words += ["--set", setting]
+    return inside(folder, *words)
 
 
 def _events(folder: Path) -> Any:
@@ -52,16 +47,21 @@ def _events(folder: Path) -> Any:
     return EventAccumulator(str(folder)).Reload()
 
 
-def test_tensorboard_has_every_step_once_of_a_run_in_two_sittings(tmp_path: Path) -> None:
+def test_tensorboard_has_every_step_once_though_a_killed_run_repeats_some(tmp_path: Path) -> None:
     write_rooms(tmp_path / "data")
-    for limit in (("--max-minutes", "0"), ()):
-        done = _train(tmp_path, *limit)
-        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert _train(tmp_path, "--max-minutes", "0").returncode == 0
+    early = (tmp_path / "run" / "last.ckpt").read_bytes()
+    for _ in range(2):
+        (tmp_path / "run" / "last.ckpt").write_bytes(early)
+        done = _train(tmp_path, "--json")
+        assert done.returncode == 0, done.stderr
+        assert len(done.stdout.splitlines()) == 2  # whoever else is told, is told as well
     events = _events(tmp_path / "run" / "tensorboard")
     assert set(events.Tags()["scalars"]) > {"loss/l1", "loss/gradient", "held_out/d1"}
     assert [e.step for e in events.Scalars("loss/l1")] == [1, 2, 3, 4]
     rates = [e.value for e in events.Scalars("learning_rate")]
     assert rates == pytest.approx([5e-4, 1e-3 * 0.853553, 5e-4, 1e-3 * 0.146447], rel=1e-4)
+    assert len(list((tmp_path / "run" / "tensorboard").iterdir())) == 3  # one of each sitting
     log = (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()
     last = json.loads(log[-1])
     assert events.Scalars("loss/l1")[-1].value == pytest.approx(last["losses"]["l1"])
@@ -70,11 +70,12 @@ def test_tensorboard_has_every_step_once_of_a_run_in_two_sittings(tmp_path: Path
     assert [(grid.step, grid.width, grid.height) for grid in grids] == [(2, 192, 48), (4, 192, 48)]
 
 
-def test_without_the_package_one_line_says_what_to_install(tmp_path: Path) -> None:
+def test_without_the_package_one_line_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_rooms(tmp_path / "data")
-    (tmp_path / "without").mkdir()
-    (tmp_path / "without" / "tensorboard.py").write_text("raise ImportError\n")
-    done = _train(tmp_path, path=str(tmp_path / "without"))
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
+    done = _train(tmp_path, "--quiet")
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (3, "", 1)
     assert "pip install tensorboard" in done.stderr
     assert not (tmp_path / "run").exists()

@@ -1,0 +1,136 @@
+"""Held-out pairs: their scores, by the protocol of the evaluation, and what is drawn of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F  # noqa: N812
+from lightning_fabric import Fabric
+from rooms import EFFICIENT, PAPER, Rooms, rooms
+
+from depthcli.metrics.accumulate import PixelSums
+from depthcli.metrics.pixels import DepthPixels
+from depthcli.training.config.schema import OutputConfig
+from depthcli.training.networks.build import build_generator
+from depthcli.training.samples import sample_path, write_samples
+from depthcli.training.validation import Validation
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+CPU = torch.device("cpu")
+
+
+def _many(count: int) -> Rooms:
+    """The rooms again and again, ever nearer, with a large hole in each."""
+    six = rooms()
+    which = np.arange(count) % len(six)
+    depths_m = six.depths_m[which] * np.linspace(1, 0.5, count, dtype=np.float32)[:, None, None]
+    depths_m[:, 5:17, 9:30] = 0
+    return Rooms(six.images[which], depths_m, tuple(f"den_{i}" for i in range(count)))
+
+
+def _generator(config: Any) -> Any:
+    torch.manual_seed(0)
+    generator = build_generator(config.generator)
+    for weight in generator.get_submodule("head").parameters():
+        torch.nn.init.normal_(weight, std=0.1)
+    return generator
+
+
+@pytest.mark.parametrize("config", [PAPER, EFFICIENT], ids=["resnet", "efficient"])
+def test_scores_are_means_over_the_pairs_at_the_truths_size(config: Any) -> None:
+    dataset, generator = _many(19), _generator(config)
+    positions = list(range(18, 0, -1))
+    validation = Validation(dataset, positions, config)
+    found = validation.score(generator.train(), CPU)
+    assert generator.training  # as it was
+    each = []
+    for row, position in enumerate(positions):
+        with torch.no_grad():
+            raw = generator.eval()(validation.inputs([row]))
+        depth_m = torch.from_numpy(config.output.codec.decode(raw.numpy()))
+        grown_m = F.interpolate(depth_m, (48, 64), mode="bilinear", align_corners=False)[0, 0]
+        pixels = DepthPixels.of(dataset.depth_m(position), grown_m.numpy())
+        each.append(dict(PixelSums.over(pixels).scores().items()))
+    for name, value in found.items():
+        wanted = np.mean([scores[name] for scores in each])
+        assert value == pytest.approx(wanted, rel=1e-4), name
+    assert len(validation) == 18
+    again = validation.score(generator, CPU)
+    assert not generator.training
+    assert dict(again.items()) == pytest.approx(dict(found.items()))
+
+
+def test_depth_counts_to_ten_metres_or_as_far_as_the_output_goes() -> None:
+    far = replace(rooms(), depths_m=rooms().depths_m * 2.2)  # about 9 m
+    found = {}
+    for max_m in (5.0, 10.0, 20.0):
+        config = replace(EFFICIENT, output=OutputConfig("log", 0.4, max_m))
+        validation = Validation(far, [0, 1], config)
+        raw = torch.full((1, 1, 16, 32), 1.0)  # as far as it goes
+        found[max_m] = validation.score(_Constant(raw), CPU)["rmse"]
+    kept = [d[d < 10] for d in far.depths_m[:2]]
+    for max_m in (5.0, 10.0):
+        wanted = np.mean([np.sqrt(np.mean((d - max_m) ** 2)) for d in kept])
+        assert found[max_m] == pytest.approx(wanted, rel=1e-4)
+    wanted = np.mean([np.sqrt(np.mean((d - 20.0) ** 2)) for d in far.depths_m[:2]])
+    assert found[20.0] == pytest.approx(wanted, rel=1e-4)
+
+
+class _Constant(torch.nn.Module):
+    """Says the same of every picture."""
+
+    def __init__(self, raw: torch.Tensor) -> None:
+        super().__init__()
+        self.raw = raw
+
+    def forward(self, gray: torch.Tensor) -> torch.Tensor:
+        return self.raw.expand(len(gray), -1, -1, -1)
+
+
+def _shades(depth_m: np.ndarray, near_m: float, far_m: float) -> np.ndarray:
+    """Inverse depth between two depths as colours, by a plain loop."""
+    shares = np.zeros(depth_m.shape, np.uint8)
+    for place, value_m in np.ndenumerate(depth_m):
+        share = (1 / max(value_m, 0.3) - 1 / far_m) / (1 / near_m - 1 / far_m)
+        shares[place] = int(255 * min(max(share, 0), 1))
+    return np.asarray(cv2.applyColorMap(shares, cv2.COLORMAP_INFERNO))
+
+
+@pytest.mark.parametrize(("count", "rows"), [(1, [0]), (3, [0, 1, 2]), (11, [0, 2, 4, 6, 8, 10])])
+def test_samples_are_input_output_and_truth_of_six_pairs(
+    tmp_path: Path, count: int, rows: list[int]
+) -> None:
+    """Over the whole list, in the colours of the truth's range, black where it was not measured."""
+    dataset, generator = _many(count), _generator(EFFICIENT)
+    validation = Validation(dataset, range(count), EFFICIENT)
+    fabric = Fabric(accelerator="cpu", devices=1)
+    write_samples(tmp_path, 7, validation, generator, fabric)
+    assert [p.name for p in tmp_path.rglob("*.jpg")] == ["epoch-0007.jpg"]
+    picture = cv2.imread(str(sample_path(tmp_path, 7)))
+    assert picture.shape == (32 * len(rows), 3 * 64, 3)
+    for line, row in enumerate(rows):
+        gray, output, truth = np.split(picture[32 * line : 32 * (line + 1)], 3, axis=1)
+        wanted = (validation.inputs([row])[0, 0].numpy() + 1) * 127.5
+        assert np.abs(gray.astype(float).mean(2) - wanted).mean() < 4
+        stored_m = validation.store.depth_m[row, 0].float().numpy()
+        truth_m = cv2.resize(stored_m, (64, 32))
+        near_m, far_m = np.percentile(truth_m, (2, 98))
+        raw = validation.raw(generator, [row], CPU)[0, 0].numpy()
+        output_m = cv2.resize(EFFICIENT.output.codec.decode(raw), (64, 32))
+        shades = _shades(truth_m, near_m, far_m)
+        assert validation.store.known is not None
+        known = validation.store.known[row, 0].numpy()
+        height, width = known.shape
+        for y in range(32):
+            for x in range(64):
+                if not known[y * height // 32, x * width // 64]:
+                    shades[y, x] = 0
+        for found, colours in ((output, _shades(output_m, near_m, far_m)), (truth, shades)):
+            assert np.abs(found.astype(float) - colours).mean() < 6
