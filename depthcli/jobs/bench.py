@@ -31,12 +31,12 @@ class BenchRequest:
     """What is measured."""
 
     model: SessionLoader  #: what runs, with the threads that one picture may take
-    picture: Path | None = None  #: a file; None for a made one
-    made_px: tuple[int, int] = (640, 480)  #: (width, height) of the made one
+    made_px: tuple[int, int]  #: (width, height) of the picture that is made
+    seconds: float  #: how long each of three measurements lasts, at least
+    picture: Path | None = None  #: a file in place of the made one
     upsampling: Upsampling = Upsampling.GUIDED  #: how depth gets to the picture's size
     #: pictures at the same time, for the throughput; None for one a core
     workers: int | None = None
-    seconds: float = 3.0  #: how long each of three measurements lasts, at least
 
 
 @dataclass(frozen=True, slots=True)

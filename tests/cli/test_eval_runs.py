@@ -334,7 +334,7 @@ def test_a_run_that_cannot_be_exported_is_named_and_the_others_are_compared(
             raise ModelError("no room")
         return export_run(run, *rest)
 
-    told: list[object] = []
+    told: list[Any] = []
 
     class Told:
         def begin(self, *what: object) -> object:
@@ -344,10 +344,11 @@ def test_a_run_that_cannot_be_exported_is_named_and_the_others_are_compared(
     monkeypatch.setattr("depthcli.jobs.evaluate.runs.export_run", export)
     asked = RunsRequest(trained, data, options=replace(HEADLINE_TABLE, trivial=False))
     unable = {"fastcut-seed0", "proposed-seed0"}
-    done = compare_runs(replace(asked, published=False), Told())  # type: ignore[arg-type]
+    done = compare_runs(replace(asked, published=False, shown_ids=()), Told())  # type: ignore[arg-type]
     assert done.failed == ("fastcut-seed0 (no room)", "proposed-seed0 (no room)")
     assert [[run.name for run in row.runs] for row in done.report.rows] == [["fastcut-seed1"]]
     assert told[:4] == [("exporting runs", 3), 1, 1, 1]
+    assert [what[0] for what in told[4:]] == ["comparing images", "drawing pictures"]
     unable.add("fastcut-seed1")
     with pytest.raises(DepthcliError, match="no run can be exported: fastcut-seed0 "):
         compare_runs(asked)

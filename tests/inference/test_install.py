@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -21,9 +21,6 @@ from depthcli.models import places
 from depthcli.models.catalog import find_model
 from depthcli.models.onnx_file import versions
 from depthcli.models.places import list_places, roots, user_root
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture
@@ -176,6 +173,9 @@ def test_a_fixed_graph_needs_its_size_in_the_card(own: Path, file: Path, tmp_pat
     card = write_card(tmp_path / "c.json", input__width=32, input__height=24, input__dynamic=False)
     assert add_model(file, card).card.input.width == 32
     assert (own / "tiny").is_dir()
+    file.write_bytes(tiny_onnx(size=(24, 32), card=json.dumps(card_with({"name": "inside"}))))
+    with pytest.raises(ModelError, match=r"set input\.width to 32, input.height to 24"):
+        add_model(file)
 
 
 def test_weights_in_a_second_file_are_refused(own: Path, tmp_path: Path) -> None:
@@ -301,6 +301,19 @@ def test_a_model_of_one_file_is_removed_with_its_card(own: Path) -> None:
     (own / "flat.onnx").write_bytes(tiny_onnx(card=json.dumps(card_with({}))))
     assert remove_model("flat") == own / "flat"
     assert [p.name for p in own.iterdir()] == ["other.txt"]
+
+
+def test_a_model_that_cannot_be_removed_is_named(
+    own: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    own.mkdir()
+    (own / "flat.onnx").write_bytes(tiny_onnx())
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(OutputError, match=r"cannot remove .*flat: Permission denied"):
+        remove_model("flat")
 
 
 def test_a_link_is_removed_and_not_what_it_leads_to(own: Path, tmp_path: Path) -> None:

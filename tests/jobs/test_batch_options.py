@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from batches import NAMES, outputs, pictures, request
-from videos import flat_frames, write_mp4
+from videos import flat_frames, with_sound, write_mp4
 
 from depthcli.core.camera import Camera
 from depthcli.core.choices import GPU_BATCH, Detail, Upsampling
@@ -33,7 +33,7 @@ DETAIL = Detail(Upsampling.BILINEAR)
 @pytest.mark.parametrize("camera", [Camera(hfov_deg=80.0), Camera(focal_px=40.0)])
 def test_a_file_in_a_batch_becomes_what_it_becomes_alone(tmp_path: Path, camera: Camera) -> None:
     pictures(tmp_path)
-    clip = write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99, 200]))
+    clip = with_sound(tmp_path / "in" / "clip.mkv", seconds=0.12)
     formats = (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON)
     asked = request(tmp_path, options=BatchOptions(formats, WRITING, camera, DETAIL))
     results = {result.row.input: result.row for result in Batch(asked)}
@@ -48,8 +48,8 @@ def test_a_file_in_a_batch_becomes_what_it_becomes_alone(tmp_path: Path, camera:
     wanted, found = outputs(tmp_path / "alone"), outputs(tmp_path / "out")
     assert len(wanted) == 4 + 3 + 3
     assert {name: found.get(name) for name in wanted} == wanted
-    assert results["clip.mp4"].warnings == done.warnings
-    assert "(given)" in str(results["clip.mp4"].camera)
+    assert results["clip.mkv"].warnings == done.warnings
+    assert "(given)" in str(results["clip.mkv"].camera)
 
 
 def test_what_is_too_large_is_refused_beforehand_and_then(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from depthcli.jobs.evaluate.models import ModelsRequest, compare_models
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 COUNT = 8
@@ -51,7 +52,15 @@ def request_of_val(tmp_path: Path) -> ModelsRequest:
 def test_a_program_gets_the_table_and_the_figures(
     request_of_val: ModelsRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    done = compare_models(request_of_val)
+    told: list[str] = []
+
+    class Told:
+        def begin(self, what: str, _total: int | None, _unit: str = "") -> Callable[[int], object]:
+            told.append(what)
+            return lambda _count: None
+
+    done = compare_models(request_of_val, Told())
+    assert told == ["comparing images", "drawing pictures"]
     (row,) = done.report.rows
     assert (row.image_count, len(done.figures)) == (1, 2)
     files = EvaluationFiles(tmp_path / "t.csv", tmp_path / "sheets", tmp_path / "t.html")

@@ -153,6 +153,18 @@ def test_those_behind_go_first_and_all_share_what_is_left(
     assert list(again) == list(again.sittings) == [after[4]]
 
 
+def test_the_last_second_is_trained(
+    request_of: QueueRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    queue = Simulated(replace(request_of, minutes=0.01))
+    queue.ends = {}
+    monkeypatch.setattr("depthcli.jobs.train.queue.time", queue)
+    turn, _, sitting = queue
+    assert isinstance(turn, Turn)
+    assert isinstance(sitting, Sitting)
+    assert (turn.share_s, sitting.state) == (pytest.approx(0.6), "stopped")
+
+
 def test_a_signal_ends_the_queue(request_of: QueueRequest) -> None:
     queue = Simulated(replace(request_of, seeds=(0, 1)))
     queue.ends, queue.number = {"fastcut-seed0": -15}, signal.SIGTERM
@@ -198,9 +210,9 @@ def test_a_run_s_process_tells_its_epochs_and_ends_by_a_signal(request_of: Queue
     request = replace(request_of, signals=(signal.SIGUSR1,), tells_epochs=True)
     queue = Queue(request)
     run = queue.sittings[0].run
-    script = "import time; print('{\"epoch\": 1}', flush=True); time.sleep(60)"
+    script = "import os, time; print(int(os.getpgrp() == os.getpid()), flush=True); time.sleep(60)"
     epochs = queue._epochs(run, [sys.executable, "-c", script])
-    assert next(epochs) == Epoch(run, {"epoch": 1})
+    assert next(epochs) == Epoch(run, 1)  # type: ignore[arg-type]  # a group of its own
     os.kill(os.getpid(), signal.SIGUSR1)
     with pytest.raises(StopIteration) as ended:
         next(epochs)

@@ -63,7 +63,7 @@ def bench(
     from depthcli.jobs.bench import BenchRequest, run_bench
 
     loader = session_loader(model, provider, threads, provider_option)
-    request = BenchRequest(loader, image, parse_size(size), upsample, workers, seconds)
+    request = BenchRequest(loader, parse_size(size), seconds, image, upsample, workers)
     if sys.stderr.isatty() and not as_json:
         console.note(f"measuring for about {_MEASUREMENTS * seconds:.0f} s")
     done = run_bench(request, console.warn)

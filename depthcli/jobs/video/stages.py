@@ -104,7 +104,7 @@ class FrameStages:
             now_s = frame.picture.timestamp_s or 0.0
             interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
             self.times_s.append(now_s)
-            self.numbers.append(frame.picture.index or 0)
+            self.numbers.append(frame.picture.index)
             if self.first is None:
                 alone = dataclasses.replace(frame.picture, pixels=np.zeros((1, 1), np.uint8))
                 self.first = (alone, frame.depth)
