@@ -51,7 +51,8 @@ def ramp(cli: Cli, frames: int = 24) -> Path:
 def long_video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A video that takes long enough to be interrupted."""
     folder = tmp_path_factory.mktemp("long")
-    return write_video(folder / "long.avi", flat_frames([50] * 12_000, 16, 16))
+    noise = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
+    return write_video(folder / "long.avi", [noise] * 500)
 
 
 def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
