@@ -125,6 +125,7 @@ def test_a_taken_name_needs_force(own: Path, file: Path, tmp_path: Path) -> None
     assert find_model("tiny").sha256 == before.sha256
     after = add_model(file, card, force=True)
     assert after.sha256 != before.sha256
+    assert after.card.file != before.card.file  # so that the old one stays whole to the end
     assert find_model("tiny").sha256 == after.sha256
     assert [p.name for p in own.iterdir()] == ["tiny"]
 

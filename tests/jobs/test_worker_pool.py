@@ -303,14 +303,17 @@ def test_who_waits_for_a_cluster_is_asked_whether_to_go_on() -> None:
     waits, asked = [((), "f"), ((), "f"), (("f",), ())], []
 
     def wait(flights: Sequence[str], *, num_returns: int, timeout: float) -> object:
-        assert (flights, num_returns) == (["f"], 1)
-        assert timeout < 1
-        return waits.pop(0)
+        awaited.append((flights, num_returns))
+        return waits.pop(0) if timeout < 1 else None
 
+    awaited: list[object] = []
     actors = _Actors(SimpleNamespace(wait=wait), list, asked.append)
-    assert actors.first(["f"]) == "f"
+    assert actors.first(["f", "g"]) == "f"
     assert asked == [0, 0]
+    assert awaited == [(["f", "g"], 1)] * 3
     actors.wait([])  # nothing is under way
+    actors.wait(["f", "g"])
+    assert awaited[3:] == [(["f", "g"], 2)]
 
 
 def test_a_machine_without_this_version_or_the_folder_is_named(tmp_path: Path) -> None:
