@@ -199,6 +199,7 @@ _DEEP = {"name": "efficient", "depths": (10**9, 1, 1, 1)}
             "optimisers holds numbers that are not finite",
         ),
         ("optimizers", {"generator": _nested(16)}, "nested too deeply"),
+        ("precision", {"scale": torch.inf}, "the loss scaler holds numbers that are not finite"),
         ("extra", {"pool": torch.ones(1, 2, 2)}, "pool has to be a list of pictures"),
         ("extra", {"pool": [torch.ones(2, 2)]}, "pool has to be a list of pictures"),
         ("extra", {"pool": [torch.full((1, 2, 2), torch.nan)]}, "pool holds numbers that are not"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import resource
 from typing import TYPE_CHECKING
 
 import pytest
@@ -53,6 +54,19 @@ def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
     path.write_bytes(b'[4]\n{"epoch": 1}\n{"step": "4"}\n' + path.read_bytes())
     metrics_log.cut(path, 4)
     assert _steps(path) == [4]
+
+
+def test_what_the_disk_does_not_take_whole_is_not_left_in_part(tmp_path: Path) -> None:
+    path, (soft, hard) = tmp_path / METRICS_LOG, resource.getrlimit(resource.RLIMIT_FSIZE)
+    metrics_log.append(path, RunProgress(step=2), {"l1": 0.5})
+    before = path.read_bytes()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 10, hard))
+    try:
+        with pytest.raises(OSError, match="large"):
+            metrics_log.append(path, RunProgress(step=4), {"l1": 0.5})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_bytes() == before
 
 
 @settings(max_examples=30, deadline=None)

@@ -137,6 +137,19 @@ def test_borders_are_kept_replaced_or_painted() -> None:
     assert int((_border_levels(border=0.5) > 0.74).sum()) > 70
 
 
+@pytest.mark.parametrize("border", [0.0, 1e-6])
+def test_beyond_its_edge_a_picture_goes_on_as_it_ends(border: float) -> None:
+    """A gray room stays gray, and its flat wall flat, wherever a camera is turned."""
+    data = replace(DATA, border=border)
+    wall_m = torch.full((60, 1, 96, 128), 2.0)
+    seen = augment(torch.full((60, 3, 96, 128), 0.25), wall_m, data, _random(4))
+    assert seen.known is not None
+    assert not seen.known.all()
+    torch.testing.assert_close(seen.gray, torch.full_like(seen.gray, -0.5))
+    scale = draw_views(60, (64, 48), DATA, _random(4)).depth_scale
+    torch.testing.assert_close(seen.depth_m, 2 * scale)
+
+
 def test_blur_smooths_and_keeps_the_mean() -> None:
     rgb = torch.rand(20, 1, 96, 128, generator=_random(7)).expand(-1, 3, -1, -1)
     plain = replace(DATA, zoom=1.0, turn=0.0)

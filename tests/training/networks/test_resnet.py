@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 import torch
-from torch import nn
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
 from torch.utils.flop_counter import FlopCounterMode
 
-from depthcli.training.networks.blur import BlurDown
+from depthcli.training.networks.blur import BlurDown, BlurUp
 from depthcli.training.networks.resnet import ResnetGenerator
 
 TAP_CHANNELS = {"input": 1, "down1": 128, "down2": 256, "block1": 256, "block5": 256}
@@ -151,3 +152,41 @@ def test_antialiased_variant_blurs() -> None:
     blurs = [m for m in _small(antialias=True).modules() if isinstance(m, BlurDown)]
     assert len(blurs) == 2
     assert not any(isinstance(m, BlurDown) for m in _small().modules())
+
+
+def _by_hand(network: ResnetGenerator, x: Tensor, *, antialias: bool) -> Tensor:
+    """The network written down once more, layer by layer."""
+
+    def conv(layer: nn.Conv2d, x: Tensor, stride: int = 1, pad: int = 0) -> Tensor:
+        return F.conv2d(x, layer.weight, layer.bias, stride, pad)
+
+    def reflected(x: Tensor, pad: int) -> Tensor:
+        return F.pad(x, (pad, pad, pad, pad), mode="reflect")
+
+    y = stem = F.instance_norm(conv(network.stem[0], reflected(x, 3))).relu()
+    for down in (network.down1, network.down2):
+        y = F.instance_norm(conv(down.conv, y, 1 if antialias else 2, 1)).relu()
+        y = BlurDown(y.shape[1])(y) if antialias else y
+    for block in network.blocks:
+        hidden = F.instance_norm(conv(block.body[1], reflected(y, 1))).relu()
+        y = y + F.instance_norm(conv(block.body[4], reflected(hidden, 1)))
+    for up in (network.up1, network.up2):
+        if antialias:
+            y = conv(up[1], BlurUp()(y), 1, 1)
+        else:
+            y = F.conv_transpose2d(y, up[0].weight, up[0].bias, 2, 1, 1)
+        y = F.instance_norm(y).relu()
+    z = conv(network.head[1], reflected(y + stem if network.residual == "stem" else y, 3))
+    return (z if network.input_gain is None else z + network.input_gain * x).tanh()
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+@pytest.mark.parametrize("residual", ["none", "stem", "input"])
+def test_is_its_layers(antialias: bool, residual: str) -> None:
+    network, picture = _grown(antialias=antialias, residual=residual), torch.rand(2, 1, 20, 16)
+    with torch.no_grad():
+        for name, weight in network.named_parameters():
+            if weight.ndim < 2:
+                weight.normal_(std=0.5 if name == "input_gain" else 0.05)
+    wanted = _by_hand(network, picture, antialias=antialias)
+    torch.testing.assert_close(network(picture), wanted, atol=1e-4, rtol=1e-4)
