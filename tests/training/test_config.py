@@ -301,6 +301,15 @@ def test_a_bad_value_names_its_file(tmp_path: Path, content: str, reason: str) -
     assert len(str(caught.value)) < 1000
 
 
+def test_a_file_is_read_up_to_a_mebibyte(tmp_path: Path) -> None:
+    file = tmp_path / "a.toml"
+    file.write_bytes(b"seed = 4\n#".ljust(2**20, b"x"))
+    assert resolve(TrainConfig(), [file], []).seed == 4
+    file.write_bytes(b"seed = 4\n#".ljust(2**20 + 1, b"x"))
+    with pytest.raises(UsageError, match=r"a\.toml"):
+        resolve(TrainConfig(), [file], [])
+
+
 def test_a_pipe_is_no_configuration(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.toml")
     with pytest.raises(UsageError, match=r"a\.toml: it is a pipe"):

@@ -158,10 +158,17 @@ def test_run_without_held_out_pairs(tmp_path: Path, caplog: pytest.LogCaptureFix
 
 
 def test_the_run_says_what_it_learned_from(tmp_path: Path) -> None:
-    progress = _train(EFFICIENT, tmp_path, steps=1)
-    assert (progress.data, progress.hfov_deg, progress.aspect) == ("six rooms", None, 4 / 3)
-    saved = Checkpoint.load(tmp_path / CHECKPOINT).progress
-    assert (saved.data, saved.hfov_deg) == ("six rooms", None)
+    square = replace(rooms(), images=rooms().images[:, :, :48], depths_m=rooms().depths_m[..., :48])
+    for data, of_camera in (
+        (TrainingData(square, "square rooms", None), (None, 1.0)),
+        (TrainingData(rooms(), "six rooms", 70.0), (70.0, 4 / 3)),
+    ):
+        folder = tmp_path / data.title
+        done = fit(EFFICIENT, data, folder, _fabric(), Notes(), Limits(steps=1))
+        saved = Checkpoint.load(folder / CHECKPOINT).progress
+        assert saved == done
+        assert (saved.data, saved.hfov_deg, saved.aspect) == (data.title, *of_camera)
+        assert (saved.extra, saved.start) == ("", "")
 
 
 def test_validation_goes_as_far_as_the_output(tmp_path: Path) -> None:
@@ -178,8 +185,9 @@ def test_validation_goes_as_far_as_the_output(tmp_path: Path) -> None:
 
 
 def test_limits_stop_after_a_step_and_save(tmp_path: Path) -> None:
-    assert _train(EFFICIENT, tmp_path / "steps", steps=3).step == 3
-    progress = Checkpoint.load(tmp_path / "steps" / CHECKPOINT).progress
+    folder = tmp_path / "of" / "steps"
+    assert _train(EFFICIENT, folder, steps=3).step == 3
+    progress = Checkpoint.load(folder / CHECKPOINT).progress
     assert (progress.step, progress.epoch) == (3, 1)
     first = _train(EFFICIENT, tmp_path / "minutes", minutes=0)
     second = _train(EFFICIENT, tmp_path / "minutes", minutes=0)

@@ -11,7 +11,7 @@ from depthcli.training.samples import _coloured
 
 @pytest.mark.parametrize("nearest_m", [0.1, 1.0])
 def test_near_is_bright_and_beyond_the_range_is_its_end(nearest_m: float) -> None:
-    depth_m = np.float32([[0.05, nearest_m, 2, 5, 10, 20]])
+    depth_m = np.float32([[0.05, nearest_m, 0.7 * nearest_m, 2, 5, 10, 20]])
     seen_m = max(nearest_m, 0.3)
     shares = [
         min(max((1 / max(d, 0.3) - 0.1) / (1 / seen_m - 0.1), 0), 1) for d in depth_m[0].tolist()

@@ -11,6 +11,7 @@ import torch
 from lightning_fabric import Fabric
 
 from depthcli.core.parallel.cores import usable_cores
+from depthcli.training import threads
 from depthcli.training.config.schema import DataConfig, GeneratorConfig, OptimConfig, TrainConfig
 from depthcli.training.devices import AveragingStrategy
 from depthcli.training.folder import CHECKPOINT
@@ -61,22 +62,22 @@ def test_the_fastest_is_taken_and_fewer_where_it_is_as_fast(
 def test_a_trial_leaves_no_trace_and_takes_no_longer_than_it_measures() -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
     torch.manual_seed(4)
-    before, threads = torch.get_rng_state(), torch.get_num_threads()
+    before, count = torch.get_rng_state(), torch.get_num_threads()
     began = time.perf_counter()
     found = _measured_s(SMALL, fabric, (1, 2))
     assert sum(found.values()) < time.perf_counter() - began
     assert found.keys() == {1, 2}
     assert min(found.values()) > 0
     assert torch.equal(torch.get_rng_state(), before)
-    assert torch.get_num_threads() == threads
+    assert torch.get_num_threads() == count
     assert default_threads(SMALL, fabric, 1) == 1
 
 
 @pytest.fixture
 def _as_before() -> Iterator[None]:
-    threads = torch.get_num_threads()
+    count = torch.get_num_threads()
     yield
-    torch.set_num_threads(threads)
+    torch.set_num_threads(count)
 
 
 @pytest.mark.usefixtures("_as_before")
@@ -94,6 +95,14 @@ def test_a_number_is_that_of_the_option_of_the_run_or_of_a_trial(tmp_path: Path)
         assert set_threads(None, SMALL, tmp_path, fabric) == Threads(wanted, cores, timed=False)
         assert torch.get_num_threads() == wanted
     assert set_threads(1, SMALL, tmp_path, fabric).count == 1
+
+
+@pytest.mark.parametrize(("seconds", "chosen"), [({1: 1.0, 2: 3.0}, 1), ({1: 3.0, 2: 1.0}, 2)])
+def test_a_cpu_takes_what_its_trial_finds(
+    seconds: dict[int, float], chosen: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(threads, "_measured_s", lambda *_: seconds)  # the only part of chance
+    assert default_threads(SMALL, Fabric(accelerator="cpu", devices=1), 2) == chosen
 
 
 def test_processes_share_the_cores() -> None:
