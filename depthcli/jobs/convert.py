@@ -96,9 +96,8 @@ def target_format(target: str, asked: Format | None) -> Format:
         UsageError: it says none or another one, or is no file.
     """
     if target == "-" or is_folder(target):
-        raise UsageError(
-            f"{target} is not a file; name one, for example {target.rstrip('/')}/depth.exr"
-        )
+        folder = "" if target == "-" else f"{target.rstrip('/')}/"
+        raise UsageError(f"{target} is not a file; name one, for example {folder}depth.exr")
     if asked is not None:
         check_fit("", target, asked)
     found = asked or format_of(target)

@@ -157,6 +157,12 @@ def test_a_target_s_own_suffix_matches(tmp_path: Path, wanted: Format) -> None:
         assert target_format(str(tmp_path / name), wanted) is wanted
 
 
+def test_a_target_is_a_file_whatever_its_format(tmp_path: Path) -> None:
+    for target, example in (("-", "depth.exr"), (str(tmp_path), f"{tmp_path}/depth.exr")):
+        with pytest.raises(UsageError, match=f"is not a file; name one, for example {example}$"):
+            target_format(target, Format.EXR)
+
+
 def test_a_target_s_suffix_has_to_match_its_format(depth_npy: Path) -> None:
     with pytest.raises(UsageError, match=r"does not end in \.exr"):
         convert(ConvertRequest(str(depth_npy), "other.npy", Format.EXR))

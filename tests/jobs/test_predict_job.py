@@ -87,6 +87,8 @@ def test_without_streams_there_is_nothing_to_read_or_write(
     (failed,) = predict(PredictRequest(("-",), str(tmp_path / "d.png"), model=loader))
     assert isinstance(failed, Failed)
     name = str(write_picture(tmp_path / "a.png"))
+    with pytest.raises(UsageError, match="can be read once; give it once"):
+        predict(PredictRequest(("-", "-"), f"{tmp_path}/", model=loader))
     with pytest.raises(UsageError, match="there is no stdout"):
         next(predict(PredictRequest((name,), "-", model=loader)))
 

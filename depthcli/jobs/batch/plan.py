@@ -132,7 +132,7 @@ def plan_files(
 
     plan = sorting.plan(pictures(), f"the list {safe_name(source)}")
     # Nothing depends on the order of the list.
-    return replace(plan, inputs=tuple(sorted(plan.inputs, key=lambda one: os.fsencode(one.name))))
+    return replace(plan, inputs=tuple(sorted(plan.inputs)))
 
 
 class _Sorting:
