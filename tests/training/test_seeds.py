@@ -1,4 +1,4 @@
-"""A seed means the same in every version: what a run is shown, and what it loses at first.
+"""A seed means the same as in the versions before: what a run is shown, and what it loses at first.
 
 The stored values were computed when this test was written. Only a change that is meant to make all
 seeds train otherwise may replace them: ``python tests/training/test_seeds.py``.
