@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.text import one_line
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import check_size
 
@@ -41,7 +42,9 @@ def read_exr_picture(
         if {f"{layer}G", f"{layer}B"} <= channels.keys():
             return _displayed(np.dstack([channels[layer + colour] for colour in "RGB"]))
     if "Y" not in channels:
-        raise InputError(f"{path} has no channels R, G, B or Y; it has {', '.join(channels)}")
+        raise InputError(
+            f"{path} has no channels R, G, B or Y; it has {one_line(', '.join(channels))}"
+        )
     return _displayed(channels["Y"])
 
 

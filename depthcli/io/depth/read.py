@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.text import one_line
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth.facts import completed, positive_number, provenance_of, sidecar_facts
@@ -95,12 +96,16 @@ def _read_exr(path: Path) -> DepthMap:
     channels = read_exr_channels(path)
     name = depth_channel(list(channels))
     if name is None:
-        raise InputError(f"{path} has no channel Z, V, Y or R; it has {', '.join(channels)}")
+        raise InputError(
+            f"{path} has no channel Z, V, Y or R; it has {one_line(', '.join(channels))}"
+        )
     layer = name[: -len(name.rpartition(".")[2])]
     for colour in _COLOURS:
         other = channels.get(layer + colour)
         if name != layer + "Z" and other is not None and not _equal(other, channels[name]):
-            raise InputError(f"{path} holds colours, not depth; it has {', '.join(channels)}")
+            raise InputError(
+                f"{path} holds colours, not depth; it has {one_line(', '.join(channels))}"
+            )
     facts = completed(path, read_exr_texts(path))
     return DepthMap(channels[name], _kind_named(facts.get("kind")), provenance_of(facts))
 
