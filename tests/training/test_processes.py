@@ -1,4 +1,4 @@
-"""What the processes of a run tell each other, by gloo; they are copies of the tests' own."""
+"""What the processes of a run tell each other, by gloo; each is a Python of its own."""
 
 from __future__ import annotations
 
@@ -27,45 +27,54 @@ from depthcli.training.run import Run
 from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 CONFIG = replace(EFFICIENT, optim=replace(EFFICIENT.optim, batch_size=4))
 
 
-def _in_two(work: Callable[[Fabric], Any], folder: Path) -> list[Any]:
-    """What some work gives in each of two processes."""
-    fabric = Fabric(accelerator="cpu", devices=2, strategy=AveragingStrategy(start_method="fork"))
-
-    def each(fabric: Fabric) -> None:
-        torch.save(work(fabric), folder / f"of-{fabric.global_rank}.pt")
-
-    fabric.launch(each)
-    return [torch.load(folder / f"of-{rank}.pt", weights_only=False) for rank in (0, 1)]
+def _each(fabric: Fabric, folder: Path) -> None:
+    """What one of two processes does and keeps."""
+    found = _exchange(fabric, folder), _learn(fabric, folder)
+    torch.save(found, folder / f"of-{fabric.global_rank}.pt")
 
 
-def test_gradients_losses_votes_and_states_are_exchanged(tmp_path: Path) -> None:
-    def work(fabric: Fabric) -> Any:
-        rank = fabric.global_rank
-        weights = [torch.nn.Parameter(torch.zeros(2, 3)), torch.nn.Parameter(torch.zeros(4))]
-        weights[0].grad = torch.full((2, 3), 1.0 + 4 * rank)
-        unused = torch.nn.Parameter(torch.zeros(1))
-        average_gradients(fabric, [weights[0], unused])
-        weights[1].grad = torch.arange(4.0) * (1 - 2 * rank)
-        average_gradients(fabric, weights)
-        with first_process_first(fabric):
-            order = sorted(path.name for path in tmp_path.glob("been-*"))
-            (tmp_path / f"been-{rank}").touch()
-        return {
-            "gradients": [weight.grad for weight in weights],
-            "losses": finite_losses({"l1": torch.tensor(1.0 + rank)}, fabric),
-            "votes": [any_process(fabric, said) for said in (False, rank == 1, True)],
-            "others": of_others(fabric, {"rank": rank}),
-            "order": order,
-            "chance": (Run(CONFIG, fabric, 2).method.state_dict(), torch.rand(3)),
-        }
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What two processes left; spawned, for a fork would wait for locks of this one's threads."""
+    folder = tmp_path_factory.mktemp("two")
+    fabric = Fabric(accelerator="cpu", devices=2, strategy=AveragingStrategy(start_method="spawn"))
+    fabric.launch(_each, folder)
+    return folder
 
-    both = _in_two(work, tmp_path)
+
+def _kept(folder: Path, which: int) -> list[Any]:
+    """What both processes found."""
+    return [torch.load(folder / f"of-{n}.pt", weights_only=False)[which] for n in (0, 1)]
+
+
+def _exchange(fabric: Fabric, folder: Path) -> dict[str, Any]:
+    rank = fabric.global_rank
+    weights = [torch.nn.Parameter(torch.zeros(2, 3)), torch.nn.Parameter(torch.zeros(4))]
+    weights[0].grad = torch.full((2, 3), 1.0 + 4 * rank)
+    unused = torch.nn.Parameter(torch.zeros(1))
+    average_gradients(fabric, [weights[0], unused])
+    weights[1].grad = torch.arange(4.0) * (1 - 2 * rank)
+    average_gradients(fabric, weights)
+    with first_process_first(fabric):
+        order = sorted(path.name for path in folder.glob("been-*"))
+        (folder / f"been-{rank}").touch()
+    return {
+        "gradients": [weight.grad for weight in weights],
+        "losses": finite_losses({"l1": torch.tensor(1.0 + rank)}, fabric),
+        "votes": [any_process(fabric, said) for said in (False, rank == 1, True)],
+        "others": of_others(fabric, {"rank": rank}),
+        "order": order,
+        "chance": (Run(CONFIG, fabric, 2).method.state_dict(), torch.rand(3)),
+    }
+
+
+def test_gradients_losses_votes_and_states_are_exchanged(folder: Path) -> None:
+    both = _kept(folder, 0)
     for rank, found in enumerate(both):
         assert same(found["gradients"], [torch.full((2, 3), 3.0), torch.zeros(4)])
         assert found["losses"] == {"l1": 1.5}
@@ -87,28 +96,28 @@ def test_one_process_keeps_all_as_it_is() -> None:
     assert of_others(fabric, {"rng": 1}) == []
 
 
-def test_two_processes_learn_as_one_and_go_on_exactly(tmp_path: Path) -> None:
+def _learn(fabric: Fabric, folder: Path) -> list[tuple[int, dict[str, float]]]:
+    notes = list[tuple[int, dict[str, float]]]()
+    watcher = Watcher()
+    watcher.step = lambda progress, _, losses: notes.append((progress.step, losses))  # type: ignore[method-assign]
+    for out, limits in (("whole", (2,)), ("parts", (1, 1))):
+        for steps in limits:
+            fit(CONFIG, room_data(), folder / out, fabric, watcher, Limits(steps=steps))
+    return notes
+
+
+def test_two_processes_learn_as_one_and_go_on_exactly(folder: Path) -> None:
     """The same weights in both, chance of their own; the first one writes."""
-
-    def work(fabric: Fabric) -> Any:
-        notes = list[tuple[int, dict[str, float]]]()
-        watcher = Watcher()
-        watcher.step = lambda progress, _, losses: notes.append((progress.step, losses))  # type: ignore[method-assign]
-        for out, limits in (("whole", (2,)), ("parts", (1, 1))):
-            for steps in limits:
-                fit(CONFIG, room_data(), tmp_path / out, fabric, watcher, Limits(steps=steps))
-        return notes
-
-    first, second = _in_two(work, tmp_path)
+    first, second = _kept(folder, 1)
     assert [step for step, _ in first] == [1, 2, 1, 2]
     assert first[:2] == first[2:]
     assert second == []  # the first one alone tells
-    whole, parts = (Checkpoint.load(tmp_path / out / CHECKPOINT) for out in ("whole", "parts"))
+    whole, parts = (Checkpoint.load(folder / out / CHECKPOINT) for out in ("whole", "parts"))
     for field in ("method", "average", "optimizers", "rng", "others"):
         assert same(getattr(whole, field), getattr(parts, field)), field
     assert len(whole.others) == 1
     assert not torch.equal(whole.rng, whole.others[0]["rng"])
-    assert len((tmp_path / "parts" / METRICS_LOG).read_text().splitlines()) == 2
+    assert len((folder / "parts" / METRICS_LOG).read_text().splitlines()) == 2
     alone = Fabric(accelerator="cpu", devices=1)
     with pytest.raises(CheckpointError, match="a run on 2 devices: give --devices 2"):
-        fit(CONFIG, room_data(), tmp_path / "whole", alone, Watcher())
+        fit(CONFIG, room_data(), folder / "whole", alone, Watcher())
