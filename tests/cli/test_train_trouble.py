@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import os
-import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 import torch
 from command_line import unmeasured
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
@@ -57,10 +53,6 @@ def _command(*settings: str, data: str = "data", out: str = "run") -> list[str]:
 
 def _run(folder: Path, *settings: str, out: str = "run") -> subprocess.CompletedProcess[str]:
     return inside(folder, *_command(*settings, out=out)[3:])
-
-
-def _run_within(limit: Callable[[], None], folder: Path) -> subprocess.CompletedProcess[str]:
-    return finished(_command(), folder, preexec_fn=limit, env=unmeasured(ENVIRONMENT))
 
 
 @pytest.fixture
@@ -107,15 +99,19 @@ def test_signal_saves_the_step_and_the_run_goes_on_exactly(
         assert same(whole[name], unbroken[name]), name
 
 
-def _limit_files() -> None:
-    """No file grows beyond a fraction of the checkpoint: the disk is full."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+_FULL = """
+import os, resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+"""No file grows beyond a fraction of the checkpoint: the disk is full."""
 
 
 def test_full_disk_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
     assert inside(folder, *_command()[3:], "--max-minutes", "0").returncode == 0
     before = _snapshot(folder / "run")
-    done = _run_within(_limit_files, folder)
+    command = [sys.executable, "-c", _FULL, *_command()]
+    done = finished(command, folder, env=unmeasured(ENVIRONMENT))
     assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
     assert "cannot write run/last.ckpt" in done.stderr
     assert "free some space" in done.stderr

@@ -160,16 +160,19 @@ def hidden(cli: Cli) -> list[str]:
 
 def started(cli: Cli, job: Job, *, cold: bool) -> int:
     """The number of a process that runs the command; from the start of Python if cold."""
+    words, writes = command(cli, job), os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+    streams = {1: os.devnull, 2: str(cli.folder / "said")}
+    if cold:  # without a fork of Python, which threads of the tests' process would not survive
+        opened = [(os.POSIX_SPAWN_OPEN, n, path, writes, 0o666) for n, path in streams.items()]
+        shell = ["/bin/sh", "-c", 'cd "$0" && exec "$@"', str(cli.folder), *words]
+        return os.posix_spawn(shell[0], shell, cli.environment, file_actions=opened)
     child = os.fork()
     if child:
         return child
     try:
         os.chdir(cli.folder)
-        for handle, path in ((1, os.devnull), (2, cli.folder / "said")):
-            os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666), handle)
-        words = command(cli, job)
-        if cold:
-            os.execve(words[0], words, cli.environment)  # noqa: S606 - a command of our own
+        for handle, path in streams.items():
+            os.dup2(os.open(path, writes, 0o666), handle)
         os.environ.clear()
         os.environ.update(cli.environment)
         sys.argv = ["depthcli", *words[words.index("depthcli") + 1 :]]

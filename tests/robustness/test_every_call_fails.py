@@ -25,7 +25,7 @@ def test_a_call_that_fails_costs_no_half_file_and_is_told() -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=300,
+        timeout=280,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.endswith("0 fell short\n")
