@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from depthcli.core.foreign import FieldError, parsed_json
 from depthcli.core.parallel.process_map import process_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.paired_folder import CAMERAS
@@ -17,11 +18,13 @@ from depthcli.errors import OutputError, UsageError
 from depthcli.io.depth.steps import quantized
 from depthcli.io.png.encode import encode_png
 from depthcli.io.storage.atomic import atomic_path, write_text
+from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.formats import MILLIMETRES
 
 RECIPE = "rooms.json"
 _OPTIONS = {"seed": "--seed", "size": "--size", "hfov_deg": "--hfov", "sensor": "--sensor"}
 _PER_FOLDER = 100
+_MAX_RECIPE_BYTES = 2**16
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +71,14 @@ def _claim(request: RenderRequest) -> None:
     out, path = request.out, request.out / RECIPE
     wanted = json.dumps({"version": VERSION, **request.recipe._asdict()})
     try:
-        held = json.loads(path.read_text("utf-8"))
+        held = parsed_json(read_regular(path, _MAX_RECIPE_BYTES))
     except FileNotFoundError:
         if any((out / name).exists() for name in ("rgb", "depth", CAMERAS)):
             raise UsageError(f"{out} holds other pictures; give another --out") from None
-    except (OSError, ValueError) as error:
+    except (OSError, FieldError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise OutputError(
-            f"cannot read {path}: {error}; remove it or give another --out"
+            f"cannot read {path}: {reason}; remove it or give another --out"
         ) from error
     else:
         if json.dumps(held) != wanted:
@@ -105,7 +109,7 @@ def _typed(name: str, value: object) -> str:
 
 def _camera_count(cameras: Path) -> int:
     """How many rooms an earlier run was asked for."""
-    return len(cameras.read_text("utf-8").splitlines()) - 1 if cameras.exists() else 0
+    return cameras.read_bytes().count(b"\n") - 1 if cameras.is_file() else 0
 
 
 def _pair_name(index: int) -> str:

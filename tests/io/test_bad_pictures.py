@@ -157,8 +157,17 @@ def test_an_avif_is_as_large_as_what_it_codes(kind: str) -> None:
 
 @pytest.mark.parametrize("name", ["/dev/zero", "/dev/null", "/proc/kmsg", "/proc/self/status"])
 def test_what_has_no_end_is_not_read(name: str) -> None:
+    assert not is_own_picture(name)
     with pytest.raises(InputError, match=r"pipe or a device|is empty"):
         read_image(name)
+
+
+@pytest.mark.parametrize("name", ["a\0.png", "\ud800.png"])
+def test_what_no_file_is_called_is_refused(name: str) -> None:
+    assert not is_own_picture(name)
+    for read in (read_image, read_depth):
+        with pytest.raises(InputError, match="cannot be read: no file has such a name"):
+            read(name)
 
 
 def test_pipes_are_not_waited_for(tmp_path: Path) -> None:

@@ -30,6 +30,11 @@ def csv(path: Path, text: str, encoding: str = "utf-8") -> Path:
     return path
 
 
+def link(path: Path, target: str) -> Path:
+    path.symlink_to(target)
+    return path
+
+
 @pytest.mark.parametrize(
     ("write", "column"),
     [
@@ -92,6 +97,8 @@ def test_a_folder_of_parquet_files_is_read_in_the_order_of_names(tmp_path: Path)
             "the list of inputs is in UTF-16; save it in UTF-8",
         ),
         (lambda _: Path("/dev/zero"), None, "the list /dev/zero is a device; '-' reads"),
+        (lambda f: link(f / "zero.csv", "/dev/zero"), None, "zero.csv is a device; '-' reads"),
+        (lambda f: csv(f / "l.csv", "x" * 200_000), None, "l.csv, line 1: field larger than"),
         (lambda f: f / "missing.parquet", None, "cannot read the list .*missing.parquet: No such"),
         (lambda f: f / "missing.csv", None, "cannot read the list .*missing.csv: No such"),
     ],

@@ -68,7 +68,7 @@ def test_what_never_ends_is_refused(tmp_path: Path, name: str, kind: str) -> Non
     path = tmp_path / "out" / name
     path.parent.mkdir()
     os.mkfifo(path) if kind == "pipe" else path.symlink_to("/dev/zero")
-    with pytest.raises(OutputError, match=r"it is a (pipe or a device|link)"):
+    with pytest.raises(OutputError, match=rf"write {path}: it is a (pipe or a device|link)"):
         Batch(request(tmp_path))
     path.unlink()
     assert len(kept(tmp_path)) == len(NAMES)

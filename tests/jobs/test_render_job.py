@@ -1,6 +1,8 @@
 """A folder of rendered rooms: the same bytes however it came to be, as training reads it."""
 
 import json
+import os
+import shutil
 import signal
 import subprocess
 import time
@@ -206,9 +208,18 @@ def test_options_that_mean_nothing_are_refused(
     assert not (tmp_path / "r").exists()
 
 
+@pytest.mark.parametrize("held", [b"{", b"[" * 100_000, b"9" * 5000, b"\xff", None])
 def test_a_recipe_that_is_damaged_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, held: bytes | None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "rooms.json").write_text("{")
+    recipe = tmp_path / "rooms.json"
+    os.mkfifo(recipe) if held is None else recipe.write_bytes(held)
     assert run(["render", "rooms", "--out", str(tmp_path)]) == 1
-    assert "rooms.json" in capsys.readouterr().err
+    assert f"cannot read {recipe}: " in capsys.readouterr().err
+
+
+def test_cameras_that_are_damaged_are_named_again(folder: Path, tmp_path: Path) -> None:
+    out = shutil.copytree(folder, tmp_path / "rooms")
+    (out / "cameras.csv").write_bytes(b"\xff\xfe\n")
+    render(RenderRequest(out, COUNT, RECIPE))
+    assert contents(out) == contents(folder)

@@ -1,10 +1,12 @@
 """Telling what depthcli wrote from what it is to read."""
 
 import re
+import sys
 from pathlib import Path
 
 from depthcli.io.png.chunks import SIGNATURE
 from depthcli.io.png.text import read_text
+from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath, path_of
 
 MARK = "depthcli:software"
@@ -20,7 +22,7 @@ def is_own_picture(path: str | Path) -> bool:
     """Whether a file is a PNG or an EXR that depthcli wrote, whatever its name."""
     try:
         head = _head(path_of(path))
-    except (OSError, ValueError):
+    except OSError:
         return False
     if head.startswith(_EXR_MAGIC):
         return _EXR_MARK in head
@@ -30,10 +32,7 @@ def is_own_picture(path: str | Path) -> bool:
 def _head(path: Path) -> bytes:
     if isinstance(path, RemotePath):
         return path.read_some(first=_HEAD_BYTES) if re.search(_PICTURE_NAME, path.name) else b""
-    if not path.is_file():  # a pipe would be waited for
-        return b""
-    with path.open("rb") as file:
-        return file.read(_HEAD_BYTES)
+    return read_regular(path, sys.maxsize, first=_HEAD_BYTES)
 
 
 def is_own_output(path: str) -> bool:

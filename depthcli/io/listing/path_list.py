@@ -32,15 +32,17 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
         return _of_store(source, column)
     suffix = Path(source).suffix.lower()
     try:
+        if Path(source).is_char_device():  # such as /dev/zero, which never ends
+            raise UsageError(f"the list {source} is a device; '-' reads standard input")
         if suffix == ".parquet":
             return column_texts(Path(source), column)
         if suffix in _DELIMITERS:
             return _csv_texts(Path(source), column, _DELIMITERS[suffix])
         if column is not None:
             raise UsageError(f"--column is for lists in Parquet and CSV, which {source} is not")
-        if Path(source).is_char_device():  # such as /dev/zero, which never ends
-            raise UsageError(f"the list {source} is a device; '-' reads standard input")
         return parse_list(Path(source).read_bytes())
+    except csv.Error as error:
+        raise UsageError(f"{source}, line 1: {error}") from error
     except OSError as error:
         raise UsageError(f"cannot read the list {source}: {error.strerror or error}") from error
 

@@ -196,7 +196,8 @@ def _as_output_error(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(f"cannot write {path}: {reason}; choose another --out") from error
+        where = os.fspath(error.filename or path)
+        raise OutputError(f"cannot write {where}: {reason}; choose another --out") from error
 
 
 def remove_path(path: Path) -> None:

@@ -37,7 +37,10 @@ def regular_size(path: Path) -> int:
     Raises:
         OSError: it is not there, or is no regular file.
     """
-    status = path.stat()
+    try:
+        status = path.stat()
+    except ValueError as error:  # a NUL byte, or what no file system can hold
+        raise OSError(errno.EINVAL, f"no file has such a name ({error})", path) from None
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, "it is a folder", path)
     if not stat.S_ISREG(status.st_mode):
