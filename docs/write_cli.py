@@ -26,15 +26,6 @@ What `--help` says of each command, on one page. [usage.md](usage.md) tells how 
 ```
 {root}```
 """
-# Typer calls them otherwise since it has a copy of click in it.
-VALUES = {
-    "integer": "N",
-    "int": "N",
-    "float": "X",
-    "path": "PATH",
-    "text": "TEXT",
-    "str": "TEXT",
-}
 
 
 def page() -> str:
@@ -74,8 +65,7 @@ def value(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
     if parameter.param_type_name == "argument":
         name = parameter.human_readable_name.upper().strip("[]")
         return name if parameter.required else f"[{name}]"
-    kind = parameter.type
-    return "|".join(kind.choices) if hasattr(kind, "choices") else VALUES[kind.name.split()[0]]
+    return "|".join(parameter.type.choices)
 
 
 def default(parameter: Any) -> str:  # noqa: ANN401 - typer's own types

@@ -23,6 +23,15 @@ if TYPE_CHECKING:
 
 _TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
 _NO_ROOM = "failed to map segment"  # what dlopen says
+# What help shows for a value in place of typer's names of types, which vary with its version.
+_PLACEHOLDERS = {
+    "int": "N",
+    "integer": "N",
+    "float": "X",
+    "path": "PATH",
+    "str": "TEXT",
+    "text": "TEXT",
+}
 
 
 class LazyGroup(TyperGroup):
@@ -175,6 +184,10 @@ def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
     for parameter in command.params:
         if isinstance(parameter.type, TyperPath) and parameter.callback is None:
             parameter.callback = _refuse_uris
+        if parameter.param_type_name == "option" and not parameter.is_flag:
+            parameter.metavar = parameter.metavar or _PLACEHOLDERS.get(
+                parameter.type.name.split()[0]
+            )
     if hasattr(command, "commands") or any("--debug" in p.opts for p in command.params):
         return
     command.params.append(

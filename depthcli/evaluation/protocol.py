@@ -65,7 +65,7 @@ class EvalProtocol:
             (self.crop != HEADLINE.crop, f"{self.crop} crop"),
             (self.mask != HEADLINE.mask, f"{self.mask}-valid mask"),
             (self.compare_px is not None, f"compared at {_size_text(self.compare_px)}"),
-            (self.full_size_px != HEADLINE.full_size_px, f"truth {_size_text(self.full_size_px)}"),
+            (self.full_size_px != HEADLINE.full_size_px, _size_text(self.full_size_px)),
             (self.min_m != HEADLINE.min_m, f"min {self.min_m:g} m"),
             (self.max_m != HEADLINE.max_m, f"max {self.max_m:g} m"),
             (self.upsampling != HEADLINE.upsampling, f"{self.upsampling} upsampling"),
@@ -77,7 +77,8 @@ class EvalProtocol:
     def description(self) -> str:
         """All choices in one line."""
         frame = "full frame" if self.crop is Crop.NONE else f"{self.crop} crop"
-        truth = "in-filled depth" if self.mask is Mask.FILLED else "raw-valid depth"
+        filled = "known depth" if self.full_size_px is None else "in-filled depth"
+        truth = filled if self.mask is Mask.FILLED else "raw-valid depth"
         average = "mean of images" if self.averaging is Averaging.IMAGE else "pooled pixels"
         size = _size_text(self.compare_px or self.full_size_px)
         return f"{truth}, {frame} at {size}, {self.min_m:g} < g < {self.max_m:g} m, {average}"
@@ -147,7 +148,7 @@ def _chosen(
 
 
 def _size_text(size_px: tuple[int, int] | None) -> str:
-    return "any size" if size_px is None else f"{size_px[0]}×{size_px[1]}"
+    return "native size" if size_px is None else f"{size_px[0]}×{size_px[1]}"
 
 
 def _tile(tile_px: int | None) -> str:

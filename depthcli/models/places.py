@@ -8,6 +8,7 @@ from typing import NamedTuple
 from depthcli.errors import ModelError
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.user_folders import data_folder
+from depthcli.models.ready_cards import ready_names
 
 DEFAULT_MODEL = "default"
 MODELS_VARIABLE = "DEPTHCLI_MODELS"
@@ -53,7 +54,7 @@ def find_place(name_or_path: str | os.PathLike[str] | None = None) -> Place:
         raise ModelError(
             f"no model at {safe_name(name)!r}; give an .onnx file or a folder with {CARD_NAME}"
         )
-    raise ModelError(f"no model named {name!r}; see 'depthcli models list', or give a path")
+    raise ModelError(f"no model named {name!r}; {_advice(name)}")
 
 
 def roots() -> tuple[Path, ...]:
@@ -94,6 +95,12 @@ def place_at(path: Path) -> Place | None:
 
 def _variable_roots() -> list[Path]:
     return [Path(part) for part in os.environ.get(MODELS_VARIABLE, "").split(os.pathsep) if part]
+
+
+def _advice(name: str) -> str:
+    if name in ready_names():
+        return f"download its weights and run: depthcli models add FILE --card {name}"
+    return "see 'depthcli models list', or give a path"
 
 
 def _is_path(name: str) -> bool:

@@ -130,6 +130,8 @@ def test_names_tell_what_differs_from_the_headline() -> None:
     assert changed.description == (
         "raw-valid depth, eigen crop at 256×256, 0.001 < g < 10 m, pooled pixels"
     )
+    own_pairs = EvalProtocol(full_size_px=None).description
+    assert own_pairs.startswith("known depth, full frame at native size")  # nobody filled it in
 
 
 @pytest.mark.parametrize(
@@ -139,7 +141,7 @@ def test_names_tell_what_differs_from_the_headline() -> None:
         (EvalProtocol(crop=Crop.EIGEN), "eigen crop"),
         (EvalProtocol(mask=Mask.RAW), "raw-valid mask"),
         (EvalProtocol(compare_px=(256, 192)), "compared at 256×192"),
-        (EvalProtocol(full_size_px=None), "truth any size"),
+        (EvalProtocol(full_size_px=None), "native size"),
         (EvalProtocol(min_m=0.5), "min 0.5 m"),
         (EvalProtocol(max_m=80), "max 80 m"),
         (EvalProtocol(upsampling=Upsampling.GUIDED), "guided upsampling"),

@@ -52,7 +52,7 @@ row          align   images  abs_rel  sq_rel    rmse  rms_log   log10      d1   
 CUT (paper)  -          449   0.3450       -       -        -       -       -       -       -      -        -         -        -
 a\\nb*        median       2   0.1250  0.0625  0.5000   0.2500  0.1000  0.7500  0.8750  1.0000  12.35     1.50      2.25   0.5000
 
-higher is better for d1, d2, d3, edge_f1, lower for the others
+higher is better for d1, d2, d3, edge_f1, lower for the others; sq_rel and rmse in metres
 * a\\nb was trained on 1
 a note
 1 images have no valid pixel and are excluded"""  # noqa: E501
@@ -74,7 +74,7 @@ def test_text() -> None:
     plain = replace(REPORT, protocol=EvalProtocol(), rows=(PRINTED,), notes=())
     assert report_page(plain).to_text().splitlines()[-2:] == [
         "",
-        "higher is better for d1, d2, d3, lower for the others",
+        "higher is better for d1, d2, d3, lower for the others; sq_rel and rmse in metres",
     ]
 
 

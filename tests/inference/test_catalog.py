@@ -191,3 +191,9 @@ def test_a_card_that_names_no_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "card.json").write_text(json.dumps(card_with({})))
     with pytest.raises(ModelError, match="file is missing"):
         catalog.find_model(tmp_path)
+
+
+def test_the_name_of_a_ready_card_says_how_its_weights_are_added(shelf: Path) -> None:
+    assert not list(shelf.iterdir())
+    with pytest.raises(ModelError, match="models add FILE --card fastdepth"):
+        catalog.find_model("fastdepth")

@@ -62,6 +62,8 @@ def test_alpha_is_dropped() -> None:
 def test_not_a_number_in_a_float_picture_becomes_black() -> None:
     values = np.array([[0.25, np.nan], [np.inf, 2.0]], np.float32)
     assert (read_image(None, encoded(".tiff", values)).pixels == [[0.25, 0], [0, 1]]).all()
+    with pytest.raises(InputError, match="no finite pixel"):
+        read_image(None, encoded(".tiff", np.full((4, 4), np.nan, np.float32)))
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

@@ -63,7 +63,7 @@ UpsampleOption = Annotated[
         "predict."
     ),
 ]
-TrivialOption = Annotated[bool, typer.Option(help="Include baselines that ignore the picture.")]
+TrivialOption = Annotated[bool, typer.Option(help="Include baselines that ignore the image.")]
 LimitOption = Annotated[
     int | None,
     typer.Option(metavar="N", min=1, help="Evaluate only N images, spread evenly over the split."),
@@ -81,10 +81,10 @@ CsvOption = Annotated[
 ]
 FiguresOption = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="Write figures of sample pictures, in gray and in colour."),
+    typer.Option(metavar="DIR", help="Write figures of sample images, in gray and in colour."),
 ]
 IdsOption = Annotated[
-    str | None, typer.Option(metavar="A,B", help="Picture ids to show in the figures.")
+    str | None, typer.Option(metavar="A,B", help="Image ids to show in the figures.")
 ]
 HtmlOption = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Write table and figures to one HTML file.")

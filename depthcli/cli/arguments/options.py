@@ -53,9 +53,18 @@ PngScaleOption = Annotated[
 ]
 PngNormalizeOption = Annotated[
     bool,
-    typer.Option("--png-normalize", help="Normalize each png16 to 1-65535; values have no unit."),
+    typer.Option(
+        "--png-normalize",
+        help="Normalize each png16 to 1-65535; the depth range is stored in its metadata.",
+    ),
 ]
-ExrChannelOption = Annotated[ExrChannel, typer.Option(help="EXR channel name.")]
+ExrChannelOption = Annotated[
+    ExrChannel,
+    typer.Option(
+        help="EXR channel name: most programs show Y; depth nodes of compositors expect Z or "
+        "depth.Z."
+    ),
+]
 HalfOption = Annotated[bool, typer.Option("--half", help="Write EXR as 16-bit half floats.")]
 ColormapOption = Annotated[
     Colormap | None,
@@ -119,8 +128,8 @@ AnchorOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="X,Y,METRES",
-        help="Point of known depth; repeatable. One point fits scale, two or more fit scale and "
-        "shift.",
+        help="Point of known depth: column and row from 0 at the top left, and metres; "
+        "repeatable. One point fits scale, two or more fit scale and shift.",
     ),
 ]
 UpsampleOption = Annotated[

@@ -75,8 +75,8 @@ def video(
         str | None,
         typer.Option(
             metavar="RATE",
-            help="Frame rate of an image sequence: 24, 23.976 or 24000/1001. Default: as its EXR "
-            "headers state, else 25.",
+            help="Frames per second of an image sequence: 24, 23.976 or 24000/1001. Default: as "
+            "its EXR headers state, else 25.",
         ),
     ] = None,
     start_number: Annotated[

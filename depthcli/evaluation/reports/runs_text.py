@@ -29,7 +29,11 @@ def runs_page(report: RunsReport) -> Page:
         report.title,
         report.protocol.description,
         table,
-        ["higher is better for d1, d2, d3, lower for the others", *marked, *report.notes],
+        [
+            "higher is better for d1, d2, d3, lower for the others; sq_rel and rmse in metres",
+            *marked,
+            *report.notes,
+        ],
         differences,
         model_words(run for line in report.rows for run in line.runs or (line.row,)),
     )

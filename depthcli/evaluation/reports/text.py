@@ -81,7 +81,7 @@ def _report_footnotes(report: EvalReport) -> list[str]:
     upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
     direction = ", ".join(c for c in report.columns if c in upward | HIGHER_IS_BETTER)
     return [
-        f"higher is better for {direction}, lower for the others",
+        f"higher is better for {direction}, lower for the others; sq_rel and rmse in metres",
         *marked,
         *report.notes,
         *left_out,

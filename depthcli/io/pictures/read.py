@@ -68,6 +68,8 @@ def _framed(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
         return pixels
     if pixels.dtype.kind != "f":
         raise InputError(f"{name} has {pixels.dtype} pixels; save it with 8 or 16 bits or as float")
+    if not np.isfinite(pixels).any():
+        raise InputError(f"{name} has no finite pixel; write it again")
     values = np.nan_to_num(pixels.astype(np.float32), posinf=0.0)
     # Highlights may pass 1; where most of a picture does, it is in 0-255 or another unit.
     if np.count_nonzero(values > 1) * 2 > values.size:

@@ -55,7 +55,7 @@ def runs(
     as_json: evaluation.JsonOption = False,
     quiet: evaluation.QuietOption = False,
 ) -> int:
-    """Compare training runs on pictures that none of them was trained on.
+    """Compare training runs on images that none of them was trained on.
 
     Runs whose folders differ only in -seedK are one row: mean and standard deviation.
     """
