@@ -67,7 +67,7 @@ def test_an_input_is_never_replaced(tmp_path: Path) -> None:
     source = tmp_path / "a.png"
     source.write_bytes(b"picture")
     (tmp_path / "link.png").symlink_to(source)
-    for target in (source, tmp_path / "link.png"):
+    for target in (source, tmp_path / "link.png", tmp_path / "yet to be made" / ".." / "a.png"):
         with pytest.raises(OutputError, match="input"), atomic_path(target, inputs=[source]):
             pytest.fail("the block must not run")
     assert source.read_bytes() == b"picture"

@@ -16,7 +16,7 @@ from videos import write_mp4
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import Journal, known_rows
-from depthcli.io.manifest.row import FAILED, OK
+from depthcli.io.manifest.row import FAILED, OK, ManifestFormat
 from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
@@ -72,6 +72,20 @@ def test_what_never_ends_is_refused(tmp_path: Path, name: str, kind: str) -> Non
         Batch(request(tmp_path))
     path.unlink()
     assert len(kept(tmp_path)) == len(NAMES)
+
+
+@pytest.mark.parametrize("form", [None, ManifestFormat.JSONL])
+@pytest.mark.parametrize("kind", ["file", "link"])
+def test_what_only_is_called_as_a_manifest_is_kept(
+    tmp_path: Path, form: ManifestFormat | None, kind: str
+) -> None:
+    pictures(tmp_path)
+    path = tmp_path / "out" / "manifest.parquet"
+    path.parent.mkdir()
+    path.write_text("mine") if kind == "file" else path.symlink_to(tmp_path / "in")
+    with pytest.raises(OutputError, match=f"write {path}: it is a file or a link; remove it"):
+        Batch(replace(request(tmp_path), manifest=form))
+    assert path.exists()
 
 
 def test_a_link_does_not_lead_the_journal_elsewhere(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ Rows are appended to a hidden file and live there, not in memory. When the batch
 orderly way, they become the manifest, which appears whole.
 """
 
+import errno
 import os
 import shutil
 import sys
@@ -123,6 +124,8 @@ class Journal(Rows):
             if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
                 raise _taken(folder)
             put_back(table)
+            if table.is_symlink() or table.is_file():
+                raise NotADirectoryError(errno.ENOTDIR, "it is a file or a link; remove it", table)
             form = form or (ManifestFormat.PARQUET if table.exists() else ManifestFormat.JSONL)
             if form == ManifestFormat.PARQUET:
                 check_pyarrow()

@@ -30,7 +30,7 @@ def atomic_path(
         OutputError: the folder cannot be made, the file cannot be written, or an input, a device or
             a pipe is in its place. Nothing is left behind.
     """
-    if any(_same_file(path, source) for source in inputs):
+    if any(is_same_file(path, source) for source in inputs):
         raise OutputError(f"{path} is an input and is not overwritten; choose another -o")
     if isinstance(path, RemotePath):
         with _sent(path) as temporary:
@@ -87,13 +87,14 @@ def append_whole(file: FileIO, data: bytes) -> int:
     return start
 
 
-def _same_file(path: Path, source: Path) -> bool:
+def is_same_file(path: Path, source: Path) -> bool:
+    """Whether an output would be a file that is there, also by way of folders yet to be made."""
     if isinstance(source, RemotePath) or isinstance(path, RemotePath):
         return path == source
     try:
         return path.samefile(source)
     except OSError:
-        return False
+        return os.path.realpath(path) == os.path.realpath(source)
 
 
 def is_special(path: Path) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from depthcli.errors import UsageError
+from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.jobs.naming import is_folder, output_bases
 from depthcli.jobs.video.request import VideoRequest
@@ -102,7 +103,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     plan = VideoPlan(safe_name(name), source, folder, names, codecs, request.has_sound, stdout)
     for which in names:
         check_writable(plan.path(which))
-        if file is not None and _same(plan.path(which), file):
+        if file is not None and is_same_file(plan.path(which), file):
             raise UsageError(f"{plan.path(which)} is the input; choose another --out")
     return plan
 
@@ -174,10 +175,3 @@ def _file_names(
 
 def _is_folder(output: str) -> bool:
     return is_folder(output) or not path_of(output).suffix
-
-
-def _same(path: Path, source: Path) -> bool:
-    try:
-        return path.samefile(source)
-    except OSError:
-        return path.absolute() == source.absolute()
