@@ -71,7 +71,7 @@ def value(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
 def default(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
     """What holds without the option, if it is a plain value."""
     found = parameter.default
-    if found is None or found is False or callable(found) or found in ((), []):
+    if found is None or found is False or callable(found) or found in ("", (), []):
         return "required" if parameter.required else ""
     if found is True:
         return "on"

@@ -284,7 +284,7 @@ def test_pages_name_footnotes_and_the_models_of_all_seeds(
 ) -> None:
     page = runs_page(_report(task, models))
     assert page.notes[0] == (
-        "higher is better for d1, d2, d3, lower for the others; sq_rel and rmse in metres"
+        "higher is better for d1, d2, d3, lower for the others; rmse in metres"
     )
     assert page.notes[1].startswith("* log10 of CycleGAN is a misprint")
     assert [row[0] for row in page.table if row[0].endswith("*")] == ["CycleGAN (paper)*"]

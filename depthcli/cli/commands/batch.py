@@ -42,7 +42,7 @@ def batch(
             "--out",
             "--output",
             metavar="OUT",
-            help="Output folder; keeps the folder structure of DIR.",
+            help="Output folder, required; keeps the folder structure of DIR.",
         ),
     ] = "",
     files: Annotated[

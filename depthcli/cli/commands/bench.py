@@ -87,6 +87,6 @@ def _print_bench(done: BenchResult) -> None:
 
 def _latency(latency: Latency) -> str:
     return (
-        f"{latency.median_ms:8.2f} ms  (least {latency.min_ms:.2f}, "
+        f"{latency.median_ms:8.2f} ms  (minimum {latency.min_ms:.2f} ms, "
         f"noise ±{latency.noise:.0%}, {latency.runs} runs)"
     )

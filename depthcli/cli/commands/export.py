@@ -79,7 +79,10 @@ def export_onnx(
         ),
     ] = None,
     weights: Annotated[
-        Weights, typer.Option(help="averaged: the moving average, if the run keeps one; raw.")
+        Weights,
+        typer.Option(
+            help="averaged: the moving average, if the run keeps one; raw: those of the last step."
+        ),
     ] = Weights.AVERAGED,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object to stdout.")

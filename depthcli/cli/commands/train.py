@@ -149,8 +149,10 @@ def train(
         from depthcli.cli.commands.train_all import train_all
 
         return train_all(context)
-    if method is None or seeds is not None:
-        raise UsageError("name a METHOD; --seeds goes with --all or --methods")
+    if method is None:
+        raise UsageError("name a METHOD, or give --all or --methods")
+    if seeds is not None:
+        raise UsageError("--seeds goes with --all or --methods")
     from depthcli.cli.screen import training as screen
     from depthcli.training.resolve import resolve_config
 

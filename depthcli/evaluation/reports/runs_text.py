@@ -30,7 +30,7 @@ def runs_page(report: RunsReport) -> Page:
         report.protocol.description,
         table,
         [
-            "higher is better for d1, d2, d3, lower for the others; sq_rel and rmse in metres",
+            "higher is better for d1, d2, d3, lower for the others; rmse in metres",
             *marked,
             *report.notes,
         ],

@@ -33,7 +33,9 @@ def runs(
     align: evaluation.AlignOption = None,
     weights: Annotated[
         Weights,
-        typer.Option(help="averaged: the moving average, of runs that keep one; raw: without it."),
+        typer.Option(
+            help="averaged: the moving average, if the run keeps one; raw: those of the last step."
+        ),
     ] = Weights.AVERAGED,
     trivial: evaluation.TrivialOption = True,
     published: Annotated[bool, typer.Option(help="Include the paper's rows.")] = True,
