@@ -100,3 +100,27 @@ def test_nyu_has_a_command_of_its_own(data: Path, capsys: pytest.CaptureFixture[
     (data / "index.csv").write_text("\n".join(["id,scene,official_split", *rows]))
     assert main(["eval", "pairs", str(data)]) == ExitCode.USAGE
     assert "depthcli eval nyu" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "name", ["own/rgb/hall/a.png", "own/cameras.csv", "tiny/card.json", "link.csv"]
+)
+@pytest.mark.parametrize("option", ["--csv", "--html"])
+def test_a_report_replaces_no_input(
+    data: Path, option: str, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = data.parent / name
+    if name == "link.csv":
+        file.symlink_to(data / "cameras.csv")
+    before = file.read_bytes()
+    words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), option, str(file)]
+    assert main(words) == ExitCode.USAGE
+    assert f"{file} is an input and is not overwritten" in capsys.readouterr().err
+    assert file.read_bytes() == before
+
+
+def test_a_report_in_the_data_set_is_replaced_by_the_next(data: Path) -> None:
+    table, page = data / "table.csv", data / "page.html"
+    words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), "--quiet"]
+    for _ in range(2):
+        assert main([*words, "--csv", str(table), "--html", str(page)]) == ExitCode.OK

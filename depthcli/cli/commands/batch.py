@@ -10,6 +10,7 @@ import typer
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.engine import EngineName, chosen_engine
 from depthcli.cli.arguments.formats import ExrChannel
+from depthcli.cli.arguments.numbers import not_negative
 from depthcli.core.choices import GPU_BATCH, MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.manifest.row import ManifestFormat
@@ -141,11 +142,18 @@ def batch(
         ),
     ] = None,
     cpus_per_worker: Annotated[
-        float | None, typer.Option(min=0.01, help="CPUs of each worker on Ray. Default: 1.")
+        float | None,
+        typer.Option(
+            min=0.01, callback=not_negative, help="CPUs of each worker on Ray. Default: 1."
+        ),
     ] = None,
     gpus_per_worker: Annotated[
         float | None,
-        typer.Option(min=0, help="GPUs of each worker on Ray, 0.25 for a quarter. Default: 0."),
+        typer.Option(
+            min=0,
+            callback=not_negative,
+            help="GPUs of each worker on Ray, 0.25 for a quarter. Default: 0.",
+        ),
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import options
-from depthcli.cli.arguments.numbers import parse_size
+from depthcli.cli.arguments.numbers import not_negative, parse_size
 from depthcli.cli.screen import console
 from depthcli.core.choices import Upsampling
 from depthcli.errors import ExitCode
@@ -51,7 +51,13 @@ def bench(
     ] = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     seconds: Annotated[
-        float, typer.Option(min=0, max=3600, help="Duration of each measurement in seconds.")
+        float,
+        typer.Option(
+            min=0,
+            max=3600,
+            callback=not_negative,
+            help="Duration of each measurement in seconds.",
+        ),
     ] = 3.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> int:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli.arguments import completion
+from depthcli.cli.arguments.numbers import not_negative
 from depthcli.cli.signals import SIGNAL_BASE, ending_signals
 from depthcli.errors import ExitCode, UsageError
 from depthcli.training.config.presets import preset_names
@@ -79,7 +80,9 @@ _Show = Annotated[
 ]
 _Minutes = Annotated[
     float | None,
-    typer.Option(min=0.0, help="Time limit in minutes; the run can be resumed."),
+    typer.Option(
+        min=0.0, callback=not_negative, help="Time limit in minutes; the run can be resumed."
+    ),
 ]
 _Accelerator = Annotated[
     str,

@@ -1,13 +1,14 @@
 """What an evaluation leaves on the disk: table, sheets of pictures, and both in one page."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from depthcli.errors import UsageError
 from depthcli.evaluation.reports.figures import Figure
 from depthcli.evaluation.reports.html import html_page
 from depthcli.evaluation.reports.text import Page
-from depthcli.io.storage.atomic import atomic_path, write_text
+from depthcli.io.storage.atomic import atomic_path, is_same_file, write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +18,21 @@ class EvaluationFiles:
     csv: Path | None = None  #: the table
     figures: Path | None = None  #: folder for the sheets
     html: Path | None = None  #: table and sheets in one file
+
+    def check_apart(self, inputs: Iterable[str | Path | None]) -> None:
+        """Refuse to replace an input: a file, or what is in a folder and is no earlier report.
+
+        Raises:
+            UsageError: one would be replaced.
+        """
+        sources = [Path(source) for source in inputs if source is not None]
+        for path, start in ((self.csv, b"name,"), (self.html, b"<!doctype html>")):
+            if path is None or not any(_is_read(path, source) for source in sources):
+                continue
+            with path.open("rb") as file:
+                is_report = file.read(len(start)) == start
+            if not is_report:
+                raise UsageError(f"{path} is an input and is not overwritten; name another file")
 
     def write(self, page: Page, table_csv: str, figures: Sequence[Figure]) -> Iterator[Path]:
         """Write them.
@@ -37,3 +53,9 @@ class EvaluationFiles:
                 yield path
         if self.html is not None:
             write_text(html_page(page, figures), self.html)
+
+
+def _is_read(path: Path, source: Path) -> bool:
+    """Whether a file is there, and is the source or in it."""
+    is_below = path.resolve().is_relative_to(source.resolve())
+    return path.is_file() and (is_below or is_same_file(path, source))

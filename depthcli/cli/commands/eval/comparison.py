@@ -33,6 +33,8 @@ def compare(
     as_json, is_silent = given["as_json"], given["quiet"] or given["as_json"]
     if given["per_image"] and not as_json:
         raise UsageError("--per-image is part of the JSON output: add --json")
+    files = EvaluationFiles(given["csv"], given["figures"], given["html"])
+    files.check_apart((given["data"], *(given["predictions"] or ()), *models))
     workers, threads = share_cores(given["workers"], given["threads"])
     runner = (given["provider"], threads, given["provider_option"])
     request = ModelsRequest(
@@ -53,7 +55,6 @@ def compare(
     )
     with drawn(silent=is_silent, announces=True) as progress:
         done = compare_models(request, progress, console.warn)
-    files = EvaluationFiles(given["csv"], given["figures"], given["html"])
     print_report(
         done.report, report_page(done.report), done.figures, files, as_json=as_json, quiet=is_silent
     )

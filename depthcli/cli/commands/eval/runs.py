@@ -74,6 +74,8 @@ def runs(
         from depthcli.jobs.evaluate.runs import RunsRequest, compare_runs
     except ImportError as error:
         raise DepthcliError(f"reading checkpoints needs {error.name}: {INSTALL_TRAIN}") from error
+    files = EvaluationFiles(csv, figures, html)
+    files.check_apart((folder, data))
     request = RunsRequest(
         folder,
         data,
@@ -90,7 +92,6 @@ def runs(
     )
     with drawn(silent=quiet or as_json, announces=True) as progress:
         done = compare_runs(request, progress, console.warn)
-    files = EvaluationFiles(csv, figures, html)
     page = runs_page(done.report)
     print_report(done.report, page, done.figures, files, as_json=as_json, quiet=quiet)
     if done.failed:
