@@ -391,7 +391,8 @@ def test_a_focal_length_rescales_metres(inside: Cli) -> None:
 def test_anchors_set_the_scale(inside: Cli) -> None:
     room(inside)
     words = ("--anchor", "5,40,2", "--anchor", "60,40,12")
-    assert inside("predict", "room.png", "-o", "d.npy", *words).returncode == 0
+    done = inside("predict", "room.png", "-o", "d.npy", *words)
+    assert done.stdout.endswith(b"; depth fitted to 2 anchors\n")
     depth = np.load(inside.folder / "d.npy")
     assert (depth[40, 5], depth[40, 60]) == pytest.approx((2, 12), rel=1e-4)
 

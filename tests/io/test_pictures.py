@@ -107,6 +107,11 @@ def test_bad_pictures_are_refused_with_a_reason(data: bytes, reason: str) -> Non
         read_image(None, data)
 
 
+def test_a_video_is_sent_to_the_command_for_videos() -> None:
+    with pytest.raises(InputError, match="'depthcli video' reads videos"):
+        read_image(None, b"0000ftypisom", name="clip.mp4")
+
+
 def test_bad_paths_are_refused_with_a_reason(tmp_path: Path) -> None:
     (tmp_path / "broken.png").symlink_to(tmp_path / "nowhere.png")
     (tmp_path / "loop.png").symlink_to(tmp_path / "loop.png")

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, is_out_of_memory
+from depthcli.io.listing.folder import is_video
 from depthcli.io.pictures.complaints import complaints
 from depthcli.io.pictures.ending import flaw
 from depthcli.io.pictures.size import picture_size
@@ -107,7 +108,9 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
         raise InputError(f"{name} is empty")
     size = picture_size(data)
     if size is None:
-        hint = "; 'depthcli video' reads numbered EXR files" if data.startswith(_EXR_MAGIC) else ""
+        kind = "numbered EXR files" if data.startswith(_EXR_MAGIC) else ""
+        kind = "videos" if is_video(name) else kind
+        hint = f"; 'depthcli video' reads {kind}" if kind else ""
         raise InputError(
             f"{name} is not a picture (JPEG, PNG, TIFF, WebP, AVIF, BMP, GIF, PNM){hint}"
         )

@@ -67,14 +67,15 @@ def _word(fact: str | float | None) -> str:
 
 
 def camera_words(depth: DepthMap) -> str | None:
-    """The camera that a map's metres belong to, and how it is known; None if it is not."""
+    """The camera of a map's metres, how it is known, and what anchors changed; None if unknown."""
     source = depth.provenance or _UNKNOWN
+    count = len(source.anchors)
+    fitted = f"; depth fitted to {count} anchor{'s'[: count - 1]}" if count else ""
     if source.focal_px is None:
-        return None
+        return f"unknown{fitted}" if fitted else None
     hfov = f"hfov {scaling.hfov_deg(source.focal_px, depth.width):.1f}°"
-    if source.camera_source is None:
-        return hfov
-    return f"{hfov} ({_HOW_KNOWN[source.camera_source]})"
+    known = "" if source.camera_source is None else f" ({_HOW_KNOWN[source.camera_source]})"
+    return f"{hfov}{known}{fitted}"
 
 
 def step_unit(scale: float) -> str:
