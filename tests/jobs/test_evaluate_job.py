@@ -11,7 +11,9 @@ import pytest
 from tiny import write_model
 
 from depthcli.datasets.splits import SplitName
-from depthcli.errors import UsageError
+from depthcli.errors import DatasetError, UsageError
+from depthcli.evaluation.choices import Mask
+from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.reports.text import report_page
 from depthcli.evaluation.table import EvalOptions
 from depthcli.inference.loading import SessionLoader
@@ -101,3 +103,15 @@ def test_what_is_not_wanted_is_not_written(
 def test_nothing_to_compare(request_of_val: ModelsRequest) -> None:
     with pytest.raises(UsageError, match="nothing to compare"):
         compare_models(replace(request_of_val, models=()))
+
+
+def test_raw_depth_that_is_missing_is_told_before_anything_is_computed(
+    request_of_val: ModelsRequest,
+) -> None:
+    class Never:
+        def begin(self, what: str, _total: int | None, _unit: str = "") -> Callable[[int], object]:
+            raise AssertionError(what)
+
+    raw = replace(request_of_val.options, protocol=EvalProtocol(mask=Mask.RAW))
+    with pytest.raises(DatasetError, match="no raw depth"):
+        compare_models(replace(request_of_val, options=raw), Never())

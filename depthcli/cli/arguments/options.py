@@ -82,13 +82,17 @@ NearOption = Annotated[
 VminOption = Annotated[
     float | None,
     typer.Option(
-        callback=finite, help="Lower end of the preview's depth range. Default: 2nd percentile."
+        callback=finite,
+        help="Lower end of the preview's depth range, in metres if metric. Default: 2nd "
+        "percentile.",
     ),
 ]
 VmaxOption = Annotated[
     float | None,
     typer.Option(
-        callback=finite, help="Upper end of the preview's depth range. Default: 98th percentile."
+        callback=finite,
+        help="Upper end of the preview's depth range, in metres if metric. Default: 98th "
+        "percentile.",
     ),
 ]
 LegendOption = Annotated[

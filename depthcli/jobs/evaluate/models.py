@@ -7,11 +7,13 @@ from pathlib import Path
 from depthcli.core.choices import Detail
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind
+from depthcli.datasets.base import HasRawDepth
 from depthcli.datasets.layouts import opener_of
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.splits import SplitName, is_label
 from depthcli.errors import UsageError
+from depthcli.evaluation.choices import Mask
 from depthcli.evaluation.predictors.base import Predictor
 from depthcli.evaluation.predictors.files import open_predictions
 from depthcli.evaluation.predictors.model import open_models
@@ -74,6 +76,9 @@ def compare_models(
             "nothing to compare: give --model or --predictions, or remove --no-model or "
             "--no-trivial (baselines need training pairs of the split)"
         )
+    if request.options.protocol.mask is Mask.RAW and isinstance(task.dataset, HasRawDepth):
+        for position in task.test[:1]:  # a set without it is refused before anything is computed
+            task.dataset.raw_depth_m(position)
     predictors = _open_predictors(request, task, warn)
     report = evaluate_models(task, predictors, request.options, progress)
     if not (positions and predictors):
