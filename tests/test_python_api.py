@@ -149,6 +149,15 @@ def test_what_is_no_picture_is_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("scale", [0, -1000, math.nan, math.inf])
+def test_a_scale_that_keeps_no_depth_is_refused(
+    scale: float, tmp_path: Path, model: depthcli.DepthModel
+) -> None:
+    with pytest.raises(depthcli.UsageError, match="is not a number above 0"):
+        model.predict(PIXELS).save(tmp_path / "out" / "a.png", png_scale=scale)
+    assert not list((tmp_path / "out").iterdir())
+
+
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
@@ -159,6 +168,8 @@ def test_what_is_no_picture_is_refused_in_one_line(
         ({"anchors": [(3.5, 4, 2)]}, "column, row, metres"),
         ({"anchors": [(3, 4, -2)]}, "-2 m; give one above 0"),
         ({"anchors": [(64, 4, 2)]}, "outside the picture"),
+        ({"anchors": np.array([[3, 4, 1], [5.5, 6, 1]])}, "column, row, metres"),
+        ({"anchors": [(3, 4, 1e-300)]}, "no depth that 32 bits can hold"),
     ],
 )
 def test_a_camera_or_anchors_without_sense_are_refused(

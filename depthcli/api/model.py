@@ -172,7 +172,7 @@ class DepthModel:
 
 
 def _with_anchors(depth: DepthMap, anchors: Sequence[AnchorLike]) -> DepthMap:
-    return depth.fit_anchors(anchors) if anchors else depth
+    return depth.fit_anchors(anchors) if len(anchors) else depth
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:

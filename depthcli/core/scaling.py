@@ -87,6 +87,8 @@ def fit_anchors(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
         with np.errstate(divide="ignore"):
             fitted = np.float32(1) / fitted
     fitted = np.where(fitted > 0, fitted, np.float32(np.nan)).astype(np.float32)
+    if not np.isfinite(fitted).any():
+        raise UsageError("the anchors fit no depth that 32 bits can hold; check their metres")
     source = replace(depth.provenance or Provenance(), anchors=tuple(points))
     return DepthMap(fitted, DepthKind.METRIC, source)
 

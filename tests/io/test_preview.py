@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -63,6 +64,9 @@ def test_nearer_is_never_colder(kind: DepthKind, vmin: float | None, vmax: float
 def test_limits_the_wrong_way_round_are_refused() -> None:
     with pytest.raises(UsageError, match="vmin 5 is above vmax 2"):
         PreviewWriter(vmin=5, vmax=2)
+    for limits in ({"vmin": math.nan}, {"vmax": math.nan}):
+        with pytest.raises(UsageError, match="have to be numbers, not nan"):
+            PreviewWriter(**limits)
 
 
 def test_limits_beyond_the_map_leave_one_colour() -> None:

@@ -88,6 +88,14 @@ def test_what_only_is_called_as_a_manifest_is_kept(
     assert path.exists()
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/kmsg"), reason="Linux has it")  # noqa: PTH110
+def test_a_video_that_never_ends_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "a.mp4").symlink_to("/proc/kmsg")
+    (result,) = Batch(request(tmp_path))
+    assert result.row.error == f"{tmp_path}/in/a.mp4 is empty"
+
+
 def test_a_link_does_not_lead_the_journal_elsewhere(tmp_path: Path) -> None:
     pictures(tmp_path)
     precious = tmp_path / "precious.txt"

@@ -1,9 +1,12 @@
 """Depth in whole steps, as 16-bit files hold it."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
+from depthcli.errors import UsageError
 
 TOP = 65535
 
@@ -18,7 +21,12 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
     Returns:
         (H, W) uint16, rounded to nearest: 0 where depth is NaN or not positive, at least 1 and at
         most 65535 elsewhere; and the number of pixels at 65535 or beyond.
+
+    Raises:
+        UsageError: the scale is not a number above 0.
     """
+    if not 0 < scale < math.inf:
+        raise UsageError(f"a PNG scale of {scale:g} steps per metre is not a number above 0")
     height, width = values.shape
     steps = np.empty((height, width), np.uint16)
     saturated = 0

@@ -1,5 +1,6 @@
 """A picture of a depth map for people: a colormap over inverse depth, near is warm."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -37,11 +38,13 @@ class PreviewWriter:
     side_by_side: bool = False  #: put the picture at the left
 
     def __post_init__(self) -> None:
-        """Refuse limits that are the wrong way round.
+        """Refuse limits that are the wrong way round, or none.
 
         Raises:
-            UsageError: ``vmin`` is above ``vmax``.
+            UsageError: ``vmin`` is above ``vmax``, or one is not a number.
         """
+        if math.isnan(self.vmin or 0) or math.isnan(self.vmax or 0):
+            raise UsageError("vmin and vmax have to be numbers, not nan")
         if self.vmin is not None and self.vmax is not None and self.vmin > self.vmax:
             raise UsageError(f"vmin {self.vmin:g} is above vmax {self.vmax:g}; swap them")
 

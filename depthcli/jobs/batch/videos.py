@@ -120,6 +120,8 @@ def checked_video(task: VideoTask, path: Path, camera: Camera) -> str:
     if not path.is_file():
         raise InputError(f"{path} is missing, or no file")
     try:
+        if not path.stat().st_size:  # nor has /proc/kmsg, which never ends
+            raise InputError(f"{path} is empty")
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
