@@ -212,8 +212,8 @@ def test_plates_are_never_overwritten(inside: Cli) -> None:
     assert inside("video", pattern, "--out", pattern).returncode == 2
     (inside.folder / "link").symlink_to("shot")
     done = inside("video", pattern, "--out", "link/plate.%04d.exr")
-    assert done.returncode == 1
-    assert b"is an input" in done.stderr
+    assert done.returncode == 2
+    assert b"is the input" in done.stderr
     assert (inside.folder / "shot" / "plate.0001.exr").read_bytes() == before
 
 
