@@ -124,3 +124,19 @@ def test_a_report_in_the_data_set_is_replaced_by_the_next(data: Path) -> None:
     words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), "--quiet"]
     for _ in range(2):
         assert main([*words, "--csv", str(table), "--html", str(page)]) == ExitCode.OK
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("--csv", "both", "--html", "both"), "--csv and --html are one file, both; name two"),
+        (("--html", "."), ". is a folder; name a file"),
+        (("--figures", __file__), "is a file; name a folder"),
+        (("--compare-at", "9" * 14), "is not in the range 1<=x<=20000"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_anything_is_measured(
+    words: tuple[str, ...], line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["eval", "pairs", "none", *words]) == ExitCode.USAGE
+    assert line in capsys.readouterr().err

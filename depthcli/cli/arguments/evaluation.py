@@ -49,6 +49,7 @@ CompareAtOption = Annotated[
     typer.Option(
         metavar="N",
         min=1,
+        max=20_000,
         help="Resize prediction and ground truth to N×N first (for example 256).",
     ),
 ]

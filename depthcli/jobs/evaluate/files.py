@@ -19,14 +19,23 @@ class EvaluationFiles:
     figures: Path | None = None  #: folder for the sheets
     html: Path | None = None  #: table and sheets in one file
 
-    def check_apart(self, inputs: Iterable[str | Path | None]) -> None:
-        """Refuse to replace an input: a file, or what is in a folder and is no earlier report.
+    def check(self, inputs: Iterable[str | Path | None]) -> None:
+        """Refuse what cannot be written, before anything is measured.
+
+        Args:
+            inputs: files, which are not replaced, nor is what is in a folder and no earlier report.
 
         Raises:
-            UsageError: one would be replaced.
+            UsageError: an input would be replaced, two files are one, or a folder is a file.
         """
+        if self.csv is not None and self.html is not None and is_same_file(self.csv, self.html):
+            raise UsageError(f"--csv and --html are one file, {self.csv}; name two")
+        if self.figures is not None and self.figures.is_file():
+            raise UsageError(f"--figures {self.figures} is a file; name a folder")
         sources = [Path(source) for source in inputs if source is not None]
         for path, start in ((self.csv, b"name,"), (self.html, b"<!doctype html>")):
+            if path is not None and path.is_dir():
+                raise UsageError(f"{path} is a folder; name a file")
             if path is None or not any(_is_read(path, source) for source in sources):
                 continue
             with path.open("rb") as file:

@@ -34,7 +34,7 @@ def compare(
     if given["per_image"] and not as_json:
         raise UsageError("--per-image is part of the JSON output: add --json")
     files = EvaluationFiles(given["csv"], given["figures"], given["html"])
-    files.check_apart((given["data"], *(given["predictions"] or ()), *models))
+    files.check((given["data"], *(given["predictions"] or ()), *models))
     workers, threads = share_cores(given["workers"], given["threads"])
     runner = (given["provider"], threads, given["provider_option"])
     request = ModelsRequest(

@@ -75,7 +75,7 @@ def runs(
     except ImportError as error:
         raise DepthcliError(f"reading checkpoints needs {error.name}: {INSTALL_TRAIN}") from error
     files = EvaluationFiles(csv, figures, html)
-    files.check_apart((folder, data))
+    files.check((folder, data))
     request = RunsRequest(
         folder,
         data,
