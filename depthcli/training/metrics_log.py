@@ -2,11 +2,13 @@
 
 import json
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
 from depthcli.core.foreign import FieldError, built, parsed_json
 from depthcli.io.storage.atomic import append_whole, atomic_path
+from depthcli.io.storage.regular import read_regular
 from depthcli.training.checkpoint import RunProgress
 
 
@@ -31,7 +33,7 @@ def cut(path: Path, step: int) -> None:
     """
     if not path.exists():
         return
-    content = path.read_bytes()
+    content = read_regular(path, sys.maxsize)
     kept = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
     if kept != content:
         with atomic_path(path) as temporary:

@@ -456,6 +456,19 @@ def test_an_unfinished_video_of_another_request_is_removed(
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
+def test_what_is_in_the_way_of_an_unfinished_video_is_named(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    request = VideoRequest(str(clip), f"{tmp_path}/out/", model=loader)
+    with pytest.raises(KeyboardInterrupt):
+        video(request, Watch(last=9))
+    (unfinished,) = (tmp_path / "out").glob(".depthcli-*.mkv")
+    unfinished.rename(tmp_path / "elsewhere")
+    unfinished.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OutputError, match=rf"cannot write {unfinished}: it is a link; remove it"):
+        video(request)
+
+
 def test_two_runs_at_one_unfinished_video_leave_it_to_the_first(tmp_path: Path) -> None:
     path = tmp_path / "a.mkv"
     with partial_video(path, "0" * 64) as first:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import resource
 from typing import TYPE_CHECKING
 
@@ -38,6 +39,12 @@ def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
         metrics_log.cut(path, step)
         assert _steps(path) == kept
     assert [p.name for p in tmp_path.iterdir()] == [METRICS_LOG]
+
+
+def test_a_pipe_in_the_place_of_the_log_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / METRICS_LOG)
+    with pytest.raises(OSError, match="it is a pipe or a device"):
+        metrics_log.cut(tmp_path / METRICS_LOG, 0)
 
 
 def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:

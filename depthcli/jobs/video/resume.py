@@ -128,9 +128,8 @@ def earlier_frames(
                 earlier = EarlierFrames(*kept, None, partial)
         except OSError as error:
             reason = error.strerror or str(error)
-            raise OutputError(
-                f"cannot write into {plan.folder}: {reason}; choose another --out"
-            ) from error
+            where = error.filename or f"into {plan.folder}"
+            raise OutputError(f"cannot write {where}: {reason}; choose another --out") from error
         yield earlier
 
 
