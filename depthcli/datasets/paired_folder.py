@@ -25,6 +25,7 @@ from depthcli.datasets.files import (
     spread,
 )
 from depthcli.errors import DatasetError
+from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.formats import MILLIMETRES
 
 PREDICTED = ".depth"
@@ -32,6 +33,7 @@ PREDICTED = ".depth"
 CAMERAS = "cameras.csv"
 """``id,focal_px``: focal length of each picture, in its own pixels."""
 PLAUSIBLE_M = (0.1, 100.0)
+_MAX_CAMERAS_BYTES = 256 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,11 +146,11 @@ def open_paired_folder(
 
 def _focal_lengths(path: Path, ids: tuple[str, ...]) -> tuple[float, ...]:
     """Of each pair, in pixels; empty if there is no such file."""
-    if not path.is_file():
+    if not path.exists():
         return ()
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            of_id = {row["id"]: float(row["focal_px"]) for row in csv.DictReader(file)}
+        lines = read_regular(path, _MAX_CAMERAS_BYTES).decode("utf-8").splitlines()
+        of_id = {row["id"]: float(row["focal_px"]) for row in csv.DictReader(lines)}
         found = tuple(of_id[pair_id] for pair_id in ids)
     except KeyError as error:
         raise DatasetError(f"{path} has no {error}: it needs id,focal_px and each pair") from error

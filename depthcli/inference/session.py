@@ -11,7 +11,7 @@ import numpy.typing as npt
 import onnxruntime as ort
 
 from depthcli.core.text import one_line
-from depthcli.errors import ModelError, ProviderError
+from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS
 from depthcli.models.card_specs import TensorLayout
@@ -19,6 +19,7 @@ from depthcli.models.catalog import Model
 
 _FATAL_ONLY = 4
 _IMAGE_RANK = 4
+_MAX_THREADS = 1024
 _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
 _SOURCE_PLACE = r"^\S+\.(cc|cpp|h):\d+ .*?\) (?=\S)"
 
@@ -50,7 +51,8 @@ class Session:
             provider_options: for a provider asked for by name, as onnxruntime documents them.
 
         Raises:
-            UsageError: no provider has that name, or it takes no options and some are given.
+            UsageError: no provider has that name, it takes no options and some are given, or that
+                many threads cannot be.
             ProviderError: the named provider is not built in, or does not start.
             ModelError: onnxruntime cannot load the model, or it is not an image-to-depth model.
         """
@@ -134,6 +136,8 @@ def _load(
     options = ort.SessionOptions()
     options.log_severity_level = _FATAL_ONLY
     if threads is not None:
+        if not 0 < threads <= _MAX_THREADS:
+            raise UsageError(f"threads has to be from 1 to {_MAX_THREADS}")
         options.intra_op_num_threads = threads
     else:
         # Threads that spin between operators take time from loading, decoding and encoding on the

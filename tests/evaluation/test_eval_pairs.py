@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -140,3 +141,12 @@ def test_what_cannot_be_done_is_refused_before_anything_is_measured(
 ) -> None:
     assert main(["eval", "pairs", "none", *words]) == ExitCode.USAGE
     assert line in capsys.readouterr().err
+
+
+def test_focal_lengths_that_never_end_are_refused(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (data / "cameras.csv").unlink()
+    os.mkfifo(data / "cameras.csv")
+    assert main(["eval", "pairs", str(data), "--predictions", str(data / "depth")]) == 2
+    assert "cameras.csv cannot be read" in capsys.readouterr().err

@@ -55,6 +55,12 @@ def test_threads_are_passed_on(model_folder: Path, threads: int) -> None:
     assert options.intra_op_num_threads == threads
 
 
+@pytest.mark.parametrize("threads", [0, -1, 1025, 10**30])
+def test_a_number_of_threads_that_cannot_be_is_refused(model_folder: Path, threads: int) -> None:
+    with pytest.raises(UsageError, match="from 1 to 1024"):
+        Session(find_model(model_folder), threads=threads)
+
+
 def test_run_gives_one_map_for_each_picture(model_folder: Path) -> None:
     batch = np.arange(2 * 6 * 8, dtype=np.float32).reshape(2, 1, 6, 8)
     raw = Session(find_model(model_folder)).run(batch)
