@@ -26,7 +26,11 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def unmeasured(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Without what has a process write its coverage, which it could not under a limit."""
+    """Without what has a process write its coverage.
+
+    It could not under a limit, nor in a signal handler: it would wait for ever for a lock of
+    coverage's that is held by the call which the signal interrupted.
+    """
     return {name: value for name, value in environment.items() if not name.startswith("COVERAGE_")}
 
 
@@ -60,6 +64,22 @@ class Cli:
             env={**self.environment, **environment},
             check=False,
             timeout=60,
+        )
+
+    def started(
+        self,
+        *arguments: str | os.PathLike[str],
+        stdin: int | None = None,
+        stdout: int = subprocess.PIPE,
+    ) -> subprocess.Popen[bytes]:
+        """Start a command that is going to be interrupted, or left by its reader."""
+        return subprocess.Popen(
+            self.command(*arguments),
+            stdin=stdin,
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            cwd=self.folder,
+            env=unmeasured(self.environment),
         )
 
     def on_a_terminal(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
 import time
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,8 @@ from folders import contents, picture, printed, rows, tree
 from tiny import write_model
 
 if TYPE_CHECKING:
+    import subprocess
+
     from command_line import Cli
 
 JOURNAL = ".depthcli-batch.jsonl"
@@ -30,13 +31,7 @@ def many(cli: Cli) -> None:
 
 def begun(cli: Cli, done: int, *options: str) -> subprocess.Popen[bytes]:
     """A batch that has put down some rows and goes on."""
-    running = subprocess.Popen(
-        cli.command("batch", "in", "--out", "out", *options),
-        cwd=cli.folder,
-        env=cli.environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
+    running = cli.started("batch", "in", "--out", "out", *options)
     journal = cli.folder / "out" / JOURNAL
     until = time.monotonic() + 30
     while time.monotonic() < until and running.poll() is None:

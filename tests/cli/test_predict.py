@@ -469,13 +469,8 @@ def test_names_may_hold_any_byte(inside: Cli) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_leaves_whole_files_only(cli: Cli, number: signal.Signals) -> None:
     pictures = [room(cli, f"{i:03}.png") for i in range(200)]
-    process = subprocess.Popen(
-        cli.command("predict", *pictures, "-o", "out/", "--format", "npy", "--format", "exr"),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        cwd=cli.folder,
-        env=cli.environment,
-    )
+    formats = ("--format", "npy", "--format", "exr")
+    process = cli.started("predict", *pictures, "-o", "out/", *formats)
     while not (cli.folder / "out/003.depth.npy").exists() and process.poll() is None:
         time.sleep(0.001)
     process.send_signal(number)
@@ -490,13 +485,7 @@ def test_an_interrupted_run_leaves_whole_files_only(cli: Cli, number: signal.Sig
 
 
 def test_waiting_for_stdin_can_be_interrupted(cli: Cli) -> None:
-    process = subprocess.Popen(
-        cli.command("predict", "-", "-o", "out.npy"),
-        stdin=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        cwd=cli.folder,
-        env=cli.environment,
-    )
+    process = cli.started("predict", "-", "-o", "out.npy", stdin=subprocess.PIPE)
     time.sleep(1)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
 import time
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -26,6 +25,7 @@ from depthcli.video.sequence_files import find_pictures
 from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
+    import subprocess
     from pathlib import Path
 
     from command_line import Cli
@@ -219,14 +219,13 @@ def test_plates_are_never_overwritten(inside: Cli) -> None:
 
 def stopped(cli: Cli, *words: str, files: int) -> None:
     """Run a command, and stop it when so many files are there."""
-    running = subprocess.Popen(
-        cli.command(*words), cwd=cli.folder, env=cli.environment, stderr=subprocess.DEVNULL
-    )
+    running = cli.started(*words)
     until = time.monotonic() + 60
     while time.monotonic() < until and len(list((cli.folder / "out").glob("*.png"))) < files:
         time.sleep(0.01)
     running.send_signal(signal.SIGTERM)
-    assert running.wait(timeout=60) == 143
+    running.communicate(timeout=60)
+    assert running.returncode == 143
 
 
 def contents(folder: Path) -> dict[str, bytes]:

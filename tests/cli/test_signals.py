@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from command_line import ROOT, Cli
+from command_line import ROOT, Cli, unmeasured
 from onnx import TensorProto, helper
 from tiny import write_model, write_picture
 
@@ -57,21 +57,45 @@ def test_a_network_that_never_ends_does_not_outlive_ctrl_c(cli: Cli, command: st
     write_model(cli.models / "default", endless_onnx())
     write_picture(cli.folder / "in" / "a.png")
     words = ("predict", "in/a.png", "-o", "out/") if command == "predict" else ("batch", "in")
-    process = subprocess.Popen(
-        cli.command(*words, *(("--out", "out") if command == "batch" else ())),
-        cwd=cli.folder,
-        env=cli.environment,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = cli.started(*words, *(("--out", "out") if command == "batch" else ()))
     until = time.monotonic() + (30 if command == "batch" else 1.5)  # it has begun, or is about to
     while time.monotonic() < until and not (cli.folder / "out" / ".depthcli-batch.jsonl").exists():
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=20)
     assert process.returncode == 130
-    assert "resume" in said if command == "batch" else not said
+    assert b"resume" in said if command == "batch" else not said
     assert not list(cli.folder.glob("out/*.png"))
+
+
+_BEHIND_A_FULL_PIPE = """
+import contextlib, os, signal, sys
+from depthcli.cli.signals import end_on_signals
+end_on_signals()
+os.set_blocking(1, False)
+with contextlib.suppress(BlockingIOError):
+    while True:
+        os.write(1, b"x")
+os.set_blocking(1, True)
+sys.stdout.write("a row that nobody takes")
+print("ready", file=sys.stderr, flush=True)
+signal.pause()
+"""
+
+
+def test_a_reader_that_has_stopped_reading_keeps_nothing_alive() -> None:
+    words = [sys.executable, "-c", _BEHIND_A_FULL_PIPE]
+    environment = unmeasured() | {"PYTHONUNBUFFERED": ""}
+    with subprocess.Popen(
+        words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stderr is not None
+        assert process.stderr.readline() == b"ready\n"
+        process.send_signal(signal.SIGTERM)
+        try:
+            assert process.wait(timeout=30) == 143
+        finally:
+            process.kill()
 
 
 def test_signals_that_the_caller_ignores_stay_ignored() -> None:

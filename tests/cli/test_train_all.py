@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from command_line import unmeasured
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
@@ -130,7 +131,7 @@ def test_a_signal_ends_the_run_at_hand_cleanly_and_all_others(folder: Path, numb
     with subprocess.Popen(
         _command(*arguments),
         cwd=folder,
-        env=ENVIRONMENT,
+        env=unmeasured(ENVIRONMENT),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

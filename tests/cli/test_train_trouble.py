@@ -81,8 +81,9 @@ def test_signal_saves_the_step_and_the_run_goes_on_exactly(
     folder: Path, unbroken: dict[str, Any], number: int
 ) -> None:
     log = folder / "run" / "metrics.jsonl"
+    environment = unmeasured(ENVIRONMENT)
     process = subprocess.Popen(
-        _command(*LONGER), cwd=folder, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True
+        _command(*LONGER), cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
     )
     deadline = time.monotonic() + 60
     while not log.exists() and time.monotonic() < deadline:

@@ -175,13 +175,7 @@ def test_a_video_flows_through_pipes(cli: Cli) -> None:
 
 
 def test_a_reader_that_leaves_ends_a_pipe_in_silence(cli: Cli, long_video: Path) -> None:
-    running = subprocess.Popen(
-        cli.command("video", str(long_video), "-o", "-", "--quiet"),
-        cwd=cli.folder,
-        env=cli.environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
+    running = cli.started("video", str(long_video), "-o", "-", "--quiet")
     assert running.stdout is not None
     assert running.stderr is not None
     assert running.stdout.read(4) == b"\x1aE\xdf\xa3"
@@ -234,12 +228,7 @@ def test_an_interrupted_run_leaves_hidden_depth_to_go_on_with(
 ) -> None:
     (cli.folder / "long.avi").hardlink_to(long_video)
     options = [word for name in formats for word in ("--format", name)]
-    running = subprocess.Popen(
-        cli.command("video", "long.avi", "--out", "out/", *options),
-        cwd=cli.folder,
-        env=cli.environment,
-        stderr=subprocess.DEVNULL,
-    )
+    running = cli.started("video", "long.avi", "--out", "out/", *options)
     until = time.monotonic() + 30
     while time.monotonic() < until and not list((cli.folder / "out").rglob("*")):
         time.sleep(0.02)
@@ -249,7 +238,8 @@ def test_an_interrupted_run_leaves_hidden_depth_to_go_on_with(
         ]:
             time.sleep(0.02)
     running.send_signal(which)
-    assert running.wait(timeout=30) == 128 + which
+    running.communicate(timeout=30)
+    assert running.returncode == 128 + which
     left = list((cli.folder / "out").iterdir())
     assert len(left) == waits
     for path in left:

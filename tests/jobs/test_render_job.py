@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -55,19 +54,13 @@ def test_workers_count_and_interruptions_change_no_byte(folder: Path, tmp_path: 
 
 def test_a_signal_ends_the_workers_too(cli: Cli) -> None:
     words = ("render", "rooms", "--out", "r", "--count", "500", "--size", "32x24", "--workers", "2")
-    process = subprocess.Popen(
-        cli.command(*words),
-        cwd=cli.folder,
-        env=cli.environment,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = cli.started(*words)
     until = time.monotonic() + 60
     while time.monotonic() < until and not list(cli.folder.glob("r/depth/*/*.png")):
         time.sleep(0.05)
     process.send_signal(signal.SIGTERM)
     _, said = process.communicate(timeout=20)  # until the last of them has closed it
-    assert (process.returncode, said) == (128 + signal.SIGTERM, "")
+    assert (process.returncode, said) == (128 + signal.SIGTERM, b"")
 
 
 def test_a_folder_holds_a_hundred_rooms_and_those_that_are_missing_are_told(

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "training"))
-from command_line import Cli
+from command_line import Cli, unmeasured
 from every_call_fails import in_a_fork, load
 from faulty_commands import COMMANDS
 from tiny import synthetic_picture, write_model, write_picture
@@ -165,7 +165,7 @@ def started(cli: Cli, job: Job, *, cold: bool) -> int:
     if cold:  # without a fork of Python, which threads of the tests' process would not survive
         opened = [(os.POSIX_SPAWN_OPEN, n, path, writes, 0o666) for n, path in streams.items()]
         shell = ["/bin/sh", "-c", 'cd "$0" && exec "$@"', str(cli.folder), *words]
-        return os.posix_spawn(shell[0], shell, cli.environment, file_actions=opened)
+        return os.posix_spawn(shell[0], shell, unmeasured(cli.environment), file_actions=opened)
     child = os.fork()
     if child:
         return child
@@ -174,7 +174,7 @@ def started(cli: Cli, job: Job, *, cold: bool) -> int:
         for handle, path in streams.items():
             os.dup2(os.open(path, writes, 0o666), handle)
         os.environ.clear()
-        os.environ.update(cli.environment)
+        os.environ.update(unmeasured(cli.environment))
         sys.argv = ["depthcli", *words[words.index("depthcli") + 1 :]]
         main_of_depthcli()
     finally:

@@ -24,6 +24,9 @@ _MOST_ENTRIES = 10_000
 """Looking through a folder of any size would cost more than the files that may lie there."""
 _SETTLING_S = 0.02
 """Threads that have a name and are about to open the file have done so by then."""
+_PATIENCE_S = 1.0
+"""For a thread that keeps the lock: it waits for a disk that does not answer, or ends the process
+already, and waits for whoever reads its output."""
 
 _lock = threading.RLock()  # for a signal handler, which may come while its own thread has it
 _own: set[Path] = set()
@@ -86,11 +89,11 @@ def remove_own() -> None:
 
     The process must end now: those threads wait for ever.
     """
-    _lock.acquire()
-    for path in _own:
+    _lock.acquire(timeout=_PATIENCE_S)
+    for path in tuple(_own):
         _remove(path)
     time.sleep(_SETTLING_S)
-    for path in _own:
+    for path in tuple(_own):
         _remove(path)
 
 
