@@ -139,6 +139,7 @@ def test_a_truncated_pil_picture_is_an_input_error(model: depthcli.DepthModel) -
         (PIXELS.transpose(2, 0, 1), "channels first"),
         (PIXELS[None], "no picture"),
         (Image.new("I", (4, 4)), "not int32"),
+        (np.ma.masked_less(PIXELS, 100), "without a value"),
     ],
 )
 def test_what_is_no_picture_is_refused_in_one_line(
@@ -147,6 +148,15 @@ def test_what_is_no_picture_is_refused_in_one_line(
     with pytest.raises(depthcli.InputError, match=problem) as caught:
         model.predict(picture)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["a\0.npy", "\ud800.npy", "a\0/a.npy"])
+def test_a_name_that_no_file_has_is_refused(
+    name: str, tmp_path: Path, model: depthcli.DepthModel
+) -> None:
+    with pytest.raises(depthcli.OutputError, match="no file has such a name"):
+        model.predict(PIXELS).save(tmp_path / "out" / name)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("scale", [0, -1000, math.nan, math.inf])

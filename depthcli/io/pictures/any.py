@@ -73,6 +73,8 @@ def _pixels(picture: ArrayLike) -> npt.NDArray[Any]:
         pixels = np.array(picture, order="C")
     except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{type(picture).__name__} is no array: {error}") from error
+    if np.ma.is_masked(picture):
+        raise InputError("a masked array has pixels without a value; give them one by .filled()")
     if pixels.ndim == 0 or pixels.dtype == object:
         raise InputError(
             "a picture is a path, bytes, an array, a Frame or a PIL picture, "

@@ -36,6 +36,7 @@ def atomic_path(
         with _sent(path) as temporary:
             yield temporary
         return
+    _check_name(path, advice)
     if is_special(path):
         raise OutputError(f"{path} is a device or a pipe and is not replaced; {advice}")
     try:
@@ -95,6 +96,15 @@ def is_same_file(path: Path, source: Path) -> bool:
         return path.samefile(source)
     except OSError:
         return os.path.realpath(path) == os.path.realpath(source)
+
+
+def _check_name(path: Path, advice: str) -> None:
+    try:
+        with suppress(OSError):
+            path.lstat()
+    except ValueError as error:  # a NUL byte, or a surrogate
+        message = f"no file has such a name as {str(path)!r} ({error}); {advice}"
+        raise OutputError(message) from error
 
 
 def is_special(path: Path) -> bool:
