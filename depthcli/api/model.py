@@ -60,11 +60,7 @@ def load_model(
         UsageError: no provider has that name, or it takes no options and some are given.
     """
     pipeline = load(
-        model,
-        provider=provider,
-        threads=threads,
-        detail=detail,
-        provider_options=provider_options,
+        model, provider=provider, threads=threads, detail=detail, provider_options=provider_options
     )
     for text in pipeline.session.warnings:
         warnings.warn(text, DepthcliWarning, stacklevel=2)

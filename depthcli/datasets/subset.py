@@ -1,15 +1,11 @@
 """Some pairs of a data set, as a data set."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
+import numpy as np
+import numpy.typing as npt
 
-    from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.base import DepthDataset
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,7 @@ from depthcli.datasets.files import (
 )
 from depthcli.datasets.layouts import opener_of
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.paired_folder import (
-    PairedFolder,
-    list_files,
-    open_paired_folder,
-)
+from depthcli.datasets.paired_folder import PairedFolder, list_files, open_paired_folder
 from depthcli.datasets.splits import PAPER_TRAIN_COUNT, is_label
 from depthcli.datasets.subset import Subset
 from depthcli.datasets.unpaired_folder import open_unpaired_folder

@@ -84,9 +84,7 @@ class EvalProtocol:
         return f"{truth}, {frame} at {size}, {self.min_m:g} < g < {self.max_m:g} m, {average}"
 
     def truth(
-        self,
-        depth_m: npt.NDArray[np.float32],
-        raw_depth_m: npt.NDArray[np.float32] | None = None,
+        self, depth_m: npt.NDArray[np.float32], raw_depth_m: npt.NDArray[np.float32] | None = None
     ) -> Truth:
         """Choose the pixels of one image that count, of depth (H, W) float32 metres, 0 = none.
 

@@ -137,10 +137,7 @@ def evaluate(
     def measured(position: int) -> list[_ImageScores]:
         return _score_image(dataset, position, entries, protocol)
 
-    with (
-        one_thread_each(workers),
-        closing(ordered_map(measured, test, workers=workers)) as images,
-    ):
+    with one_thread_each(workers), closing(ordered_map(measured, test, workers=workers)) as images:
         for position, image in zip(test, images, strict=True):
             for row, one in zip(rows, image, strict=True):
                 row.add(dataset.ids[position], one, keep=per_image)

@@ -1,34 +1,19 @@
 """A checkpoint to a model folder: one ONNX file and its card, gated by parity."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.export.card import card_of, card_path
-from depthcli.export.graph import (
-    MirrorAverage,
-    build_graph,
-    folded,
-    halve_weights,
-    set_metadata,
-)
+from depthcli.export.graph import MirrorAverage, build_graph, folded, halve_weights, set_metadata
 from depthcli.export.int8 import calibration_batches, quantize
+from depthcli.export.options import ExportOptions
 from depthcli.export.parity import Parity, check_parity
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.models.card import METADATA_KEY, ModelCard
+from depthcli.models.card_specs import InputSpec
 from depthcli.training.checkpoint import load_generator
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy as np
-    import numpy.typing as npt
-
-    from depthcli.export.options import ExportOptions
-    from depthcli.models.card_specs import InputSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +37,9 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     generator, saved = load_generator(checkpoint, options.weights)
     model = build_graph(generator, opset=options.opset, mirror=options.mirror)
     card = card_of(saved, options)
-    pictures: list[npt.NDArray[np.float32]] = []
-    if options.int8_pictures is not None:
-        pictures = calibration_batches(options.int8_pictures, card.input)
+    folder = options.int8_pictures
+    pictures = [] if folder is None else calibration_batches(folder, card.input)
+    if pictures:
         model = quantize(model, pictures)
     elif options.half:
         halve_weights(model)
@@ -64,10 +49,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     cases = _cases(card.input)[: 1 if pictures else None]
     parity = check_parity(network, data, cases, options.allowed, pictures)
     card = dataclasses.replace(
-        card,
-        file=out.name,
-        sha256=hashlib.sha256(data).hexdigest(),
-        size_bytes=len(data),
+        card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
     )
     with (  # both are written before either takes its place: an old one would not fit the new
         atomic_path(out, inputs=[checkpoint]) as path,

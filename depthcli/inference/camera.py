@@ -5,19 +5,14 @@ network's input: that of the picture there, whatever resizing made of it, to the
 Where resizing stretches, the focal length is the geometric mean of both axes'.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from depthcli.core import scaling
-from depthcli.core.types import CameraSource, DepthKind
-
-if TYPE_CHECKING:
-    from depthcli.core.types import Frame
-    from depthcli.inference.preprocess import Layout
-    from depthcli.models.card import ModelCard
-    from depthcli.models.card_specs import CameraSpec, InputSpec
+from depthcli.core.types import CameraSource, DepthKind, Frame
+from depthcli.inference.preprocess import Layout
+from depthcli.models.card import ModelCard
+from depthcli.models.card_specs import CameraSpec, InputSpec
 
 
 class PictureCamera(NamedTuple):

@@ -1,19 +1,14 @@
 """How long models take: one thing done again and again, or models side by side."""
 
-from __future__ import annotations
-
 import statistics
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.pipeline import Pipeline
 
 _UNMEASURED = 3
 _FEWEST = 5

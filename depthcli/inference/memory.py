@@ -3,13 +3,7 @@
 import math
 
 from depthcli.core.choices import AUTO_TILE, Detail
-from depthcli.core.picture_limit import (
-    bytes_needed,
-    megabytes,
-    memory_limit,
-    size_text,
-    too_little,
-)
+from depthcli.core.picture_limit import bytes_needed, megabytes, memory_limit, size_text, too_little
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.models.card_specs import Colour, InputSpec, Resize

@@ -12,16 +12,8 @@ from depthcli.core.resize import resize_area, resize_bilinear, resize_cubic
 from depthcli.core.types import Frame
 from depthcli.models.card_specs import Colour, Fit, InputSpec, Resize
 
-_PLANES = {
-    Colour.VALUE: colour.value_channel,
-    Colour.LUMA: colour.luma,
-    Colour.RGB: colour.rgb,
-}
-_RESIZES = {
-    Resize.AREA: resize_area,
-    Resize.LINEAR: resize_bilinear,
-    Resize.CUBIC: resize_cubic,
-}
+_PLANES = {Colour.VALUE: colour.value_channel, Colour.LUMA: colour.luma, Colour.RGB: colour.rgb}
+_RESIZES = {Resize.AREA: resize_area, Resize.LINEAR: resize_bilinear, Resize.CUBIC: resize_cubic}
 _LARGE_PIXELS = 4_000_000  # whose planes of floats are no longer held at once
 # Times the shorter side; longer pictures are padded to that. Chosen on held-out pairs, on which a
 # longer input of the same area is worse: docs/cameras.md.

@@ -128,10 +128,7 @@ def _start(
 
 
 def _load(
-    model: Model,
-    wanted: tuple[str, ...],
-    threads: int | None,
-    provider_options: Mapping[str, str],
+    model: Model, wanted: tuple[str, ...], threads: int | None, provider_options: Mapping[str, str]
 ) -> ort.InferenceSession:
     options = ort.SessionOptions()
     options.log_severity_level = _FATAL_ONLY

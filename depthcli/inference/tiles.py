@@ -61,13 +61,6 @@ class TileGrid:
             for left in _starts(self.width, self.tile_width):
                 yield slice(top, top + self.tile_height), slice(left, left + self.tile_width)
 
-    def __len__(self) -> int:
-        down, across = (
-            len(_starts(self.height, self.tile_height)),
-            len(_starts(self.width, self.tile_width)),
-        )
-        return down * across
-
 
 def refine(
     spec: OutputSpec,

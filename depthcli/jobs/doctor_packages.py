@@ -8,15 +8,8 @@ from typing import Literal
 _PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich", "torch", "onnx")
 _OPTIONAL = {"torch", "onnx"}
 _BUILDS = {
-    "gpu",
-    "directml",
-    "openvino",
-    "rocm",
-    "migraphx",
-    "training",
-    "silicon",
-    "qnn",
-    "gpu-cu12",
+    *("gpu", "directml", "openvino", "rocm", "migraphx"),
+    *("training", "silicon", "qnn", "gpu-cu12"),
 }
 _MODULES = {
     "numpy": ("ndarray", "numpy"),

@@ -68,7 +68,6 @@ def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts
         with local_copy(path) as video:
             return _facts_of(DepthVideo(video, scale=scale), safe_name(file))
     depth = read_depth(path, png_scale=scale)
-    spread = DepthRange.of(depth)
     return MapFacts(
         input=safe_name(file),
         kind=depth.kind.value,
@@ -76,9 +75,7 @@ def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts
         width=depth.width,
         height=depth.height,
         valid=int(np.isfinite(depth.values).sum()),
-        min=spread.min,
-        median=spread.median,
-        max=spread.max,
+        **DepthRange.of(depth)._asdict(),
         metadata=stated_facts(path),
     )
 

@@ -1,22 +1,15 @@
 """The outputs of a picture: files that appear whole or not at all, or a stream."""
 
-from __future__ import annotations
-
 import errno
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import BinaryIO
 
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.temporary_folder import temporary_folder
-from depthcli.io.writers.formats import FORMATS
-
-if TYPE_CHECKING:
-    from typing import BinaryIO
-
-    from depthcli.core.types import DepthMap, Frame
-    from depthcli.io.writers.formats import Format
-    from depthcli.io.writers.options import WriterOptions
+from depthcli.io.writers.formats import FORMATS, Format
+from depthcli.io.writers.options import WriterOptions
 
 
 def write_output(

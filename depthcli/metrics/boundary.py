@@ -157,9 +157,7 @@ def _distance_to(edges: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
 
 
 def _edge_f1(
-    truth: npt.NDArray[np.float32],
-    predicted: npt.NDArray[np.float32],
-    valid: npt.NDArray[np.bool_],
+    truth: npt.NDArray[np.float32], predicted: npt.NDArray[np.float32], valid: npt.NDArray[np.bool_]
 ) -> float:
     """F1 of the steps between neighbours, averaged over ratios that the truth has."""
     steps = [np.concatenate(_steps(log_depth, valid)) for log_depth in (truth, predicted)]

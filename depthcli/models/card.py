@@ -139,11 +139,7 @@ def _check_schema(schema: object) -> None:
 
 
 def _check_input(spec: InputSpec) -> None:
-    """Refuse fields that each are right, but not together.
-
-    Raises:
-        FieldError: they are not.
-    """
+    """Refuse fields that each are right, but not together."""
     lengths = sorted({1, spec.colour.channels})
     for name, numbers in (("mean", spec.mean), ("std", spec.std)):
         if len(numbers) not in lengths:
@@ -161,7 +157,7 @@ def _check_input(spec: InputSpec) -> None:
 
 
 def _check_output(spec: OutputSpec) -> None:
-    """As :func:`_check_input`."""
+    """Likewise."""
     for name, metres in (("min_m", spec.min_m), ("max_m", spec.max_m)):
         if metres is None and spec.kind is DepthKind.METRIC:
             raise FieldError("has to be a number, as the kind is metric", f"output.{name}")

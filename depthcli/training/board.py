@@ -1,26 +1,18 @@
 """What TensorBoard shows of a run: losses, learning rate, validation and sample pictures."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from depthcli.core.extras import INSTALL_TENSORBOARD
 from depthcli.errors import TrainingError
+from depthcli.training.checkpoint import RunProgress
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.folder import writing
 from depthcli.training.samples import sample_path
 from depthcli.training.schedule import factor
 from depthcli.training.watchers import Watcher
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from torch.utils.tensorboard import SummaryWriter
-
-    from depthcli.training.checkpoint import RunProgress
-    from depthcli.training.config.schema import TrainConfig
 
 FOLDER = "tensorboard"
 

@@ -1,18 +1,13 @@
 """What every source of frames is."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Self
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Self
 
+from depthcli.core.types import Frame
 from depthcli.video.spans import WHOLE, Span
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from fractions import Fraction
-    from pathlib import Path
-
-    from depthcli.core.types import Frame
 
 
 class FrameSource(ABC):

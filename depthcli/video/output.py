@@ -1,12 +1,9 @@
 """What outputs of a video take and do, whatever their format."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
-if TYPE_CHECKING:
-    from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Frame
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,26 +1,19 @@
 """A video's depth as a preview for people, with the video's sound."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+import av
+
+from depthcli.io.writers.preview import PreviewWriter
 from depthcli.video.codecs import Codec
 from depthcli.video.coding import coded
-from depthcli.video.file import video_file
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    import av
-
-    from depthcli.io.writers.preview import PreviewWriter
-    from depthcli.video.file import VideoFile
-    from depthcli.video.output import VideoFrame, VideoOutput
-    from depthcli.video.pipes import OutputPipe
-    from depthcli.video.rates import Timing
-    from depthcli.video.sound import Sound
+from depthcli.video.file import VideoFile, video_file
+from depthcli.video.output import VideoFrame, VideoOutput
+from depthcli.video.pipes import OutputPipe
+from depthcli.video.rates import Timing
+from depthcli.video.sound import Sound
 
 
 @contextmanager

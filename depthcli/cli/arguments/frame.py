@@ -18,6 +18,5 @@ ScaleOption = Annotated[
     ),
 ]
 FrameOption = Annotated[
-    int | None,
-    typer.Option(min=0, help="The frame of a depth video (.mkv) to read, from 0."),
+    int | None, typer.Option(min=0, help="The frame of a depth video (.mkv) to read, from 0.")
 ]

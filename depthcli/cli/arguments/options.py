@@ -116,8 +116,7 @@ CentrePxOption = Annotated[
 FocalPxOption = Annotated[
     float | None,
     typer.Option(
-        callback=positive,
-        help="Focal length in pixels of the picture; scales metric depth.",
+        callback=positive, help="Focal length in pixels of the picture; scales metric depth."
     ),
 ]
 HfovOption = Annotated[

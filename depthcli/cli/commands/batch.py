@@ -130,8 +130,7 @@ def batch(
         ),
     ] = None,
     engine: Annotated[
-        EngineName,
-        typer.Option(help="What processes the inputs: this process, or a Ray cluster."),
+        EngineName, typer.Option(help="What processes the inputs: this process, or a Ray cluster.")
     ] = EngineName.THREADS,
     ray_address: Annotated[
         str | None,

@@ -53,10 +53,7 @@ def bench(
     seconds: Annotated[
         float,
         typer.Option(
-            min=0,
-            max=3600,
-            callback=not_negative,
-            help="Duration of each measurement in seconds.",
+            min=0, max=3600, callback=not_negative, help="Duration of each measurement in seconds."
         ),
     ] = 3.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,

@@ -27,9 +27,7 @@ def doctor(
     provider: Annotated[
         str,
         typer.Option(
-            metavar="NAME",
-            autocompletion=completion.providers,
-            help="Execution provider to check.",
+            metavar="NAME", autocompletion=completion.providers, help="Execution provider to check."
         ),
     ] = "auto",
     as_json: Annotated[

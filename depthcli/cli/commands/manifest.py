@@ -18,8 +18,7 @@ app = typer.Typer(
 
 _Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 _Manifest = Annotated[
-    str,
-    typer.Argument(metavar="OUT", help="Output folder of a batch, or a manifest in it."),
+    str, typer.Argument(metavar="OUT", help="Output folder of a batch, or a manifest in it.")
 ]
 
 

@@ -19,8 +19,7 @@ _Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.
 
 def add_own(
     file: Annotated[
-        str,
-        typer.Argument(metavar="FILE", help="ONNX file with embedded weights, or its URL."),
+        str, typer.Argument(metavar="FILE", help="ONNX file with embedded weights, or its URL.")
     ],
     card: Annotated[
         str | None,
@@ -45,8 +44,7 @@ def add_own(
         ),
     ] = False,
     sha256: Annotated[
-        str | None,
-        typer.Option(metavar="HEX", help="SHA-256 checksum that the file must have."),
+        str | None, typer.Option(metavar="HEX", help="SHA-256 checksum that the file must have.")
     ] = None,
     as_json: _Json = False,
 ) -> int:

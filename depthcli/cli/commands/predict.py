@@ -21,10 +21,7 @@ def predict(
     context: typer.Context,
     images: Annotated[
         list[str],
-        typer.Argument(
-            metavar="IMG...",
-            help="Input pictures or URIs; '-' reads from stdin.",
-        ),
+        typer.Argument(metavar="IMG...", help="Input pictures or URIs; '-' reads from stdin."),
     ],
     output: Annotated[
         str | None,

@@ -25,8 +25,7 @@ app = typer.Typer(
 _GIVEN = "depthcli.profile"
 _Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 _Name = Annotated[
-    str,
-    typer.Argument(metavar="NAME", autocompletion=completion.profiles, help="Profile name."),
+    str, typer.Argument(metavar="NAME", autocompletion=completion.profiles, help="Profile name.")
 ]
 
 

@@ -36,8 +36,7 @@ def rooms(
         ),
     ] = "30-110",
     sensor: Annotated[
-        Sensor,
-        typer.Option(help="none: exact depth. kinect: noise, holes and frayed edges."),
+        Sensor, typer.Option(help="none: exact depth. kinect: noise, holes and frayed edges.")
     ] = Sensor.NONE,
     seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
     workers: Annotated[

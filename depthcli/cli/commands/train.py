@@ -18,9 +18,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 _Method = Annotated[
     str | None,
     typer.Argument(
-        metavar="[METHOD]",
-        autocompletion=completion.methods,
-        help=f"One of {', '.join(METHODS)}.",
+        metavar="[METHOD]", autocompletion=completion.methods, help=f"One of {', '.join(METHODS)}."
     ),
 ]
 _All = Annotated[

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -33,8 +34,8 @@ class Change:
         The largest change among the nine neighbours counts, since depth changes around a moving
         edge before brightness does.
         """
-        moved = np.clip(_largest_near(self.difference) / np.float32(_MOVED), 0, 1)
-        still: npt.NDArray[np.float32] = 1 - moved
+        largest = cv2.dilate(self.difference, np.ones((3, 3), np.uint8))
+        still: npt.NDArray[np.float32] = 1 - np.clip(largest / np.float32(_MOVED), 0, 1)
         return still
 
     @property
@@ -87,12 +88,3 @@ def box_mean(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     total = np.add.reduce([rows[:, i : i + width] for i in range(_BLUR_PX)])
     mean: npt.NDArray[np.float32] = total / np.float32(_BLUR_PX**2)
     return mean
-
-
-def _largest_near(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """The largest of 3×3 pixels around each."""
-    height, width = values.shape
-    wide = np.pad(values, 1, mode="edge")
-    rows = np.maximum.reduce([wide[i : i + height] for i in range(3)])
-    largest: npt.NDArray[np.float32] = np.maximum.reduce([rows[:, i : i + width] for i in range(3)])
-    return largest

@@ -47,11 +47,8 @@ def computer(
     random: np.random.Generator, materials: Materials, x: float, top: float, depth: float
 ) -> list[Part]:
     """A screen on its foot or a laptop, a keyboard and a mouse."""
-    half, black, grey = (
-        random.uniform(0.16, 0.3),
-        materials.black,
-        materials.pick([materials.black, materials.white]),
-    )
+    half, black = random.uniform(0.16, 0.3), materials.black
+    grey = materials.pick([materials.black, materials.white])
     image = black if random.random() < 0.3 else materials.art(2 * half)._replace(emission=1.0)
     if random.random() < 0.3:
         parts = [

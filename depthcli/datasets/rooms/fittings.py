@@ -36,10 +36,8 @@ def counter(random: np.random.Generator, materials: Materials) -> Piece:
 
 def fridge(random: np.random.Generator, materials: Materials) -> Piece:
     """Or a washing machine, where it is low."""
-    height, material = (
-        random.choice([0.85, 1.4, 1.8]),
-        materials.pick([materials.white, materials.metal]),
-    )
+    height = random.choice([0.85, 1.4, 1.8])
+    material = materials.pick([materials.white, materials.metal])
     parts, split = [wide(0.3, (0.03, height), (0, 0.6), material)], height * 0.65
     if height < 1:
         parts.append(Part((0, 0.45, 0.6), (0.17, 0.17, 0.02), materials.black, ALONG_Z))

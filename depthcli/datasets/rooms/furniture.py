@@ -59,10 +59,8 @@ def desk(random: np.random.Generator, materials: Materials) -> Piece:
 def chair(random: np.random.Generator, materials: Materials) -> Piece:
     """Four legs, a seat, a back of a board or of slats."""
     seat, width, top = random.uniform(0.43, 0.48), random.uniform(0.4, 0.48), 0.9
-    frame, cover = (
-        materials.pick([*materials.woods, materials.metal]),
-        materials.pick(materials.woods + materials.fabrics),
-    )
+    frame = materials.pick([*materials.woods, materials.metal])
+    cover = materials.pick(materials.woods + materials.fabrics)
     half, depth = width / 2, 0.45
     parts = _legs(width, depth, seat, frame, 0.018)
     parts.append(wide(half, (seat, seat + 0.05), (0, depth), cover))
@@ -144,10 +142,8 @@ def cupboard(random: np.random.Generator, materials: Materials) -> Piece:
     """A wardrobe, chest of drawers or sideboard."""
     width, depth = random.uniform(0.5, 2.0), random.uniform(0.38, 0.62)
     height = random.choice([0.55, 0.8, 0.95, 1.4, 1.95, 2.1])
-    front, is_chest = (
-        materials.pick([*materials.woods, materials.white, materials.any()]),
-        height < 1.2,
-    )
+    front = materials.pick([*materials.woods, materials.white, materials.any()])
+    is_chest = height < 1.2
     parts = [wide(width / 2, (0.0, height), (0, depth - 0.02), front)]
     across = max(1, round(width / random.uniform(0.4, 0.9)))
     down = int(random.integers(2, 5)) if is_chest else 1

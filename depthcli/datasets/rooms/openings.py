@@ -32,10 +32,8 @@ def windows(random: np.random.Generator, size: tuple[float, float]) -> list[Open
     """Up to three of one sort."""
     count = int(random.integers(1, 4))
     step, low = size[0] / count, random.choice([0.1, 0.85, 0.95, 1.2])
-    half, high = (
-        min(random.uniform(0.35, 1.0), step / 2 - 0.15),
-        random.uniform(2.0, size[1] - 0.15),
-    )
+    half = min(random.uniform(0.35, 1.0), step / 2 - 0.15)
+    high = random.uniform(2.0, size[1] - 0.15)
     if half < 0.25 or random.random() < 0.55:
         return []
     middles = [(i + 0.5) * step - size[0] / 2 for i in range(count)]

@@ -1,16 +1,17 @@
 """OpenEXR files, under names of any bytes and with one kind of error."""
 
-from __future__ import annotations
-
 import os
 import struct
 import sys
 import threading
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
+from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, cast
+from typing import Any, TextIO, cast
 
 import numpy as np
+import numpy.typing as npt
 import OpenEXR
 
 from depthcli.core.choices import MAX_PIXELS
@@ -20,13 +21,6 @@ from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.storage.transfer import local_copy
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from fractions import Fraction
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 _FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20
 _ONE_AT_A_TIME = threading.Lock()  # standard output is led elsewhere meanwhile

@@ -6,7 +6,6 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from depthcli.core.text import one_line
 from depthcli.core.types import DepthKind, DepthMap
@@ -102,7 +101,9 @@ def _read_exr(path: Path) -> DepthMap:
     layer = name[: -len(name.rpartition(".")[2])]
     for colour in _COLOURS:
         other = channels.get(layer + colour)
-        if name != layer + "Z" and other is not None and not _equal(other, channels[name]):
+        # Gray is often stored as three equal colours.
+        is_gray = other is None or np.array_equal(other, channels[name], equal_nan=True)
+        if name != layer + "Z" and not is_gray:
             raise InputError(
                 f"{path} holds colours, not depth; it has {one_line(', '.join(channels))}"
             )
@@ -124,11 +125,6 @@ def _rank(name: str) -> tuple[int, int, str]:
     layer, _, last = name.rpartition(".")
     signs = (name == "Z", "depth" in layer.lower(), last != "R" and not layer, last != "R", True)
     return signs.index(True), _CHANNELS.index(last), name
-
-
-def _equal(one: npt.NDArray[np.float32], other: npt.NDArray[np.float32]) -> bool:
-    """Whether two channels are the same; gray is often stored as three equal colours."""
-    return np.array_equal(one, other, equal_nan=True)
 
 
 def _kind_named(text: str | None) -> DepthKind:

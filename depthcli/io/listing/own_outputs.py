@@ -42,6 +42,4 @@ def is_own_output(path: str) -> bool:
     """
     if re.search(_VIDEO_NAME, path):
         return True
-    if not re.search(_PICTURE_NAME, path):
-        return False
-    return is_own_picture(path)
+    return re.search(_PICTURE_NAME, path) is not None and is_own_picture(path)

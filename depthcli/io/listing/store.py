@@ -10,10 +10,7 @@ from depthcli.io.storage.remote import RemotePath
 
 
 def list_objects(
-    root: RemotePath,
-    leave_out: Path,
-    skip: Callable[[str], bool],
-    aside: Callable[[Skipped], None],
+    root: RemotePath, leave_out: Path, skip: Callable[[str], bool], aside: Callable[[Skipped], None]
 ) -> Iterator[InputFile]:
     """Pictures and videos, in the order of the store, page by page.
 

@@ -95,9 +95,8 @@ def open_rows(path: Path) -> RowFile:
         OSError: they cannot be read.
         UsageError: they are in Parquet, and pyarrow is missing or a file is damaged.
     """
-    return (
-        TableRows(path) if path.suffix == f".{ManifestFormat.PARQUET}" else JsonRows(to_read(path))
-    )
+    is_table = path.suffix == f".{ManifestFormat.PARQUET}"
+    return TableRows(path) if is_table else JsonRows(to_read(path))
 
 
 class TableRows:

@@ -1,7 +1,5 @@
 """Signs that a picture file is cut off or damaged where decoders make up pixels in silence."""
 
-from __future__ import annotations
-
 import zlib
 
 from depthcli.io.pictures.jpeg import JPEG_START, jpeg_ends

@@ -55,10 +55,7 @@ def read_image(
     if not data.startswith(TIFF_STARTS):  # TIFF comes upright from the decoder
         pixels = upright(pixels, exif.orientation)
     return Frame(
-        np.ascontiguousarray(pixels),
-        path,
-        orientation=exif.orientation,
-        focal_35mm=exif.focal_35mm,
+        np.ascontiguousarray(pixels), path, orientation=exif.orientation, focal_35mm=exif.focal_35mm
     )
 
 

@@ -184,11 +184,7 @@ def _tried(place: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
 
 
 def _retries() -> int:
-    """How often a request is made again.
-
-    Raises:
-        UsageError: the variable is no number.
-    """
+    """How often a request is made again."""
     word = os.environ.get(RETRIES_VARIABLE, "10")
     if not word.isdecimal():
         raise UsageError(f"{RETRIES_VARIABLE} is {word!r}; set it to a number, 10 say")

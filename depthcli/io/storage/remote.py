@@ -217,11 +217,9 @@ class RemotePath(Path, PurePosixPath):
         Raises:
             OSError: it cannot be read, or is too large.
         """
-        return (
-            objects.read(self.address, max_bytes)
-            if first < 0
-            else objects.read_first(self.address, first)
-        )
+        if first < 0:
+            return objects.read(self.address, max_bytes)
+        return objects.read_first(self.address, first)
 
     def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
         """The content, to be read.

@@ -49,11 +49,7 @@ def local_copy(
 
 
 def download(
-    path: RemotePath,
-    file: Path,
-    progress: Progress = NO_PROGRESS,
-    *,
-    max_bytes: int | None = None,
+    path: RemotePath, file: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
 ) -> None:
     """Write an object's content into a file, with a few megabytes in memory.
 

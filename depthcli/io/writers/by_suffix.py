@@ -1,18 +1,12 @@
 """Writing a depth map to a file whose name says the format."""
 
-from __future__ import annotations
+from collections.abc import Mapping
+from pathlib import Path
 
-from typing import TYPE_CHECKING
-
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of, writer_class
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from depthcli.core.types import DepthMap, Frame
 
 
 def write_depth(

@@ -54,10 +54,7 @@ class PreviewWriter:
         return ()
 
     def render(
-        self,
-        depth: DepthMap,
-        frame: Frame | None = None,
-        spread: tuple[float, float] | None = None,
+        self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None
     ) -> npt.NDArray[np.uint8]:
         """The preview as (H, W', 3) RGB uint8; wider with legend or picture, that of ``frame``.
 

@@ -57,24 +57,17 @@ def rows_of(path: Path) -> Rows:
 
 def summarize(rows: Rows) -> Summary:
     """The sums of all rows."""
-    counts: Counter[str] = Counter()
     models: Counter[tuple[str, str, str]] = Counter()
+    failed = outputs = output_bytes = 0
     seconds = 0.0
     for row in rows:
-        counts["inputs"] += 1
-        counts["failed"] += row.status == FAILED
-        counts["outputs"] += len(row.outputs)
-        counts["bytes"] += sum(file.bytes for file in row.outputs)
+        failed += row.status == FAILED
+        outputs += len(row.outputs)
+        output_bytes += sum(file.bytes for file in row.outputs)
         seconds += row.seconds
         models[row.origin.model, row.origin.model_sha256, row.origin.version] += 1
-    return Summary(
-        inputs=counts["inputs"],
-        failed=counts["failed"],
-        outputs=counts["outputs"],
-        output_bytes=counts["bytes"],
-        seconds=round(seconds, 6),
-        models=tuple(ModelInputs(*model, inputs) for model, inputs in models.items()),
-    )
+    by_model = tuple(ModelInputs(*model, inputs) for model, inputs in models.items())
+    return Summary(models.total(), failed, outputs, output_bytes, round(seconds, 6), by_model)
 
 
 def failed_rows(rows: Rows) -> Iterator[Row]:

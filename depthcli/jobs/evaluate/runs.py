@@ -95,11 +95,7 @@ def compare_runs(
 
 
 def _open_runs(folder: Path) -> tuple[list[TrainedRun], list[str]]:
-    """The runs that can be used, and why others cannot.
-
-    Raises:
-        DepthcliError: none can.
-    """
+    """The runs that can be used, and why others cannot."""
     opened, failed = [], []
     for run in find_runs(folder):
         try:
@@ -118,11 +114,7 @@ def _exported(
     progress: Progress,
     failed: list[str],
 ) -> list[tuple[TrainedRun, Path]]:
-    """Every run with its model; those that cannot be exported join ``failed``.
-
-    Raises:
-        DepthcliError: none can.
-    """
+    """Every run with its model; those that cannot be exported join ``failed``."""
     advance, exported = progress.begin("exporting runs", len(opened)), []
     for run in opened:
         try:

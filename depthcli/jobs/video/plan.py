@@ -127,11 +127,7 @@ def _piped(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict[Video
 
 
 def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat:
-    """The format of files that a pattern names, ``depth.%04d.exr`` say.
-
-    Raises:
-        UsageError: its suffix says none, or something else is asked for.
-    """
+    """The format of files that a pattern names, ``depth.%04d.exr`` say."""
     found = sequence_of(output)
     if found is None or set(asked) - {found}:
         raise UsageError(

@@ -134,10 +134,7 @@ def earlier_frames(
 
 
 def _origin(
-    plan: VideoPlan,
-    source: FrameSource,
-    pipeline: Pipeline,
-    settings: VideoSettings,
+    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, settings: VideoSettings
 ) -> str:
     """Checksum of all that frames follow from."""
     states = [(path, path.stat()) for path in source.paths]

@@ -1,13 +1,12 @@
 """A video's frames: each through the network alone, then over time in their order."""
 
-from __future__ import annotations
-
 import dataclasses
 from array import array
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.temporal import changes as temporal
 from depthcli.core.temporal.range_lock import RangeLock
@@ -19,19 +18,12 @@ from depthcli.core.temporal.smoothing import (
     sample_cells,
     to_steps,
 )
-from depthcli.core.types import DepthMap
+from depthcli.core.types import DepthMap, Frame
+from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.steps import metres, quantized
 from depthcli.io.writers.preview import percentiles
+from depthcli.jobs.video.settings import VideoSettings
 from depthcli.video.output import VideoFrame
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
-    import numpy.typing as npt
-
-    from depthcli.core.types import Frame
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.jobs.video.settings import VideoSettings
 
 
 @dataclass(frozen=True, slots=True)

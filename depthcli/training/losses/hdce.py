@@ -7,7 +7,7 @@ from depthcli.training.losses.patchnce import TEMPERATURE
 from depthcli.training.losses.precision import full_precision
 
 
-def hdce(query: Tensor, key: Tensor, gamma: float, temperature: float = TEMPERATURE) -> Tensor:
+def hdce(query: Tensor, key: Tensor, gamma: float) -> Tensor:
     """Mean over i of log Σ_{j≠i} exp((w_ij q_i·k_j − q_i·k_i)/τ) (Jung et al. 2022).
 
     Decoupled: the positive is not in the sum, so the loss has no lower bound at zero. At chance
@@ -17,7 +17,6 @@ def hdce(query: Tensor, key: Tensor, gamma: float, temperature: float = TEMPERAT
         query: (B, P, C), unit vectors from the prediction; P at least 2.
         key: (B, P, C), unit vectors from the input, detached here.
         gamma: γ, how evenly the negatives weigh; see :func:`negative_weights`.
-        temperature: τ.
 
     Returns:
         A scalar, fp32.
@@ -26,7 +25,7 @@ def hdce(query: Tensor, key: Tensor, gamma: float, temperature: float = TEMPERAT
         query, key = query.float(), key.detach().float()
         products = torch.bmm(query, key.transpose(1, 2))
         own = products.diagonal(dim1=1, dim2=2).unsqueeze(2)
-        logits = (negative_weights(key, gamma) * products - own) / temperature
+        logits = (negative_weights(key, gamma) * products - own) / TEMPERATURE
         return logits.masked_fill(_itself(key), -torch.inf).logsumexp(2).mean()
 
 

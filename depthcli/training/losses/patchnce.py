@@ -7,9 +7,10 @@ from torch import Tensor
 from depthcli.training.losses.precision import full_precision
 
 TEMPERATURE = 0.07
+"""τ of eq. 4."""
 
 
-def patch_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> Tensor:
+def patch_nce(query: Tensor, key: Tensor) -> Tensor:
     """Cross-entropy of finding each query's own key among its image's keys (Park et al. 2020).
 
     Chance level is ln P.
@@ -17,17 +18,16 @@ def patch_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> T
     Args:
         query: (B, P, C), unit vectors from the prediction.
         key: (B, P, C), unit vectors from the input, detached here.
-        temperature: τ of eq. 4.
 
     Returns:
         Mean over all patches, a scalar, fp32.
     """
     with full_precision(query):
-        logits = torch.bmm(query.float(), key.detach().float().transpose(1, 2)) / temperature
+        logits = torch.bmm(query.float(), key.detach().float().transpose(1, 2)) / TEMPERATURE
         return _patch_cross_entropy(logits)
 
 
-def cfl_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> Tensor:
+def cfl_nce(query: Tensor, key: Tensor) -> Tensor:
     """The paired form (Andonian et al. 2021): other patches of prediction and truth repel.
 
     Chance level is ln(2P − 1). Arguments and result as of :func:`patch_nce`, with keys from the
@@ -35,8 +35,8 @@ def cfl_nce(query: Tensor, key: Tensor, temperature: float = TEMPERATURE) -> Ten
     """
     with full_precision(query):
         query, key = query.float(), key.detach().float()
-        to_truth = torch.bmm(query, key.transpose(1, 2)) / temperature
-        to_prediction = torch.bmm(query, query.detach().transpose(1, 2)) / temperature
+        to_truth = torch.bmm(query, key.transpose(1, 2)) / TEMPERATURE
+        to_prediction = torch.bmm(query, query.detach().transpose(1, 2)) / TEMPERATURE
         itself = torch.eye(query.shape[1], dtype=torch.bool, device=query.device)
         to_prediction = to_prediction.masked_fill(itself, -torch.inf)
         return _patch_cross_entropy(torch.cat([to_truth, to_prediction], 2))

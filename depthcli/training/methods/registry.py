@@ -1,20 +1,15 @@
 """A method's class, and what it is set to."""
 
-from __future__ import annotations
-
 import tomllib
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
 from depthcli.training.config.changes import updated
 from depthcli.training.config.objective import TERMS
 from depthcli.training.config.schema import TrainConfig
+from depthcli.training.methods.base import Method
 from depthcli.training.methods.table import METHODS
-
-if TYPE_CHECKING:
-    from depthcli.training.methods.base import Method
 
 DEFAULTS = Path(__file__).parent / "defaults"
 
