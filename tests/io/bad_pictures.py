@@ -66,6 +66,8 @@ _DEFLATED = [
 ]
 _IS_TOLD = int(cv2.__version__.partition(".")[0]) > 4  # what libtiff finds; OpenCV 4 does not
 _CHECKED_BY_LIBTIFF = {"LZW": 5, "PackBits": 32773} if _IS_TOLD else {}
+_DEEP = PIXELS.astype(np.uint16) * 257
+_ROWS = [row.tobytes() for row in PIXELS]
 _LOST = "is damaged, or of a variant that cannot be decoded; save it again"
 _NO_PICTURE = "is not a picture"
 
@@ -101,6 +103,14 @@ BAD: dict[str, tuple[bytes, str]] = {
     },
     "TIFF without its last pixels": (made.tiff(PIXELS)[:-1], "pixels of the TIFF are missing"),
     "TIFF of a cut directory": (made.tiff(PIXELS)[:55], "directory is not whole"),
+    "TIFF of 16 bits in planes": (made.tiff(_DEEP, planes=2), "a plane for each colour"),
+    "TIFF of floats in planes": (made.tiff(_DEEP / 65535, planes=2), "a plane for each colour"),
+    "TIFF of 16 bits with a white 0": (made.tiff(_DEEP[..., 0], photometric=0), "0 for white"),
+    "BMP without room for its header": (made.bmp(_ROWS, WIDTH, start=40), "within its header"),
+    "BMP of red before green": (
+        made.bmp(_ROWS, WIDTH * 3 // 4, 32, start=66, masks=(0xFF, 0xFF00, 0xFF0000)),
+        "unusual order of colours",
+    ),
     "BigTIFF of no 64 bits": (_bigtiff(2**64 - 1, 1), _NO_PICTURE),
     "BigTIFF beyond the end": (_bigtiff(2**63, 1), _NO_PICTURE),
     "BigTIFF of all tags": (_bigtiff(16, 2**64 - 1), _NO_PICTURE),

@@ -73,8 +73,13 @@ def png(
     return b"\x89PNG\r\n\x1a\n" + head + b"".join(chunks) + data + chunk(b"IEND", b"")
 
 
-def tiff(pixels: npt.NDArray[np.generic], orientation: int = 1, photometric: int = -1) -> bytes:
-    """An uncompressed little-endian TIFF of the array's type; (H, W) or (H, W, C)."""
+def tiff(
+    pixels: npt.NDArray[np.generic], orientation: int = 1, photometric: int = -1, planes: int = 1
+) -> bytes:
+    """An uncompressed little-endian TIFF of the array's type; (H, W) or (H, W, C).
+
+    With two ``planes`` the header says that each channel is by itself.
+    """
     height, width = pixels.shape[:2]
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
     if photometric < 0:
@@ -86,9 +91,10 @@ def tiff(pixels: npt.NDArray[np.generic], orientation: int = 1, photometric: int
         262: [photometric],
         274: [orientation],
         277: [channels],
+        284: [planes],
         339: [sample] * channels,
     }
-    at = 8 + 2 + 12 * 11 + 4
+    at = 8 + 2 + 12 * 12 + 4
     longs = {256: width, 257: height, 273: at + 32, 278: height, 279: pixels.nbytes}
     lists, tags = b"", b""
     for tag in sorted({**words, **longs}):
@@ -99,7 +105,7 @@ def tiff(pixels: npt.NDArray[np.generic], orientation: int = 1, photometric: int
         tags += struct.pack("<HHI", tag, 3, len(words[tag]))
         tags += value.ljust(4, b"\0") if len(value) <= 4 else struct.pack("<I", at + len(lists))
         lists += value if len(value) > 4 else b""
-    head = b"II*\0" + struct.pack("<IH", 8, 11)
+    head = b"II*\0" + struct.pack("<IH", 8, 12)
     return head + tags + bytes(4) + lists.ljust(32, b"\0") + np.ascontiguousarray(pixels).tobytes()
 
 
@@ -168,3 +174,19 @@ def avif_turned(avif: bytes, quarters: int) -> bytes:
     moved = avif[:pixels].rindex(struct.pack(">I", pixels))  # where iloc says the pixels begin
     struct.pack_into(">I", data, moved, pixels + len(irot))
     return bytes(data[:end]) + irot + bytes(data[end:])
+
+
+def bmp(
+    rows: Sequence[bytes], width: int, bits: int = 24, *, start: int = 54, masks: Sequence[int] = ()
+) -> bytes:
+    """A BMP of rows from top to bottom, whole multiples of four bytes; masks of red, green, blue.
+
+    With a ``start`` of 26 it has the header of OS/2.
+    """
+    if start == 26:
+        header = struct.pack("<IHHHH", 12, width, len(rows), 1, bits)
+    else:
+        size = struct.pack("<IiiHH", 40, width, len(rows), 1, bits)
+        header = size + struct.pack("<I", 3 if masks else 0) + bytes(20)
+        header += b"".join(struct.pack("<I", mask) for mask in masks)
+    return b"BM" + struct.pack("<III", 0, 0, start) + header + b"".join(reversed(rows))

@@ -154,6 +154,37 @@ def test_orientation_survives_a_damaged_inner_directory() -> None:
     assert tuple(read_exif(made.jpeg_with_exif(made.jpeg([[9]]), block))) == (8, None)
 
 
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (b"P5 3 1 100\n\0\x32\x64", [[0, 128, 255]]),
+        (b"P5 3 1 100\n\0\x32\xff", [[0, 128, 255]]),
+        (b"P6 # red\n1 1\n# white\n15\n\x0f\0\1", [[[255, 0, 17]]]),
+        (b"P5 2 1 1023\n\3\xff\0\1", [[65535, 64]]),
+        (b"P2 2 1 1023\n1023 1\n", [[65535, 64]]),
+        (b"P2 2 1 100\n100 50\n", [[255, 127]]),
+        (b"P5 2 1 65535\n\3\xff\0\1", [[1023, 1]]),
+        (b"P4 8 1\n\x0f", [[255] * 4 + [0] * 4]),
+        (b"P4 16 1\n7 ", [[255, 255, 0, 0, 255, 0, 0, 0, 255, 255, 0, 255, 255, 255, 255, 255]]),
+    ],
+)
+def test_netpbm_is_as_bright_as_it_says(data: bytes, expected: list[object]) -> None:
+    np.testing.assert_array_equal(pixels(data), expected)
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_avif_of_many_bits_is_as_bright_as_it_says(bits: int) -> None:
+    gray = np.full((16, 16, 3), (1 << bits) // 2, np.uint16)
+    ok, data = cv2.imencode(".avif", gray, [cv2.IMWRITE_AVIF_DEPTH, bits])
+    assert ok
+    assert abs(pixels(data.tobytes()).mean() - 32768) < 300
+
+
+def test_an_os2_bitmap_keeps_its_colours() -> None:
+    rows = [b"\x0a\x14\xff" * 4, b"\xff\x14\x0a" * 4]
+    assert pixels(made.bmp(rows, 4, start=26))[:, 0].tolist() == [[255, 20, 10], [10, 20, 255]]
+
+
 @pytest.mark.parametrize("dtype", [np.int8, np.int16, np.int32, np.uint32])
 def test_integers_that_are_no_picture_are_refused(dtype: type) -> None:
     with pytest.raises(InputError, match=r"8 or 16 bits|cannot be decoded"):

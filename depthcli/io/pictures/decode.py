@@ -13,7 +13,7 @@ from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.listing.folder import is_video
 from depthcli.io.pictures.complaints import complaints
 from depthcli.io.pictures.ending import flaw
-from depthcli.io.pictures.size import picture_size
+from depthcli.io.pictures.size import is_os2, picture_size
 from depthcli.io.png.chunks import still
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath
@@ -21,6 +21,7 @@ from depthcli.io.storage.remote import RemotePath
 MAX_FILE_BYTES = 2**32
 """More than so many pixels take as float colours."""
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+_OS2_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION  # else its colours become gray
 # Where libjpeg or libtiff says so, pixels are made up. Bytes too many before a JPEG's end (0xd9)
 # harm nothing.
 _LOST = re.compile(
@@ -73,7 +74,7 @@ def decode(
     """
     check(data, name, max_pixels)
     try:
-        pixels = decoded(still(data), _FLAGS)
+        pixels = decoded(still(data), _OS2_FLAGS if is_os2(data) else _FLAGS)
     except cv2.error as error:
         if is_out_of_memory(error):
             raise InputError(f"{name} does not fit into memory; make it smaller") from error

@@ -12,6 +12,7 @@ from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
+from depthcli.io.pictures.levels import full_range
 from depthcli.io.pictures.tiff import TIFF_STARTS
 from depthcli.io.storage.remote import path_of
 
@@ -50,7 +51,8 @@ def read_image(
         if path is None:
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
-    pixels = _framed(decode(data, name, max_pixels=max_pixels), name)
+    pixels = full_range(decode(data, name, max_pixels=max_pixels), data)
+    pixels = _framed(pixels, name)
     exif = read_exif(data)
     if not data.startswith(TIFF_STARTS):  # TIFF comes upright from the decoder
         pixels = upright(pixels, exif.orientation)

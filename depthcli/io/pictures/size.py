@@ -9,7 +9,9 @@ from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_size
 from depthcli.io.png.chunks import SIGNATURE
 
 _JPEG_SIZES = frozenset(b"\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf")
-_NETPBM = rb"P[1-6]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s"
+_NUMBER = rb"\s+(?:#[^\n]*\n\s*)*(\d{1,9})"
+NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?\s")
+"""Width, height and, but for bitmaps, the number that is white."""
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
@@ -28,8 +30,7 @@ def _size_of_kind(data: bytes) -> tuple[int, int] | None:
         height, width = struct.unpack_from(">HH", frame, 1)
         return width, height
     if data.startswith(b"BM"):
-        small = data[14:18] == b"\x0c\0\0\0"  # the header of OS/2
-        width, height = struct.unpack_from("<HH" if small else "<ii", data, 18)
+        width, height = struct.unpack_from("<HH" if is_os2(data) else "<ii", data, 18)
         return width, abs(height)
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
         return _webp(data)
@@ -39,8 +40,13 @@ def _size_of_kind(data: bytes) -> tuple[int, int] | None:
         return avif_size(data)
     if data.startswith((b"GIF87a", b"GIF89a")):
         return struct.unpack_from("<HH", data, 6)
-    netpbm = re.match(_NETPBM, data)
+    netpbm = NETPBM.match(data)
     return (int(netpbm[1]), int(netpbm[2])) if netpbm else None
+
+
+def is_os2(data: bytes) -> bool:
+    """Whether it is a BMP with the header of OS/2."""
+    return data.startswith(b"BM") and data[14:18] == b"\x0c\0\0\0"
 
 
 def _webp(data: bytes) -> tuple[int, int] | None:

@@ -2,10 +2,12 @@
 
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import NamedTuple
 
-_WIDTH, _HEIGHT, _COMPRESSION = 256, 257, 259
+_WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
+_PHOTOMETRIC, _PLANES = 262, 284
+_WHITE_IS_ZERO, _APART, _EIGHT = (0,), (2,), 8
 _STRIPS, _TILES = (273, 279), (324, 325)
 """Tags of where the pixels are, and of how many bytes that is."""
 _FORMS = {1: "B", 3: "H", 4: "I", 8: "h", 9: "i", 13: "I", 16: "Q"}
@@ -13,6 +15,7 @@ _DEFLATE = frozenset({8, 32946})
 # Of any other, OpenCV makes a black picture.
 _CODINGS = frozenset({1, 2, 3, 4, 5, 6, 7, 32773, 34676, 34677, 34887, 34925, 50000, 50001})
 _CODINGS |= _DEFLATE
+_LOOKED_AT = (_BITS, _COMPRESSION, _PHOTOMETRIC, _PLANES, *_STRIPS, *_TILES)
 _PIECE_BYTES = 2**20
 
 
@@ -85,19 +88,34 @@ def tiff_flaw(data: bytes) -> str | None:
         data: the whole file.
     """
     try:
-        tags = dict(tiff_tags(data, (_COMPRESSION, *_STRIPS, *_TILES)))
+        tags = dict(tiff_tags(data, _LOOKED_AT))
     except struct.error:
         return "is truncated (the TIFF's directory is not whole); copy it again"
     coding = (*tags.get(_COMPRESSION, ()), 1)[0]
     if coding not in _CODINGS:
         return f"has the unknown TIFF compression {coding}; save it without one"
+    return _unread(tags) or next(_strip_flaws(data, tags, coding), None)
+
+
+def _unread(tags: Mapping[int, tuple[int, ...]]) -> str | None:
+    """What OpenCV passes over if there are more than 8 bits."""
+    bits = tags.get(_BITS, (1,))
+    if max(bits, default=1) <= _EIGHT:
+        return None
+    if tags.get(_PLANES) == _APART and len(bits) > 1:
+        return "has a plane for each colour and more than 8 bits; save it with interleaved colours"
+    if tags.get(_PHOTOMETRIC) == _WHITE_IS_ZERO:
+        return "has 0 for white and more than 8 bits; save it with 0 for black"
+    return None
+
+
+def _strip_flaws(data: bytes, tags: Mapping[int, tuple[int, ...]], coding: int) -> Iterator[str]:
     for offsets, sizes in (_STRIPS, _TILES):
         for at, size in zip(tags.get(offsets, ()), tags.get(sizes, ()), strict=False):
             if at + size > len(data):
-                return "is truncated (pixels of the TIFF are missing); copy it again"
-            if coding in _DEFLATE and not _inflates(data[at : at + size]):
-                return "is damaged (a part of the TIFF cannot be inflated); copy it again"
-    return None
+                yield "is truncated (pixels of the TIFF are missing); copy it again"
+            elif coding in _DEFLATE and not _inflates(data[at : at + size]):
+                yield "is damaged (a part of the TIFF cannot be inflated); copy it again"
 
 
 def _inflates(part: bytes) -> bool:
