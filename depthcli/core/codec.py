@@ -19,7 +19,7 @@ class Transform(StrEnum):
 
 
 class DepthCodec(NamedTuple):
-    """Raw network output <-> depth."""
+    """Depth of a raw network output."""
 
     transform: Transform = Transform.LINEAR  #: the shape of the mapping
     scale: float = 1.0  #: factor on the raw output
@@ -27,12 +27,12 @@ class DepthCodec(NamedTuple):
 
     @classmethod
     def linear_m(cls, max_m: float) -> Self:
-        """Raw [-1, 1] <-> [0, max_m] metres, the paper's normalisation."""
+        """Raw [-1, 1] to [0, max_m] metres, the paper's normalisation."""
         return cls(Transform.LINEAR, max_m / 2, max_m / 2)
 
     @classmethod
     def log_m(cls, min_m: float, max_m: float) -> Self:
-        """Raw [-1, 1] <-> [min_m, max_m] metres, evenly in log depth."""
+        """Raw [-1, 1] to [min_m, max_m] metres, evenly in log depth."""
         low, high = float(np.log(min_m)), float(np.log(max_m))
         return cls(Transform.EXP, (high - low) / 2, (high + low) / 2)
 
@@ -51,14 +51,3 @@ class DepthCodec(NamedTuple):
             case Transform.RECIPROCAL:
                 with np.errstate(divide="ignore"):
                     return np.where(t > 0, np.float32(1) / t, np.float32(np.inf))
-
-    def encode(self, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Inverse of :meth:`decode` for depth > 0; any shape, float32 in and out."""
-        match self.transform:
-            case Transform.LINEAR:
-                t = depth
-            case Transform.EXP:
-                t = np.log(depth)
-            case Transform.RECIPROCAL:
-                t = np.float32(1) / depth
-        return (t - np.float32(self.shift)) / np.float32(self.scale)

@@ -4,9 +4,9 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.choices import Upsampling
+from depthcli.core.guided import upsample_guided
 from depthcli.core.resize import resize_bilinear
 from depthcli.core.types import DepthKind, Frame
-from depthcli.core.upsample import upsample_guided
 from depthcli.inference.preprocess import Layout
 from depthcli.models.card_specs import OutputSpec
 

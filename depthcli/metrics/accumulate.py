@@ -77,11 +77,6 @@ class Accumulator:
         self._pixels: PixelSums | None = None
         self._image_sums = (0.0,) * len(METRICS)
 
-    @property
-    def pixel_count(self) -> int:
-        """Pixels compared so far."""
-        return self._pixels.pixel_count if self._pixels else 0
-
     def update(self, pixels: DepthPixels) -> Scores:
         """Add one image and return its own scores; see :meth:`add`."""
         return self.add(PixelSums.over(pixels))

@@ -92,13 +92,6 @@ def boundary_scores(
     return BoundaryScores(*distances, _edge_f1(truth, predicted, valid))
 
 
-def depth_edges(
-    depth_m: npt.NDArray[np.floating], valid: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
-    """Canny's edges of log depth, one pixel wide; shapes as in :func:`boundary_scores`."""
-    return _edges(_log(depth_m, valid), valid)
-
-
 def _log(
     depth_m: npt.NDArray[np.floating], valid: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.float32]:
@@ -108,6 +101,7 @@ def _log(
 def _edges(
     log_depth: npt.NDArray[np.float32], valid: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.bool_]:
+    """Canny's edges of log depth, one pixel wide."""
     smooth, slope = _kernels()
     reach = np.ones((2 * _RADIUS_PX + 1,) * 2, np.uint8)
     whole = cv2.erode(valid.astype(np.uint8), reach, borderValue=1)

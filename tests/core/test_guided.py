@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from depthcli.core import bands, colour
 from depthcli.core.bands import row_bands, shrink_bands
-from depthcli.core.guided import GuidedMap
+from depthcli.core.guided import GuidedMap, upsample_guided
 from depthcli.core.resize import resize_area, resize_bilinear, resize_rows
 from depthcli.core.types import Frame
-from depthcli.core.upsample import upsample_guided
 
 
 def scene(off: int = 0) -> tuple[np.ndarray, np.ndarray, Frame]:

@@ -14,8 +14,9 @@ from depthcli.metrics.boundary import (
     BOUNDARY_NAMES,
     BoundaryAccumulator,
     BoundaryScores,
+    _edges,
+    _log,
     boundary_scores,
-    depth_edges,
 )
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def test_scores_equal_the_plain_loops(seed: int, holes: bool) -> None:
     maps = truth, predicted
     found = [plain.edges(depth_m.tolist(), valid.tolist()) for depth_m in maps]
     for depth_m, expected in zip(maps, found, strict=True):
-        np.testing.assert_array_equal(depth_edges(depth_m, valid), expected)
+        np.testing.assert_array_equal(_edges(_log(depth_m, valid), valid), expected)
         assert np.any(expected)
     scores = boundary_scores(maps[0], maps[1], valid)
     accuracy, completeness = plain.distances(*found)
@@ -120,7 +121,7 @@ def test_missing_edges_cost_completeness_alone() -> None:
 
 def test_a_mild_slope_is_no_edge() -> None:
     depth_m = np.tile(np.exp(np.linspace(0, 0.5, 40)), (24, 1))
-    assert not depth_edges(depth_m, _everywhere(depth_m)).any()
+    assert not _edges(_log(depth_m, _everywhere(depth_m)), _everywhere(depth_m)).any()
 
 
 def test_the_rim_of_a_hole_is_no_edge() -> None:
@@ -128,7 +129,7 @@ def test_the_rim_of_a_hole_is_no_edge() -> None:
     valid = _everywhere(depth_m)
     valid[8:16, 15:25] = False
     depth_m[~valid] = 0
-    assert not depth_edges(depth_m, valid).any()
+    assert not _edges(_log(depth_m, valid), valid).any()
 
 
 def test_means_leave_out_images_without_a_score() -> None:

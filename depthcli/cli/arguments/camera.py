@@ -1,10 +1,13 @@
-"""The camera, as the command line says it."""
+"""Cameras, and points of a picture, as the command line has them."""
 
+import math
 from collections.abc import Sequence
 
-from depthcli.cli.arguments.points import parse_anchors
-from depthcli.core.camera import Camera
+from depthcli.core.camera import Anchor, Camera
 from depthcli.errors import UsageError
+
+_NEAREST_M, _FARTHEST_M = 1e-3, 1e6
+_PARTS = 3
 
 
 def choose_camera(
@@ -17,4 +20,54 @@ def choose_camera(
     """
     if focal_px is not None and hfov_deg is not None:
         raise UsageError("give --focal-px or --hfov, not both")
-    return Camera(focal_px, hfov_deg, parse_anchors(anchors or ()))
+    return Camera(focal_px, hfov_deg, tuple(map(_anchor, anchors or ())))
+
+
+def parse_pixel(word: str) -> tuple[int, int]:
+    """Read ``X,Y``.
+
+    Raises:
+        UsageError: the word is not two whole numbers from 0 up.
+    """
+    try:
+        x, y = (int(part) for part in word.split(","))
+    except ValueError:
+        x = y = -1
+    if min(x, y) < 0:
+        raise UsageError(
+            f"{word!r} is not X,Y; give a column and a row from 0, for example 320,240"
+        )
+    return x, y
+
+
+def parse_centre(word: str) -> tuple[float, float]:
+    """Read ``CX,CY``, which calibrations give in parts of pixels.
+
+    Raises:
+        UsageError: the word is not two finite numbers.
+    """
+    try:
+        x, y = (float(part) for part in word.split(","))
+    except ValueError:
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise UsageError(
+            f"--centre-px {word!r} is not CX,CY; give the principal point in pixels, for example "
+            "319.5,239.5"
+        )
+    return x, y
+
+
+def _anchor(word: str) -> Anchor:
+    parts = word.split(",")
+    try:
+        x, y, depth_m = int(parts[0]), int(parts[1]), float(parts[2])
+    except (ValueError, IndexError):
+        x = y = -1
+        depth_m = math.nan
+    if len(parts) != _PARTS or min(x, y) < 0 or not _NEAREST_M <= depth_m <= _FARTHEST_M:
+        raise UsageError(
+            f"--anchor {word!r} is not X,Y,METRES; give a column and a row from 0 and a depth "
+            "from 0.001 to 1000000, for example 320,240,2.5"
+        )
+    return Anchor(x, y, depth_m)

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
+from depthcli.cli.arguments.camera import parse_centre
 from depthcli.cli.arguments.formats import Colormap, Near
-from depthcli.cli.arguments.points import parse_centre
 from depthcli.errors import UsageError
 from depthcli.io.writers.options import WriterOptions
 

@@ -1,6 +1,9 @@
 """``depthcli convert``: a depth file in another format, and what that costs."""
 
-from typing import Annotated
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -8,13 +11,19 @@ from depthcli.cli.arguments import options
 from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.arguments.frame import FrameOption
 from depthcli.cli.arguments.numbers import field_of_view, positive
+from depthcli.cli.screen import console
+from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
 from depthcli.io.writers.formats import Format
+
+if TYPE_CHECKING:
+    from depthcli.jobs.convert import Converted
 
 app = typer.Typer(rich_markup_mode=None)
 
 # Unlike those of predict, they scale no metres.
 _CLOUD_OPTIONS = ("cloud_focal_px", "cloud_hfov", "centre_px", "picture")
+_NOT_READ_BACK = {"max_error": None, "mean_error": None, "lost": None}
 
 
 @app.command()
@@ -71,7 +80,6 @@ def convert(
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import writer_options
-    from depthcli.cli.screen.convert import print_conversion, print_conversion_json
     from depthcli.jobs import convert as job
 
     chosen = job.target_format(target, format_)
@@ -89,7 +97,33 @@ def convert(
         )
     )
     if as_json:
-        print_conversion_json(done)
+        _print_conversion_json(done)
     elif not quiet:
-        print_conversion(done)
+        _print_conversion(done)
     return ExitCode.OK
+
+
+def _print_conversion_json(done: Converted) -> None:
+    console.out_json(
+        {
+            "input": done.source,
+            "output": done.target,
+            "unit": "m" if done.depth.is_metric else None,
+            **(dataclasses.asdict(done.round_trip) if done.round_trip else _NOT_READ_BACK),
+            "warnings": list(done.warnings),
+        }
+    )
+
+
+def _print_conversion(done: Converted) -> None:
+    """One line, and the warnings."""
+    line, trip = f"{done.source} -> {done.target}", done.round_trip
+    if trip is not None:
+        unit = " m" if done.depth.is_metric else ""
+        line += (
+            f"  round trip: max error {trip.max_error:.3g}{unit}, "
+            f"mean {trip.mean_error:.3g}{unit}, {trip.lost} pixels lost"
+        )
+    console.say(one_line(line))
+    for warning in done.warnings:
+        console.warn(warning)

@@ -1,13 +1,19 @@
 """``depthcli export-onnx``: a checkpoint to one ONNX file and its card."""
 
-from pathlib import Path
-from typing import Annotated
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003 - typer reads the annotation
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from depthcli.cli.arguments.numbers import field_of_view, not_negative
+from depthcli.cli.screen import console
 from depthcli.core.choices import Weights
 from depthcli.errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from depthcli.export.onnx import Exported
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -92,7 +98,6 @@ def export_onnx(
 
     Nothing is written if torch and onnxruntime disagree by more than the tolerance.
     """
-    from depthcli.cli.screen.export import print_export, print_export_json
     from depthcli.export.onnx import export_checkpoint
     from depthcli.export.options import ExportOptions
 
@@ -114,7 +119,7 @@ def export_onnx(
         weights,
     )
     done = export_checkpoint(checkpoint, _export_path(checkpoint, output), options)
-    (print_export_json if as_json else print_export)(done)
+    (_print_export_json if as_json else _print_export)(done)
     return ExitCode.OK
 
 
@@ -122,3 +127,27 @@ def _export_path(checkpoint: Path, output: Path | None) -> Path:
     if output is None:
         return checkpoint.with_suffix(".onnx")
     return output if output.suffix == ".onnx" else output / "model.onnx"
+
+
+def _print_export(done: Exported) -> None:
+    card, parity = done.card, done.parity
+    console.say(
+        f"{done.path}  {(card.size_bytes or 0) / 1e6:.1f} MB  sha256 {card.sha256}\n"
+        f"parity over {len(parity.cases)} sizes: max {parity.max_abs:.2g}, "
+        f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"
+    )
+
+
+def _print_export_json(done: Exported) -> None:
+    parity = done.parity
+    console.out_json(
+        {
+            "path": str(done.path),
+            "sha256": done.card.sha256,
+            "bytes": done.card.size_bytes,
+            "max_abs": parity.max_abs,
+            "mean_abs": parity.mean_abs,
+            "tolerance": parity.tolerance,
+            "cases": [list(case) for case in parity.cases],
+        }
+    )

@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
+from depthcli.cli.arguments.camera import parse_pixel
 from depthcli.cli.arguments.frame import FileArgument, FrameOption, ScaleOption
-from depthcli.cli.arguments.points import parse_pixel
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode
 

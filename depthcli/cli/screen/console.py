@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 from depthcli.core.ending import before_ending
@@ -21,17 +22,11 @@ if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
 
+@dataclass(slots=True)
 class State:
-    """What a run of the command line remembers for its end.
+    """What a run of the command line remembers for its end."""
 
-    Attributes:
-        debug: whether an error shows its traceback.
-    """
-
-    __slots__ = ("debug",)
-
-    def __init__(self) -> None:
-        self.debug = False
+    debug: bool = False  #: whether an error shows its traceback
 
 
 _CONTROL = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]"

@@ -1,4 +1,4 @@
-"""Antialiased changes of resolution (Zhang 2019), as the CUT family uses them."""
+"""Antialiased shrinking (Zhang 2019), as the CUT family uses it."""
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -18,18 +18,6 @@ class BlurDown(nn.Module):
         """(B, C, H, W) to (B, C, ceil(H/2), ceil(W/2))."""
         x = F.pad(x, (1, 1, 1, 1), mode="reflect")
         return F.conv2d(x, self.kernel.to(x.dtype), stride=2, groups=x.shape[1])
-
-
-class BlurUp(nn.Module):
-    """Depthwise [1, 3, 3, 1]² upsampling to exactly twice the size, with a replicated border.
-
-    These are the weights of bilinear interpolation at half-pixel centres, which every runtime
-    has as one fast operation.
-    """
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, C, H, W) to (B, C, 2H, 2W)."""
-        return F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
 
 
 def _kernel(taps: list[float], channels: int) -> Tensor:

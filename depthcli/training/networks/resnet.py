@@ -6,7 +6,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from depthcli.training.networks.blur import BlurDown, BlurUp
+from depthcli.training.networks.blur import BlurDown
 from depthcli.training.networks.weights import init_normal, init_xavier
 
 
@@ -117,7 +117,9 @@ class _Block(nn.Module):
 
 def _up(inputs: int, outputs: int, *, antialias: bool) -> nn.Sequential:
     if antialias:
-        conv: list[nn.Module] = [BlurUp(), nn.Conv2d(inputs, outputs, 3, 1, 1)]
+        # Bilinear at half-pixel centres is the blur [1, 3, 3, 1]² of Zhang 2019.
+        grow = nn.Upsample(scale_factor=2, mode="bilinear")
+        conv: list[nn.Module] = [grow, nn.Conv2d(inputs, outputs, 3, 1, 1)]
     else:
         conv = [nn.ConvTranspose2d(inputs, outputs, 3, 2, 1, output_padding=1)]
     return nn.Sequential(*conv, _norm_relu(outputs))

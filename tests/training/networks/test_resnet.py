@@ -8,7 +8,7 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 from torch.utils.flop_counter import FlopCounterMode
 
-from depthcli.training.networks.blur import BlurDown, BlurUp
+from depthcli.training.networks.blur import BlurDown
 from depthcli.training.networks.resnet import ResnetGenerator
 
 TAP_CHANNELS = {"input": 1, "down1": 128, "down2": 256, "block1": 256, "block5": 256}
@@ -172,7 +172,7 @@ def _by_hand(network: ResnetGenerator, x: Tensor, *, antialias: bool) -> Tensor:
         y = y + F.instance_norm(conv(block.body[4], reflected(hidden, 1)))
     for up in (network.up1, network.up2):
         if antialias:
-            y = conv(up[1], BlurUp()(y), 1, 1)
+            y = conv(up[1], up[0](y), 1, 1)
         else:
             y = F.conv_transpose2d(y, up[0].weight, up[0].bias, 2, 1, 1)
         y = F.instance_norm(y).relu()
