@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.array_protocol import as_array
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
 
@@ -30,7 +29,7 @@ class PointCloud:
         self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
     ) -> npt.NDArray[Any]:
         """The coordinates; NumPy calls this."""
-        return as_array(self.xyz_m, dtype, copy)
+        return np.array(self.xyz_m, dtype, copy=copy)
 
     def __repr__(self) -> str:
         colours = "no colours" if self.rgb is None else "colours"

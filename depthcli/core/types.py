@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.array_protocol import as_array
 from depthcli.core.camera import Anchor
 from depthcli.core.pixels import check_pixels
 
@@ -156,7 +155,7 @@ class DepthMap:
         self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
     ) -> npt.NDArray[Any]:
         """The values; NumPy calls this, so a map goes wherever an array does."""
-        return as_array(self.values, dtype, copy)
+        return np.array(self.values, dtype, copy=copy)
 
     def __repr__(self) -> str:
         finite = self.values[np.isfinite(self.values)]

@@ -2,7 +2,6 @@
 
 import struct
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -21,16 +20,8 @@ _PNG_GRAY = 0
 _PNG_DEPTH_BITS = 16
 
 
-@dataclass(frozen=True, slots=True)
-class DepthHeader:
-    """Size of a depth image, read without decoding it."""
-
-    width: int
-    height: int
-
-
-def read_depth_header(path: Path) -> DepthHeader:
-    """Check that a file is a 16-bit gray PNG and tell its size.
+def depth_shape(path: Path) -> tuple[int, int]:
+    """(rows, columns) of a 16-bit gray PNG, by its first bytes.
 
     Raises:
         DatasetError: it is missing, not a PNG, has 8 bits, or has colour.
@@ -47,7 +38,7 @@ def read_depth_header(path: Path) -> DepthHeader:
         raise DatasetError(
             f"{path} is {bits}-bit {kind}: depth is stored as 16-bit gray PNG in millimetres"
         )
-    return DepthHeader(width, height)
+    return height, width
 
 
 def read_depth_m(path: Path, units_per_metre: float) -> npt.NDArray[np.float32]:
@@ -56,7 +47,7 @@ def read_depth_m(path: Path, units_per_metre: float) -> npt.NDArray[np.float32]:
     Raises:
         DatasetError: the file is missing, truncated, or of another format.
     """
-    read_depth_header(path)
+    depth_shape(path)
     stored = _decode(path, cv2.IMREAD_UNCHANGED)
     # Dividing in float64 keeps 2.718 m the float32 nearest to 2.718.
     depth_m: npt.NDArray[np.float32] = (stored / units_per_metre).astype(np.float32)

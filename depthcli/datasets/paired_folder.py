@@ -18,8 +18,8 @@ from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
     check_plausible,
+    depth_shape,
     median_m,
-    read_depth_header,
     read_depth_m,
     read_image_rgb,
     spread,
@@ -60,11 +60,11 @@ class PairedFolder:
             DatasetError: it cannot be read or has another size than its depth.
         """
         pixels = read_image_rgb(self.images[i])
-        depth = read_depth_header(self.depths[i])
-        if pixels.shape[:2] != (depth.height, depth.width):
+        height, width = depth_shape(self.depths[i])
+        if pixels.shape[:2] != (height, width):
             raise DatasetError(
                 f"{self.images[i]} is {pixels.shape[1]}×{pixels.shape[0]} but its depth is "
-                f"{depth.width}×{depth.height}: resize one of them"
+                f"{width}×{height}: resize one of them"
             )
         return pixels
 
@@ -91,8 +91,8 @@ class PairedFolder:
         Raises:
             DatasetError: a depth image cannot be read.
         """
-        headers = (read_depth_header(file) for file in self.depths)
-        widths = (math.sqrt(aspect * header.width * header.height) for header in headers)
+        shapes = map(depth_shape, self.depths)
+        widths = (math.sqrt(aspect * columns * rows) for rows, columns in shapes)
         angle = 2 * math.tan(math.radians(hfov_deg) / 2)
         ratios = zip(widths, self.focal_px, strict=False)
         return replace(self, scales=tuple(width / angle / focal for width, focal in ratios))
@@ -212,7 +212,7 @@ def check_samples(dataset: PairedFolder, plausible_m: tuple[float, float]) -> No
         DatasetError: as :func:`open_paired_folder`.
     """
     for file in dataset.depths:
-        read_depth_header(file)
+        depth_shape(file)
     samples = spread(len(dataset))
     dataset.image(samples[0])
     medians_m = [median_m(dataset.depth_m(i)) for i in samples]

@@ -8,7 +8,7 @@ from depthcli.datasets.base import DepthDataset, HasCamera
 from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
-    read_depth_header,
+    depth_shape,
     read_image_rgb,
 )
 from depthcli.datasets.layouts import opener_of
@@ -126,5 +126,4 @@ def _all_alike(path: Path) -> bool:
     if images.keys() != depths.keys():
         return False
     first = min(images)
-    header = read_depth_header(depths[first])
-    return read_image_rgb(images[first]).shape[:2] == (header.height, header.width)
+    return read_image_rgb(images[first]).shape[:2] == depth_shape(depths[first])

@@ -10,8 +10,8 @@ from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
     check_plausible,
+    depth_shape,
     median_m,
-    read_depth_header,
     read_depth_m,
     read_image_rgb,
     spread,
@@ -83,7 +83,7 @@ def open_unpaired_folder(path: Path, *, units_per_metre: float = MILLIMETRES) ->
         units_per_metre,
     )
     for file in dataset.depths:
-        read_depth_header(file)
+        depth_shape(file)
     medians_m = [
         median_m(read_depth_m(dataset.depths[j], units_per_metre)) for j in spread(len(depths))
     ]

@@ -86,23 +86,5 @@ def test_what_is_not_begun_when_it_ends_early_is_dropped() -> None:
     assert set(begun) <= {0, 1, 2}
 
 
-def test_what_was_done_when_it_ends_early_is_not_lost() -> None:
-    started, go_on, late = threading.Event(), threading.Event(), list[int]()
-
-    def work(item: int) -> int:
-        if item == 3:
-            started.set()
-            go_on.wait(10)
-        return 10 * item
-
-    results = ordered_map(work, range(100), workers=2, ahead=8, late=late.append)
-    assert next(results) == 0
-    started.wait(10)
-    threading.Timer(0.05, go_on.set).start()
-    results.close()
-    assert late[:3] == [10, 20, 30]
-    assert late == sorted(late)
-
-
 def test_one_worker_is_this_process() -> None:
     assert list(process_map(lambda n: n + 1, [1, 2], workers=1)) == [2, 3]

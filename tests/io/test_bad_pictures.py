@@ -15,7 +15,7 @@ import pytest
 from bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH
 from PIL import Image
 
-from depthcli.datasets.files import read_depth_header, read_image_rgb
+from depthcli.datasets.files import depth_shape, read_image_rgb
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.listing.own_outputs import is_own_picture
@@ -177,7 +177,7 @@ def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
     for read in (read_image, read_depth):
         with pytest.raises(InputError, match=r"a\.png cannot be read: it is a pipe"):
             read(pipe)
-    for read_pair in (read_image_rgb, read_depth_header):
+    for read_pair in (read_image_rgb, depth_shape):
         with pytest.raises(DatasetError, match=r"cannot read .*a\.png: it is a pipe"):
             read_pair(pipe)
 

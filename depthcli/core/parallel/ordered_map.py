@@ -15,7 +15,6 @@ def ordered_map(
     *,
     workers: int,
     ahead: int | None = None,
-    late: Callable[[_Result], object] = lambda _: None,
 ) -> Generator[_Result, None, None]:
     """``map`` by threads: results come in the order of the items, however long each takes.
 
@@ -28,8 +27,6 @@ def ordered_map(
         items: of any length; at most ``ahead`` are in memory at a time.
         workers: threads; 0 works in the calling thread.
         ahead: items pulled before their results are asked for; None for two for each worker.
-        late: gets the results, in order, that are there when the iterator ends early and that
-            nobody can ask for any more.
 
     Yields:
         One result for each item. What ``function`` raises is raised here, at that item's turn;
@@ -45,18 +42,8 @@ def ordered_map(
         for item in items:
             pending.append(pool.submit(function, item))
             if len(pending) >= ahead:
-                yield _first(pending)
+                yield pending.popleft().result()
         while pending:
-            yield _first(pending)
+            yield pending.popleft().result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-        for future in pending:
-            if not future.cancelled() and future.exception() is None:
-                late(future.result())
-
-
-def _first(pending: deque[Future[_Result]]) -> _Result:
-    """The first result; it stays there if waiting for it is interrupted."""
-    result = pending[0].result()
-    pending.popleft()
-    return result

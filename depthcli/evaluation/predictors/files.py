@@ -35,12 +35,7 @@ class FilePredictor:
         Raises:
             DatasetError: the file is damaged.
         """
-        path = self.folder / f"{sample.id}{self.suffix}"
-        try:
-            depth = read_depth(path)
-        except InputError as error:
-            raise DatasetError(str(error)) from error
-        return replace(depth, kind=self.kind)
+        return replace(_read(self.folder / f"{sample.id}{self.suffix}"), kind=self.kind)
 
 
 def open_predictions(
@@ -67,13 +62,11 @@ def open_predictions(
             f"{folder} lacks {len(missing)} of {len(ids)} predictions "
             f"(first: {missing[0]}{suffix}): every image of the split needs one"
         )
-    if kind is None:
-        kind = _stated_kind(folder / f"{ids[0]}{suffix}")
-    return FilePredictor(folder, suffix, kind)
+    return FilePredictor(folder, suffix, kind or _read(folder / f"{ids[0]}{suffix}").kind)
 
 
-def _stated_kind(path: Path) -> DepthKind:
+def _read(path: Path) -> DepthMap:
     try:
-        return read_depth(path).kind
+        return read_depth(path)
     except InputError as error:
         raise DatasetError(str(error)) from error
