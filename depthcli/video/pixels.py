@@ -1,5 +1,6 @@
 """The pixels of a decoded frame: red, green and blue at full precision, standing upright."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from av.video.stream import VideoStream
 _EIGHT_BIT = 8
 _UNSTATED = 2
 _SD_ROWS = 576
-_ONE = 1 << 16  # in a display matrix
 _TOLERANCE = 0.02
 _AS_IT_IS = (1, 0, 0, 1)
 _EXIF_OF_MATRIX = {
@@ -25,6 +25,7 @@ _EXIF_OF_MATRIX = {
     (0, -1, -1, 0): 7,
     (0, -1, 1, 0): 8,
 }
+_EXIF_OF_ANGLE = {90: 8, 180: 3, 270: 6}  # in degrees, counter-clockwise
 _PERCEPTUAL = {16: "PQ", 18: "HLG"}
 
 
@@ -59,13 +60,17 @@ def orientation_of(frame: VideoFrame) -> int:
 
     Containers state a matrix that players turn and mirror by.
     """
-    side_data: Any = frame.side_data  # whose type is stated wrongly
-    data = side_data.get(Type.DISPLAYMATRIX)
+    try:
+        side_data: Any = frame.side_data  # whose type is stated wrongly
+        data = side_data.get(Type.DISPLAYMATRIX)
+    except ValueError:  # PyAV does not know all kinds, as that of EXIF, beside the matrix
+        return _EXIF_OF_ANGLE.get(frame.rotation % 360, 1)
     if data is None:
         return 1
-    matrix = np.frombuffer(bytes(data), "<i4")
-    a, b, _, c, d = (matrix[:5] / _ONE).tolist()
-    turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose((a, b, c, d), turn, atol=_TOLERANCE))
+    a, b, _, c, d = np.frombuffer(bytes(data), "<i4")[:5].tolist()
+    across, down = math.hypot(a, c) or 1, math.hypot(b, d) or 1  # it may scale as well
+    shares = a / across, b / down, c / across, d / down
+    turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose(shares, turn, atol=_TOLERANCE))
     return _EXIF_OF_MATRIX[next(turns, _AS_IT_IS)]
 
 

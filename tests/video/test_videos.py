@@ -348,6 +348,32 @@ def test_a_turned_or_mirrored_video_stands_as_players_show_it(
     assert (first.pixels > 128).mean() == pytest.approx(1 / 16, abs=0.01)
 
 
+@pytest.mark.parametrize("scale", [0.5, 3])
+def test_a_turn_that_scales_as_well_is_a_turn(scale: float, tmp_path: Path) -> None:
+    a, b, c, d = (round(scale * one) for one in MATRICES[6])
+    path = encode(
+        *(tmp_path / "a.mp4", flat_frames([0] * 2), NTSC, "mpeg4", "yuv420p"),
+        matrix=(a, b, 0, c, d, 0, 0, 0, 1 << 30),
+    )
+    with VideoSource(path) as source:
+        assert next(source.frames()).orientation == 6
+
+
+@pytest.mark.parametrize(
+    ("matrix", "orientation"), [(None, 1), *((MATRICES[i], i) for i in (3, 6, 8))]
+)
+def test_frames_with_facts_that_pyav_does_not_know_are_read(
+    matrix: tuple[int, ...] | None, orientation: int, tmp_path: Path
+) -> None:
+    """FFmpeg 8 hands on the EXIF of TIFF and Motion JPEG."""
+    turn = None if matrix is None else (*matrix[:2], 0, *matrix[2:], 0, 0, 0, 1 << 30)
+    path = encode(tmp_path / "a.mov", flat_frames([9] * 2), NTSC, "tiff", "rgb24", matrix=turn)
+    with VideoSource(path) as source:
+        frame = next(source.frames())
+    assert frame.orientation == orientation
+    assert np.unique(frame.pixels).tolist() == [9]
+
+
 def test_colours_are_red_green_blue(tmp_path: Path) -> None:
     red = np.zeros((48, 64, 3), np.uint8)
     red[..., 0] = 255
