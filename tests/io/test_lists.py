@@ -83,7 +83,8 @@ def test_a_folder_of_parquet_files_is_read_in_the_order_of_names(tmp_path: Path)
         ),
         (lambda f: csv(f / "l.parquet", ""), None, "is no whole Parquet file"),
         (lambda f: csv(f / "l.parquet", "PAR1"), None, "is no whole Parquet file"),
-        (lambda f: csv(f / "l.csv", ""), None, "no column 'path'; it has no columns"),
+        (lambda f: csv(f / "l.csv", ""), None, "l.csv is empty; it has to name"),
+        (lambda f: link(f / "k.csv", "/proc/kmsg"), None, "k.csv is empty; it has to name"),
         (lambda f: csv(f / "l.csv", "a,b\n1,2\n"), "c", "no column 'c'; its columns are a, b"),
         (
             lambda f: csv(f / "l.csv", f"a\nb.png\n{'c' * 200_000}\nd.png\n"),
@@ -109,6 +110,11 @@ def test_lists_that_cannot_be_used(
     with pytest.raises(UsageError, match=line) as error:
         list(read_list(str(write(tmp_path)), column))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="there is no file that never ends")
+def test_a_list_that_never_ends_is_not_waited_for() -> None:
+    assert list(read_list("/proc/kmsg")) == []
 
 
 def test_a_list_without_rows_names_nothing(tmp_path: Path) -> None:

@@ -34,13 +34,16 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
     try:
         if Path(source).is_char_device():  # such as /dev/zero, which never ends
             raise UsageError(f"the list {source} is a device; '-' reads standard input")
+        is_empty = Path(source).is_file() and not Path(source).stat().st_size  # or never ends
         if suffix == ".parquet":
             return column_texts(Path(source), column)
         if suffix in _DELIMITERS:
+            if is_empty:
+                raise UsageError(f"the list {source} is empty; it has to name its columns")
             return _csv_texts(Path(source), column, _DELIMITERS[suffix])
         if column is not None:
             raise UsageError(f"--column is for lists in Parquet and CSV, which {source} is not")
-        return parse_list(Path(source).read_bytes())
+        return [] if is_empty else parse_list(Path(source).read_bytes())
     except csv.Error as error:
         raise UsageError(f"{source}, line 1: {error}") from error
     except OSError as error:
