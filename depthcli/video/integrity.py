@@ -1,41 +1,40 @@
 """Whether a video file is whole, by what it states and by the checksums that it holds."""
 
-import os
 import zlib
 from pathlib import Path
-from typing import BinaryIO
 
 import av
 from av import logging as av_logging
 
 from depthcli.video.container import open_video
+from depthcli.video.endings import ends_early
 from depthcli.video.pipes import HEAD_BYTES
 
 _EBML = b"\x1aE\xdf\xa3"
 _SEGMENT = b"\x18S\x80g"
-_MATROSKA = "matroska,webm"
-_MP4_STARTS = {b"ftyp", b"moov", b"mdat", b"free", b"wide", b"skip"}
+_OTHERS_WITH_GAPS = (b"OggS", b"\x30\x26\xb2\x75", b"YUV4MPEG2")
+_Y4M = "yuv4mpegpipe"
 _SLICE_END = 8  # bytes: three of the slice's size, one of its state, four of its checksum
 _MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _ONES = 0xFFFFFFFF
 
 
 def is_cut(path: Path) -> bool:
-    """Whether an end or a part is missing, by what MP4, MOV, Matroska, WebM or AVI state.
+    """Whether an end or a part is missing, by what the container says, if it says that.
 
-    Other containers state nothing and are never cut. Matroska is read once more, without decoding.
+    Matroska, Ogg, WMV and Y4M are read once more, without decoding.
 
     Raises:
         OSError: it cannot be read.
     """
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-        end = file.seek(0, os.SEEK_END)
-        if head[4:8] in _MP4_STARTS:
-            return _mp4_end(file, end) > end
-        if head.startswith(b"RIFF"):
-            return int.from_bytes(head[4:8], "little") + 8 > end
-    return head.startswith(_EBML) and (matroska_end(head) > end or _has_gap(path))
+        file.seek(0)
+        if ends_early(file):
+            return True
+    if head.startswith(_EBML) and matroska_end(head) > path.stat().st_size:
+        return True
+    return head.startswith((_EBML, *_OTHERS_WITH_GAPS)) and _has_gap(path)
 
 
 def matroska_end(head: bytes) -> int:
@@ -83,33 +82,21 @@ def _crc(data: bytes) -> int:
 
 def _has_gap(path: Path) -> bool:
     """Whether the demuxer stumbles; it goes on behind a damaged place and only logs it."""
-    container, stream = open_video(path)
     level, skips = av_logging.get_level(), av_logging.get_skip_repeated()
     av_logging.set_level(av_logging.ERROR)
     av_logging.set_skip_repeated(False)
+    end = 0
     try:
         with av_logging.Capture() as log:
-            for _ in container.demux(stream):
-                pass
+            container, stream = open_video(path)
+            with container:
+                for packet in container.demux(stream):
+                    end = max(end, (packet.pos or 0) + packet.size)
     except av.FFmpegError:
         return True
     finally:
         av_logging.set_level(level)
         av_logging.set_skip_repeated(skips)
-        container.close()
-    return any(name == _MATROSKA for _, name, _ in log)
-
-
-def _mp4_end(file: BinaryIO, end: int) -> int:
-    """Where the last box ends."""
-    at = 0
-    while at < end:
-        file.seek(at)
-        head = file.read(16)
-        if len(head) < 8:  # noqa: PLR2004
-            return end + 1
-        size = int.from_bytes(head[:4])
-        if size == 0:  # up to the end of the file, wherever that is
-            return end
-        at += max(8, int.from_bytes(head[8:]) if size == 1 else size)
-    return at
+    name = container.format.name
+    is_short = name == _Y4M and end < path.stat().st_size  # the last frame is not whole
+    return is_short or any(who == name for _, who, _ in log)

@@ -458,6 +458,47 @@ def test_a_whole_video_has_no_problem(tmp_path: Path) -> None:
             assert source.problem is None
 
 
+OTHERS = [
+    ("gif", "gif", "rgb8"),
+    ("wmv", "wmv2", "yuv420p"),
+    ("y4m", "rawvideo", "yuv420p"),
+    ("ts", "mpeg2video", "yuv420p"),
+    ("m2ts", "mpeg2video", "yuv420p"),
+    ("ogv", "libvpx", "yuv420p"),
+]
+
+
+@pytest.mark.parametrize(("suffix", "codec", "pixel_format"), OTHERS)
+def test_other_containers_that_were_cut_say_so(
+    suffix: str, codec: str, pixel_format: str, tmp_path: Path
+) -> None:
+    frames = noise_frames(20)
+    path = encode(tmp_path / f"a.{suffix}", frames, Fraction(25), codec, pixel_format)
+    with VideoSource(path) as source:
+        assert len(list(source.frames())) == 20
+        assert source.problem is None
+    whole = path.read_bytes()
+    for end in (len(whole) * 2 // 3 | 1, -7):
+        path.write_bytes(whole[:end])
+        with VideoSource(path) as source:
+            count = len(list(source.frames()))
+            assert 5 < count <= 20
+            assert source.problem is not None
+            assert f"after {count} frames" in source.problem
+
+
+@pytest.mark.parametrize(("suffix", "codec", "pixel_format"), OTHERS[:2])
+def test_other_containers_with_a_gap_say_so(
+    suffix: str, codec: str, pixel_format: str, tmp_path: Path
+) -> None:
+    path = encode(tmp_path / f"a.{suffix}", noise_frames(20), Fraction(25), codec, pixel_format)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2] + bytes(300) + data[len(data) // 2 + 301 :])
+    with VideoSource(path) as source:
+        assert 5 < len(list(source.frames())) <= 20
+        assert source.problem is not None
+
+
 def noise_frames(count: int) -> list[np.ndarray[Any, Any]]:
     rng = np.random.default_rng(0)
     return [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(count)]
