@@ -15,6 +15,7 @@ _ONNX_DOMAINS = {b"", b"ai.onnx"}
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _FIXED_SIZES = {_FIXED64: 8, _FIXED32: 4}
 _MAX_VARINT_BITS = 64
+_MAX_KEY_BITS = 32
 _TENSOR = "tensor"
 _EXTERNAL_DATA, _DATA_LOCATION = 13, 14  # of a tensor
 # Where tensors can be: message -> field -> message.
@@ -114,6 +115,8 @@ def _message_fields(data: bytes, position: int, end: int) -> Iterator[tuple[int,
     """Each field of a message as (number, start, end) of its payload."""
     while position < end:
         key, position = _varint(data, position)
+        if key >> _MAX_KEY_BITS:  # libraries drop the rest, and so read another field
+            raise ValueError(key)
         number, wire = key >> 3, key & 7
         if wire == _BYTES:
             length, position = _varint(data, position)

@@ -158,6 +158,15 @@ def test_hidden_external_data_is_refused(tmp_path: Path, place: str, how: str) -
         catalog.find_model(path)
 
 
+def test_a_tag_of_more_than_32_bits_is_refused(tmp_path: Path) -> None:
+    """Libraries drop what is above, and read weights elsewhere where we would see nothing."""
+    path = tmp_path / "m.onnx"
+    graph = _message(5, b"\xf0\x80\x80\x80\x10\x01")  # data_location with bit 32 set
+    path.write_bytes(tiny_onnx(card=json.dumps(card_with({}))) + _message(7, graph))
+    with pytest.raises(ModelError, match="damaged"):
+        catalog.find_model(path)
+
+
 @pytest.mark.parametrize("data", [b"", b"hello, world", b"\x89PNG\r\n", b"\x00" * 64, b"\x08\x08"])
 def test_what_is_no_onnx_file_is_refused(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "m.onnx"
