@@ -10,7 +10,7 @@ from depthcli.core import colour
 from depthcli.core.bands import shrink_bands
 from depthcli.core.resize import resize_area, resize_bilinear, resize_cubic
 from depthcli.core.types import Frame
-from depthcli.models.card_specs import Colour, Fit, InputSpec, Resize
+from depthcli.models.card_specs import MAX_INPUT_PIXELS, Colour, Fit, InputSpec, Resize
 
 _PLANES = {Colour.VALUE: colour.value_channel, Colour.LUMA: colour.luma, Colour.RGB: colour.rgb}
 _RESIZES = {Resize.AREA: resize_area, Resize.LINEAR: resize_bilinear, Resize.CUBIC: resize_cubic}
@@ -103,8 +103,9 @@ def _bounded(spec: InputSpec, width: int, height: int) -> Layout:
     """
     lower = spec.fit is Fit.LOWER_BOUND
     scale = (max if lower else min)(spec.height / height, spec.width / width)
-    if lower and scale**2 * width * height > _MOST_PIXELS * spec.width * spec.height:
-        return _layout_of_strip(spec, width, height)
+    most = min(_MOST_PIXELS * spec.width * spec.height, MAX_INPUT_PIXELS)
+    if lower and scale**2 * width * height > most:
+        return _layout_of_strip(spec, width, height, most)
     bound = _at_least if lower else _at_most
     return _without_padding(
         bound(scale * width, spec.multiple_of, spec.width),
@@ -112,9 +113,8 @@ def _bounded(spec: InputSpec, width: int, height: int) -> Layout:
     )
 
 
-def _layout_of_strip(spec: InputSpec, width: int, height: int) -> Layout:
+def _layout_of_strip(spec: InputSpec, width: int, height: int, most: int) -> Layout:
     """A picture so long that its lower bound would not fit into memory: 100 GB for 1 x 5000."""
-    most = _MOST_PIXELS * spec.width * spec.height
     scale = math.sqrt(most / (width * height))
     short = _multiple(scale * min(width, height), spec.multiple_of)
     longest = max(spec.multiple_of, most // short // spec.multiple_of * spec.multiple_of)

@@ -14,7 +14,7 @@ from depthcli.core.text import one_line
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS
-from depthcli.models.card_specs import TensorLayout
+from depthcli.models.card_specs import MAX_INPUT_PIXELS, TensorLayout
 from depthcli.models.catalog import Model
 
 _FATAL_ONLY = 4
@@ -107,7 +107,11 @@ class Session:
         maps = raw
         if raw.ndim == _IMAGE_RANK:
             maps = raw[:, 0] if raw.shape[1] == 1 else raw[..., 0] if raw.shape[3] == 1 else raw
-        if maps.ndim != _IMAGE_RANK - 1 or len(maps) != count or not maps.size:
+        if (
+            maps.ndim != _IMAGE_RANK - 1
+            or len(maps) != count
+            or not 0 < maps[0].size <= MAX_INPUT_PIXELS
+        ):
             raise ModelError(
                 f"{self.model.path} gives {raw.shape}, not one depth map a picture; "
                 "use a depth model"

@@ -11,6 +11,7 @@ from depthcli.core.text import shown
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError
 from depthcli.models.card_specs import (
+    MAX_INPUT_PIXELS,
     CameraSpec,
     Count,
     Fit,
@@ -24,8 +25,6 @@ from depthcli.models.card_specs import (
 SCHEMA = 1
 METADATA_KEY = "depthcli.card"
 """Key of the ONNX metadata under which a model carries its own card."""
-_MAX_INPUT_PIXELS = 2**24
-"""Beyond, the first layers of a network take more memory than machines have."""
 _OPTIONAL_INPUT = {"resize": Resize.AREA, "layout": TensorLayout.NCHW, "pixel_aspect": 1.0}
 _UNPRINTABLE = "[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 _BOUNDS = frozenset({Fit.LOWER_BOUND, Fit.UPPER_BOUND})
@@ -145,9 +144,12 @@ def _check_input(spec: InputSpec) -> None:
         if len(numbers) not in lengths:
             many = " or ".join(map(str, lengths))
             raise FieldError(f"has to be a list of {many} numbers", f"input.{name}")
-    if spec.width * spec.height > _MAX_INPUT_PIXELS:
-        most = f"times height has to be at most {_MAX_INPUT_PIXELS:,} pixels"
+    if spec.width * spec.height > MAX_INPUT_PIXELS:
+        most = f"times height has to be at most {MAX_INPUT_PIXELS:,} pixels"
         raise FieldError(most, "input.width")
+    if spec.dynamic and spec.multiple_of > min(spec.width, spec.height):
+        least = "has to be at most input.width and input.height"
+        raise FieldError(least, "input.multiple_of")
     if spec.fit in _BOUNDS and not spec.dynamic:
         fixed = f"is {spec.fit}, which a network of one fixed size cannot have"
         raise FieldError(fixed, "input.fit")

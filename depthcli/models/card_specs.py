@@ -9,12 +9,32 @@ from depthcli.core.codec import DepthCodec, Transform
 from depthcli.core.foreign import Rule
 from depthcli.core.types import DepthKind
 
+MAX_INPUT_PIXELS = 2**24
+"""Beyond, the first layers of a network take more memory than machines have."""
 _MAX_SIDE = 2**15
 _Side: TypeAlias = Annotated[
     int, Rule(f"a whole number from 1 to {_MAX_SIDE}", lambda px: 1 <= px <= _MAX_SIDE)
 ]
 Count: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda number: number >= 1)]
-_Ratio: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
+# Beyond, sums of 32-bit floats would have one value for every picture, or none.
+_LARGEST = 1e9
+_Number: TypeAlias = Annotated[
+    float, Rule("a number from -1e9 to 1e9", lambda number: abs(number) <= _LARGEST)
+]
+_Factor: TypeAlias = Annotated[
+    float,
+    Rule(
+        "a number other than 0, from -1e9 to 1e9",
+        lambda number: 1 / _LARGEST <= abs(number) <= _LARGEST,
+    ),
+]
+_Ratio: TypeAlias = Annotated[
+    float,
+    Rule("a number above 0, up to 1e9", lambda number: 1 / _LARGEST <= number <= _LARGEST),
+]
+_Aspect: TypeAlias = Annotated[
+    float, Rule("a number from 0.01 to 100", lambda number: 0.01 <= number <= 100)  # noqa: PLR2004
+]
 
 
 class Colour(StrEnum):
@@ -78,13 +98,13 @@ class InputSpec:
     dynamic: bool  #: whether any multiple of ``multiple_of`` is a valid width and height
     multiple_of: _Side  #: granularity of a dynamic size, in pixels
     fit: Fit  #: how the picture is brought to this size
-    mean: tuple[float, ...]  #: one number a channel, or one for all
+    mean: tuple[_Number, ...]  #: one number a channel, or one for all
     std: tuple[_Ratio, ...]  #: one number a channel, or one for all
     resize: Resize = Resize.AREA  #: how the picture is resized
     layout: TensorLayout = TensorLayout.NCHW  #: order of the axes
     #: width over height of the network's pixels as it learned them, in pixels of the picture: 4/3
     #: if it learned pictures of 4:3 stretched to a square. For ``stretch`` and ``keep-aspect``
-    pixel_aspect: _Ratio = 1.0
+    pixel_aspect: _Aspect = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +113,10 @@ class OutputSpec:
 
     kind: DepthKind  #: metric, relative or inverse
     transform: Transform  #: how depth follows from ``scale * raw + shift``
-    scale: float  #: factor on the raw output
-    shift: float  #: added after the factor
+    scale: _Factor  #: factor on the raw output
+    shift: _Number  #: added after the factor
     min_m: float | None = None  #: least depth in metres; None if the kind is not metric
-    max_m: float | None = None  #: largest depth in metres; None if the kind is not metric
+    max_m: _Ratio | None = None  #: largest depth in metres; None if the kind is not metric
 
     @property
     def codec(self) -> DepthCodec:

@@ -12,7 +12,7 @@ from depthcli.core.codec import Transform
 from depthcli.core.types import DepthKind, Frame
 from depthcli.inference.postprocess import blends_in_log, coarse_depth, full_size
 from depthcli.inference.preprocess import Layout, layout, prepare
-from depthcli.models.card_specs import Colour, Fit, InputSpec, OutputSpec
+from depthcli.models.card_specs import MAX_INPUT_PIXELS, Colour, Fit, InputSpec, OutputSpec
 
 
 def spec(
@@ -109,6 +109,12 @@ def test_a_line_of_pixels_has_a_size(
     assert min(place.width, place.height) == step
     assert place.width * place.height <= 16 * width * height
     assert (place.width > place.height) == (size[0] > size[1])
+
+
+def test_a_line_of_pixels_is_no_larger_than_the_largest_input() -> None:
+    bounded = spec(width=4096, height=2048, multiple_of=32, fit=Fit.LOWER_BOUND)
+    place = layout(bounded, 30_000, 1)
+    assert 2**23 < place.width * place.height <= MAX_INPUT_PIXELS
 
 
 def test_a_dynamic_size_keeps_aspect_and_pixel_count() -> None:

@@ -139,9 +139,9 @@ def _value(kind: int, shape: list[Any] | None = None) -> Any:
     return helper.make_tensor_value_info("depth", kind, shape)
 
 
-def _constant(kind: int, shape: list[int], values: list[Any]) -> Any:
+def _constant(kind: int, shape: list[int], values: list[Any], name: str = "depth") -> Any:
     return helper.make_node(
-        "Constant", [], ["depth"], value=helper.make_tensor("c", kind, shape, values)
+        "Constant", [], [name], value=helper.make_tensor("c", kind, shape, values)
     )
 
 
@@ -206,6 +206,17 @@ MODELS = {
     "empty depth": Bad(
         _graph([_value(TensorProto.FLOAT)], [_constant(TensorProto.FLOAT, [1, 0, 0], [])]),
         "a.onnx gives (1, 0, 0), not one depth map a picture",
+        3,
+    ),
+    "more depth than any input": Bad(
+        _graph(
+            [_value(TensorProto.FLOAT)],
+            [
+                _constant(TensorProto.INT64, [3], [1, 5000, 4000], "c"),
+                helper.make_node("ConstantOfShape", ["c"], ["depth"]),
+            ],
+        ),
+        "a.onnx gives (1, 5000, 4000), not one depth map a picture",
         3,
     ),
     "one number": Bad(
