@@ -280,10 +280,12 @@ CONFIGS = {
     "a group": Bad("[seed]\na = 1\n", "a.toml: seed has to be a whole number", 2),
     "a word": Bad('[data]\nwidth = "wide"\n', "a.toml: data.width has to be a whole number", 2),
     "not a number": Bad(
-        "[data]\nzoom = nan\n", "data.zoom has to be a number from 1 up, not nan", 2
+        "[data]\nzoom = nan\n", "data.zoom has to be a number from 1 to 100, not nan", 2
     ),
     "large": Bad(
-        f"seed = {2**70}\n", "seed has to be a whole number from 0 up, not a number of", 2
+        f"seed = {2**70}\n",
+        "seed has to be a whole number from 0 to 4294967295, not a number of",
+        2,
     ),
     "a pipe": Bad(_fifo, "cannot read the configuration a.toml: it is a pipe", 2),
     "a folder": Bad(Path.mkdir, "cannot read the configuration a.toml: it is a folder", 2),

@@ -4,6 +4,7 @@ import math
 
 from depthcli.errors import UsageError
 from depthcli.training.config.objective import PAIRED_LOSSES
+from depthcli.training.config.rules import LARGEST
 from depthcli.training.config.schema import GeneratorConfig, TrainConfig
 
 _ROTATION_ROOM = 0.2  # of zoom, at which a view may be turned by all of data.rotate_deg
@@ -19,9 +20,9 @@ def check_range(config: TrainConfig) -> None:
     Raises:
         UsageError: a value is out of range; the message names the setting.
     """
-    if not 0 < config.output.min_m < config.output.max_m < math.inf:
+    if not 1 / LARGEST <= config.output.min_m < config.output.max_m <= LARGEST:
         raise UsageError(
-            "output.min_m is above 0 and below output.max_m, "
+            "output.min_m is above 0 and below output.max_m, which is at most 1e9, "
             f"not {config.output.min_m} and {config.output.max_m}"
         )
     if config.optim.epochs < 1:

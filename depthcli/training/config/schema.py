@@ -16,6 +16,7 @@ from depthcli.training.config.rules import (
     Blocks,
     Count,
     Positive,
+    Seed,
     Share,
     Side,
     Small,
@@ -117,7 +118,7 @@ class TrainConfig:
     """One training run, whole."""
 
     method: str = "proposed"  #: name of the method
-    seed: Count = 0  #: of weights, order and augmentation
+    seed: Seed = 0  #: of weights, order and augmentation
     #: epochs from one validation to the next; the last is always validated
     validate_every: Positive = 1
     #: epochs from one checkpoint to the next; a run that stops always writes one
