@@ -14,6 +14,7 @@ from depthcli.core.choices import Weights
 from depthcli.core.foreign import FieldError, Rule, built, merged
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
+from depthcli.io.storage.regular import regular_size
 from depthcli.io.storage.temporaries import temporary_beside
 from depthcli.training.checkpoint_check import check_finite, check_process, check_tensors
 from depthcli.training.config.ranges import check_range
@@ -94,6 +95,8 @@ class Checkpoint:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # what torch thinks of files that are not its own
+                if not regular_size(path):  # a pipe may never end
+                    raise EOFError
                 content = torch.load(path, map_location="cpu", weights_only=True)
         except FileNotFoundError:
             raise CheckpointError(f"no checkpoint at {path}") from None

@@ -304,6 +304,7 @@ CHECKPOINTS = {
     "text": Bad("no checkpoint", "a.ckpt is not a whole checkpoint", 3),
     "cut": Bad(_WHOLE[: len(_WHOLE) // 2], "a.ckpt is not a whole checkpoint", 3),
     "pickle": Bad(b"cos\nsystem\n(S'touch harm'\ntR.", "a.ckpt is not a whole checkpoint", 3),
+    "a pipe": Bad(_fifo, "a.ckpt is not a whole checkpoint", 3),
     "tensors": Bad(lambda path: torch.save({"a": torch.ones(2)}, path), "was not made by", 3),
     "version": Bad(_checkpoint(version=9), "a.ckpt is of another version", 3),
     "configuration": Bad(_checkpoint(config={"speed": 1}), "speed is unknown", 3),
