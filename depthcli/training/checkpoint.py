@@ -95,9 +95,9 @@ class Checkpoint:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # what torch thinks of files that are not its own
-                if not regular_size(path):  # a pipe may never end
-                    raise EOFError
-                content = torch.load(path, map_location="cpu", weights_only=True)
+                # A pipe may never end, and nor may what states no size.
+                source = path if regular_size(path) else os.devnull
+                content = torch.load(source, map_location="cpu", weights_only=True)
         except FileNotFoundError:
             raise CheckpointError(f"no checkpoint at {path}") from None
         except Exception as error:  # what is no pickle fails in any way
