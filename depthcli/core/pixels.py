@@ -23,7 +23,7 @@ def check_pixels(pixels: npt.NDArray[Any]) -> None:
     if len(shape) == _COLOUR_RANK and shape[0] in _CHANNELS and shape[-1] not in _CHANNELS:
         raise InputError(f"pixels of shape {shape} have channels first; np.moveaxis(a, 0, -1) them")
     if len(shape) not in (_GRAY_RANK, _COLOUR_RANK) or shape[_GRAY_RANK:] not in ((), (_RGB,)):
-        raise InputError(f"pixels of shape {shape} are no picture; it is (H, W) or (H, W, 3) RGB")
+        raise InputError(f"pixels of shape {shape} are not a picture; give (H, W) or (H, W, 3) RGB")
     if 0 in shape:
         raise InputError(f"pixels of shape {shape} are an empty picture")
     if dtype not in (np.uint8, np.uint16, np.float32):

@@ -157,7 +157,7 @@ def _sensor_mask(
     raw_depth_m: npt.NDArray[np.float32] | None, shape: tuple[int, ...]
 ) -> npt.NDArray[np.bool_]:
     if raw_depth_m is None:
-        raise DatasetError("the raw-valid mask needs raw depth, which this data set has not")
+        raise DatasetError("the raw-valid mask needs raw depth, which this data set does not have")
     if raw_depth_m.shape != shape:
         raise DatasetError(f"raw depth is {raw_depth_m.shape} but depth is {shape}")
     return np.asarray(raw_depth_m > 0)

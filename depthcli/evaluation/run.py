@@ -102,7 +102,7 @@ def _note(name: str, learned_count: int | None) -> str:
         return ""
     return (
         f"{name} was trained on {learned_count} of these images, or on others of their scenes: "
-        "its scores say nothing of new pictures and are not comparable"
+        "its scores say nothing about new pictures and are not comparable"
     )
 
 

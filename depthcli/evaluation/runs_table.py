@@ -148,6 +148,6 @@ def _runs_notes(
     if published and task.split.name != SplitName.PAPER:
         notes.append(
             f"the paper's rows are of its own {PUBLISHED_COUNT} test pictures, not of these: "
-            "no digit of theirs is comparable"
+            "their numbers are not comparable"
         )
     return [*notes, *(trivial_notes(task.split) if trivial else ())]

@@ -88,7 +88,7 @@ def grouped(runs: Sequence[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:
         settings, seeds = {run.settings for run in members}, {run.seed for run in members}
         if len(settings) > 1 or len(seeds) < len(members):
             names = ", ".join(run.name for run in members)
-            raise UsageError(f"{names} are no seeds of one configuration: rename their folders")
+            raise UsageError(f"{names} are not seeds of one configuration: rename their folders")
     return {name: tuple(members) for name, members in groups.items()}
 
 

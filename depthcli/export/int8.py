@@ -53,7 +53,7 @@ def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.fl
         UsageError: the folder is missing or has no picture.
     """
     if not folder.is_dir():
-        raise UsageError(f"{folder} is no folder; give one with pictures to calibrate int8")
+        raise UsageError(f"{folder} is not a folder; give one with pictures to calibrate int8")
     files = sorted(path for path in folder.iterdir() if path.is_file())
     batches = []
     for path in [files[i] for i in spread(len(files), MOST_PICTURES)]:

@@ -72,7 +72,7 @@ class Session:
         try:
             self._input, shape = _image_input(self._session, model)
         except UnicodeDecodeError as error:
-            problem = f"{model.path} is damaged: a name in it is no text; export it again"
+            problem = f"{model.path} is damaged: a name in it is not text; export it again"
             raise ModelError(problem) from error
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 

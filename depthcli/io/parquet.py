@@ -178,9 +178,9 @@ def _reading(path: Path) -> Iterator[None]:
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         if isinstance(error, OSError) and error.errno is not None:  # it is the disk
             raise
-        reason = " ".join(str(error).split())
+        reason = one_line(" ".join(str(error).split()))
         raise UsageError(
-            f"{path} is no whole Parquet file: {one_line(reason)}; make it again, or move it away"
+            f"{path} is not a complete Parquet file: {reason}; write it again, or move it away"
         ) from error
 
 

@@ -65,7 +65,7 @@ def add_model(
         OutputError: the folder cannot be written.
     """
     if sha256 is not None and not _SHA256.fullmatch(sha256):
-        raise UsageError(f"{sha256!r} is no SHA-256 checksum, which has 64 hex digits")
+        raise UsageError(f"{sha256!r} is not a SHA-256 checksum (64 hex digits)")
     if name is not None:
         _install_target(_checked_name(name), force=force)  # before anything is fetched
     try:

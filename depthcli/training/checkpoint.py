@@ -102,12 +102,12 @@ class Checkpoint:
             raise CheckpointError(f"no checkpoint at {path}") from None
         except Exception as error:  # what is no pickle fails in any way
             raise CheckpointError(
-                f"{path} is not a whole checkpoint; use an earlier one"
+                f"{path} is not a complete checkpoint; use an earlier one"
             ) from error
         if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
             raise CheckpointError(f"{path} was not made by `depthcli train`")
         if content.pop("version", None) != _VERSION:
-            raise CheckpointError(f"{path} is of another version; use the depthcli that made it")
+            raise CheckpointError(f"{path} was made by another version of depthcli; use that one")
         try:
             config = merged(TrainConfig(), content.pop("config", None))
         except FieldError as error:

@@ -118,7 +118,7 @@ class DepthVideo:
 
     def _check(self, decoder: FrameDecoder, count: int, before: int | None = None) -> None:
         if decoder.take_failed(before):
-            raise InputError(f"{self.path} is damaged behind frame {count - 1}; write it anew")
+            raise InputError(f"{self.path} is damaged after frame {count - 1}; write it again")
 
 
 def _fraction(text: str | None) -> Fraction | None:

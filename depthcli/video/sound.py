@@ -53,7 +53,7 @@ class Sound:
         The preview's first frame is ``first_s`` behind the video's.
         """
         if isinstance(self._source, InputPipe):  # which can be read once
-            self.warnings = ("the sound of standard input is missing in the preview",)
+            self.warnings = ("the audio of standard input is not in the preview",)
             return
         container, _ = open_video(self._source)
         self._input = container
@@ -134,7 +134,9 @@ class Sound:
 
     def _give_up(self, error: Exception) -> None:
         reason = getattr(error, "strerror", None) or str(error)
-        self.warnings = (f"the sound is damaged and missing in the preview, or its end: {reason}",)
+        self.warnings = (
+            f"the audio is damaged, so the preview lacks it at least in part: {reason}",
+        )
 
 
 def _time_s(packet: Packet[AudioStream]) -> Fraction:

@@ -50,7 +50,7 @@ class VideoSource(FrameSource):
         stated = stream_facts(self._container, stream)
         self.rate, self.tick_s = stated.rate, stated.tick_s
         self.frames_stated = stated.frames if self.paths else None  # a header's guess in a pipe
-        no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is taken"
+        no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
         self.warnings = () if stated.is_rate_stated else (no_rate,)
         self._decoder = FrameDecoder(self._container, stream)
         self._reformatter = VideoReformatter()

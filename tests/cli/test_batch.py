@@ -341,7 +341,7 @@ def test_loops_are_left_out_and_named(inside: Cli) -> None:
     done = inside("batch", "in", "--out", "out")
     assert done.returncode == 0
     assert rows(inside, "out").keys() == {"b.png", "hall/a.png", "twin/a.png"}
-    assert b"hall/up leads back to a folder that it is in" in done.stderr
+    assert b"hall/up is a link to a folder above it" in done.stderr
 
 
 def test_names_do_not_collide(inside: Cli) -> None:

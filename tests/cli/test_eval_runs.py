@@ -198,7 +198,7 @@ def test_text_csv_and_page_show_the_same_table(
     assert cells["abs_rel"] == f"{mean:.4f}±{spread:.4f}"
     assert (record["seeds"], record["steps"]) == ("0 1", "8 8")
     assert records["CUT (paper)", ""]["abs_rel"] == "0.345"
-    assert any("no digit of theirs is comparable" in line for line in out)
+    assert any("their numbers are not comparable" in line for line in out)
     html = page.read_text()
     assert cells["abs_rel"] in html
     assert html.count("data:image/png;base64,") == 2
@@ -276,7 +276,7 @@ def test_a_row_to_compare_with_has_to_be_there(
     trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert _run(trained, data, "--against", "cut") == 2
-    assert "--against cut is no row; choose from fastcut, proposed" in capsys.readouterr().err
+    assert "--against cut is not a row; choose from fastcut, proposed" in capsys.readouterr().err
 
 
 def test_runs_that_held_out_other_pictures_are_not_mixed(
@@ -311,7 +311,7 @@ def test_seeds_of_other_settings_are_no_row(
     other = updated(_config("fastcut", 2), {"optim": {"learning_rate": 0.1}})
     _train(other, open_nyu(data), runs / "fastcut-seed2", steps=1)
     assert _run(runs, data) == 2
-    assert "are no seeds of one configuration" in capsys.readouterr().err
+    assert "are not seeds of one configuration" in capsys.readouterr().err
 
 
 def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(

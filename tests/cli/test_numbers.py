@@ -31,7 +31,7 @@ DIGITS = "9" * 5000
         ("predict a.png --format preview --vmin -1e308 --vmax 1e308", "--vmin"),
         ("batch . --out out --batch-size 9223372036854775808", "--batch-size"),
         ("batch . --out out --workers 2147483648", "--workers"),
-        ("batch . --out out --include []", "'[]' is no pattern"),
+        ("batch . --out out --include []", "'[]' is not a valid pattern"),
         (f"video a.mkv --out out --start {DIGITS}f", "--start"),
         (f"video a.mkv --out out --every {DIGITS}", "--every"),
         ("video a.mkv --out out --start-number 99999999999999999999", "--start-number"),

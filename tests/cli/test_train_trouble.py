@@ -161,8 +161,8 @@ def test_diverging_run_stops_at_the_last_good_checkpoint(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (b"", "not a whole checkpoint"),
-        (b"half", "not a whole checkpoint"),
+        (b"", "not a complete checkpoint"),
+        (b"half", "not a complete checkpoint"),
         (b"foreign", "was not made by"),
     ],
 )

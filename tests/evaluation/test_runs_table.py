@@ -198,7 +198,7 @@ def test_notes(task: EvalTask, models: list[TrainedModel]) -> None:
         "stopped before their schedule's end: proposed-seed1",
         (
             "the paper's rows are of its own 449 test pictures, not of these: "
-            "no digit of theirs is comparable"
+            "their numbers are not comparable"
         ),
     )
     whole = [model for model in models if model.run.epochs == 4]
@@ -316,7 +316,7 @@ def test_what_cannot_be_compared(runs: Sequence[TrainedRun], problem: str) -> No
     ],
 )
 def test_a_group_differs_in_its_seeds_alone(first: TrainedRun, second: TrainedRun) -> None:
-    with pytest.raises(UsageError, match="are no seeds of one configuration"):
+    with pytest.raises(UsageError, match="are not seeds of one configuration"):
         grouped([first, second])
     seeds = _run("a-seed1", LONGER)
     assert grouped([first, seeds, _run("b2")]) == {"a": (first, seeds), "b2": (_run("b2"),)}

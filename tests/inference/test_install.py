@@ -70,7 +70,7 @@ def test_a_file_is_the_one_whose_checksum_was_given(own: Path, file: Path, tmp_p
     )
     with pytest.raises(ModelError, match=f"its sha256 is {own_sha256}; it is not added"):
         add_model(file, card, sha256="0" * 64)
-    with pytest.raises(UsageError, match="is no SHA-256 checksum"):
+    with pytest.raises(UsageError, match="is not a SHA-256 checksum"):
         add_model(file, card, sha256=own_sha256[1:])
     assert not own.exists()
     assert add_model(file, card, sha256=own_sha256.upper()).sha256 == own_sha256

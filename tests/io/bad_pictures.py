@@ -102,7 +102,7 @@ BAD: dict[str, tuple[bytes, str]] = {
         for kind, coding in _CHECKED_BY_LIBTIFF.items()
     },
     "TIFF without its last pixels": (made.tiff(PIXELS)[:-1], "pixels of the TIFF are missing"),
-    "TIFF of a cut directory": (made.tiff(PIXELS)[:55], "directory is not whole"),
+    "TIFF of a cut directory": (made.tiff(PIXELS)[:55], "directory is incomplete"),
     "TIFF of 16 bits in planes": (made.tiff(_DEEP, planes=2), "a plane for each colour"),
     "TIFF of floats in planes": (made.tiff(_DEEP / 65535, planes=2), "a plane for each colour"),
     "TIFF of 16 bits with a white 0": (made.tiff(_DEEP[..., 0], photometric=0), "0 for white"),

@@ -97,5 +97,5 @@ def test_many_stars_take_no_time(stars: str) -> None:
 
 @pytest.mark.parametrize("pattern", ["[]", "[z-a]"])
 def test_what_is_no_pattern_is_named(pattern: str) -> None:
-    with pytest.raises(UsageError, match="is no pattern"):
+    with pytest.raises(UsageError, match="is not a valid pattern"):
         NameFilter.of([pattern], [])

@@ -359,7 +359,7 @@ PIXELS = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
 )
 def test_arrays_as_pictures(picture: object, expected: np.ndarray | None) -> None:
     if expected is None:
-        with pytest.raises(InputError, match=r"is no array|a picture is a path"):
+        with pytest.raises(InputError, match=r"is not an array|a picture is a path"):
             frame_of(picture)
         return
     frame = frame_of(picture)

@@ -107,7 +107,7 @@ def test_what_has_no_manifest(tmp_path: Path) -> None:
         rows_of(tmp_path / "manifest.jsonl")
     (tmp_path / "manifest.parquet").mkdir()
     (tmp_path / "manifest.parquet" / "part-00000.parquet").write_bytes(b"PAR1")
-    with pytest.raises(UsageError, match="is no whole Parquet file"):
+    with pytest.raises(UsageError, match="is not a complete Parquet file"):
         rows_of(tmp_path)
 
 

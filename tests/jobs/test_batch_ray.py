@@ -158,7 +158,7 @@ def test_a_picture_that_kills_its_workers_fails_alone(tmp_path: Path, engine: Ra
     ("kind", "changes", "error", "line"),
     [
         (WorkerSpec, {"model_sha256": "0" * 64}, ModelError, "is not the model that this batch"),
-        (UnreadableSpec, {}, EngineError, "workers end before they begin .* is depthcli"),
+        (UnreadableSpec, {}, EngineError, "workers exit before they start .* is depthcli"),
     ],
 )
 def test_what_no_worker_can_begin_with(

@@ -71,7 +71,7 @@ def test_a_damaged_run_failed_before_any_other_begins(request_of: QueueRequest) 
     first = next(iter(Queue(replace(request_of, seeds=(0, 1)))))
     assert isinstance(first, Sitting)
     assert (first.run.name, first.state) == ("fastcut-seed1", "failed")
-    assert "not a whole checkpoint" in first.reason
+    assert "not a complete checkpoint" in first.reason
 
 
 def test_who_listens_no_longer_ends_the_run_at_hand_cleanly(request_of: QueueRequest) -> None:

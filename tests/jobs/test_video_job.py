@@ -307,7 +307,7 @@ def test_a_pipe_without_a_video_says_what_to_send(
 def test_the_sound_of_a_pipe_is_missed_in_words(tmp_path: Path, loader: SessionLoader) -> None:
     path = with_sound(tmp_path / "a.mkv", seconds=0.4)
     request = VideoRequest("-", f"{tmp_path}/a.mp4", model=loader, stdin=Stream(path.read_bytes()))
-    assert "sound of standard input" in " ".join(video(request).warnings)
+    assert "audio of standard input" in " ".join(video(request).warnings)
     silent = dataclasses.replace(request, has_sound=False, stdin=Stream(path.read_bytes()))
     assert video(silent).warnings == ()
 

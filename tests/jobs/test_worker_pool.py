@@ -183,7 +183,7 @@ def test_a_pool_that_is_closed_ends_its_workers_and_waits_for_what_they_did() ->
 
 def test_workers_that_never_begin_are_given_up() -> None:
     machines = Machines(0, set(), false_starts=9)
-    with pytest.raises(EngineError, match=r"workers end before they begin \(no such module\)"):
+    with pytest.raises(EngineError, match=r"workers exit before they start \(no such module\)"):
         list(Pool(machines).results(calls(["a"]), 1))
     assert machines.begun == 3
 
@@ -270,8 +270,8 @@ class RaisedError(Exception):
 @pytest.mark.parametrize(
     ("error", "address", "line"),
     [
-        (ConnectionError(), "auto", "no Ray cluster on this machine; begin one with 'ray start"),
-        (ConnectionError(), "h:1", "no Ray cluster at h:1; begin one with 'ray start --head'"),
+        (ConnectionError(), "auto", "no Ray cluster on this machine; start one with 'ray start"),
+        (ConnectionError(), "h:1", "no Ray cluster at h:1; start one with 'ray start --head'"),
         (ValueError("two\nlines"), "h:1", "cannot join the Ray cluster h:1: two lines"),
         (LostError("gone"), "auto", "cannot join the Ray cluster auto: gone"),
     ],
@@ -322,5 +322,5 @@ def test_a_machine_without_this_version_or_the_folder_is_named(tmp_path: Path) -
     spec = WorkerSpec(found.model, "0" * 64, found.options, found.plan.out)
     with pytest.raises(EngineError, match=r"has depthcli .*; install 0\.0\.1 there"):
         RemoteWorker(spec, ".", 1).start("0.0.1")
-    with pytest.raises(EngineError, match=r"does not see .*; put inputs and --out where all"):
+    with pytest.raises(EngineError, match=r"cannot see .*; put inputs and --out where all"):
         RemoteWorker(spec, ".", 1).start(__version__)

@@ -300,13 +300,13 @@ def _checkpoint(**changes: Any) -> Make:
 
 _WHOLE = checkpoint()
 CHECKPOINTS = {
-    "empty": Bad(b"", "a.ckpt is not a whole checkpoint", 3),
-    "text": Bad("no checkpoint", "a.ckpt is not a whole checkpoint", 3),
-    "cut": Bad(_WHOLE[: len(_WHOLE) // 2], "a.ckpt is not a whole checkpoint", 3),
-    "pickle": Bad(b"cos\nsystem\n(S'touch harm'\ntR.", "a.ckpt is not a whole checkpoint", 3),
-    "a pipe": Bad(_fifo, "a.ckpt is not a whole checkpoint", 3),
+    "empty": Bad(b"", "a.ckpt is not a complete checkpoint", 3),
+    "text": Bad("no checkpoint", "a.ckpt is not a complete checkpoint", 3),
+    "cut": Bad(_WHOLE[: len(_WHOLE) // 2], "a.ckpt is not a complete checkpoint", 3),
+    "pickle": Bad(b"cos\nsystem\n(S'touch harm'\ntR.", "a.ckpt is not a complete checkpoint", 3),
+    "a pipe": Bad(_fifo, "a.ckpt is not a complete checkpoint", 3),
     "tensors": Bad(lambda path: torch.save({"a": torch.ones(2)}, path), "was not made by", 3),
-    "version": Bad(_checkpoint(version=9), "a.ckpt is of another version", 3),
+    "version": Bad(_checkpoint(version=9), "a.ckpt was made by another version", 3),
     "configuration": Bad(_checkpoint(config={"speed": 1}), "speed is unknown", 3),
     "progress": Bad(_checkpoint(progress={"step": -1}), "step has to be a whole number from 0", 3),
     "field of view": Bad(_checkpoint(progress={"hfov_deg": -60.0}), "hfov_deg has to be an an", 3),

@@ -101,7 +101,7 @@ def test_truncated_is_refused(tmp_path: Path, share: float) -> None:
     path = _saved(tmp_path)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(CheckpointError, match="not a whole checkpoint"):
+    with pytest.raises(CheckpointError, match="not a complete checkpoint"):
         Checkpoint.load(path)
 
 
@@ -109,14 +109,14 @@ def test_truncated_is_refused(tmp_path: Path, share: float) -> None:
 def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.ckpt"
     path.write_bytes(content)
-    with pytest.raises(CheckpointError, match="not a whole checkpoint"):
+    with pytest.raises(CheckpointError, match="not a complete checkpoint"):
         Checkpoint.load(path)
 
 
 def test_missing_and_folder_are_refused(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match="no checkpoint at"):
         Checkpoint.load(tmp_path / "a.ckpt")
-    with pytest.raises(CheckpointError, match="not a whole checkpoint"):
+    with pytest.raises(CheckpointError, match="not a complete checkpoint"):
         Checkpoint.load(tmp_path)
 
 

@@ -319,7 +319,7 @@ def test_truncated_checkpoint_is_not_trained_over(tmp_path: Path) -> None:
     _train(EFFICIENT, tmp_path, steps=1)
     path = tmp_path / CHECKPOINT
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(CheckpointError, match="not a whole checkpoint"):
+    with pytest.raises(CheckpointError, match="not a complete checkpoint"):
         _train(EFFICIENT, tmp_path)
 
 

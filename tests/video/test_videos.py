@@ -658,7 +658,7 @@ def test_a_damaged_slice_of_a_depth_video_is_never_taken_for_depth(tmp_path: Pat
         assert len(list(source.frames())) == 9
         assert source.problem == "it is damaged: 1 frames cannot be decoded"
     found = []
-    with pytest.raises(InputError, match="is damaged behind frame"):
+    with pytest.raises(InputError, match="is damaged after frame"):
         found.extend(DepthVideo(tmp_path / "a.mkv").steps())
     assert 3 < len(found) < 8
     np.testing.assert_array_equal(found, steps[: len(found)])

@@ -73,5 +73,5 @@ def parse_hfov_range(word: str) -> tuple[float, float]:
     except ValueError:
         raise UsageError(f"--hfov {word!r} is not LOW-HIGH; for example 50-80") from None
     if angles[0] > angles[1] or not all(map(HFOV_DEG.holds, angles)):
-        raise UsageError(f"--hfov {word!r}: each is {HFOV_DEG.what}, and they rise")
+        raise UsageError(f"--hfov {word!r}: each is {HFOV_DEG.what}, the smaller first")
     return angles

@@ -88,7 +88,7 @@ class Report:
         if self.quiet:
             return
         for loop in plan.loops:
-            console.warn(f"{loop} leads back to a folder that it is in; skipped")
+            console.warn(f"{loop} is a link to a folder above it; skipped")
         say = console.note if self.as_json else console.say
         speed = f"{tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s"
         say(f"{', '.join(_account(plan, tally))}; {speed}")

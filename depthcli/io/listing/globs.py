@@ -67,7 +67,7 @@ def _compiled(pattern: str) -> re.Pattern[str]:
     try:
         return re.compile(anywhere + "".join(parts), re.DOTALL)
     except re.error as error:
-        raise UsageError(f"{pattern!r} is no pattern: {error.msg}") from error
+        raise UsageError(f"{pattern!r} is not a valid pattern: {error.msg}") from error
 
 
 def _expression(token: str) -> str:

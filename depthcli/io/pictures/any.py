@@ -72,9 +72,9 @@ def _pixels(picture: ArrayLike) -> npt.NDArray[Any]:
     try:
         pixels = np.array(picture, order="C")
     except (TypeError, ValueError, RuntimeError) as error:
-        raise InputError(f"{type(picture).__name__} is no array: {error}") from error
+        raise InputError(f"{type(picture).__name__} is not an array: {error}") from error
     if np.ma.is_masked(picture):
-        raise InputError("a masked array has pixels without a value; give them one by .filled()")
+        raise InputError("a masked array has pixels without a value; fill them with .filled()")
     if pixels.ndim == 0 or pixels.dtype == object:
         raise InputError(
             "a picture is a path, bytes, an array, a Frame or a PIL picture, "

@@ -117,7 +117,7 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
         )
     width, height = size
     if width <= 0 or height <= 0:
-        raise InputError(f"{name} claims {width}×{height} pixels; there is nothing to see")
+        raise InputError(f"{name} claims {width}×{height} pixels; the picture is empty")
     check_size(name, width, height, max_pixels)
     found = flaw(data)
     if found is not None:

@@ -90,7 +90,7 @@ def tiff_flaw(data: bytes) -> str | None:
     try:
         tags = dict(tiff_tags(data, _LOOKED_AT))
     except struct.error:
-        return "is truncated (the TIFF's directory is not whole); copy it again"
+        return "is truncated (the TIFF's directory is incomplete); copy it again"
     coding = (*tags.get(_COMPRESSION, ()), 1)[0]
     if coding not in _CODINGS:
         return f"has the unknown TIFF compression {coding}; save it without one"

@@ -31,7 +31,7 @@ _PART_BYTES = 8 << 20
 _PAGE = 1000
 _MOST_PARTS = 9_000  # S3 takes 10 000
 _REASONS = {
-    "NoSuchBucket": (errno.ENOENT, "there is no bucket of this name"),
+    "NoSuchBucket": (errno.ENOENT, "no such bucket"),
     "incorrectly configured region": (
         errno.EINVAL,
         "it is in another region; set AWS_DEFAULT_REGION",
@@ -51,8 +51,8 @@ _REASONS = {
     "status code: 501": (errno.ENOTSUP, "the server cannot do this"),
     "status code: 507": (errno.ENOSPC, "the store is full"),
     "status code: 5": (errno.EIO, "the store answers with errors; try again later"),
-    "status code: 416": (errno.ERANGE, "it has no such bytes"),
-    "Range request not supported": (errno.ENOTSUP, "it is read as a whole only"),
+    "status code: 416": (errno.ERANGE, "the range is beyond its end"),
+    "Range request not supported": (errno.ENOTSUP, "the server does not support range requests"),
     "Content-Length Header missing": (
         errno.EINVAL,
         "the server does not say how large it is; download it to a file",
@@ -187,7 +187,7 @@ def _retries() -> int:
     """How often a request is made again."""
     word = os.environ.get(RETRIES_VARIABLE, "10")
     if not word.isdecimal():
-        raise UsageError(f"{RETRIES_VARIABLE} is {word!r}; set it to a number, 10 say")
+        raise UsageError(f"{RETRIES_VARIABLE} is {word!r}; set it to a number such as 10")
     return int(word)
 
 

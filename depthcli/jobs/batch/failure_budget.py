@@ -28,7 +28,9 @@ class FailureBudget:
         """
         found = re.fullmatch(r"([0-9]{1,9})(%?)", word)
         if found is None or (found[2] and int(found[1]) > 100):  # noqa: PLR2004 - per cent
-            raise UsageError(f"--max-failures {word} is not a number or a percentage, as 20 or 5%")
+            raise UsageError(
+                f"--max-failures {word} is not a number or a percentage, such as 20 or 5%"
+            )
         return cls(int(found[1]), bool(found[2]))
 
     def reason(self, tally: Tally) -> str | None:

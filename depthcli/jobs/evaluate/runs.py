@@ -70,7 +70,9 @@ def compare_runs(
     positions = () if request.shown_ids is None else choose(task, request.shown_ids)
     names = grouped(opened)  # refuses what is no seed of a row before anything is exported
     if request.against is not None and request.against not in names:
-        raise UsageError(f"--against {request.against} is no row; choose from {', '.join(names)}")
+        raise UsageError(
+            f"--against {request.against} is not a row; choose from {', '.join(names)}"
+        )
     with temporary_folder() as spare:
         exported = _exported(opened, spare, request.weights, progress, failed)
         protocol = request.options.protocol

@@ -113,7 +113,7 @@ class Pool:
         if self._origin is None and self._false_starts >= _LOSSES:
             lines = str(error).strip().splitlines() or [""]
             raise EngineError(
-                f"workers end before they begin ({one_line(lines[-1])}); is depthcli "
+                f"workers exit before they start ({one_line(lines[-1])}); is depthcli "
                 f"{__version__} installed on every machine of the cluster?"
             )
         self._hire()

@@ -172,8 +172,8 @@ def _connect(ray: Any, address: str) -> None:  # noqa: ANN401 - a module
         except ConnectionError as error:
             where = "on this machine" if address == "auto" else f"at {address}"
             raise EngineError(
-                f"no Ray cluster {where}; begin one with 'ray start --head', name one with "
-                "--ray-address HOST:PORT, or let --ray-address local begin one for this batch"
+                f"no Ray cluster {where}; start one with 'ray start --head', name one with "
+                "--ray-address HOST:PORT, or let --ray-address local start one for this batch"
             ) from error
         except (RuntimeError, ValueError, OSError, ray.exceptions.RayError) as error:
             said = " ".join(str(error).split())

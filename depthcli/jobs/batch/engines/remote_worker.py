@@ -71,7 +71,7 @@ class RemoteWorker:
         out = self._spec.out
         if not isinstance(out, RemotePath) and not out.is_dir():
             raise EngineError(
-                f"{here} does not see {out}; put inputs and --out where all machines have them"
+                f"{here} cannot see {out}; put inputs and --out where all machines can"
             )
         cv2.setNumThreads(self._cpus)
         self._worker = self._spec.build()
