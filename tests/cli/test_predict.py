@@ -17,7 +17,7 @@ import pytest
 from command_line import unmeasured
 from tiny import synthetic_picture, write_model, write_picture
 
-from depthcli.cli.arguments.formats import Colormap
+from depthcli.cli.arguments.options import Colormap
 from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.formats import FORMATS, Format
 from depthcli.visual.colormaps import NAMES

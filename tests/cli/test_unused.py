@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tiny import write_picture
 
-from depthcli.cli.arguments.formats import Colormap, Near
+from depthcli.cli.arguments.options import Colormap, Near
 from depthcli.cli.arguments.writing import writer_options
 from depthcli.cli.shell import load_command
 from depthcli.errors import UsageError

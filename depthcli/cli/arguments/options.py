@@ -1,14 +1,43 @@
 """Options that several commands have: declared once, so that they mean the same everywhere."""
 
+from enum import StrEnum
 from typing import Annotated
 
 import typer
 
 from depthcli.cli.arguments import completion
-from depthcli.cli.arguments.formats import Colormap, ExrChannel, Near
 from depthcli.cli.arguments.numbers import field_of_view, finite, png_scale, positive
 from depthcli.core.choices import Upsampling
 from depthcli.io.writers.formats import Format
+
+
+class ExrChannel(StrEnum):
+    """Channel names that other programs look for."""
+
+    Z = "Z"
+    Y = "Y"
+    R = "R"
+    DEPTH_Z = "depth.Z"
+
+
+class Colormap(StrEnum):
+    """Colours of a preview."""
+
+    INFERNO = "inferno"
+    TURBO = "turbo"
+    MAGMA = "magma"
+    VIRIDIS = "viridis"
+    SPECTRAL = "spectral"
+    GRAY = "gray"
+
+
+class Near(StrEnum):
+    """What near looks like."""
+
+    WARM = "warm"
+    WHITE = "white"
+    BLACK = "black"
+
 
 ModelOption = Annotated[
     str | None,

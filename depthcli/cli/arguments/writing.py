@@ -5,7 +5,7 @@ from dataclasses import fields
 from typing import Any
 
 from depthcli.cli.arguments.camera import parse_centre
-from depthcli.cli.arguments.formats import Colormap, Near
+from depthcli.cli.arguments.options import Colormap, Near
 from depthcli.errors import UsageError
 from depthcli.io.writers.options import WriterOptions
 

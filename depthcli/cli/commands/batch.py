@@ -9,7 +9,6 @@ import typer
 
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.engine import EngineName, chosen_engine
-from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.arguments.numbers import not_negative
 from depthcli.core.choices import GPU_BATCH, MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, UsageError
@@ -156,7 +155,7 @@ def batch(
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
-    exr_channel: options.ExrChannelOption = ExrChannel.Y,
+    exr_channel: options.ExrChannelOption = options.ExrChannel.Y,
     half: options.HalfOption = False,
     colormap: options.ColormapOption = None,
     near: options.NearOption = None,

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import options
-from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.arguments.frame import FrameOption
 from depthcli.cli.arguments.numbers import field_of_view, positive
 from depthcli.cli.screen import console
@@ -49,7 +48,7 @@ def convert(
     frame: FrameOption = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
-    exr_channel: options.ExrChannelOption = ExrChannel.Y,
+    exr_channel: options.ExrChannelOption = options.ExrChannel.Y,
     half: options.HalfOption = False,
     cloud_focal_px: Annotated[
         float | None,

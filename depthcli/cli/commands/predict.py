@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from depthcli.cli.arguments import options
-from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.screen import console
 from depthcli.core.choices import MAX_PIXELS, Upsampling
 from depthcli.core.text import one_line
@@ -42,7 +41,7 @@ def predict(
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
-    exr_channel: options.ExrChannelOption = ExrChannel.Y,
+    exr_channel: options.ExrChannelOption = options.ExrChannel.Y,
     half: options.HalfOption = False,
     colormap: options.ColormapOption = None,
     near: options.NearOption = None,

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.arguments import completion
+from depthcli.cli.arguments import completion, options
 from depthcli.cli.arguments.numbers import not_negative
 from depthcli.cli.signals import SIGNAL_BASE, ending_signals
 from depthcli.errors import ExitCode, UsageError
@@ -15,135 +15,124 @@ from depthcli.training.methods.table import METHODS
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
-_Method = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="[METHOD]", autocompletion=completion.methods, help=f"One of {', '.join(METHODS)}."
-    ),
-]
-_All = Annotated[
-    bool, typer.Option("--all", help="Train every method, each in a folder METHOD-seedK of --out.")
-]
-_Methods = Annotated[
-    str | None,
-    typer.Option(
-        metavar="A,B",
-        autocompletion=completion.method_lists,
-        help="Train these methods, as --all does (for example cut,proposed).",
-    ),
-]
-_Seeds = Annotated[
-    str | None,
-    typer.Option(
-        metavar="K,L", help="With --all or --methods: one run per seed (for example 0,1)."
-    ),
-]
-_Data = Annotated[
-    Path | None,
-    typer.Option(
-        help="NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
-        "folder with rgb/ and depth/."
-    ),
-]
-_Out = Annotated[
-    Path,
-    typer.Option(
-        metavar="DIR",
-        help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint.",
-    ),
-]
-_Preset = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        autocompletion=completion.presets,
-        help=f"Configuration preset: {', '.join(preset_names())}.",
-    ),
-]
-_Config = Annotated[
-    list[Path] | None,
-    typer.Option(metavar="FILE", help="TOML file that overrides the configuration; repeatable."),
-]
-_Set = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUE",
-        help="Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
-        "repeatable.",
-    ),
-]
-_Show = Annotated[
-    bool, typer.Option("--show-config", help="Print the full configuration and exit.")
-]
-_Minutes = Annotated[
-    float | None,
-    typer.Option(
-        min=0.0, callback=not_negative, help="Time limit in minutes; the run can be resumed."
-    ),
-]
-_Accelerator = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME", autocompletion=completion.accelerators, help="auto, cpu, cuda or mps."
-    ),
-]
-_Extra = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="Additional pairs with less reliable depth, such as predictions of another model: "
-        "rgb/ and depth/ in millimetres.",
-    ),
-]
-_Init = Annotated[
-    list[Path] | None,
-    typer.Option(
-        metavar="FILE",
-        help="Start from the weights of an exported model (.onnx) or a checkpoint. "
-        "Repeatable: from the mean of their weights.",
-    ),
-]
-_Devices = Annotated[
-    int,
-    typer.Option(
-        min=1, max=1024, help="Number of GPUs (or CPU processes) for data-parallel training."
-    ),
-]
-_Threads = Annotated[
-    int | None,
-    typer.Option(min=1, max=1024, help="CPU threads. Default: the fastest in a short trial."),
-]
-_TensorBoard = Annotated[
-    bool,
-    typer.Option("--tensorboard", help="Also write TensorBoard event files to OUT/tensorboard."),
-]
-_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object per epoch.")]
-_Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
-
 
 @app.command()
 def train(
     context: typer.Context,
-    method: _Method = None,
-    every_method: _All = False,
-    methods: _Methods = None,
-    seeds: _Seeds = None,
-    data: _Data = None,
-    out: _Out = Path("runs/train"),
-    extra: _Extra = None,
-    init: _Init = None,
-    preset: _Preset = None,
-    config: _Config = None,
-    settings: _Set = None,
-    show_config: _Show = False,
-    max_minutes: _Minutes = None,
-    accelerator: _Accelerator = "auto",
-    devices: _Devices = 1,
-    threads: _Threads = None,
-    tensorboard: _TensorBoard = False,
-    as_json: _Json = False,
-    quiet: _Quiet = False,
+    method: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[METHOD]",
+            autocompletion=completion.methods,
+            help=f"One of {', '.join(METHODS)}.",
+        ),
+    ] = None,
+    every_method: Annotated[
+        bool,
+        typer.Option("--all", help="Train every method, each in a folder METHOD-seedK of --out."),
+    ] = False,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            autocompletion=completion.method_lists,
+            help="Train these methods, as --all does (for example cut,proposed).",
+        ),
+    ] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="K,L", help="With --all or --methods: one run per seed (for example 0,1)."
+        ),
+    ] = None,
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
+            "folder with rgb/ and depth/."
+        ),
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint.",
+        ),
+    ] = Path("runs/train"),
+    extra: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Additional pairs with less reliable depth, such as predictions of another model: "
+            "rgb/ and depth/ in millimetres.",
+        ),
+    ] = None,
+    init: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Start from the weights of an exported model (.onnx) or a checkpoint. "
+            "Repeatable: from the mean of their weights.",
+        ),
+    ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            autocompletion=completion.presets,
+            help=f"Configuration preset: {', '.join(preset_names())}.",
+        ),
+    ] = None,
+    config: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE", help="TOML file that overrides the configuration; repeatable."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
+            "repeatable.",
+        ),
+    ] = None,
+    show_config: Annotated[
+        bool, typer.Option("--show-config", help="Print the full configuration and exit.")
+    ] = False,
+    max_minutes: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, callback=not_negative, help="Time limit in minutes; the run can be resumed."
+        ),
+    ] = None,
+    accelerator: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", autocompletion=completion.accelerators, help="auto, cpu, cuda or mps."
+        ),
+    ] = "auto",
+    devices: Annotated[
+        int,
+        typer.Option(
+            min=1, max=1024, help="Number of GPUs (or CPU processes) for data-parallel training."
+        ),
+    ] = 1,
+    threads: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="CPU threads. Default: the fastest in a short trial."),
+    ] = None,
+    tensorboard: Annotated[
+        bool,
+        typer.Option(
+            "--tensorboard", help="Also write TensorBoard event files to OUT/tensorboard."
+        ),
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object per epoch.")
+    ] = False,
+    quiet: options.QuietOption = False,
 ) -> int:
     """Train a method. Run the same command again to resume."""
     if every_method or methods is not None:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import options
-from depthcli.cli.arguments.formats import ExrChannel
 from depthcli.cli.arguments.numbers import not_negative
 from depthcli.core.choices import MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
@@ -126,7 +125,7 @@ def video(
     ] = None,
     png_scale: options.PngScaleOption = None,
     png_normalize: options.PngNormalizeOption = False,
-    exr_channel: options.ExrChannelOption = ExrChannel.Y,
+    exr_channel: options.ExrChannelOption = options.ExrChannel.Y,
     half: options.HalfOption = False,
     colormap: options.ColormapOption = None,
     near: options.NearOption = None,
