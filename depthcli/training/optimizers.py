@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from depthcli.training.config.schema import OptimConfig
+from depthcli.training.config.objective import OptimConfig
 from depthcli.training.methods.base import Method, Phase
 
 

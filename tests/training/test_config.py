@@ -20,8 +20,9 @@ from depthcli.core.foreign import FieldError, built
 from depthcli.errors import UsageError
 from depthcli.training.config import rules
 from depthcli.training.config.changes import resolve, updated
+from depthcli.training.config.objective import LossConfig
 from depthcli.training.config.presets import FOLDER, preset_file
-from depthcli.training.config.schema import LossConfig, OutputConfig, TrainConfig
+from depthcli.training.config.schema import OutputConfig, TrainConfig
 from depthcli.training.methods.registry import DEFAULTS, default_config
 from depthcli.training.methods.table import METHODS
 from depthcli.training.networks.build import build_generator

@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from depthcli.errors import UsageError
+from depthcli.training.config.objective import OptimConfig
 from depthcli.training.config.ranges import check_range
-from depthcli.training.config.schema import DataConfig, OptimConfig, TrainConfig
+from depthcli.training.config.schema import DataConfig, TrainConfig
 from depthcli.training.data.augment import augment
 from depthcli.training.data.cutmix import cutmix
 

@@ -16,7 +16,7 @@ from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.training.checkpoint import Checkpoint, load_generator
-from depthcli.training.config.schema import LossConfig
+from depthcli.training.config.objective import LossConfig
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT

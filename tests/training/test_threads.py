@@ -12,7 +12,8 @@ from lightning_fabric import Fabric
 
 from depthcli.core.parallel.cores import usable_cores
 from depthcli.training import threads
-from depthcli.training.config.schema import DataConfig, GeneratorConfig, OptimConfig, TrainConfig
+from depthcli.training.config.objective import OptimConfig
+from depthcli.training.config.schema import DataConfig, GeneratorConfig, TrainConfig
 from depthcli.training.devices import AveragingStrategy
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.run import Run

@@ -1,27 +1,21 @@
 """What a batch says: of each input, and at its end."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import drawn
 from depthcli.cli.signals import SIGNAL_BASE
+from depthcli.core.interrupt import Interrupt
 from depthcli.core.text import one_line
 from depthcli.errors import ModelError
 from depthcli.io.listing.skipped import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from depthcli.core.interrupt import Interrupt
-    from depthcli.jobs.batch.forecast import Forecast
-    from depthcli.jobs.batch.plan import Plan
-    from depthcli.jobs.batch.run import Batch
-    from depthcli.jobs.batch.tally import Tally
-    from depthcli.jobs.batch.task import Result
+from depthcli.jobs.batch.forecast import Forecast
+from depthcli.jobs.batch.plan import Plan
+from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.tally import Tally
+from depthcli.jobs.batch.task import Result
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,17 +1,11 @@
 """What is said of each picture, as text and as JSON."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from depthcli.cli.screen import console
 from depthcli.core.summary import DepthRange
 from depthcli.core.text import one_line
 from depthcli.io.writers.facts import Facts, camera_words
 from depthcli.jobs.failed import Failed
-
-if TYPE_CHECKING:
-    from depthcli.jobs.predict.pictures import Done
+from depthcli.jobs.predict.pictures import Done
 
 
 def print_picture(result: Done | Failed, *, as_json: bool, quiet: bool, to_stderr: bool) -> None:

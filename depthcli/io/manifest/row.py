@@ -1,21 +1,17 @@
 """What became of each input of a batch: one row each, in a file beside the outputs."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any, Self
 
 from depthcli.core.foreign import FieldError, built, parsed_json
 from depthcli.errors import OutputError
 from depthcli.io.storage.regular import regular_size
 from depthcli.io.storage.remote import RemotePath
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 OK = "ok"
 FAILED = "failed"
@@ -62,7 +58,7 @@ class Row:
     #: that its metres belong to, and how it is known; None without metres
     camera: str | None = None
 
-    def lost(self, folder: Path) -> Row | None:
+    def lost(self, folder: Path) -> Self | None:
         """The row of an input that failed because an output is gone again; None if none is."""
         for file in self.outputs:
             path = folder / file.path

@@ -25,15 +25,6 @@ from depthcli.training.config.rules import (
     Zoom,
 )
 
-__all__ = [
-    "DataConfig",
-    "GeneratorConfig",
-    "LossConfig",
-    "OptimConfig",
-    "OutputConfig",
-    "TrainConfig",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class GeneratorConfig:

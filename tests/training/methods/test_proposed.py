@@ -11,7 +11,7 @@ import torch.nn.functional as F  # noqa: N812
 from rooms import EFFICIENT, PAPER
 from torch import Tensor
 
-from depthcli.training.config.schema import LossConfig
+from depthcli.training.config.objective import LossConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
 from depthcli.training.losses.regularised_l1 import conv_weights

@@ -9,7 +9,8 @@ from tiny_methods import tiny
 
 from depthcli.errors import UsageError
 from depthcli.training.config.changes import resolve
-from depthcli.training.config.schema import LossConfig, TrainConfig
+from depthcli.training.config.objective import LossConfig
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.methods.registry import (
     build_method,
     check_terms,
