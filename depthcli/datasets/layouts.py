@@ -9,7 +9,10 @@ from depthcli.datasets.base import DepthDataset
 
 Opener: TypeAlias = Callable[[Path], DepthDataset]
 
-LAYOUTS = {"nyu_depth_v2_labeled.mat": "nyu:open_nyu", "index.csv": "nyu:open_nyu"}
+LAYOUTS = {
+    "nyu_depth_v2_labeled.mat": "nyu:open_nyu",
+    "index.csv": "nyu:open_nyu",
+}
 """Name of a file -> ``module:function`` that opens the folder with it, the first that is there."""
 
 
