@@ -63,6 +63,8 @@ def _prepare() -> None:
     # numpy's OpenBLAS starts a thread a core, which spin for 60 ms before they sleep, while the
     # model is loaded on these same cores. This lets them sleep at once.
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
+    # For what imports onnxruntime by itself; see depthcli/inference/runtime.py.
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     if _is_limited():  # OpenBLAS would crash where it cannot start its threads
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime
 import torch
 from torch import nn
 
 from depthcli.errors import ParityError
+from depthcli.inference.runtime import ort
 
 TOLERANCE = 1e-3
 HALF_TOLERANCE = 2e-2
@@ -45,7 +45,7 @@ def check_parity(
     Raises:
         ParityError: a difference is larger, or the model does not run at a size.
     """
-    session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
+    session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
     name = session.get_inputs()[0].name
     largest, worst_mean = 0.0, 0.0
     for case in cases:

@@ -2,9 +2,8 @@
 
 from collections.abc import Mapping
 
-import onnxruntime as ort
-
 from depthcli.errors import ProviderError, UsageError
+from depthcli.inference.runtime import ort
 
 AUTO = "auto"
 CPU = "cpu"

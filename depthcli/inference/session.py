@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime as ort
 
 from depthcli.core.text import one_line
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS
+from depthcli.inference.runtime import ort
 from depthcli.models.card_specs import MAX_INPUT_PIXELS, TensorLayout
 from depthcli.models.catalog import Model
 

@@ -30,10 +30,9 @@ def check_installation(model: str | None = None, provider: str = "auto") -> Iter
 
 
 def _check_model(name: str | None, provider: str) -> Iterator[Check]:
-    import onnxruntime
-
     from depthcli.inference.loading import SessionLoader
     from depthcli.inference.providers import available_providers
+    from depthcli.inference.runtime import ort
     from depthcli.inference.trial import try_session
 
     session = SessionLoader(name, provider).load()
@@ -41,7 +40,7 @@ def _check_model(name: str | None, provider: str) -> Iterator[Check]:
     model = session.model
     detail = (
         f"{model.path} (sha256 {model.sha256}) runs on {session.provider}; "
-        f"onnxruntime {onnxruntime.__version__} has {', '.join(available_providers())}"
+        f"onnxruntime {ort.__version__} has {', '.join(available_providers())}"
     )
     found = "; ".join((detail, *session.warnings))
     yield Check("model", "warning" if session.warnings else "ok", found)
