@@ -137,7 +137,7 @@ def test_a_truncated_pil_picture_is_an_input_error(model: depthcli.DepthModel) -
         (PIXELS.astype(np.float64) / 255, "not float64"),
         (PIXELS.astype(np.float32), "0 to 1, not 0 to 255"),
         (PIXELS.transpose(2, 0, 1), "channels first"),
-        (PIXELS[None], "no picture"),
+        (PIXELS[None], "not a picture"),
         (Image.new("I", (4, 4)), "not int32"),
         (np.ma.masked_less(PIXELS, 100), "without a value"),
     ],

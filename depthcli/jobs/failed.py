@@ -1,4 +1,4 @@
-"""An input that came to nothing."""
+"""An input that failed."""
 
 from typing import NamedTuple
 

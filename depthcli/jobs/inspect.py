@@ -1,4 +1,4 @@
-"""Depth files that are looked into: what their numbers mean, and what they are at a pixel."""
+"""What the numbers of a depth file mean, and what they are at a pixel."""
 
 import math
 from collections.abc import Mapping

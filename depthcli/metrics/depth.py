@@ -2,7 +2,7 @@
 
 A metric is its function's sum over pixels, divided by their number and put through ``finish``.
 Keeping the sum apart from the finish is what lets one definition serve per-image and pooled
-averaging, and an image be worked off in parts.
+averaging, and an image be taken in parts.
 
 To add a metric, write one function under ``@_metric``; tables, JSON and CSV follow.
 

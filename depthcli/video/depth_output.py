@@ -34,8 +34,8 @@ def depth_video(
         timing: of the frames.
         scale: steps per metre.
         inputs: files that must not be replaced.
-        written: where it is until it is whole, and stays if the block fails; None for a passing
-            name.
+        written: where it is until it is whole, and stays if the block fails; None for a
+            temporary name.
     """
     with video_file(target, Codec.FFV1, timing, inputs, written=written) as file:
         yield DepthVideoOutput(file, timing, scale)

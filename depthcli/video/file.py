@@ -34,7 +34,7 @@ class VideoFile:
         """Prepare a file; it is opened with the first frame.
 
         Args:
-            target: straight as it is; callers make it atomic. Its suffix says the container.
+            target: written in place; callers make it atomic. Its suffix says the container.
             codec: how frames are compressed.
             timing: rate and clock.
             sound: what is heard; None for nothing.
@@ -156,8 +156,8 @@ def video_file(
         timing: rate and clock.
         inputs: files that must not be replaced.
         sound: what is heard; None for nothing.
-        written: where it is until it is whole, and stays if the block fails; None for a passing
-            name.
+        written: where it is until it is whole, and stays if the block fails; None for a
+            temporary name.
     """
     with ExitStack() as stack:
         if not isinstance(target, OutputPipe):

@@ -17,7 +17,7 @@ _OF_RAY = {
 
 
 class EngineName(StrEnum):
-    """What works off the inputs of a batch."""
+    """What processes the inputs of a batch."""
 
     THREADS = "threads"
     RAY = "ray"

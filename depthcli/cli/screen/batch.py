@@ -104,7 +104,7 @@ def _account(plan: Plan, tally: Tally) -> list[str]:
 
 
 def print_forecasts(forecasts: Iterable[Forecast], plan: Plan, *, as_json: bool) -> None:
-    """What would become of each input, and how many there are of each fate."""
+    """What would become of each input, and how many of each."""
     for warning in plan.warnings:
         console.warn(warning)
     counts = {"do": 0, "keep": 0, "fail": 0}

@@ -23,7 +23,7 @@ from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.storage.transfer import local_copy
 
 _FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20
-_ONE_AT_A_TIME = threading.Lock()  # standard output is led elsewhere meanwhile
+_ONE_AT_A_TIME = threading.Lock()  # standard output is redirected meanwhile
 _DAMAGED = (RuntimeError, ValueError, TypeError, OSError, MemoryError)
 
 

@@ -46,7 +46,7 @@ class _Cookie(ctypes.Structure):
 
 
 class _Stderr:
-    """Standard error of C and C++, led to whoever listens in the thread that writes."""
+    """Standard error of C and C++, redirected to whoever listens in the thread that writes."""
 
     def __init__(self) -> None:
         libc = ctypes.CDLL(None)
@@ -124,7 +124,7 @@ def complaints() -> Iterator[bytearray]:
     """What decoders print in this thread, complete when the block ends.
 
     Yields:
-        The text, empty at first; it stays empty where standard error cannot be led elsewhere.
+        The text, empty at first; it stays empty where standard error cannot be redirected.
     """
     heard = bytearray()
     stderr = _stderr()

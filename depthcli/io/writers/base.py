@@ -18,7 +18,7 @@ class Writer(Protocol):
 
         Args:
             depth: the map.
-            path: the file, straight as it is; callers make it atomic.
+            path: the file, written in place; callers make it atomic.
             frame: the picture it belongs to, for formats that show it.
 
         Returns:

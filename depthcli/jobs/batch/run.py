@@ -52,7 +52,7 @@ class Batch(Iterator[Result]):
         Args:
             request: what to do.
             session: the request's model, where that is loaded already.
-            engine: what works off the inputs; None for threads of this process.
+            engine: what processes the inputs; None for threads of this process.
             progress: told of each frame of a video that a thread does.
 
         Raises:

@@ -36,7 +36,7 @@ def open_output(
         writing: options of the formats.
         source: what is read.
         rate: frames a second of the output.
-        written: where a depth video is written until it is whole; None for a passing name.
+        written: where a depth video is written until it is whole; None for a temporary name.
     """
     target, inputs, timing = plan.target(which), source.paths, Timing(rate, source.tick_s)
     if which is VideoFormat.MKV:

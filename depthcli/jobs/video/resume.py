@@ -44,7 +44,7 @@ class EarlierFrames:
         self._formats = [which for which in _BEST_FIRST if which in plan.names]
         self._steps = iter(()) if partial is None else held_steps(partial.earlier)
         self._waiting = dict[int, npt.NDArray[np.uint16]]()
-        #: where this run writes its depth video until it is whole; None for straight as it is
+        #: where this run writes its depth video until it is whole; None for its own name
         self.written = None if partial is None else partial.written
 
     def follow(self, frames: Iterator[Frame]) -> Iterator[Frame]:

@@ -37,7 +37,7 @@ def write_video(
     workers: int,
     progress: Progress = NO_PROGRESS,
 ) -> VideoDone:
-    """As :func:`depthcli.jobs.video.run.video`, with outputs that are named and a model in hand.
+    """As :func:`depthcli.jobs.video.run.video`, with outputs named and a model loaded.
 
     Workers are threads beside the one that decodes and writes.
 

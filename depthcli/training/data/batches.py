@@ -100,7 +100,7 @@ class Batches:
         return TrainingBatch(whole.gray[self._own], whole.depth_m[self._own], known)
 
     def _rows(self, store: PairStore, step: int, size: int, stream: int) -> Tensor:
-        """The ``size`` pairs of a step, in an order of the store that each epoch draws anew."""
+        """The ``size`` pairs of a step, in an order of the store that each epoch draws again."""
         epoch, index = divmod(step, len(store) // size)
         random = torch.Generator().manual_seed(_stream_seed(self.seed, epoch, stream))
         order = torch.randperm(len(store), generator=random)

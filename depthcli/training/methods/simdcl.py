@@ -33,7 +33,7 @@ class SimDcl(DclGan):
         vectors = self._vectors(maps)
         if not self.weights.similarity:
             return self._contrast(vectors)
-        # A domain has no positions in common with its fakes: theirs are drawn anew.
+        # A domain has no positions in common with its fakes: theirs are drawn again.
         fake_x, _ = present(self.sampler_gray)(maps.fake_x)
         fake_y, _ = present(self.sampler_depth)(maps.fake_y)
         alike = similarity(

@@ -1,4 +1,4 @@
-"""What works off the pictures of a batch."""
+"""What processes the pictures of a batch."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Engine(Protocol):
         videos: Iterable[VideoTask],
         record: Callable[[Sequence[Result]], None],
     ) -> Generator[Result, None, None]:
-        """Work off chunks of pictures, and videos.
+        """Process chunks of pictures, and videos.
 
         Args:
             spec: what each worker is built from, wherever it is.

@@ -1,7 +1,7 @@
 """Workers that come and go, and what each of them has to do: none of it knows of a cluster's kind.
 
 A worker that dies costs the calls that it had. Their inputs are given to other workers one by one,
-each to a worker that has nothing else, so that an input that kills its worker is found out, and
+each to a worker that has nothing else, so that an input that kills its worker is found, and
 none that only was beside it is blamed.
 """
 

@@ -99,7 +99,7 @@ class RayEngine:
         videos: Iterable[VideoTask],
         record: Callable[[Sequence[Result]], None],
     ) -> Generator[Result, None, None]:
-        """Work off pictures and videos, as every engine does.
+        """Process pictures and videos, as every engine does.
 
         Raises:
             EngineError: workers die before they begin, or a machine lacks what they need.

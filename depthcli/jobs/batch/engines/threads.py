@@ -38,7 +38,7 @@ class ThreadEngine:
         videos: Iterable[VideoTask],
         record: Callable[[Sequence[Result]], None],
     ) -> Generator[Result, None, None]:
-        """Work off pictures, then videos one after another, as every engine does."""
+        """Process pictures, then videos one after another, as every engine does."""
         worker = spec.build(self.session)
 
         def work(chunk: Sequence[PictureTask]) -> list[Result]:
