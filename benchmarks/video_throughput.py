@@ -26,8 +26,7 @@ from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.pipeline import load
 from depthcli.jobs.video.outputs import open_output
 from depthcli.jobs.video.plan import plan_video
-from depthcli.jobs.video.request import VideoRequest
-from depthcli.jobs.video.settings import VideoSettings
+from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.stages import FrameStages
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource

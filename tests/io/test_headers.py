@@ -15,7 +15,7 @@ from depthcli.io.pictures.ending import flaw
 from depthcli.io.pictures.exif import read_exif
 from depthcli.io.pictures.size import picture_size
 from depthcli.io.pictures.tiff import tiff_flaw, tiff_tags
-from depthcli.io.png.text import read_text, text_chunk
+from depthcli.io.png.chunks import read_text, text_chunk
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

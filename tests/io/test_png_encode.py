@@ -17,8 +17,7 @@ from strict_png import read_strictly
 
 from depthcli.errors import OutputError
 from depthcli.io.png import encode as png_encode
-from depthcli.io.png.chunks import read_chunks
-from depthcli.io.png.text import read_text
+from depthcli.io.png.chunks import read_chunks, read_text
 
 SLOPE = np.add.outer(np.arange(60) ** 2, np.arange(80)).astype(np.uint16)
 TYPES = st.sampled_from([np.uint8, np.uint16])

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.io.depth.read import depth_channel, read_depth
-from depthcli.io.png.text import read_text
+from depthcli.io.png.chunks import read_text
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import FORMATS, Format, format_of, writer_class
 from depthcli.io.writers.npy import NpyWriter

@@ -18,9 +18,8 @@ from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
-from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
-from depthcli.jobs.video.settings import VideoSettings
 from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:

@@ -25,9 +25,8 @@ from depthcli.inference.pipeline import load
 from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.video.plan import plan_video, video_formats
-from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
-from depthcli.jobs.video.settings import VideoSettings
 from depthcli.video.codecs import PreviewCodec
 from depthcli.video.depth import DepthVideo
 from depthcli.video.depth_output import depth_video

@@ -162,8 +162,7 @@ def video(
     from depthcli.jobs.failed import Failed
     from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import STANDARD, video_formats
-    from depthcli.jobs.video.request import VideoRequest
-    from depthcli.jobs.video.settings import VideoSettings
+    from depthcli.jobs.video.request import VideoRequest, VideoSettings
 
     to_stdout = output == STANDARD
     if as_json and to_stdout:

@@ -7,7 +7,7 @@ from pathlib import Path
 from depthcli.core.foreign import FieldError, parsed_json
 from depthcli.core.types import CameraSource, Provenance
 from depthcli.io.pictures.decode import read_bytes
-from depthcli.io.png.text import read_text
+from depthcli.io.png.chunks import read_text
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.facts import ORIGIN_FACTS
 

@@ -13,7 +13,7 @@ from depthcli.errors import InputError
 from depthcli.io.depth.facts import completed, positive_number, provenance_of, sidecar_facts
 from depthcli.io.depth.steps import TOP, metres
 from depthcli.io.pictures.decode import decode, read_bytes
-from depthcli.io.png.text import read_text
+from depthcli.io.png.chunks import read_text
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import MILLIMETRES
 

@@ -4,8 +4,7 @@ import re
 import sys
 from pathlib import Path
 
-from depthcli.io.png.chunks import SIGNATURE
-from depthcli.io.png.text import read_text
+from depthcli.io.png.chunks import SIGNATURE, read_text
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath, path_of
 

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.errors import OutputError
-from depthcli.io.png.chunks import MAX_LENGTH, SIGNATURE, chunk
-from depthcli.io.png.text import text_chunk
+from depthcli.io.png.chunks import MAX_LENGTH, SIGNATURE, chunk, text_chunk
 
 Compressor = Callable[[npt.NDArray[np.uint8]], bytes | bytearray]
 
@@ -27,8 +26,8 @@ def encode_png(
 ) -> bytes:
     """A PNG file of gray (H, W) or RGB (H, W, 3); the same pixels and texts give the same bytes.
 
-    Texts, keyword -> text, are as :func:`depthcli.io.png.text.text_chunk` takes them. Filtering and
-    compressing leave the interpreter's lock to other threads.
+    Texts, keyword -> text, are as :func:`text_chunk` takes them. Filtering and compressing leave
+    the interpreter's lock to other threads.
 
     Raises:
         OutputError: there is no pixel, or there are more than PNG can hold.

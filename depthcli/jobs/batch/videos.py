@@ -18,7 +18,7 @@ from depthcli.jobs.batch.pictures import PictureWorker
 from depthcli.jobs.batch.suspects import check_video
 from depthcli.jobs.batch.task import Result, Task, check_network
 from depthcli.jobs.video.plan import VideoPlan
-from depthcli.jobs.video.settings import VideoSettings
+from depthcli.jobs.video.request import VideoSettings
 from depthcli.jobs.video.write import write_video
 from depthcli.video.formats import SEQUENCES, VideoFormat
 

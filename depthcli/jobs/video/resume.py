@@ -15,7 +15,7 @@ from depthcli.io.depth.read import read_depth
 from depthcli.io.depth.steps import metres
 from depthcli.io.storage.remote import RemotePath
 from depthcli.jobs.video.plan import VideoPlan
-from depthcli.jobs.video.settings import VideoSettings
+from depthcli.jobs.video.request import VideoSettings
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frame_journal import FrameJournal
 from depthcli.video.frames import FrameSource

@@ -22,7 +22,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.steps import metres, quantized
 from depthcli.io.writers.preview import percentiles
-from depthcli.jobs.video.settings import VideoSettings
+from depthcli.jobs.video.request import VideoSettings
 from depthcli.video.output import VideoFrame
 
 

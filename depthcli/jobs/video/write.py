@@ -18,9 +18,9 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.video.outputs import open_output
 from depthcli.jobs.video.plan import VideoPlan
+from depthcli.jobs.video.request import VideoSettings
 from depthcli.jobs.video.result import VideoDone
 from depthcli.jobs.video.resume import earlier_frames, rounding
-from depthcli.jobs.video.settings import VideoSettings
 from depthcli.jobs.video.stages import FrameStages
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frame_source import open_frames
