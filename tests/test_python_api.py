@@ -269,12 +269,30 @@ def test_one_picture_is_no_stream(pictures: Any, model: depthcli.DepthModel) -> 
         model.predict_many(pictures)
 
 
-@pytest.mark.parametrize("options", [{"batch_size": 0}, {"workers": -1}, {"focal_px": -1}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"batch_size": 0},
+        {"batch_size": 1.5},
+        {"workers": -1},
+        {"workers": math.nan},
+        {"workers": 2**63},
+        {"focal_px": -1},
+    ],
+)
 def test_options_of_a_stream_are_refused_at_once(
     options: dict[str, Any], model: depthcli.DepthModel
 ) -> None:
     with pytest.raises(depthcli.UsageError):
         model.predict_many([], **options)
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "a\0"])
+def test_a_name_that_nothing_can_have_is_refused(name: str) -> None:
+    with pytest.raises(depthcli.ModelError):
+        depthcli.load_model(name)
+    with pytest.raises(depthcli.InputError):
+        depthcli.VideoSource(name)
 
 
 def test_an_array_of_pictures_is_a_stream(model: depthcli.DepthModel) -> None:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from depthcli.models.card import ModelCard
 
 _BATCH_RANK = 4
+_MOST = 1024  # pictures or threads at a time
 _SINGLE = (str, bytes, bytearray, memoryview, os.PathLike, types.Frame)
 
 
@@ -172,8 +173,9 @@ def _with_anchors(depth: DepthMap, anchors: Sequence[AnchorLike]) -> DepthMap:
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:
-    if batch_size < 1 or workers < 0:
-        raise UsageError("batch_size is at least 1 and workers at least 0")
+    for name, number, least in (("batch_size", batch_size, 1), ("workers", workers, 0)):
+        if not isinstance(number, (int, np.integer)) or not least <= number <= _MOST:
+            raise UsageError(f"{name} is a whole number from {least} to {_MOST}, not {number!r}")
     is_array = isinstance(pictures, np.ndarray) and pictures.ndim < _BATCH_RANK
     if is_array or isinstance(pictures, _SINGLE) or not hasattr(pictures, "__iter__"):
         raise UsageError(

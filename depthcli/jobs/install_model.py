@@ -92,7 +92,7 @@ def _added(
         temporary.mkdir()
         (temporary / (complete.file or _FILE_NAME)).write_bytes(data)
         (temporary / places.CARD_NAME).write_text(complete.to_json(), "utf-8")
-        model = catalog.find_model(temporary)
+        model = replace(catalog.find_model(temporary), path=path)  # what messages name
         session = Session(model, provider="cpu")
         fitted = fit_to_graph(complete, session.fixed_size, path, adapt=draft.is_ready)
         session.model = replace(model, card=fitted)

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from depthcli.core.text import shown
 from depthcli.errors import ModelError
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.user_folders import data_folder
@@ -36,8 +37,16 @@ def find_place(name_or_path: str | os.PathLike[str] | None = None) -> Place:
     """Where a model lies, without reading it.
 
     Raises:
-        ModelError: there is no such model.
+        ModelError: there is no such model, or it cannot be looked for.
     """
+    try:
+        return _find(name_or_path)
+    except OSError as error:  # a name that is too long, a host that is not reached
+        name = safe_name(os.fspath(name_or_path or ""))
+        raise ModelError(f"no model at {shown(name)}: {error.strerror}") from error
+
+
+def _find(name_or_path: str | os.PathLike[str] | None) -> Place:
     path = path_of(DEFAULT_MODEL if name_or_path is None else name_or_path)
     name = DEFAULT_MODEL if name_or_path is None else os.fspath(name_or_path)
     if not name:

@@ -31,11 +31,9 @@ def cut(path: Path, step: int) -> None:
     Raises:
         OutputError: the log cannot be replaced; it is as it was.
     """
-    if not path.exists():
-        return
-    content = read_regular(path, sys.maxsize)
+    content = read_regular(path, sys.maxsize) if path.exists() else b""
     kept = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
-    if kept != content:
+    if kept != content or path.is_symlink():  # what a link leads to is not written to
         with atomic_path(path) as temporary:
             temporary.write_bytes(kept)
 

@@ -80,5 +80,7 @@ def _check_file(path: Path) -> None:
         raise InputError(f"{path} is a folder; name a video in it") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    except ValueError as error:  # a NUL byte
+        raise InputError(f"{path} cannot be read: no file has such a name ({error})") from None
     if empty:
         raise InputError(f"{path} is empty")

@@ -36,6 +36,8 @@ DIGITS = "9" * 5000
         (f"video a.mkv --out out --every {DIGITS}", "--every"),
         ("video a.mkv --out out --start-number 99999999999999999999", "--start-number"),
         ("bench --seconds 1e300", "--seconds"),
+        (f"bench --size {DIGITS}x9", "--size"),
+        (f"render rooms --out out --size 9x{DIGITS}", "--size"),
     ],
 )
 def test_a_number_that_cannot_be_meant_is_refused(inside: Cli, words: str, option: str) -> None:

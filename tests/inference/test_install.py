@@ -162,8 +162,9 @@ def test_what_does_not_fit_leaves_nothing(
     changes = {"output__kind": "relative"} | changes
     changes |= {"output__min_m": None, "output__max_m": None}
     card = write_card(tmp_path / "c.json", **changes)
-    with pytest.raises(ModelError, match=problem):
+    with pytest.raises(ModelError, match=problem) as caught:
         add_model(file, card)
+    assert ".depthcli-work" not in str(caught.value)  # which is gone when the message is read
     assert not own.exists() or not list(own.iterdir())
 
 

@@ -29,6 +29,18 @@ def _steps(path: Path) -> list[int]:
     return [json.loads(line)["step"] for line in path.read_text().splitlines()]
 
 
+@pytest.mark.parametrize("content", ["", None])
+def test_a_link_does_not_lead_the_log_elsewhere(tmp_path: Path, content: str | None) -> None:
+    path, elsewhere = tmp_path / METRICS_LOG, tmp_path / "elsewhere"
+    if content is not None:
+        elsewhere.write_text(content)
+    path.symlink_to(elsewhere)
+    metrics_log.cut(path, 0)
+    metrics_log.append(path, RunProgress(step=2), {"l1": 0.5})
+    assert _steps(path) == [2]
+    assert (elsewhere.read_text() if elsewhere.exists() else None) == content
+
+
 def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
     path = tmp_path / METRICS_LOG
     metrics_log.cut(path, 0)

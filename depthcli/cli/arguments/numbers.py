@@ -1,10 +1,12 @@
 """Numbers of the command line that have to lie in a range."""
 
 import math
+import re
 
 import typer
 
 from depthcli.core.camera import HFOV_DEG
+from depthcli.core.text import shown
 from depthcli.errors import UsageError
 
 _PNG_SCALES = (1e-3, 1e6)
@@ -53,12 +55,13 @@ def parse_size(word: str) -> tuple[int, int]:
     Raises:
         UsageError: it is not like that, or too large.
     """
-    width, _, height = word.partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise UsageError(f"--size {word!r} is not WIDTHxHEIGHT; for example 640x480")
-    if not (0 < int(width) <= _LARGEST_PX and 0 < int(height) <= _LARGEST_PX):
+    sides = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", word)
+    if not sides:
+        raise UsageError(f"--size {shown(word)} is not WIDTHxHEIGHT; for example 640x480")
+    width, height = map(int, sides.groups())
+    if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
         raise UsageError(f"--size {word!r}: each side is 1 to {_LARGEST_PX} pixels")
-    return int(width), int(height)
+    return width, height
 
 
 def parse_hfov_range(word: str) -> tuple[float, float]:
