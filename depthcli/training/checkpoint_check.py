@@ -31,6 +31,9 @@ def check_finite(name: str, state: Any, depth: int = 0) -> None:  # noqa: ANN401
     """
     if depth > _DEEPEST:
         raise FieldError(f"{name} is nested too deeply")
+    # A view of one number can be as large as it says, and take as much memory to look at.
+    if isinstance(state, torch.Tensor) and state.nbytes > state.untyped_storage().nbytes():
+        raise FieldError(f"{name} is larger than what the file holds of it")
     match state:
         case torch.Tensor() | float():
             if not bool(torch.as_tensor(state).isfinite().all()):
@@ -55,6 +58,7 @@ def check_process(state: dict[str, Any]) -> None:
         is_state = isinstance(rng, torch.Tensor) and rng.dtype == torch.uint8 and rng.ndim == 1
         if not is_state and not (name == "device_rng" and rng is None):
             raise FieldError.unless("the state of a generator", rng).within(name)
+        check_finite(name, rng)
     if not isinstance(state["extra"], dict):
         raise FieldError.unless("image pools by name", state["extra"]).within("extra")
     for name, images in state["extra"].items():

@@ -157,6 +157,7 @@ def _nested(depth: int) -> list[Any]:
     return nested
 
 
+_VAST = torch.ones(1).expand(1, 10**5, 10**5)  # 40 GB, of a file of some bytes
 _DEEP = {"name": "efficient", "depths": (10**9, 1, 1, 1)}
 
 
@@ -164,6 +165,9 @@ _DEEP = {"name": "efficient", "depths": (10**9, 1, 1, 1)}
     ("part", "changes", "reason"),
     [
         ("method", {"generator.stem.0.weight": torch.tensor([torch.nan])}, "stem.*not finite"),
+        ("method", {"generator.stem.0.weight": _VAST[0]}, "stem.* larger than what the file holds"),
+        ("extra", {"pool": [_VAST]}, "pool is larger than what the file holds"),
+        ("optimizers", {"generator": {"state": {0: _VAST}}}, "larger than what the file holds"),
         ("method", {"generator.stem.0.weight": 3}, "has to be tensors by name"),
         ("method", {4: torch.ones(1)}, "has to be tensors by name"),
         ("average", {"stem.0.weight": torch.tensor([torch.inf])}, "the average: stem.*not finite"),
