@@ -194,7 +194,7 @@ _DEEP = {"name": "efficient", "depths": (10**9, 1, 1, 1)}
         (
             "config",
             {"optim": {"learning_rate": 10**400}},
-            "learning_rate has to be a number from 0 to 1e9, not",
+            "learning_rate has to be a number from 0 to 1e30, not",
         ),
         ("optimizers", {"generator": {"state": {0: torch.tensor(torch.nan)}}}, "not finite"),
         (

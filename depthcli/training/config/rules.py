@@ -10,7 +10,7 @@ Positive: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda n: 
 Seed: TypeAlias = Annotated[
     int, Rule(f"a whole number from 0 to {2**32 - 1}", lambda n: 0 <= n < 2**32)
 ]  # as NumPy takes it
-Amount: TypeAlias = Annotated[float, Rule("a number from 0 to 1e9", lambda x: 0 <= x <= LARGEST)]
+Amount: TypeAlias = Annotated[float, Rule("a number from 0 to 1e30", lambda x: 0 <= x <= 1e30)]
 Share: TypeAlias = Annotated[float, Rule("a number from 0 to below 1", lambda x: 0 <= x < 1)]
 WholeShare: TypeAlias = Annotated[float, Rule("a number from 0 to 1", lambda x: 0 <= x <= 1)]
 Small: TypeAlias = Annotated[
