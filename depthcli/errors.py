@@ -21,6 +21,9 @@ into text and exit codes.
 from enum import IntEnum
 from typing import ClassVar
 
+NO_THREADS = (
+    "no more threads can be started; give fewer --workers, or see 'ulimit -v' and 'ulimit -u'"
+)
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, without loading OpenCV
 
 
@@ -97,3 +100,8 @@ def is_out_of_memory(error: BaseException) -> bool:
     return isinstance(error, MemoryError) or (
         type(error).__module__ == "cv2" and getattr(error, "code", None) == _OPENCV_NO_MEMORY
     )
+
+
+def is_out_of_threads(error: BaseException) -> bool:
+    """Whether the system starts no more threads, for lack of address space, say."""
+    return isinstance(error, RuntimeError) and str(error) == "can't start new thread"

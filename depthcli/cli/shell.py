@@ -16,7 +16,14 @@ from depthcli.cli.loading import plain_command, suggestion
 from depthcli.cli.screen import console
 from depthcli.cli.table import COMMANDS, PROFILED, PROGRAM, help_text
 from depthcli.core.extras import INSTALL_TRAIN
-from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
+from depthcli.errors import (
+    NO_THREADS,
+    DepthcliError,
+    ExitCode,
+    UsageError,
+    is_out_of_memory,
+    is_out_of_threads,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -119,8 +126,9 @@ def _unforeseen(error: Exception) -> str:
         return f"this command needs {error.name}; install it with: {INSTALL_TRAIN}"
     if isinstance(error, ImportError) and _NO_ROOM in str(error):
         return "there is too little memory to start; see 'ulimit -v'"
-    if is_out_of_memory(error):
-        return "out of memory; give fewer or smaller inputs"
+    if is_out_of_memory(error) or is_out_of_threads(error):
+        is_memory = is_out_of_memory(error)
+        return "out of memory; give fewer or smaller inputs" if is_memory else NO_THREADS
     if isinstance(error, FileNotFoundError) and _is_nowhere():
         return "the current folder was removed; change to one that exists"
     if isinstance(error, OSError) and error.strerror and error.filename:

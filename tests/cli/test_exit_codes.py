@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shlex
@@ -17,7 +18,7 @@ from tiny import write_picture
 
 from depthcli.cli import shell
 from depthcli.cli.table import COMMANDS
-from depthcli.errors import InputError
+from depthcli.errors import NO_THREADS, InputError
 from depthcli.jobs.batch.task import reason
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ def opencv_error(code: int) -> Exception:
         (MemoryError(), 3, "out of memory"),
         (opencv_error(-4), 3, "out of memory"),
         (opencv_error(-215), 3, "unexpected error: OpenCV"),
+        (RuntimeError("can't start new thread"), 3, "no more threads can be started; give fewer"),
         (InputError("a.jpg is empty"), 1, "a.jpg is empty"),
         (ModuleNotFoundError("no tomli", name="tomli"), 3, "unexpected ModuleNotFoundError"),
         (ModuleNotFoundError("no torch", name="torch.nn"), 3, "this command needs torch.nn"),
@@ -106,9 +108,19 @@ def test_ctrl_c_says_nothing(
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("error", [MemoryError(), opencv_error(-4)])
-def test_an_input_of_a_batch_that_needs_too_much_memory_is_told_so(error: Exception) -> None:
-    assert reason(error) == "does not fit into memory; make it smaller"
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "does not fit into memory; make it smaller"),
+        (opencv_error(-4), "does not fit into memory; make it smaller"),
+        (RuntimeError("can't start new thread"), NO_THREADS),
+        (OSError(errno.EMFILE, "Too many open files", "a.py"), "a.py: Too many open files"),
+        (OSError(errno.EIO, "Input/output error"), "Input/output error"),
+        (OSError("no number"), "unexpected OSError: no number"),
+    ],
+)
+def test_an_input_of_a_batch_says_what_was_lacking(error: Exception, said: str) -> None:
+    assert reason(error) == said
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux how much memory is in use")

@@ -6,7 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from depthcli.errors import DepthcliError, ModelError, is_out_of_memory
+from depthcli.errors import (
+    NO_THREADS,
+    DepthcliError,
+    ModelError,
+    is_out_of_memory,
+    is_out_of_threads,
+)
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.listing.folder import InputFile
@@ -86,4 +92,8 @@ def reason(error: Exception) -> str:
         return str(error)
     if is_out_of_memory(error):
         return "does not fit into memory; make it smaller"
+    if is_out_of_threads(error):
+        return NO_THREADS
+    if isinstance(error, OSError) and error.strerror:  # too many open files, say
+        return ": ".join(filter(None, (error.filename and str(error.filename), error.strerror)))
     return f"unexpected {type(error).__name__}: {error}"
