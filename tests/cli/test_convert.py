@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
+import typer
 from tiny import write_picture
 
 from depthcli.cli.shell import load_command
@@ -101,6 +102,20 @@ def test_what_would_be_ignored_is_refused(
     with pytest.raises(UsageError, match=problem):
         load_command("convert").main(["e.exr", *words], standalone_mode=False)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("scale", ["0", "nan", "1e-300", "1e300"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("convert", "a.png", "a.npy", "--from-scale"),
+        ("info", "a.png", "--png-scale"),
+        ("probe", "a.png", "1,1", "--png-scale"),
+    ],
+)
+def test_scales_that_leave_no_depth_are_refused(words: tuple[str, ...], scale: str) -> None:
+    with pytest.raises(typer.BadParameter, match=r"must be from 0\.001 to 1000000"):
+        load_command(words[0]).main([*words[1:], scale], standalone_mode=False)
 
 
 def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> None:

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.arguments.numbers import positive
+from depthcli.cli.arguments.numbers import png_scale_range
 
 FileArgument = Annotated[
     str,
@@ -13,7 +13,7 @@ FileArgument = Annotated[
 ScaleOption = Annotated[
     float | None,
     typer.Option(
-        callback=positive,
+        callback=png_scale_range,
         help="Units per metre of a PNG or video. Default: from the file, else 1000.",
     ),
 ]

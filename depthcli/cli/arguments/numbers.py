@@ -28,7 +28,7 @@ def positive(value: float | None) -> float | None:
     return value
 
 
-def png_scale(value: float | None) -> float | None:
+def png_scale_range(value: float | None) -> float | None:
     """Refuse a scale with which a map would have one step, or none."""
     if value is not None and not _PNG_SCALES[0] <= value <= _PNG_SCALES[1]:
         raise typer.BadParameter("must be from 0.001 to 1000000")

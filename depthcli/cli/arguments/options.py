@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli.arguments import completion
-from depthcli.cli.arguments.numbers import field_of_view, finite, png_scale, positive
+from depthcli.cli.arguments.numbers import field_of_view, finite, png_scale_range, positive
 from depthcli.core.choices import Upsampling
 from depthcli.io.writers.formats import Format
 
@@ -75,7 +75,7 @@ FormatOption = Annotated[
 PngScaleOption = Annotated[
     float | None,
     typer.Option(
-        callback=png_scale,
+        callback=png_scale_range,
         help="PNG units per metre: 1000 (default, millimetres), 256 (KITTI), 5000 (TUM), "
         "4000 (Matterport).",
     ),

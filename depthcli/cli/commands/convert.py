@@ -9,7 +9,7 @@ import typer
 
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.frame import FrameOption
-from depthcli.cli.arguments.numbers import field_of_view, positive
+from depthcli.cli.arguments.numbers import field_of_view, png_scale_range, positive
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
@@ -41,7 +41,7 @@ def convert(
     from_scale: Annotated[
         float | None,
         typer.Option(
-            callback=positive,
+            callback=png_scale_range,
             help="Units per metre of the input PNG or video. Default: from the file, else 1000.",
         ),
     ] = None,
