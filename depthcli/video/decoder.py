@@ -25,10 +25,12 @@ class FrameDecoder:
 
     Attributes:
         ended_early: whether reading stopped at an error or in the middle of a packet.
+        read_to: bytes up to the end of the last packet.
     """
 
     def __init__(self, container: InputContainer, stream: VideoStream) -> None:
         self.ended_early = False
+        self.read_to = 0
         self._failed = 0
         self._skipped: list[int] = []
         self._has_checksums = False
@@ -74,10 +76,13 @@ class FrameDecoder:
 
     def _packet(self) -> Packet[VideoStream] | None:
         try:
-            return next(self._packets, None)
+            packet = next(self._packets, None)
         except av.FFmpegError:
             self.ended_early = True
             return None
+        if packet is not None and packet.pos is not None:
+            self.read_to = max(self.read_to, packet.pos + packet.size)
+        return packet
 
     def _is_whole(self, packet: Packet[VideoStream]) -> bool:
         """Whether a packet's checksums are right, if the stream has them."""

@@ -36,6 +36,11 @@ def ends_early(file: BinaryIO) -> bool:
     if head.startswith(_OGG):
         file.seek(max(0, end - _OGG_PAGE))
         return not _ogg_ends(file.read())
+    return breaks_off(head, end)
+
+
+def breaks_off(head: bytes, end: int) -> bool:
+    """Whether a transport stream of these first bytes and this length ends within a packet."""
     lengths = (n for at, n in _TS_PACKETS if head[at::n].strip(bytes([_TS_START])) == b"")
     return bool(head) and any(end % length for length in lengths)
 

@@ -12,8 +12,7 @@ from depthcli.video.pipes import HEAD_BYTES
 
 _EBML = b"\x1aE\xdf\xa3"
 _SEGMENT = b"\x18S\x80g"
-_OTHERS_WITH_GAPS = (b"OggS", b"\x30\x26\xb2\x75", b"YUV4MPEG2")
-_Y4M = "yuv4mpegpipe"
+_OTHERS_WITH_GAPS = (b"OggS", b"\x30\x26\xb2\x75")
 _SLICE_END = 8  # bytes: three of the slice's size, one of its state, four of its checksum
 _MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _ONES = 0xFFFFFFFF
@@ -22,7 +21,7 @@ _ONES = 0xFFFFFFFF
 def is_cut(path: Path) -> bool:
     """Whether an end or a part is missing, by what the container says, if it says that.
 
-    Matroska, Ogg, WMV and Y4M are read once more, without decoding.
+    Matroska, Ogg and WMV are read once more, without decoding.
 
     Raises:
         OSError: it cannot be read.
@@ -85,18 +84,15 @@ def _has_gap(path: Path) -> bool:
     level, skips = av_logging.get_level(), av_logging.get_skip_repeated()
     av_logging.set_level(av_logging.ERROR)
     av_logging.set_skip_repeated(False)
-    end = 0
     try:
         with av_logging.Capture() as log:
             container, stream = open_video(path)
             with container:
-                for packet in container.demux(stream):
-                    end = max(end, (packet.pos or 0) + packet.size)
+                for _ in container.demux(stream):
+                    pass
     except av.FFmpegError:
         return True
     finally:
         av_logging.set_level(level)
         av_logging.set_skip_repeated(skips)
-    name = container.format.name
-    is_short = name == _Y4M and end < path.stat().st_size  # the last frame is not whole
-    return is_short or any(who == name for _, who, _ in log)
+    return any(name == container.format.name for _, name, _ in log)

@@ -17,6 +17,7 @@ from depthcli.io.pictures.decode import check_size
 from depthcli.io.pictures.read import upright
 from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
+from depthcli.video.endings import breaks_off
 from depthcli.video.frames import FrameSource
 from depthcli.video.integrity import counts_frames, is_cut, matroska_end
 from depthcli.video.pipes import InputPipe
@@ -27,6 +28,7 @@ from depthcli.video.stream_facts import stream_facts
 from depthcli.video.timeline import Timeline
 
 _MISSING_SHARE = 200
+_Y4M = "yuv4mpegpipe"
 _TURNED = 5
 """The first EXIF orientation whose columns are rows."""
 
@@ -154,9 +156,13 @@ class VideoSource(FrameSource):
             self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
 
     def _is_cut(self) -> bool:
-        if isinstance(self._source, InputPipe):
-            return matroska_end(self._source.head) > self._source.end
-        return is_cut(self._source)
+        source = self._source
+        end = source.end if isinstance(source, InputPipe) else source.stat().st_size
+        if self._container.format.name == _Y4M:  # whose last frame may not be whole
+            return self._decoder.read_to < end
+        if isinstance(source, InputPipe):
+            return matroska_end(source.head) > end or breaks_off(source.head, end)
+        return is_cut(source)
 
     def _say_lost(self) -> None:
         if self._timeline.lost:

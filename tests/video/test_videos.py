@@ -487,6 +487,21 @@ def test_other_containers_that_were_cut_say_so(
             assert f"after {count} frames" in source.problem
 
 
+@pytest.mark.parametrize(("suffix", "codec", "pixel_format"), OTHERS[2:4])
+def test_other_pipes_that_were_cut_say_so(
+    suffix: str, codec: str, pixel_format: str, tmp_path: Path
+) -> None:
+    path = encode(tmp_path / f"a.{suffix}", noise_frames(20), Fraction(25), codec, pixel_format)
+    whole = path.read_bytes()
+    for data in (whole, whole[: len(whole) * 2 // 3 | 1], whole[:-7]):
+        path.write_bytes(data)
+        with subprocess.Popen(["cat", path], stdout=subprocess.PIPE) as sender:
+            assert sender.stdout
+            with VideoSource(InputPipe(sender.stdout)) as source:
+                assert list(source.frames())
+                assert (source.problem is None) == (data == whole)
+
+
 @pytest.mark.parametrize(("suffix", "codec", "pixel_format"), OTHERS[:2])
 def test_other_containers_with_a_gap_say_so(
     suffix: str, codec: str, pixel_format: str, tmp_path: Path
