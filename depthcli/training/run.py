@@ -139,7 +139,7 @@ class Run:
             )
         try:
             self._take_up(saved)
-        except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
+        except (AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
             raise CheckpointError(
                 f"{path} does not fit the networks of its own configuration: give another --out"
             ) from error
@@ -148,7 +148,11 @@ class Run:
     def _take_up(self, saved: Checkpoint) -> None:
         self.method.load_state_dict(saved.method)
         for phase, optimizer in self.optimizers.items():
-            optimizer.load_state_dict(saved.optimizers[phase])
+            state = saved.optimizers[phase]["state"]
+            _check_state(state, _weights(optimizer))
+            # Rates and the like follow from the configuration, whatever the file says.
+            own_groups = optimizer.state_dict()["param_groups"]
+            optimizer.load_state_dict({"state": state, "param_groups": own_groups})
         if self.average:
             self.average.network.load_state_dict(saved.average or {})
         if saved.precision:
@@ -165,6 +169,18 @@ def _instance_norm(method: nn.Module) -> bool:
     instance norm when the batch is one picture.
     """
     return any(isinstance(layer, nn.InstanceNorm2d) for layer in method.modules())
+
+
+def _check_state(state: dict[int, dict[str, object]], weights: list[Tensor]) -> None:
+    """Refuse moments that are not of their weights; torch would notice at the next step.
+
+    Raises:
+        ValueError: they are of another shape.
+    """
+    for place, kept in state.items():
+        for value in kept.values():
+            if isinstance(value, Tensor) and value.ndim and value.shape != weights[place].shape:
+                raise ValueError(place)
 
 
 def _weights(optimizer: torch.optim.Optimizer) -> list[Tensor]:

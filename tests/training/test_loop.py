@@ -300,8 +300,10 @@ def test_weights_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     path = tmp_path / CHECKPOINT
     saved = Checkpoint.load(path)
     lacking = {name: w for name, w in saved.method.items() if name != "generator.head.bias"}
+    moments = {**saved.optimizers["generator"]["state"], 0: {"exp_avg": torch.ones(3)}}
     for changed in (
         {"method": lacking},
+        {"optimizers": {"generator": saved.optimizers["generator"] | {"state": moments}}},
         {"optimizers": {}},
         {"optimizers": {"generator": {}}},
         {"rng": saved.rng[:10]},
@@ -311,6 +313,8 @@ def test_weights_that_do_not_fit_are_refused(tmp_path: Path) -> None:
         replace(saved, **changed).save(path)
         with pytest.raises(CheckpointError, match=r"last\.ckpt does not fit the networks"):
             _train(EFFICIENT, tmp_path)
+    for group in saved.optimizers["generator"]["param_groups"]:
+        group["betas"] = (2, -5)  # the configuration says what they are
     saved.save(path)
     assert _train(EFFICIENT, tmp_path, steps=1).step == 2
 
