@@ -171,7 +171,7 @@ def test_a_scale_that_keeps_no_depth_is_refused(
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        ({"focal_px": -400}, "-400 pixels is not a number above 0"),
+        ({"focal_px": -400}, "-400 pixels is not a number from 0.001 to 1e8"),
         ({"focal_px": 400, "hfov_deg": 60}, "not both"),
         ({"hfov_deg": 190}, "190°"),
         ({"anchors": [(3, 4)]}, r"not \(3, 4\)"),

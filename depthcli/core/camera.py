@@ -7,6 +7,8 @@ from depthcli.core.foreign import Rule
 
 HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004
 """Horizontal fields of view; beyond, metres would be next to nothing or without end."""
+FOCAL_PX = Rule("a number from 0.001 to 1e8", lambda px: 1e-3 <= px <= 1e8)  # noqa: PLR2004
+"""Focal lengths in pixels: those of such angles, at any width that a picture has."""
 
 
 class Anchor(NamedTuple):

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.camera import HFOV_DEG, Anchor
+from depthcli.core.camera import FOCAL_PX, HFOV_DEG, Anchor
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError, UsageError
 
@@ -19,15 +19,15 @@ _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 
 def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
-    """Refuse a camera that cannot be: pixels above 0, or in their place degrees from 0.1 to 179.9.
+    """Refuse a camera that cannot be: 0.001 to 1e8 pixels, or in their place 0.1 to 179.9 degrees.
 
     Raises:
         UsageError: one is out of range, or both are given.
     """
     if focal_px is not None and hfov_deg is not None:
         raise UsageError("give the focal length or the field of view, not both")
-    if focal_px is not None and not 0 < focal_px < math.inf:
-        raise UsageError(f"a focal length of {focal_px:g} pixels is not a number above 0")
+    if focal_px is not None and not FOCAL_PX.holds(focal_px):
+        raise UsageError(f"a focal length of {focal_px:g} pixels is not {FOCAL_PX.what}")
     if hfov_deg is not None and not HFOV_DEG.holds(hfov_deg):
         raise UsageError(f"a field of view of {hfov_deg:g}° is not {HFOV_DEG.what}")
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.camera import FOCAL_PX
 from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
@@ -149,15 +150,15 @@ def _focal_lengths(path: Path, ids: tuple[str, ...]) -> tuple[float, ...]:
     if not path.exists():
         return ()
     try:
-        lines = read_regular(path, _MAX_CAMERAS_BYTES).decode("utf-8").splitlines()
-        of_id = {row["id"]: float(row["focal_px"]) for row in csv.DictReader(lines)}
+        lines = read_regular(path, _MAX_CAMERAS_BYTES).decode("utf-8-sig").splitlines()
+        of_id = {row["id"]: float(row["focal_px"] or "nothing") for row in csv.DictReader(lines)}
         found = tuple(of_id[pair_id] for pair_id in ids)
     except KeyError as error:
         raise DatasetError(f"{path} has no {error}: it needs id,focal_px and each pair") from error
     except (OSError, ValueError, TypeError, csv.Error) as error:
         raise DatasetError(f"{path} cannot be read: {error}") from error
-    if not all(0 < focal_px < math.inf for focal_px in found):
-        raise DatasetError(f"{path}: a focal length is not a number of pixels above 0")
+    if not all(map(FOCAL_PX.holds, found)):
+        raise DatasetError(f"{path}: a focal length in pixels is not {FOCAL_PX.what}")
     return found
 
 

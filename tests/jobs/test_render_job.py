@@ -152,8 +152,9 @@ def test_training_reads_them(folder: Path) -> None:
         ("id,mm\na,30\nb,30\n", "has no 'focal_px'"),
         ("id,focal_px\na,30\nb,long\n", "cannot be read"),
         ("id,focal_px\na,30\nb\n", "cannot be read"),
-        ("id,focal_px\na,30\nb,0\n", "above 0"),
-        ("id,focal_px\na,30\nb,nan\n", "above 0"),
+        ("id,focal_px\na,30\nb,0\n", "is not a number from 0.001 to 1e8"),
+        ("id,focal_px\na,30\nb,nan\n", "is not a number from 0.001 to 1e8"),
+        ("id,focal_px\na,30\nb,1e300\n", "is not a number from 0.001 to 1e8"),
     ],
 )
 def test_cameras_of_ones_own_have_to_be_whole(tmp_path: Path, text: str, message: str) -> None:
@@ -165,6 +166,8 @@ def test_cameras_of_ones_own_have_to_be_whole(tmp_path: Path, text: str, message
                 np.broadcast_to(pixels, (4, 4, *pixels.shape[2:])).copy(),
             )
     assert open_paired_folder(tmp_path).focal_px == ()
+    (tmp_path / "cameras.csv").write_text("\ufeffid,focal_px\na,30\nb,40\n")  # as Excel writes it
+    assert open_paired_folder(tmp_path).focal_px == (30, 40)
     (tmp_path / "cameras.csv").write_text(text)
     with pytest.raises(DatasetError, match=message):
         open_paired_folder(tmp_path)

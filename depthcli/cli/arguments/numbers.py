@@ -5,7 +5,7 @@ import re
 
 import typer
 
-from depthcli.core.camera import HFOV_DEG
+from depthcli.core.camera import FOCAL_PX, HFOV_DEG
 from depthcli.core.text import shown
 from depthcli.errors import UsageError
 
@@ -39,6 +39,13 @@ def not_negative(value: float | None) -> float | None:
     """Refuse what is not a number from 0 up."""
     if value is not None and not 0 <= value < math.inf:
         raise typer.BadParameter("must be 0 or greater")
+    return value
+
+
+def focal_length(value: float | None) -> float | None:
+    """Refuse a focal length in pixels that no picture has."""
+    if value is not None and not FOCAL_PX.holds(value):
+        raise typer.BadParameter(f"must be {FOCAL_PX.what}")
     return value
 
 

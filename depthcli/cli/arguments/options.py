@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli.arguments import completion
-from depthcli.cli.arguments.numbers import field_of_view, finite, png_scale_range, positive
+from depthcli.cli.arguments.numbers import field_of_view, finite, focal_length, png_scale_range
 from depthcli.core.choices import Upsampling
 from depthcli.io.writers.formats import Format
 
@@ -145,7 +145,7 @@ CentrePxOption = Annotated[
 FocalPxOption = Annotated[
     float | None,
     typer.Option(
-        callback=positive, help="Focal length in pixels of the picture; scales metric depth."
+        callback=focal_length, help="Focal length in pixels of the picture; scales metric depth."
     ),
 ]
 HfovOption = Annotated[

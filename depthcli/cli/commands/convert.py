@@ -9,7 +9,7 @@ import typer
 
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.frame import FrameOption
-from depthcli.cli.arguments.numbers import field_of_view, png_scale_range, positive
+from depthcli.cli.arguments.numbers import field_of_view, focal_length, png_scale_range
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
@@ -54,7 +54,7 @@ def convert(
         float | None,
         typer.Option(
             "--focal-px",
-            callback=positive,
+            callback=focal_length,
             help="Focal length in pixels for a point cloud; depth stays as it is. Default: what "
             "the input states.",
         ),

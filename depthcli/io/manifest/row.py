@@ -6,15 +6,16 @@ import os
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
-from depthcli.core.foreign import FieldError, built, parsed_json
+from depthcli.core.foreign import FieldError, Rule, built, parsed_json
 from depthcli.errors import OutputError
 from depthcli.io.storage.regular import regular_size
 from depthcli.io.storage.remote import RemotePath
 
 OK = "ok"
 FAILED = "failed"
+_SECONDS = Rule("a number from 0 to 1e9", lambda number: 0 <= number <= 1e9)  # noqa: PLR2004
 
 
 class ManifestFormat(StrEnum):
@@ -51,7 +52,7 @@ class Row:
     status: str  #: ``ok`` or ``failed``
     origin: Origin  #: model and options
     outputs: tuple[OutputFile, ...] = ()  #: what was written
-    seconds: float = 0.0  #: from opening the input to the last output
+    seconds: Annotated[float, _SECONDS] = 0.0  #: from opening the input to the last output
     input_sha256: str | None = None  #: checksum of the input; None if it could not be read
     error: str | None = None  #: why it failed; None if it did not
     warnings: tuple[str, ...] = ()  #: one-line texts
