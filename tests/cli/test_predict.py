@@ -167,6 +167,13 @@ def test_a_sidecar_leaves_the_output_s_name_alone(inside: Cli) -> None:
     assert (sidecar["kind"], sidecar["unit"], sidecar["model"]) == ("metric", "m", "tiny")
 
 
+def test_a_folder_in_the_place_of_a_sidecar_is_said(inside: Cli) -> None:
+    (inside.folder / "depth.json").mkdir()
+    done = inside("predict", "room.png", "-o", "depth.exr", "--sidecar")
+    assert (done.returncode, b"the sidecar depth.json is a folder" in done.stderr) == (2, True)
+    assert not list((inside.folder / "depth.json").iterdir())
+
+
 def test_a_sidecar_and_the_report_say_the_focal_length(inside: Cli) -> None:
     room(inside)
     write_model(inside.models / "default", camera={"hfov_deg": 90.0})

@@ -91,6 +91,8 @@ def plan_pictures(
     ]
     if beside and output is not None:
         json_path = str(path_of(output).with_suffix(".json"))
+        if is_folder(json_path):
+            raise UsageError(f"the sidecar {safe_name(json_path)} is a folder; choose another -o")
         (plan,) = plan_outputs(sources, json_path, {Format.JSON: ""})
         pictures[0].outputs[Format.JSON] = plan.outputs[Format.JSON]
     return tuple(pictures)
