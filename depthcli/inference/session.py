@@ -1,5 +1,6 @@
 """One onnxruntime session: which provider runs it, with how many threads."""
 
+import os
 import re
 import threading
 from collections.abc import Mapping
@@ -140,10 +141,11 @@ def _load(
         if not 0 < threads <= _MAX_THREADS:
             raise UsageError(f"threads has to be from 1 to {_MAX_THREADS}")
         options.intra_op_num_threads = threads
-    else:
+    if threads is None or threads > (os.cpu_count() or 1):
         # Threads that spin between operators take time from loading, decoding and encoding on the
         # other cores: without, the first picture is there sooner, and the next ones are as fast.
-        # That holds for onnxruntime's own pinned threads, not for a number of them.
+        # That holds for onnxruntime's own pinned threads, not for a number of them; but more than
+        # there are cores would only keep each other from working, 1024 of them for a minute.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     if DIRECTML in wanted:  # it knows neither memory patterns nor parallel operators
         options.enable_mem_pattern = False

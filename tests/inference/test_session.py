@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -53,6 +54,12 @@ def test_threads_are_passed_on(model_folder: Path, threads: int) -> None:
     session = Session(find_model(model_folder), threads=threads)
     options = session._session.get_session_options()
     assert options.intra_op_num_threads == threads
+
+
+def test_more_threads_than_cores_do_not_spin(model_folder: Path) -> None:
+    session = Session(find_model(model_folder), threads=1 + (os.cpu_count() or 1))
+    entry = "session.intra_op.allow_spinning"
+    assert session._session.get_session_options().get_session_config_entry(entry) == "0"
 
 
 @pytest.mark.parametrize("threads", [0, -1, 1025, 10**30])
@@ -107,16 +114,17 @@ def test_an_output_that_is_no_map_is_an_error(tmp_path: Path) -> None:
         session.run(np.zeros((1, 1, 4, 4), np.float32))
 
 
-def test_loading_prints_nothing_and_sets_no_environment(model_folder: Path) -> None:
+def test_loading_prints_nothing_and_only_switches_telemetry_off(model_folder: Path) -> None:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("ORT_")}
     code = (
         "import os; before = dict(os.environ); import sys\n"
         "from depthcli.models.catalog import find_model\n"
         "from depthcli.inference.session import Session\n"
-        "Session(find_model(sys.argv[1])); assert dict(os.environ) == before"
+        "Session(find_model(sys.argv[1]))\n"
+        "assert dict(os.environ) == before | {'ORT_DISABLE_TELEMETRY': '1'}"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(model_folder)], capture_output=True, check=True
-    )
+    command = [sys.executable, "-c", code, str(model_folder)]
+    done = subprocess.run(command, capture_output=True, check=True, env=environment)
     assert (done.stdout, done.stderr) == (b"", b"")
 
 
