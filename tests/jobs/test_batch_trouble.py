@@ -96,6 +96,21 @@ def test_a_video_that_never_ends_is_refused(tmp_path: Path) -> None:
     assert result.row.error == f"{tmp_path}/in/a.mp4 is empty"
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/kmsg"), reason="Linux has it")  # noqa: PTH110
+@pytest.mark.parametrize("name", ["manifest.jsonl", "a.npy"])
+def test_a_file_that_never_ends_is_made_anew(tmp_path: Path, name: str) -> None:
+    pictures(tmp_path)
+    first = list(Batch(request(tmp_path)))
+    path = tmp_path / "out" / name
+    if name == "a.npy":
+        path = tmp_path / "out" / first[0].row.outputs[0].path
+    path.unlink()
+    path.symlink_to("/proc/kmsg")
+    assert [result.row.error for result in Batch(request(tmp_path))] == [None] * len(first)
+    assert path.is_file()
+    assert not path.is_symlink()
+
+
 def test_a_link_does_not_lead_the_journal_elsewhere(tmp_path: Path) -> None:
     pictures(tmp_path)
     precious = tmp_path / "precious.txt"

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator
-from io import FileIO
+from io import BytesIO, FileIO
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
@@ -95,8 +95,10 @@ def open_rows(path: Path) -> RowFile:
         OSError: they cannot be read.
         UsageError: they are in Parquet, and pyarrow is missing or a file is damaged.
     """
-    is_table = path.suffix == f".{ManifestFormat.PARQUET}"
-    return TableRows(path) if is_table else JsonRows(to_read(path))
+    if path.suffix == f".{ManifestFormat.PARQUET}":
+        return TableRows(path)
+    # What states no size, as /proc/kmsg, may never end.
+    return JsonRows(to_read(path) if regular_size(path) else BytesIO())
 
 
 class TableRows:

@@ -113,8 +113,9 @@ def checksum(path: Path) -> OutputFile | None:
     if isinstance(path, RemotePath):
         return _noted(path)
     try:
-        regular_size(path)  # a pipe or a device in its place may never end
-        with path.open("rb") as file:
+        # A pipe or a device in its place may never end, and nor may what states no size.
+        content = path if regular_size(path) else Path(os.devnull)
+        with content.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
             return OutputFile(os.fspath(path), file.tell(), digest)
     except OSError:
