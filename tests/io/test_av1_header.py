@@ -106,8 +106,8 @@ def files(draw: st.DrawFn, version: int, index: int) -> tuple[bytes, tuple[int, 
         data, size = draw(units())
         sizes.append(size)
         method, extents = draw(st.integers(0, 1)) if version else 0, []
-        cuts = sorted(draw(st.lists(st.integers(1, len(data) - 1), max_size=2))) if length else []
-        for first, last in pairwise([0, *cuts, len(data)]):
+        places = st.sets(st.integers(1, len(data) - 1), max_size=2 if length else 0)
+        for first, last in pairwise([0, *sorted(draw(places)), len(data)]):
             stores[method] += bytes(draw(st.integers(0, 2)))
             extents.append((len(stores[method]), last - first))
             stores[method] += data[first:last]
@@ -175,6 +175,20 @@ def test_a_list_of_items_that_is_cut_short_or_uses_bytes_too_often_is_refused() 
     assert picture_size(whole(4, 0)) == (1, 1)
     assert picture_size(whole(5, 0)) is None
     assert not any(picture_size(whole(2, cut)) for cut in range(1, 36))
+
+
+def test_a_part_without_a_length_is_also_taken_for_an_empty_one() -> None:
+    content = (
+        b"\x0a\x00\x03\x08\x00\x10\x00"  # a picture of 1 x 2, and a byte within that is not its
+    )
+
+    def whole(mdat: int) -> bytes:
+        parts = ((mdat, 1), (mdat + 1, 0), (mdat + 2, 4))
+        text = bytes([0, 0, 0, 0, 0x44, 0]) + struct.pack(">HHHH", 1, 1, 0, len(parts))
+        text += b"".join(struct.pack(">II", *part) for part in parts)
+        return START + box(b"meta", bytes(4) + box(b"iloc", text) + CLAIM) + box(b"mdat", content)
+
+    assert avif_size(whole(len(whole(0)) - len(content))) == (1, 2)
 
 
 def test_the_largest_claim_has_the_most_pixels() -> None:

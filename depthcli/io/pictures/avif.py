@@ -63,11 +63,13 @@ def _item_payloads(data: bytes) -> Iterator[memoryview]:
     inside, left = find_box(meta, b"idat"), _SHARED * len(data)
     for is_inside, extents in _places(places):
         whole = memoryview(inside if is_inside else data)
-        parts = [whole[at : at + n if n else None] for at, n in extents]
-        left -= sum(map(len, parts))
-        if left < 0:
-            raise struct.error("items hold more than the file")
-        yield memoryview(b"".join(parts))
+        has_open_part = len(extents) > 1 and not all(n for _, n in extents)
+        for rest in (None, 0) if has_open_part else (None,):  # decoders differ
+            parts = [whole[at : at + n if n else rest] for at, n in extents]
+            left -= sum(map(len, parts))
+            if left < 0:
+                raise struct.error("items hold more than the file")
+            yield memoryview(b"".join(parts))
 
 
 def _places(iloc: bytes) -> Iterator[tuple[bool, list[tuple[int, int]]]]:
