@@ -137,6 +137,6 @@ def _scenes(path: Path, file: Any, count: int) -> tuple[str, ...]:  # noqa: ANN4
 
 
 def _scene(codes: Any) -> str:  # noqa: ANN401
-    if codes.size > _MAX_SCENE or codes.external:
+    if codes.size > _MAX_SCENE or codes.external or codes.is_virtual:
         raise ValueError(codes.size)
     return "".join(map(chr, np.ravel(codes[()])))

@@ -1,4 +1,4 @@
-"""onnxruntime, which tells its makers nothing: from 1.31 on it would connect to them."""
+"""onnxruntime without telemetry: from 1.31 on it connects to a server of its makers."""
 
 import os
 

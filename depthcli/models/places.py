@@ -103,7 +103,13 @@ def place_at(path: Path) -> Place | None:
 
 
 def _variable_roots() -> list[Path]:
-    return [Path(part) for part in os.environ.get(MODELS_VARIABLE, "").split(os.pathsep) if part]
+    folders = os.environ.get(MODELS_VARIABLE, "")
+    if "://" in folders:
+        raise ModelError(
+            f"{MODELS_VARIABLE} is {shown(folders)}: it takes folders of this machine; "
+            "a model at a URI is given with --model"
+        )
+    return [Path(folder) for folder in folders.split(os.pathsep) if folder]
 
 
 def _advice(name: str) -> str:

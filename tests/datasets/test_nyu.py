@@ -238,6 +238,13 @@ def _virtual(file: Any) -> None:
     file.create_virtual_dataset("depths", layout)
 
 
+def _virtual_scene(file: Any) -> None:
+    layout = h5py.VirtualLayout((4, 1), np.uint16)
+    layout[:] = h5py.VirtualSource("other.h5", "codes", (4, 1))
+    file.create_virtual_dataset("#refs#/elsewhere", layout, fillvalue=65)
+    file["scenes"][0] = file["#refs#/elsewhere"].ref
+
+
 def _claimed(*shape: int) -> Callable[[Any], None]:
     def claim(file: Any) -> None:
         for name, axes, kind in (("images", (3,), np.uint8), ("depths", (), np.float32)):
@@ -280,6 +287,7 @@ HOSTILE = {
     "external storage": (_elsewhere, "keeps images in another file"),
     "an external link": (_linked, "keeps images in another file"),
     "a virtual array": (_virtual, "keeps depths in another file"),
+    "a virtual scene name": (_virtual_scene, "unreadable scene names"),
     "many pairs": (_claimed(10**9, 12, 16), "claims 1000000000 pairs"),
     "large pairs": (_claimed(5, 10**5, 10**5), "claims 5 pairs of 100000×100000"),
     "large pieces": (_large_pieces, "stores depths in pieces of"),

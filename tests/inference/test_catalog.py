@@ -89,6 +89,12 @@ def test_the_list_names_each_model_once(tmp_path: Path, monkeypatch: pytest.Monk
     assert "no-model" not in found
 
 
+def test_a_uri_is_no_folder_of_models(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DEPTHCLI_MODELS", "s3://bucket/models")
+    with pytest.raises(ModelError, match="at a URI is given with --model"):
+        catalog.find_model("default")
+
+
 @pytest.mark.parametrize("name", ["nothing", "./nothing", "nothing.onnx", "/", ""])
 def test_what_is_not_there_is_said(shelf: Path, name: str) -> None:
     assert shelf.is_dir()
