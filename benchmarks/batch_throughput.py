@@ -32,7 +32,7 @@ from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.manifest.journal import Journal
-from depthcli.io.manifest.row import OK, Origin, Row, written
+from depthcli.io.manifest.row import OK, Origin, Row, output_entry
 from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
@@ -100,7 +100,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
         frame = stages("decode", partial(read_image, path, data))
         depth = stages("predict", partial(pipeline.predict, frame))
         stages("encode and write", partial(write_output, options, Format.PNG16, depth, frame, out))
-        file = stages("checksum of output", partial(written, out.parent, out))
+        file = stages("checksum of output", partial(output_entry, out.parent, out))
         row = Row(path.name, OK, origin, (file,), 0.04, sha256)
         stages("row of the manifest", partial(journal.add, row))
     journal.finish([])

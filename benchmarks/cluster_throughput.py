@@ -27,7 +27,7 @@ from made_pictures import write_pictures
 
 from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.batch.engines.ray import LOCAL, RayEngine
+from depthcli.jobs.batch.engines.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.engines.threads import ThreadEngine
 from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.plan import plan_folder
@@ -107,7 +107,7 @@ def driver_s(folder: Path, loader: SessionLoader, count: int) -> float:
     plan = plan_folder(str(folder / "empty"), str(folder / "refused"))
     batch = Batch(BatchRequest(plan, model=loader), engine=RayEngine(workers=CLUSTER_CORES))
     next(batch)
-    begin_s, passed = time.process_time(), batch.tally.passed
+    begin_s, passed = time.process_time(), batch.tally.completed
     for _ in batch:
         pass
     return (time.process_time() - begin_s) / (count - passed)
@@ -129,7 +129,7 @@ def main() -> None:
     parser.add_argument("--empty", type=int, default=10_000)
     options = parser.parse_args()
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    ray.init("local", num_cpus=CLUSTER_CORES, log_to_driver=False, **LOCAL)
+    ray.init("local", num_cpus=CLUSTER_CORES, log_to_driver=False, **LOCAL_CLUSTER)
     loader = SessionLoader(threads=1)
     session = loader.load()
     ways: dict[str, Callable[[], Engine]] = {

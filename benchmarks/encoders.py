@@ -21,9 +21,9 @@ import OpenEXR
 from timing import Timing, alternate
 
 import depthcli
-from depthcli.io.depth.steps import quantized
+from depthcli.io.depth.quantization import quantized
 from depthcli.io.png.encode import encode_png
-from depthcli.io.writers.facts import facts
+from depthcli.io.writers.metadata import metadata_texts
 from depthcli.io.writers.preview import PreviewWriter
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def main() -> None:
     options = parser.parse_args()
     pipeline = depthcli.load(provider="cpu")
     maps = [pipeline.predict(depthcli.read_image(path)) for path in options.pictures]
-    texts = {f"depthcli:{name}": text for name, text in facts(maps[0]).items()}
+    texts = {f"depthcli:{name}": text for name, text in metadata_texts(maps[0]).items()}
     depths = [quantized(depth.values, 1000)[0] for depth in maps]
     previews = [PreviewWriter().render(depth) for depth in maps]
     print(f"{len(maps)} maps of the default model, the first {maps[0].width}×{maps[0].height}")

@@ -24,7 +24,7 @@ from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import OK, ManifestFormat, Origin, OutputFile, Row
 from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.parquet import write_table
-from depthcli.jobs.batch.account import rows_of, summarize
+from depthcli.jobs.batch.manifests import read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def finish(folder: Path, rows: int) -> None:
 
 def sum_up(folder: Path, rows: int) -> None:
     """``depthcli manifest summary``."""
-    check(summarize(rows_of(folder)).inputs == rows + 1, "rows are missing")
+    check(summarize(read_rows(folder)).inputs == rows + 1, "rows are missing")
 
 
 def write_list(folder: Path, rows: int) -> None:

@@ -1,6 +1,6 @@
 """What loop, data and logging cost: the whole run against its networks alone.
 
-Pictures a second of ``train`` (batches, augmentation, losses, TensorBoard, watcher; the log of
+Pictures a second of ``train`` (batches, augmentation, losses, TensorBoard, callback; the log of
 each epoch and its checkpoints, no validation) against bare forward, backward and optimiser steps,
 with the recipe's clipping and average, of the same networks on batches made before. One after the
 other in turn, in one process. Figure of merit: the overhead, bare ÷ loop − 1; it is to be at most
@@ -25,15 +25,15 @@ from lightning_fabric import Fabric
 
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
-from depthcli.training.board import Board
-from depthcli.training.config.changes import resolve
+from depthcli.training.callbacks import Callback
+from depthcli.training.config.overrides import apply_overrides
 from depthcli.training.config.presets import preset_file
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.run import Run
-from depthcli.training.watchers import Watcher
+from depthcli.training.tensorboard_logger import TensorBoardLogger
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,13 +68,13 @@ class Noise:
         return np.roll(self._depth_m, i, 1)
 
 
-class Stopwatch(Watcher):
+class Stopwatch(Callback):
     """Notes when each step of the loop ends."""
 
     def __init__(self) -> None:
         self.ends: list[float] = []
 
-    def step(self, *_: object) -> None:
+    def on_step_end(self, *_: object) -> None:
         """Note the time."""
         self.ends.append(time.perf_counter())
 
@@ -102,11 +102,11 @@ def bare(run: Run, batches: list[TrainingBatch], steps: int) -> list[float]:
 def loop(config: TrainConfig, dataset: DepthDataset, out: Path, steps: int) -> list[float]:
     """Seconds of each step of a run that is continued, the ends of epochs included."""
     watch = Stopwatch()
-    board = Board(watch, out, config)
+    logger = TensorBoardLogger(watch, out, config)
     fabric = Fabric(accelerator="auto", devices=1, precision=config.precision)
     data = TrainingData(dataset, "a benchmark's pairs", None)
-    fit(config, data, out, fabric, board, Limits(steps=steps + 1))
-    board.close()
+    fit(config, data, out, fabric, logger, Limits(steps=steps + 1))
+    logger.close()
     return [after - before for before, after in pairwise(watch.ends)]
 
 
@@ -157,7 +157,7 @@ def main() -> None:
     torch.set_num_threads(options.threads)
     dataset = open_nyu(options.data) if options.data else Noise()
     for method, preset in (("proposed", "default"), ("cyclegan", "reduced")):
-        config = resolve(default_config(method), [preset_file(preset)], NO_VALIDATION)
+        config = apply_overrides(default_config(method), [preset_file(preset)], NO_VALIDATION)
         name = f"{method} --preset {preset}"
         measure(name, config, dataset, options.steps, options.rounds)
 

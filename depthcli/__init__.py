@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     )
     from depthcli.inference.pipeline import Pipeline, load
     from depthcli.inference.session import Session
-    from depthcli.io.pictures.any import Picture
+    from depthcli.io.pictures.convert import Picture
     from depthcli.io.pictures.read import read_image
     from depthcli.models.card import ModelCard
     from depthcli.models.catalog import Model, find_model
@@ -98,7 +98,7 @@ _HOMES = {
     "depthcli.inference.pipeline": ("Pipeline", "load"),
     "depthcli.inference.session": ("Session",),
     "depthcli.io.pictures.read": ("read_image",),
-    "depthcli.io.pictures.any": ("Picture",),
+    "depthcli.io.pictures.convert": ("Picture",),
     "depthcli.video.source": ("VideoSource",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -17,14 +17,14 @@ import numpy as np
 import numpy.typing as npt
 
 import depthcli
-from depthcli.datasets.rooms.pair import USUAL_HFOV_DEG, Pair, Recipe, render_pair
+from depthcli.datasets.rooms.pair import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
 from depthcli.export.trained import export_run, open_run
 from depthcli.io.pictures.read import read_image
 from depthcli.visual.colormaps import colour_table
 from depthcli.visual.contact_sheet import contact_sheet
 
 _LEAST_M = 1e-3
-RECIPE = Recipe(seed=2, size=(192, 144), hfov_deg=(USUAL_HFOV_DEG, USUAL_HFOV_DEG))
+SETTINGS = RoomSettings(seed=2, size=(192, 144), hfov_deg=(TYPICAL_HFOV_DEG, TYPICAL_HFOV_DEG))
 
 
 def model_of(path: Path, spare: Path) -> depthcli.DepthModel:
@@ -48,8 +48,8 @@ def coloured(
 def photo_row(path: Path, models: list[depthcli.DepthModel]) -> list[npt.NDArray[np.uint8]]:
     """A photograph, nothing, and the depth of each model."""
     pixels = read_image(path).pixels
-    height = round(pixels.shape[0] * RECIPE.size[0] / pixels.shape[1])
-    size = (RECIPE.size[0], height)
+    height = round(pixels.shape[0] * SETTINGS.size[0] / pixels.shape[1])
+    size = (SETTINGS.size[0], height)
     small = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
     maps = [model.predict(small).values for model in models]
     return [small, np.full_like(small, 255), *(coloured(depth, depth) for depth in maps)]
@@ -59,7 +59,7 @@ def row(pair: Pair, models: list[depthcli.DepthModel]) -> list[npt.NDArray[np.ui
     """The room, its depth, and that of each model."""
     known = pair.depth_m > 0
     median_m = np.median(pair.depth_m[known])
-    maps = [model.predict(pair.rgb, hfov_deg=USUAL_HFOV_DEG).values for model in models]
+    maps = [model.predict(pair.rgb, hfov_deg=TYPICAL_HFOV_DEG).values for model in models]
     scaled = [depth * (median_m / np.median(depth[known])) for depth in maps]
     return [pair.rgb, *(coloured(depth, pair.depth_m) for depth in (pair.depth_m, *scaled))]
 
@@ -74,7 +74,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with TemporaryDirectory() as spare:
         models = [model_of(path, Path(spare)) for path in arguments.models]
-    rows = [row(render_pair(RECIPE, i), models) for i in range(arguments.rooms)]
+    rows = [row(render_pair(SETTINGS, i), models) for i in range(arguments.rooms)]
     rows += [photo_row(path, models) for path in arguments.photo]
     titles = ["room", "depth", *(path.name.removesuffix("-seed0") for path in arguments.models)]
     sheet = cv2.cvtColor(contact_sheet(rows, titles), cv2.COLOR_RGB2BGR)

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.datasets.rooms.pair import Recipe, render_pair
+from depthcli.datasets.rooms.pair import RoomSettings, render_pair
 from depthcli.visual.colormaps import colour_table
 
 TARGET = Path(__file__).with_name("rooms.jpg")
-RECIPE = Recipe(seed=1, size=(256, 192))
+SETTINGS = RoomSettings(seed=1, size=(256, 192))
 ACROSS, WITH_DEPTH, WITHOUT = 4, 8, 8
 
 
@@ -26,7 +26,7 @@ def coloured(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
 
 def main() -> None:
     """Write the picture."""
-    pairs = [render_pair(RECIPE, i) for i in range(WITH_DEPTH + WITHOUT)]
+    pairs = [render_pair(SETTINGS, i) for i in range(WITH_DEPTH + WITHOUT)]
     pictures = [pair.rgb for pair in pairs]
     depths = [coloured(pair.depth_m) for pair in pairs[:WITH_DEPTH]]
     rows = []

@@ -17,7 +17,7 @@ from PIL import Image
 from tiny import synthetic_picture, write_model, write_picture
 
 import depthcli
-from depthcli.io.depth.facts import stated_facts
+from depthcli.io.depth.metadata import read_metadata
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -417,7 +417,7 @@ def test_other_files_are_chosen_by_their_suffix(depth: depthcli.DepthMap, tmp_pa
 
 def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     depth.save(tmp_path / "a.png", png_scale=256)
-    assert stated_facts(tmp_path / "a.png")["scale"] == "256"
+    assert read_metadata(tmp_path / "a.png")["scale"] == "256"
     depth.save(tmp_path / "a.exr", exr_channel="depth.Z", half=True)
     assert depthcli.read_depth(tmp_path / "a.exr").values == pytest.approx(depth.values, rel=1e-3)
     clouds = []
@@ -464,13 +464,13 @@ def test_frames_of_a_depth_video_have_the_same_methods(tmp_path: Path) -> None:
     from fractions import Fraction  # noqa: PLC0415
 
     from depthcli.video.depth_output import depth_video  # noqa: PLC0415
-    from depthcli.video.output import VideoFrame  # noqa: PLC0415
+    from depthcli.video.output import DepthFrame  # noqa: PLC0415
     from depthcli.video.rates import Timing  # noqa: PLC0415
 
     frame = depthcli.Frame(np.zeros((4, 6), np.uint8))
     with depth_video(tmp_path / "a.mkv", Timing(Fraction(25)), 1000, ()) as output:
         flat = depthcli.DepthMap(np.full((4, 6), 1.5, np.float32))
-        output.append(output.encode(VideoFrame(frame, flat, (1, 2))))
+        output.append(output.encode(DepthFrame(frame, flat, (1, 2))))
         output.finish()
     (depth,) = depthcli.DepthVideo(tmp_path / "a.mkv")
     with pytest.raises(depthcli.InputError, match="DepthVideo reads"):

@@ -1,4 +1,4 @@
-"""A depth map with what people do with one: save, colour, plot, points in space."""
+"""A depth map with methods to save, colour, plot and back-project it."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ class DepthMap(types.DepthMap):
     Attributes:
         values: (H, W) float32. Metres for ``DepthKind.METRIC``. NaN where there is no depth.
         kind: what the numbers mean.
-        provenance: model, camera and anchors behind them, as far as they are known.
-        frame: the picture, upright; None if it is not at hand.
+        provenance: model, camera and anchors, as far as they are known.
+        frame: the picture, upright; None if it is not available.
     """
 
     frame: types.Frame | None = None
 
     @classmethod
     def of(cls, depth: types.DepthMap, frame: types.Frame | None = None) -> Self:
-        """A map of the library's inner layers, with these methods."""
+        """Convert a map of the library's inner layers."""
         return cls(depth.values, depth.kind, depth.provenance, frame)
 
     @property
@@ -130,14 +130,14 @@ class DepthMap(types.DepthMap):
         vmax: float | None = None,
         legend: bool = False,
     ) -> npt.NDArray[np.uint8]:
-        """Colours for people, spread evenly over inverse depth.
+        """The map in the colours of a colormap, over inverse depth.
 
         Args:
             colormap: ``inferno``, ``turbo``, ``magma``, ``viridis``, ``spectral`` or ``gray``.
             near: the near end of the colours.
-            vmin: least depth with a colour of its own; None for percentile 2.
-            vmax: largest one; None for percentile 98.
-            legend: draw a scale at the right.
+            vmin: low end of the colour range; None for percentile 2.
+            vmax: high end of the colour range; None for percentile 98.
+            legend: draw a colour bar at the right.
 
         Returns:
             (H, W, 3) RGB uint8; wider with a legend. Gray where there is no depth.
@@ -197,16 +197,16 @@ class DepthMap(types.DepthMap):
         half: bool | None = None,
         centre_px: tuple[float, float] | None = None,
     ) -> None:
-        """Write a file, whole or not at all; its suffix chooses the format.
+        """Write a file atomically; its suffix chooses the format.
 
-        ``.png`` is 16 bit in millimetres, ``.preview.png`` colours for people, ``.exr`` and
-        ``.npy`` metres in float32, ``.ply`` a point cloud, ``.json`` the facts. What a format
-        cannot hold, depth beyond its range say, is told as a ``DepthcliWarning``.
+        ``.png`` is 16 bit in millimetres, ``.preview.png`` a colour preview, ``.exr`` and ``.npy``
+        metres in float32, ``.ply`` a point cloud, ``.json`` the metadata. If a format cannot store
+        something, such as depth beyond its range, a ``DepthcliWarning`` is issued.
 
         Args:
-            path: the file; missing folders are made.
+            path: the file; missing folders are created.
             png_scale: steps per metre of a PNG; None for 1000.
-            exr_channel: name of the channel of an EXR; None for the usual one.
+            exr_channel: name of the channel of an EXR; None for the default.
             half: 16-bit floats in an EXR.
             centre_px: principal point of a PLY, as for :meth:`to_points`.
 

@@ -19,11 +19,11 @@ class DepthVideo(depth_videos.DepthVideo):
 
 
 def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) -> DepthMap:
-    """Depth of a 16-bit PNG, EXR or NPY file, with what the file states of model and camera.
+    """Depth of a 16-bit PNG, EXR or NPY file, with the file's metadata about model and camera.
 
     Args:
-        path: the file; its suffix says its format.
-        png_scale: steps per metre of a PNG; None for what the file says of itself, or millimetres.
+        path: the file, with the suffix of its format.
+        png_scale: steps per metre of a PNG; None for what the file states, or millimetres.
 
     Raises:
         InputError: missing, damaged, or without depth.

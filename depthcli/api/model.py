@@ -1,4 +1,4 @@
-"""The Python API: a model, the pictures it is given, and the depth maps that come back.
+"""The Python API: a model that predicts depth maps of pictures.
 
 >>> import depthcli
 >>> model = depthcli.load_model("default")
@@ -17,23 +17,23 @@ import numpy as np
 
 from depthcli.api.depth_map import AnchorLike, DepthMap
 from depthcli.core import types
-from depthcli.core.choices import PLAIN
+from depthcli.core.choices import DEFAULT_DETAIL
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.providers import AUTO
-from depthcli.io.pictures.any import frame_of
-from depthcli.models.places import DEFAULT_MODEL
+from depthcli.io.pictures.convert import frame_of
+from depthcli.models.locations import DEFAULT_MODEL
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from depthcli.core.choices import Detail
-    from depthcli.io.pictures.any import Picture
+    from depthcli.io.pictures.convert import Picture
     from depthcli.models.card import ModelCard
 
 _BATCH_RANK = 4
-_MOST = 1024  # pictures or threads at a time
+_MAX_COUNT = 1024  # pictures or threads at a time
 _SINGLE = (str, bytes, bytearray, memoryview, os.PathLike, types.Frame)
 
 
@@ -42,21 +42,21 @@ def load_model(
     *,
     provider: str = AUTO,
     threads: int | None = None,
-    detail: Detail = PLAIN,
+    detail: Detail = DEFAULT_DETAIL,
     provider_options: Mapping[str, str] | None = None,
 ) -> DepthModel:
-    """Find a model and make it ready.
+    """Find and load a model.
 
     Args:
         model: a name in the catalog, a folder, or an ``.onnx`` file.
-        provider: ``auto`` for the best that works, or a name such as ``cpu`` or ``cuda`` that has
-            to be there.
+        provider: ``auto`` for the best that works, or a name such as ``cpu`` or ``cuda``, which is
+            then required.
         threads: threads within one run of the network; None for all cores.
-        detail: how depth becomes that of a full-size picture.
-        provider_options: for a provider asked for by name, as onnxruntime documents them.
+        detail: how full-size depth is made from the network's output.
+        provider_options: for a provider given by name, as onnxruntime documents them.
 
     Raises:
-        ModelError: the model is not there or is damaged.
+        ModelError: the model is missing or damaged.
         ProviderError: the named provider is not available.
         UsageError: no provider has that name, or it takes no options and some are given.
     """
@@ -69,10 +69,10 @@ def load_model(
 
 
 class DepthModel:
-    """A model, ready for pictures; safe to share among threads.
+    """A loaded model; thread-safe.
 
     Attributes:
-        pipeline: what does the work, frame by frame.
+        pipeline: the layer below, which takes frames.
     """
 
     def __init__(self, pipeline: Pipeline) -> None:
@@ -80,12 +80,12 @@ class DepthModel:
 
     @property
     def card(self) -> ModelCard:
-        """What the model takes, gives and learned."""
+        """The model's card: its input, output and training."""
         return self.pipeline.card
 
     @property
     def provider(self) -> str:
-        """The execution provider that really runs it, ``cpu`` say."""
+        """The active execution provider, such as ``cpu``."""
         return self.pipeline.session.provider
 
     def __repr__(self) -> str:
@@ -106,17 +106,17 @@ class DepthModel:
                 uint16 or float32 in [0, 1], whose alpha is dropped; a PIL picture; a ``Frame``.
             focal_px: focal length in pixels of the picture.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``. With neither,
-                the 35-mm focal length in the picture's EXIF is used, if it is there, else the
-                camera that the model learned is assumed; ``camera_source`` of the map says which.
-            anchors: known points, to fit metres to; see :meth:`DepthMap.fit_anchors`.
+                the 35-mm focal length in the picture's EXIF is used, if it has one, else the camera
+                that the model learned is assumed; ``camera_source`` of the map states which.
+            anchors: known points that metres are fitted to; see :meth:`DepthMap.fit_anchors`.
 
         Returns:
             (H, W) of the upright picture.
 
         Raises:
-            InputError: the picture cannot be read, or is none.
+            InputError: the picture cannot be read, or is not a picture.
             ModelError: the network failed.
-            UsageError: the camera or the anchors make no sense for this model and picture.
+            UsageError: the camera or the anchors are not valid for this model and picture.
         """
         self.pipeline.check_focal(focal_px, hfov_deg)
         frame = frame_of(picture)
@@ -136,20 +136,20 @@ class DepthModel:
         """Depth of a stream of pictures of one camera, in their order and in constant memory.
 
         Args:
-            pictures: as in :meth:`predict`; of any number, read when their turn comes.
+            pictures: as in :meth:`predict`; any number, read when they are needed.
             focal_px: as in :meth:`predict`.
             hfov_deg: as in :meth:`predict`.
             anchors: as in :meth:`predict`.
-            batch_size: pictures that go through the network together, which helps a GPU.
+            batch_size: pictures in one run of the network, which is faster on a GPU.
             workers: threads; 0 works in the calling thread and never reads ahead. With more, twice
-                as many batches are read ahead, so a live camera wants 0 and a folder its cores.
+                as many batches are read ahead: use 0 for a live camera, all cores for a folder.
 
         Returns:
-            An iterator that gives one map a picture. What :meth:`predict` raises, it raises at that
-            picture's turn, and ends.
+            An iterator of one map a picture. An error of :meth:`predict` is raised at the position
+            of that picture, and ends the iterator.
 
         Raises:
-            UsageError: the camera makes no sense, or it is one picture in place of several.
+            UsageError: the camera is not valid, or ``pictures`` is a single picture.
         """
         self.pipeline.check_focal(focal_px, hfov_deg)
         _check_several(pictures, batch_size, workers)
@@ -174,8 +174,10 @@ def _with_anchors(depth: DepthMap, anchors: Sequence[AnchorLike]) -> DepthMap:
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:
     for name, number, least in (("batch_size", batch_size, 1), ("workers", workers, 0)):
-        if not isinstance(number, (int, np.integer)) or not least <= number <= _MOST:
-            raise UsageError(f"{name} is a whole number from {least} to {_MOST}, not {number!r}")
+        if not isinstance(number, (int, np.integer)) or not least <= number <= _MAX_COUNT:
+            raise UsageError(
+                f"{name} is a whole number from {least} to {_MAX_COUNT}, not {number!r}"
+            )
     is_array = isinstance(pictures, np.ndarray) and pictures.ndim < _BATCH_RANK
     if is_array or isinstance(pictures, _SINGLE) or not hasattr(pictures, "__iter__"):
         raise UsageError(

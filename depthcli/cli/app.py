@@ -1,7 +1,6 @@
-"""Where the command line begins.
+"""Entry point of the command line.
 
-Only built-in modules are loaded here: the help and the version are text, and cost little more than
-Python itself.
+Only modules of the standard library are imported here, so that help and version start fast.
 """
 
 from __future__ import annotations
@@ -27,50 +26,50 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
     Args:
-        arguments: without the program's name; None for the process's own.
+        arguments: without the program's name; None for those of the process.
 
     Returns:
         The exit code, see :class:`depthcli.errors.ExitCode`.
     """
     if arguments is None:
-        _leave(_process())
+        _exit(_run_process())
     return _run(list(arguments))
 
 
-def _process() -> int:
-    """Run the command that this process was started for."""
-    if not sys.warnoptions:  # of libraries to those who program with them
+def _run_process() -> int:
+    """Run the command of this process."""
+    if not sys.warnoptions:  # libraries' warnings are for developers
         warnings.simplefilter("ignore")
     stdout = open_streams()
     code = _run(sys.argv[1:], is_process=True)
     problem = stdout.problem
     if problem is None:
         return code
-    from depthcli.cli.screen.console import untold
+    from depthcli.cli.screen.console import report_lost_output
 
-    return untold(problem, code)
+    return report_lost_output(problem, code)
 
 
 def _prepare() -> None:
-    """Set the process up for more than printing the help."""
+    """Set up the process for a command."""
     import signal
 
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback, until there is more to do
-    # Collecting garbage among a hundred thousand objects that all stay, while modules load and
-    # again at exit, would be a tenth of the time of one picture.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback before handlers are installed
+    # Garbage collection of a hundred thousand permanent objects, while modules load and at exit,
+    # would take a tenth of the time of one picture.
     gc.set_threshold(_GC_THRESHOLD)
-    # numpy's OpenBLAS starts a thread a core, which spin for 60 ms before they sleep, while the
-    # model is loaded on these same cores. This lets them sleep at once.
+    # NumPy's OpenBLAS starts a thread per core that spins for 60 ms before it sleeps, while the
+    # model loads on the same cores. This lets the threads sleep at once.
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
-    # For what imports onnxruntime by itself; see depthcli/inference/runtime.py.
+    # For modules that import onnxruntime themselves; see depthcli/inference/runtime.py.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     if _is_limited():  # OpenBLAS would crash where it cannot start its threads
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _is_limited() -> bool:
-    """Whether this process may only have so much address space, as after ``ulimit -v``."""
+    """Whether the address space of this process is limited, as by ``ulimit -v``."""
     try:
         import resource
     except ImportError:  # Windows
@@ -78,18 +77,18 @@ def _is_limited() -> bool:
     return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
 
 
-def _leave(code: int) -> NoReturn:
-    """End the process as it is.
+def _exit(code: int) -> NoReturn:
+    """Exit without cleaning up the interpreter.
 
-    Taking onnxruntime and OpenCV apart costs more than reading a picture, and a thread that still
-    loads a model would crash it.
+    Unloading onnxruntime and OpenCV takes longer than reading a picture, and would crash a thread
+    that still loads a model.
     """
     sys.stderr.flush()
     os._exit(code)
 
 
-def _run(words: list[str], *, is_process: bool = False) -> int:
-    text = None if f"_{PROGRAM.upper()}_COMPLETE" in os.environ else _plain_text(words)
+def _run(arguments: list[str], *, is_process: bool = False) -> int:
+    text = None if f"_{PROGRAM.upper()}_COMPLETE" in os.environ else _plain_text(arguments)
     try:
         if text is not None:
             sys.stdout.write(text)
@@ -102,19 +101,19 @@ def _run(words: list[str], *, is_process: bool = False) -> int:
                 end_on_signals()
             from depthcli.cli.shell import run
 
-            code = run(words)
+            code = run(arguments)
         sys.stdout.flush()
-    except BrokenPipeError:  # whoever read our output is gone: stop silently, as other filters do
+    except BrokenPipeError:  # the reader has exited: stop silently, as other filters do
         from depthcli.errors import ExitCode
 
         return ExitCode.SOME_FAILED
     return code
 
 
-def _plain_text(words: list[str]) -> str | None:
-    """The answer to a question that needs no command."""
-    if words in ([], ["--help"], ["-h"]):
+def _plain_text(arguments: list[str]) -> str | None:
+    """The text of help or version; None for a command."""
+    if arguments in ([], ["--help"], ["-h"]):
         return help_text()
-    if words == ["--version"]:
+    if arguments == ["--version"]:
         return f"{PROGRAM} {__version__}\n"
     return None

@@ -1,4 +1,4 @@
-"""A command as its module has it, without the options that the shell gives to all."""
+"""Importing commands, without the options that the shell adds."""
 
 import importlib
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ _COMPLETION = {"install_completion", "show_completion"}
 
 
 def plain_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
-    """One command, its module imported now."""
+    """Import one command."""
     module = importlib.import_module(COMMANDS[name][0])
     command = get_command(module.app)
     command.name = name
@@ -24,7 +24,7 @@ def plain_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
 
 
 def suggestion(word: str, known: Iterable[str], help_of: str) -> str:
-    """What to say behind a word that is none: which one may be meant, or whose help to read."""
+    """End of a message about an unknown name: a similar name, or which help to read."""
     from difflib import get_close_matches
 
     close = get_close_matches(word, known, n=1)

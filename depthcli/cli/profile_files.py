@@ -20,20 +20,20 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 def folder() -> Path:
-    """Where profiles lie."""
+    """The folder of the profiles."""
     return config_folder() / "profiles"
 
 
 def profile_names() -> tuple[str, ...]:
-    """The profiles that are there, in alphabetic order."""
+    """Names of the saved profiles, sorted."""
     return tuple(sorted(path.stem for path in folder().glob(f"*{_SUFFIX}") if path.is_file()))
 
 
 def profile_path(name: str) -> Path:
-    """A profile's file, there or not; a word that ends in ``.toml`` is a path itself.
+    """The path of a profile, which need not exist; a name that ends in ``.toml`` is a path itself.
 
     Raises:
-        UsageError: it is neither a name nor such a path.
+        UsageError: the name is invalid.
     """
     if name.endswith(_SUFFIX):
         return Path(name)
@@ -46,7 +46,7 @@ def profile_path(name: str) -> Path:
 
 
 def profile_text(name: str) -> str:
-    """A profile as it is written.
+    """The TOML text of a profile.
 
     Raises:
         UsageError: there is no such profile, or it cannot be read.
@@ -62,10 +62,10 @@ def profile_text(name: str) -> str:
 
 
 def read_profile(name: str) -> dict[str, Value]:
-    """The options of a profile, by their names without dashes in front.
+    """The options of a profile, by name without leading dashes.
 
     Raises:
-        UsageError: there is no such profile, or it is not TOML of plain values.
+        UsageError: there is no such profile, or it is not valid TOML of plain values.
     """
     import tomllib
 
@@ -87,10 +87,10 @@ def write_profile(name: str, values: Mapping[str, Value], *, force: bool) -> Pat
     """Save a profile.
 
     Returns:
-        Its file.
+        Its path.
 
     Raises:
-        UsageError: the name is no name, or it is taken and not to be replaced.
+        UsageError: the name is invalid, or taken and ``force`` is not set.
         OutputError: it cannot be written.
     """
     path = profile_path(name)
@@ -110,7 +110,7 @@ def remove_profile(name: str) -> Path:
     """Delete a profile.
 
     Returns:
-        Where it was.
+        The path that was removed.
 
     Raises:
         UsageError: there is no such profile.
@@ -129,6 +129,6 @@ def _toml(value: Value) -> str:
     if isinstance(value, list):
         return f"[{', '.join(_toml(part) for part in value)}]"
     if isinstance(value, str):
-        # A TOML string is a JSON string but for this one character, which has to be escaped too.
+        # A JSON string is a TOML string, except that TOML also requires this character escaped.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return json.dumps(value)  # numbers are finite: the options refuse others

@@ -1,4 +1,4 @@
-"""The command group, loaded one command at a time, and the one place that knows exit codes."""
+"""The command group, which imports a command when it is called, and the exit codes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from depthcli._version import __version__
 from depthcli.cli.arguments import completion
 from depthcli.cli.loading import plain_command, suggestion
 from depthcli.cli.screen import console
-from depthcli.cli.table import COMMANDS, PROFILED, PROGRAM, help_text
+from depthcli.cli.table import COMMANDS, PROFILE_COMMANDS, PROGRAM, help_text
 from depthcli.core.extras import INSTALL_TRAIN
 from depthcli.errors import (
     NO_THREADS,
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
-_NO_ROOM = "failed to map segment"  # what dlopen says
-# What help shows for a value in place of typer's names of types, which vary with its version.
+_DLOPEN_NO_MEMORY = "failed to map segment"  # part of dlopen's message
+# Metavars in help, instead of typer's type names, which depend on its version.
 _PLACEHOLDERS = {
     "int": "N",
     "integer": "N",
@@ -42,14 +42,14 @@ _PLACEHOLDERS = {
 
 
 class LazyGroup(TyperGroup):
-    """A group that imports a command's module when that command is asked for."""
+    """A group that imports a command's module when that command is called."""
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002 - typer's own types
-        """Names, in the order of the help."""
+        """Names of the commands, in the order of the help."""
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401 - typer's own types
-        """One command, or None while a shell completes an unknown one."""
+        """One command; None during completion of an unknown one."""
         if cmd_name in COMMANDS:
             return load_command(cmd_name)
         if ctx.resilient_parsing:
@@ -57,7 +57,7 @@ class LazyGroup(TyperGroup):
         raise UsageError(f"no command named {cmd_name!r}{suggestion(cmd_name, COMMANDS, PROGRAM)}")
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
-        """The same text as without any module loaded."""
+        """The text of ``depthcli --help``."""
         formatter.write(help_text())
 
 
@@ -85,7 +85,7 @@ def _root(
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command and turn whatever happens into text and an exit code."""
+    """Run a command; prints its error, if any, and returns the exit code."""
     state = console.State()
     try:
         result = get_command(app)(
@@ -97,12 +97,12 @@ def run(arguments: Sequence[str]) -> int:
         raise
     except SystemExit as stop:  # shell completion, a closed pipe, a signal
         return stop.code if isinstance(stop.code, int) else ExitCode.OK
-    except Exception as error:  # noqa: BLE001 - the last line of defence: one line, never a traceback
-        if _lacks_command(error):
+    except Exception as error:  # noqa: BLE001 - any error is printed as one line
+        if _is_missing_subcommand(error):
             console.out(error.ctx.get_help())  # type: ignore[attr-defined]
             return ExitCode.OK
         if state.debug:
-            console.trace(error)
+            console.print_traceback(error)
         message, code = _explain(error)
         console.error(message)
         return code
@@ -110,33 +110,34 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _explain(error: Exception) -> tuple[str, int]:
-    """One line and an exit code for an error."""
+    """One-line message and exit code of an error."""
     if isinstance(error, DepthcliError):
         return str(error), error.exit_code
     if isinstance(error, typer.Abort):
         return "interrupted", ExitCode.INTERRUPTED
     if hasattr(error, "format_message"):  # typer's own errors, all about usage
-        return _usage(error), ExitCode.USAGE
-    return _unforeseen(error), ExitCode.FAILURE
+        return _usage_text(error), ExitCode.USAGE
+    if is_out_of_memory(error):
+        return "out of memory; give fewer or smaller inputs", ExitCode.FAILURE
+    return _unexpected(error), ExitCode.FAILURE
 
 
-def _unforeseen(error: Exception) -> str:
-    """What happened, and what can be done about its usual causes."""
+def _unexpected(error: Exception) -> str:
+    """Message of an error that is not depthcli's own, with advice for common causes."""
     if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in _TRAIN_EXTRA:
         return f"this command needs {error.name}; install it with: {INSTALL_TRAIN}"
-    if isinstance(error, ImportError) and _NO_ROOM in str(error):
+    if isinstance(error, ImportError) and _DLOPEN_NO_MEMORY in str(error):
         return "there is too little memory to start; see 'ulimit -v'"
-    if is_out_of_memory(error) or is_out_of_threads(error):
-        is_memory = is_out_of_memory(error)
-        return "out of memory; give fewer or smaller inputs" if is_memory else NO_THREADS
-    if isinstance(error, FileNotFoundError) and _is_nowhere():
+    if is_out_of_threads(error):
+        return NO_THREADS
+    if isinstance(error, FileNotFoundError) and _is_cwd_missing():
         return "the current folder was removed; change to one that exists"
     if isinstance(error, OSError) and error.strerror and error.filename:
         return f"{error.filename}: {error.strerror}"
     return f"unexpected {type(error).__name__}: {error}; run again with --debug for details"
 
 
-def _is_nowhere() -> bool:
+def _is_cwd_missing() -> bool:
     try:
         Path.cwd()
     except FileNotFoundError:
@@ -144,22 +145,22 @@ def _is_nowhere() -> bool:
     return False
 
 
-def _usage(error: Any) -> str:  # noqa: ANN401 - typer's own types
+def _usage_text(error: Any) -> str:  # noqa: ANN401 - typer's own types
     context = getattr(error, "ctx", None)
     path = context.command_path if context else PROGRAM
     message = error.format_message().strip().rstrip(".")
     return f"{message[0].lower()}{message[1:]}; see '{path} --help'"
 
 
-def _lacks_command(error: Exception) -> bool:
+def _is_missing_subcommand(error: Exception) -> bool:
     """Whether a group such as ``depthcli eval`` was named without one of its commands."""
     return type(error).__name__ == "NoArgsIsHelpError"
 
 
 def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
-    """One command, its module imported now."""
+    """Import one command, and add the options of the shell."""
     command = plain_command(name)
-    if name in PROFILED:
+    if name in PROFILE_COMMANDS:
         command.params.append(_profile_option())
     _add_debug(command)
     return command
@@ -186,7 +187,7 @@ def _apply_profile(ctx: Any, parameter: Any, name: str | None) -> None:  # noqa:
 
 
 def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
-    """Give a command, and each of its own commands, the option ``--debug``."""
+    """Add the option ``--debug`` to a command and to its subcommands."""
     for child in getattr(command, "commands", {}).values():
         _add_debug(child)
     for parameter in command.params:
@@ -212,7 +213,7 @@ def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
 
 
 def _refuse_uris(_ctx: Any, parameter: Any, value: Any) -> Any:  # noqa: ANN401 - typer's own types
-    """What takes local paths only would take a URI for a folder that is called ``s3:``."""
+    """Refuse URIs for local paths, which would take ``s3:`` for a folder."""
     for word in value if isinstance(value, (list, tuple)) else (value,):
         if "://" in str(word):
             named = parameter.opts[-1] if parameter.opts[-1].startswith("-") else "this"

@@ -1,8 +1,8 @@
-"""The signals that ask a process to end, and how they end it at any moment.
+"""Handling of SIGINT, SIGTERM and SIGHUP.
 
-An exception out of a signal handler could come anywhere: within an import, a library's callback or
-what cleans up. So a signal removes temporary files and ends the process where it is, but for
-commands that note it and finish what they are at.
+An exception from a signal handler could be raised anywhere: within an import, a library's callback
+or clean-up code. So a signal removes temporary files and ends the process at once, except in
+commands that shut down gracefully.
 """
 
 import os
@@ -14,27 +14,27 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NoReturn
 
-from depthcli.core.ending import prepare_to_end
+from depthcli.core.exit_hooks import run_exit_hooks
 from depthcli.core.interrupt import Interrupt
 from depthcli.io.storage.temporaries import remove_own
 
 SIGNAL_BASE = 128
-"""Shells report a signal as this plus its number."""
+"""Exit code of a process that a signal ended, less the signal's number."""
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 
-_PATIENCE_S = 0.5
-_finishing: list[tuple[float, Callable[[], object]]] = []
-"""How long a block of :func:`finishing` may take, and what hurries it; the innermost last."""
+_GRACE_PERIOD_S = 0.5
+_shutdowns: list[tuple[float, Callable[[], object]]] = []
+"""Grace period and callback of each :func:`graceful_shutdown` block; the innermost last."""
 
 
 def ending_signals() -> tuple[signal.Signals, ...]:
-    """Those that whoever started us does not ignore, as nohup does."""
+    """The signals that end this process; not those that are ignored, as under nohup."""
     known = (getattr(signal, name) for name in _NAMES if hasattr(signal, name))
     return tuple(number for number in known if signal.getsignal(number) is not signal.SIG_IGN)
 
 
 def end_on_signals() -> None:
-    """Let these signals end the process, also while its main thread is in a library's code."""
+    """Make these signals end the process, also while its main thread runs native code."""
     read_end, write_end = os.pipe()
     if sys.platform != "win32":
         os.set_blocking(write_end, False)
@@ -45,44 +45,46 @@ def end_on_signals() -> None:
 
 
 @contextmanager
-def finishing(patience_s: float, hurry: Callable[[], object]) -> Iterator[Interrupt]:
-    """Note a signal within the block, which is to end then; a second one ends the process.
+def graceful_shutdown(
+    grace_period_s: float, on_signal: Callable[[], object]
+) -> Iterator[Interrupt]:
+    """Record a signal within the block, which has to end then; a second one ends the process.
 
     Args:
-        patience_s: how long the block may take to end.
-        hurry: called from another thread when the signal comes.
+        grace_period_s: how long the block may take to end.
+        on_signal: called from another thread when the signal comes.
     """
     with Interrupt(*ending_signals()) as interrupt:
-        _finishing.append((patience_s, hurry))
+        _shutdowns.append((grace_period_s, on_signal))
         try:
             yield interrupt
         finally:
-            _finishing.pop()
+            _shutdowns.pop()
 
 
 def _watch(read_end: int) -> None:
-    """See to it that signals are obeyed where the main thread does not come to that."""
+    """End the process on a signal if the main thread does not do so in time."""
     while True:
         (number,) = os.read(read_end, 1)
         if signal.getsignal(number) is _end:
-            patience_s = _PATIENCE_S
-        elif _finishing:
-            patience_s, hurry = _finishing[-1]
-            hurry()
+            grace_period_s = _GRACE_PERIOD_S
+        elif _shutdowns:
+            grace_period_s, on_signal = _shutdowns[-1]
+            on_signal()
         else:
             continue
-        select.select([read_end], (), (), patience_s)
-        _leave_nothing()
+        select.select([read_end], (), (), grace_period_s)
+        _clean_up()
         os._exit(SIGNAL_BASE + number)
 
 
 def _end(number: int, _frame: object) -> NoReturn:
-    _leave_nothing()
-    with suppress(Exception):  # nobody listens, or it was interrupted in the middle of a line
+    _clean_up()
+    with suppress(Exception):  # the stream is closed, or was interrupted while writing
         sys.stdout.flush()
     os._exit(SIGNAL_BASE + number)
 
 
-def _leave_nothing() -> None:
-    prepare_to_end()
+def _clean_up() -> None:
+    run_exit_hooks()
     remove_own()

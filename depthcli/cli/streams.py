@@ -1,4 +1,4 @@
-"""Standard streams that are closed, on a full disk, or that nobody reads any more."""
+"""Standard streams that are closed, on a full disk, or whose reader has exited."""
 
 from __future__ import annotations
 
@@ -10,44 +10,44 @@ TYPE_CHECKING = False  # as in depthcli/__init__.py
 if TYPE_CHECKING:
     from typing import Any
 
-_KEPT = ("encoding", "errors", "line_buffering", "write_through")
+_SETTINGS = ("encoding", "errors", "line_buffering", "write_through")
 
 
 class Stream(io.TextIOWrapper):
-    """A standard stream whose trouble does not stop the work; it is remembered instead.
+    """A standard stream that stores the first error (``problem``) instead of raising it.
 
-    A reader of standard output that left does stop it, as it does other filters.
+    A broken pipe is raised if ``needs_reader`` is set, as for standard output.
     """
 
     problem: OSError | None = None
     needs_reader = False
 
     def write(self, text: str) -> int:
-        """Write as much as can be written."""
+        """Write as much as possible."""
         try:
             return super().write(text)
         except OSError as error:
-            self._remember(error)
+            self._store(error)
             return len(text)
 
     def flush(self) -> None:
-        """Pass on what was written, as far as that goes."""
+        """Flush as much as possible."""
         try:
             super().flush()
         except OSError as error:
-            self._remember(error)
+            self._store(error)
 
-    def _remember(self, error: OSError) -> None:
+    def _store(self, error: OSError) -> None:
         if self.needs_reader and isinstance(error, BrokenPipeError):
             raise error
         self.problem = self.problem or error
 
 
 def open_streams() -> Stream:
-    """Make closed streams refuse reading and writing, and let the others bear trouble.
+    """Make closed streams raise on reading and writing, and the others store errors.
 
-    Where a stream is closed, the next file that is opened would become that stream, for C libraries
-    too, which would write their warnings into it.
+    If a stream were left closed, the next file that is opened would get its number, and C libraries
+    would write warnings into that file.
 
     Returns:
         Standard output.
@@ -58,20 +58,20 @@ def open_streams() -> Stream:
         (2, "stderr", os.O_RDONLY),
     ):
         if getattr(sys, name) is None:
-            _refuse(number, flags)
+            _open_devnull(number, flags)
             setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
-    sys.stderr = _bearing(sys.stderr)
-    sys.stdout = stdout = _bearing(sys.stdout)
+    sys.stderr = _wrap(sys.stderr)
+    sys.stdout = stdout = _wrap(sys.stdout)
     stdout.needs_reader = True
     return stdout
 
 
-def _bearing(usual: Any) -> Stream:  # noqa: ANN401 - a TextIO does not say that it can be detached
-    how = {what: getattr(usual, what) for what in _KEPT}
-    return Stream(usual.detach(), **how)
+def _wrap(original: Any) -> Stream:  # noqa: ANN401 - TextIO has no detach
+    settings = {name: getattr(original, name) for name in _SETTINGS}
+    return Stream(original.detach(), **settings)
 
 
-def _refuse(number: int, flags: int) -> None:
+def _open_devnull(number: int, flags: int) -> None:
     handle = os.open(os.devnull, flags)
     if handle != number:
         os.dup2(handle, number)

@@ -1,4 +1,4 @@
-"""The table of the commands, and the help that is made of it; it imports nothing."""
+"""The table of the commands, and the text of the root help; imports nothing."""
 
 PROGRAM = "depthcli"
 COMMANDS = {
@@ -34,8 +34,8 @@ COMMANDS = {
     "doctor": ("depthcli.cli.commands.doctor", "Check the installation: provider, model, codecs."),
 }
 """Name -> (module whose ``app`` is the command, one line of help)."""
-PROFILED = frozenset({"predict", "batch", "video"})
-"""Commands that take ``--profile``."""
+PROFILE_COMMANDS = frozenset({"predict", "batch", "video"})
+"""Commands that accept ``--profile``."""
 
 _HELP = """\
 Usage: depthcli COMMAND [OPTIONS] [ARGUMENTS]...

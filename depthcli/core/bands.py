@@ -1,4 +1,4 @@
-"""Large pictures a few rows at a time, so that no second copy of them is ever whole in memory."""
+"""Processing large pictures a few rows at a time, so that no whole copy of them is in memory."""
 
 from collections.abc import Callable, Iterator
 
@@ -8,7 +8,7 @@ import numpy.typing as npt
 from depthcli.core.resize import resize_area
 
 BAND_PIXELS = 100_000
-"""Pixels of a band: its few planes of floats fit a processor's second cache."""
+"""Pixels of a band: its few float arrays fit a processor's L2 cache."""
 
 
 def row_bands(width: int, height: int) -> Iterator[slice]:
@@ -24,10 +24,16 @@ def shrink_bands(
     width: int,
     height: int,
 ) -> npt.NDArray[np.float32]:
-    """What ``resize_area(plane(pixels), width, height)`` gives, up to rounding.
+    """What ``resize_area(plane(pixels), width, height)`` returns, up to rounding.
 
-    Pixels are (H, W) or (H, W, 3), of a frame; ``plane`` takes something of each by itself, as in
-    :mod:`depthcli.core.colour`. The result is (height, width) or (height, width, C) float32.
+    Args:
+        pixels: (H, W) or (H, W, 3), of a frame.
+        plane: a pointwise function of pixels, such as those of :mod:`depthcli.core.colour`.
+        width: of the result.
+        height: of the result.
+
+    Returns:
+        (height, width) or (height, width, C) float32.
     """
     rows, columns = pixels.shape[:2]
     narrow = [

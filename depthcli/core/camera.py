@@ -1,14 +1,14 @@
-"""What is known of the camera and the scene; free of numpy, so that options can be read first."""
+"""Options about camera and scene; free of numpy, so that they are checked before it loads."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from depthcli.core.foreign import Rule
+from depthcli.core.validation import Rule
 
 HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004
-"""Horizontal fields of view; beyond, metres would be next to nothing or without end."""
+"""Horizontal fields of view; outside this range, depths would be almost zero or infinite."""
 FOCAL_PX = Rule("a number from 0.001 to 1e8", lambda px: 1e-3 <= px <= 1e8)  # noqa: PLR2004
-"""Focal lengths in pixels: those of such angles, at any width that a picture has."""
+"""Focal lengths in pixels: what these angles give at any width of a picture."""
 
 
 class Anchor(NamedTuple):
@@ -27,9 +27,9 @@ class Anchor(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """What is known of the camera and the scene."""
+    """The given properties of the camera and the scene."""
 
     focal_px: float | None = None  #: focal length in pixels of the picture; None if it is not given
-    #: horizontal field of view in degrees, in its place; None likewise
+    #: horizontal field of view in degrees, instead of ``focal_px``; None if it is not given
     hfov_deg: float | None = None
     anchors: tuple[Anchor, ...] = ()  #: points of known depth

@@ -1,4 +1,4 @@
-"""What can be chosen about depth maps and models; free of numpy, so that help texts can list it."""
+"""Choices for options of depth maps and models; free of numpy, so that help texts can list them."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -7,19 +7,19 @@ from depthcli.errors import UsageError
 
 
 class Upsampling(StrEnum):
-    """How depth gets from the network's size to the picture's."""
+    """How depth is upsampled from the network's size to the picture's."""
 
     GUIDED = "guided"
     """Edges follow those of the picture."""
     BILINEAR = "bilinear"
-    """Between neighbours, without a look at the picture."""
+    """Bilinear interpolation; the picture is not used."""
 
 
 class Weights(StrEnum):
     """Which weights of a training run make its model."""
 
     AVERAGED = "averaged"
-    """Their moving average (``optim.ema``); those of the last step where none is kept."""
+    """Their moving average (``optim.ema``); those of the last step if there is no average."""
     RAW = "raw"
     """Those of the last step."""
 
@@ -34,25 +34,25 @@ class Sensor(StrEnum):
 
 
 AUTO_TILE = 0
-"""Width of tiles that stands for three quarters of the picture's; see docs/sharpness.md."""
+"""Tile width that stands for three quarters of the picture's width; see docs/sharpness.md."""
 GPU_BATCH = 8
-"""Pictures in one run of the network on other providers than the CPU."""
+"""Batch size of the network on other providers than the CPU."""
 MAX_PIXELS = 250_000_000
-"""Larger pictures are refused, where no other limit is given."""
+"""Larger pictures are refused, unless another limit is given."""
 DEPTH_BYTES = 4
-"""A pixel of a depth map."""
+"""Bytes of a pixel of a depth map."""
 
 
 @dataclass(frozen=True, slots=True)
 class Detail:
-    """How a network's depth becomes that of a full-size picture.
+    """How the depth of a full-size picture is made from a network's output.
 
     Attributes:
-        upsampling: how depth gets to the picture's size.
+        upsampling: how depth is upsampled to the picture's size.
         tile_px: width of tiles in pixels of the picture; None for no tiles, 0 for 3/4 of its width.
-        max_memory_bytes: most memory for one picture: its pixels, its depth, all that is between
-            and what is done with the depth, beside the program and the model; None for no limit.
-        use_bytes: what is done with the depth takes so many bytes a pixel; counts for the limit.
+        max_memory_bytes: limit of memory for one picture: its pixels, its depth, intermediate
+            arrays and writing the depth, but not the program and the model; None for no limit.
+        use_bytes: memory of writing the depth, in bytes a pixel; counts towards the limit.
     """
 
     upsampling: Upsampling = Upsampling.GUIDED
@@ -61,18 +61,18 @@ class Detail:
     use_bytes: int = 0
 
     def __post_init__(self) -> None:
-        """Take plain words too.
+        """Accept strings for the choices.
 
         Raises:
-            UsageError: a value means nothing.
+            UsageError: a value is not valid.
         """
         if self.upsampling not in tuple(Upsampling):
             names = " or ".join(Upsampling)
             raise UsageError(f"upsampling is {names}, not {self.upsampling!r}")
         object.__setattr__(self, "upsampling", Upsampling(self.upsampling))
         if self.tile_px is not None and self.tile_px < 0:
-            raise UsageError(f"tiles of {self.tile_px} pixels cannot be; give their width")
+            raise UsageError(f"tile_px has to be 0 or more, not {self.tile_px}; give a width")
 
 
-PLAIN = Detail()
-"""Guided, in one piece, without a limit."""
+DEFAULT_DETAIL = Detail()
+"""Guided upsampling, no tiles, no limit."""

@@ -1,4 +1,4 @@
-"""What a network's raw output means: the one mapping that training, export and inference share."""
+"""The mapping of a network's raw output to depth, shared by training, export and inference."""
 
 from enum import StrEnum
 from typing import NamedTuple, Self

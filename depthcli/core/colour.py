@@ -1,4 +1,4 @@
-"""What a network is shown of a picture's colours, at the picture's full precision."""
+"""Conversions of a picture's colours for a network, at the picture's full precision."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""A checksum of options and facts, the same in every process and on every machine."""
+"""A checksum of options and other values, the same in every process and on every machine."""
 
 import hashlib
 import json
@@ -9,31 +9,31 @@ from fractions import Fraction
 from pathlib import PurePath
 
 
-def fingerprint(*facts: object) -> str:
-    """What results follow from, in 64 hex digits: other facts give other digits.
+def fingerprint(*values: object) -> str:
+    """SHA-256 of values, in 64 hex digits.
 
-    Facts are numbers, texts, enumerations, fractions and paths; tuples, lists, mappings and
-    dataclasses of them, whose fields count with their names.
+    Values are numbers, texts, enumerations, fractions and paths, and tuples, lists, mappings and
+    dataclasses of them; names of fields count.
 
     Raises:
-        TypeError: something else, which could look different the next time.
+        TypeError: a value of another type, whose text form may not be stable.
     """
-    text = json.dumps([_json_value(fact) for fact in facts], sort_keys=True)
+    text = json.dumps([_json_value(value) for value in values], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _json_value(fact: object) -> object:
-    """What JSON has words for."""
-    if isinstance(fact, Enum):
-        return fact.value
-    if fact is None or isinstance(fact, bool | int | float | str):
-        return fact
-    if isinstance(fact, Fraction | PurePath):
-        return str(fact)
-    if is_dataclass(fact):
-        return {field.name: _json_value(getattr(fact, field.name)) for field in fields(fact)}
-    if isinstance(fact, Mapping):
-        return {str(key): _json_value(value) for key, value in fact.items()}
-    if isinstance(fact, tuple | list):
-        return [_json_value(part) for part in fact]
-    raise TypeError(f"{type(fact).__name__} has no fingerprint")
+def _json_value(value: object) -> object:
+    """The value as types that JSON has."""
+    if isinstance(value, Enum):
+        return value.value
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, Fraction | PurePath):
+        return str(value)
+    if is_dataclass(value):
+        return {field.name: _json_value(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _json_value(part) for key, part in value.items()}
+    if isinstance(value, tuple | list):
+        return [_json_value(part) for part in value]
+    raise TypeError(f"{type(value).__name__} has no fingerprint")

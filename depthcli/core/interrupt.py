@@ -1,4 +1,4 @@
-"""Ending work on a signal, at a place where it can be ended."""
+"""Deferring a signal until work can stop."""
 
 import signal
 import threading
@@ -10,28 +10,28 @@ Handler = Callable[[int, FrameType | None], object] | int | None
 
 
 class Interrupt:
-    """Notes a signal while it is entered; a second one acts as it would have without us.
+    """Records the first signal while it is entered; a second one has its usual effect.
 
-    ``number`` is the signal that came, or None; outside the main thread none is noted.
+    ``number`` is the signal that was received, or None; always None outside the main thread.
     """
 
     def __init__(self, *signals: signal.Signals) -> None:
         self.number: int | None = None
         self._signals = signals
-        self._before: dict[signal.Signals, Handler] = {}
+        self._handlers: dict[signal.Signals, Handler] = {}
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
             for number in self._signals:
-                self._before[number] = signal.signal(number, self._note)
+                self._handlers[number] = signal.signal(number, self._handle)
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
+        for number, handler in self._handlers.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
-        self._before = {}
+        self._handlers = {}
 
-    def _note(self, number: int, _frame: FrameType | None) -> None:
+    def _handle(self, number: int, _frame: FrameType | None) -> None:
         if self.number is None:
             self.number = number
             return

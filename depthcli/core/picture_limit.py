@@ -1,23 +1,23 @@
-"""How large a picture may be, and how much memory it takes on its way to depth."""
+"""Limits of a picture's size, and an estimate of the memory that its depth takes."""
 
 import math
 from typing import NamedTuple
 
 from depthcli.core.bands import BAND_PIXELS
-from depthcli.core.choices import DEPTH_BYTES, PLAIN, Detail
+from depthcli.core.choices import DEFAULT_DETAIL, DEPTH_BYTES, Detail
 from depthcli.errors import InputError
 
-# Counted in the code, with some to spare: planes of one band.
+# Temporary arrays of one band of rows, counted in the code, with a margin.
 _BYTES_A_BAND_PIXEL = 64
 _COLOUR_BYTES = 3
 _UNITS = (("G", 1_000_000_000), ("M", 1_000_000), ("K", 1_000))
 
 
 class PictureLimit(NamedTuple):
-    """What is known to be too large before it is decoded."""
+    """The limits that a picture is checked against before it is decoded."""
 
-    pixels: int  #: most pixels; ``--max-pixels`` sets it
-    detail: Detail = PLAIN  #: its limit of memory, ``--max-memory``, holds as well
+    pixels: int  #: most pixels, of ``--max-pixels``
+    detail: Detail = DEFAULT_DETAIL  #: has the limit of memory, of ``--max-memory``
 
     def check(self, name: str, width: int, height: int) -> None:
         """Refuse a picture by the size that its header claims.
@@ -33,7 +33,7 @@ class PictureLimit(NamedTuple):
             )
         if bytes_needed(width, height, self.detail, count) > memory_limit(self.detail):
             about = bytes_needed(width, height, self.detail, _COLOUR_BYTES * count)
-            raise InputError(f"{name}: {too_little(width, height, about, self.detail)}")
+            raise InputError(f"{name}: {memory_limit_message(width, height, about, self.detail)}")
 
 
 def memory_limit(detail: Detail) -> float:
@@ -44,19 +44,19 @@ def memory_limit(detail: Detail) -> float:
 def bytes_needed(
     width: int, height: int, detail: Detail, picture_bytes: int, input_bytes: int = 0
 ) -> int:
-    """What a picture takes without tiles: its pixels, a band, and the most of what comes in turn.
+    """Memory of a picture without tiles: its pixels, a band of rows, and its input or its depth.
 
-    ``input_bytes`` is what becomes the network's input, at the picture's size.
+    ``input_bytes`` is the size of the arrays that the network's input is made of, at the picture's
+    size; they are freed before depth is upsampled, so only the larger of both counts.
     """
     count = width * height
     band = min(count, max(BAND_PIXELS, width)) * _BYTES_A_BAND_PIXEL
-    then = max(input_bytes, (DEPTH_BYTES + detail.use_bytes) * count)
-    # What bands took is not given back at once.
-    return picture_bytes + then + band
+    larger = max(input_bytes, (DEPTH_BYTES + detail.use_bytes) * count)
+    return picture_bytes + larger + band  # the memory of bands is not freed at once
 
 
-def too_little(width: int, height: int, needed: int, detail: Detail) -> str:
-    """That the limit is too low for a picture, and what it would have to be."""
+def memory_limit_message(width: int, height: int, needed: int, detail: Detail) -> str:
+    """A message that the limit of memory is too low for a picture, with the memory it needs."""
     return (
         f"{width}×{height} pixels need {megabytes(needed)}, more than --max-memory "
         f"{size_text(memory_limit(detail))}; raise it to {megabytes(needed)} or make the picture "
@@ -65,12 +65,12 @@ def too_little(width: int, height: int, needed: int, detail: Detail) -> str:
 
 
 def megabytes(count: float) -> str:
-    """So many bytes as ``--max-memory`` takes them, rounded up: ``15M``."""
+    """A number of bytes in the form of ``--max-memory``, rounded up: ``15M``."""
     return f"{math.ceil(count / 1_000_000)}M"
 
 
 def size_text(count: float) -> str:
-    """A limit as it was given: ``10``, ``200K``, ``1.5G``."""
+    """A number of bytes as short as possible: ``10``, ``200K``, ``1.5G``."""
     for letter, size in _UNITS:
         if count >= size:
             return f"{count / size:g}{letter}"

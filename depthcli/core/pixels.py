@@ -1,4 +1,4 @@
-"""What an array has to be to pass for a picture."""
+"""Validation of pixel arrays."""
 
 import math
 from typing import Any
@@ -14,7 +14,7 @@ _CHANNELS = (1, 3, 4)
 
 
 def check_pixels(pixels: npt.NDArray[Any]) -> None:
-    """Refuse what is not (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
+    """Check that pixels are (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
 
     Raises:
         InputError: another shape or type, or floats that are not in [0, 1].

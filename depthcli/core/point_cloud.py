@@ -1,4 +1,4 @@
-"""From a depth map back into space."""
+"""Back-projection of a depth map to a point cloud."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,22 +1,27 @@
-"""How far long work has come, told to whoever wants to know."""
+"""Progress reports of long-running work."""
 
 from collections.abc import Callable
 from typing import Protocol
 
 
 class Progress(Protocol):
-    """Somebody who watches work that has one stage or several."""
+    """Receives the progress of work that has one or more stages."""
 
     def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
-        """Announce a stage; what is returned is told of each number of units more that are done.
+        """Begin a stage.
 
-        The name is empty where it is all that there is, ``total`` is None if it is not known, and
-        the unit is in the plural: ``frames``.
+        Args:
+            what: name of the stage; empty if it is the only one.
+            total: number of units; None if it is not known.
+            unit: in the plural, such as ``frames``.
+
+        Returns:
+            Called with the number of units done since the last call.
         """
 
 
 class _NoProgress:
-    """Nobody watches."""
+    """Ignores progress."""
 
     def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
         """Nothing."""

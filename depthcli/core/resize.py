@@ -10,7 +10,7 @@ def resize_bilinear(
 ) -> npt.NDArray[np.float32]:
     """Bilinear, half-pixel centres, edges repeated, no antialiasing: how depth is resized.
 
-    Of (H, W) or (H, W, C) float32 to (height, width) or (height, width, C) px; a copy only if the
+    From (H, W) or (H, W, C) float32 to (height, width) or (height, width, C); a copy only if the
     size changes.
     """
     if values.shape[:2] == (height, width):
@@ -21,9 +21,9 @@ def resize_bilinear(
 def resize_rows(
     values: npt.NDArray[np.float32], width: int, height: int, rows: slice
 ) -> npt.NDArray[np.float32]:
-    """Some rows of what :func:`resize_bilinear` gives, up to rounding, without the others.
+    """Some rows of what :func:`resize_bilinear` returns, up to rounding, without the others.
 
-    Of (H, W) float32; ``height`` counts the rows of the whole result. Never a view of ``values``.
+    ``values`` are (H, W) float32; ``height`` is that of the whole result. Never a view of them.
     """
     last = values.shape[0] - 1
     numbers = np.arange(rows.start, rows.stop, dtype=np.float64)

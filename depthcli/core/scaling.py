@@ -1,7 +1,7 @@
-"""Metres for other cameras, and from known points.
+"""Focal lengths, and fitting depth to anchors.
 
-An image of an object at twice the focal length looks like one at half the distance, so a network
-that learned one camera is right up to the ratio of focal lengths: depth ∝ focal.
+An object at twice the focal length looks as it does at half the distance, so a network that was
+trained on one camera is right up to the ratio of focal lengths: depth ∝ focal length.
 """
 
 import math
@@ -19,7 +19,7 @@ _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 
 def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
-    """Refuse a camera that cannot be: 0.001 to 1e8 pixels, or in their place 0.1 to 179.9 degrees.
+    """Check a focal length of 0.001 to 1e8 pixels, or instead a field of view of 0.1 to 179.9°.
 
     Raises:
         UsageError: one is out of range, or both are given.
@@ -94,10 +94,10 @@ def fit_anchors(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
 
 
 def fitted(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
-    """One of several pictures through known points; as it is where there are none.
+    """Depth of one of several pictures, fitted to points; unchanged if there are no points.
 
     Raises:
-        InputError: a point does not fit this picture, but may fit the next one.
+        InputError: the points do not fit this picture, but may fit the next one.
     """
     try:
         return fit_anchors(depth, points) if points else depth

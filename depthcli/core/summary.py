@@ -1,4 +1,4 @@
-"""A depth map in three numbers."""
+"""The range of a depth map."""
 
 from typing import NamedTuple, Self
 

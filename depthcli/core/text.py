@@ -1,7 +1,7 @@
-"""Text that others wrote, such as names of files, made fit for one line."""
+"""Untrusted text, such as names of files, made safe to show in one line."""
 
-_LARGEST = 2**63
-_LONGEST = 60
+_INT64_END = 2**63
+_MAX_CHARS = 60
 
 
 def one_line(text: str) -> str:
@@ -11,12 +11,12 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def shown(value: object) -> str:
-    """A value of foreign data for a message: short, and of printable ASCII alone."""
-    if isinstance(value, int) and abs(value) >= _LARGEST:  # its digits can take for ever
+def short_repr(value: object) -> str:
+    """An untrusted value for a message: short, and of printable ASCII characters only."""
+    if isinstance(value, int) and abs(value) >= _INT64_END:  # its digits can take for ever
         return "a number of more than 64 bits"
     try:
         text = one_line(ascii(value))  # that of a tensor has lines
     except (RecursionError, ValueError):  # a number within it is as long
         return "something too deep or too long"
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]}..."

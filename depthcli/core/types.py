@@ -1,4 +1,4 @@
-"""The two values that flow through everything: a picture going in, a depth map coming out."""
+"""The central types: a picture (input) and a depth map (output)."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # pictures need not wait for it
 
 
 class DepthKind(StrEnum):
-    """What the numbers of a depth map mean."""
+    """The meaning of a depth map's values."""
 
     METRIC = "metric"
     """Metres along the camera axis."""
@@ -34,10 +34,10 @@ class CameraSource(StrEnum):
     EXIF = "exif"
     """The picture's file states it."""
     CARD = "card"
-    """Assumed: the picture is taken to come from the camera that the model learned."""
+    """Assumed: that of the camera that the model was trained for."""
 
 
-# Identity in place of equality: what == would mean of two arrays is one answer for each pixel.
+# Compared by identity: == of two arrays gives an array.
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """One decoded picture, upright.
@@ -62,7 +62,7 @@ class Frame:
     rate: "Fraction | None" = None
 
     def __post_init__(self) -> None:
-        """Refuse what no model was made for.
+        """Check the pixels.
 
         Raises:
             InputError: another shape or type, or floats that are not in [0, 1].
@@ -85,7 +85,7 @@ class Frame:
         return f"<Frame {self.width}×{self.height}, {colours} {self.pixels.dtype}{path}>"
 
     def pixels_8bit(self) -> npt.NDArray[np.uint8]:
-        """The picture for people: (H, W, 3) RGB uint8."""
+        """The picture for display: (H, W, 3) RGB uint8."""
         top = {"uint8": 255, "uint16": 65535}.get(self.pixels.dtype.name, 1)
         scaled = np.rint(self.pixels * np.float32(255 / top)).astype(np.uint8)
         return scaled if scaled.ndim == 3 else np.repeat(scaled[..., None], 3, 2)  # noqa: PLR2004
@@ -93,16 +93,16 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Where a depth map came from; written into its files, never needed to decode them.
+    """Where a depth map came from; written into its files, but never needed to decode them.
 
-    Of a map that was read from a file, what the file does not state is None.
+    In a map that was read from a file, what the file does not state is None.
 
     Attributes:
         model: name of the model, as in its card.
         model_sha256: checksum of the ONNX file, 64 hex digits.
-        input_size_px: (width, height) of the tensor the network saw.
-        focal_px: focal length in pixels of the picture, to which the metres belong; None if neither
-            the picture's nor the model's is known.
+        input_size_px: (width, height) of the network's input tensor.
+        focal_px: focal length in pixels that the metres are for; None if neither the picture's nor
+            the model's is known.
         orientation: the EXIF orientation (1-8) of the picture that was undone on reading it.
         anchors: the known points that metres were fitted to; empty if they were not.
         camera_source: where ``focal_px`` comes from.

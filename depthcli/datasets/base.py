@@ -1,4 +1,4 @@
-"""What a data set of pictures with measured depth looks like to everything else."""
+"""The interface of data sets of pictures with measured depth."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ class DepthDataset(Protocol):
 
 @runtime_checkable
 class HasRawDepth(Protocol):
-    """A data set that also knows which pixels the sensor measured and which were filled in."""
+    """A data set that also has depth before in-filling."""
 
     def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
         """Depth of pair ``i`` before filling: (H, W) float32 metres, 0 where nothing was measured.
 
         Raises:
-            DatasetError: it is not there or cannot be read.
+            DatasetError: it is missing or cannot be read.
         """
         ...
 
@@ -65,7 +65,7 @@ class HasFocalLengths(Protocol):
 
 @runtime_checkable
 class HasCamera(Protocol):
-    """A data set whose pictures one known camera took."""
+    """A data set whose pictures were taken with one known camera."""
 
     @property
     def hfov_deg(self) -> float:

@@ -1,4 +1,4 @@
-"""Reading one picture or one depth image of a data set, with errors that name the mistake."""
+"""Reading one picture or one depth image of a data set, with clear errors."""
 
 import struct
 from collections.abc import Iterable
@@ -21,7 +21,7 @@ _PNG_DEPTH_BITS = 16
 
 
 def depth_shape(path: Path) -> tuple[int, int]:
-    """(rows, columns) of a 16-bit gray PNG, by its first bytes.
+    """(rows, columns) of a 16-bit gray PNG, from its header.
 
     Raises:
         DatasetError: it is missing, not a PNG, has 8 bits, or has colour.
@@ -49,7 +49,7 @@ def read_depth_m(path: Path, units_per_metre: float) -> npt.NDArray[np.float32]:
     """
     depth_shape(path)
     stored = _decode(path, cv2.IMREAD_UNCHANGED)
-    # Dividing in float64 keeps 2.718 m the float32 nearest to 2.718.
+    # Division in float64 gives the float32 nearest to 2.718 for 2718 mm.
     depth_m: npt.NDArray[np.float32] = (stored / units_per_metre).astype(np.float32)
     return depth_m
 
@@ -84,7 +84,7 @@ def _decode(path: Path, flags: int) -> npt.NDArray[np.integer]:
 def check_plausible(
     medians_m: Iterable[float], plausible_m: tuple[float, float], where: Path | str
 ) -> None:
-    """Refuse a data set whose depth is clearly in another unit, by the medians of some images.
+    """Check the unit of a data set's depth, by the medians of some images.
 
     Raises:
         DatasetError: the median of the medians is outside the range.
@@ -104,7 +104,7 @@ def median_m(depth_m: npt.NDArray[np.float32]) -> float:
     return float(np.median(positive)) if positive.size else 0.0
 
 
-def spread(count: int, at_most: int = 9) -> list[int]:
-    """At most so many positions, evenly over ``range(count)``: where samples are taken."""
+def sample_positions(count: int, at_most: int = 9) -> list[int]:
+    """At most ``at_most`` positions of samples, evenly spaced over ``range(count)``."""
     positions = np.linspace(0, count - 1, min(count, at_most)).astype(int)
     return [int(i) for i in np.unique(positions)]

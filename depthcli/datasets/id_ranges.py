@@ -1,4 +1,4 @@
-"""Ids that are numbers, as short text: ``0000-0002,0007``."""
+"""Numeric ids as ranges: ``0000-0002,0007``."""
 
 from collections.abc import Iterable
 from itertools import pairwise
@@ -7,7 +7,7 @@ _DIGITS = 4
 
 
 def compact(ids: Iterable[str]) -> str:
-    """Ids, whole numbers as NYU Depth v2's, as ranges.
+    """Format ids, whole numbers as in NYU Depth v2, as ranges.
 
     >>> compact(["0001", "0000", "0002", "0007"])
     '0000-0002,0007'
@@ -27,10 +27,10 @@ def _range_text(first: int, last: int) -> str:
 
 
 def parse(text: str) -> frozenset[int]:
-    """The numbers of ids as ranges.
+    """Parse ranges of ids to numbers.
 
     Raises:
-        ValueError: the text is no such list.
+        ValueError: the text is not a list of ranges.
 
     >>> sorted(parse("0000-0002,0007"))
     [0, 1, 2, 7]

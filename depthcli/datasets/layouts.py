@@ -1,4 +1,4 @@
-"""The data sets that are known by a file in their folder."""
+"""The table of data sets that are recognized by a file in their folder."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -13,14 +13,14 @@ LAYOUTS = {
     "nyu_depth_v2_labeled.mat": "nyu:open_nyu",
     "index.csv": "nyu:open_nyu",
 }
-"""Name of a file -> ``module:function`` that opens the folder with it, the first that is there."""
+"""Name of a file -> ``module:function`` that opens a folder with it; the first match is used."""
 
 
 def opener_of(folder: Path) -> Opener | None:
-    """What opens a folder; None if no file tells."""
-    for name, place in LAYOUTS.items():
+    """The function that opens a folder; None if no file is recognized."""
+    for name, entry in LAYOUTS.items():
         if (folder / name).is_file():
-            module, _, function = place.partition(":")
+            module, _, function = entry.partition(":")
             found: Opener = getattr(import_module(f"depthcli.datasets.{module}"), function)
             return found
     return None

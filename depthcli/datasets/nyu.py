@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 
-from depthcli.core.text import shown
+from depthcli.core.text import short_repr
 from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.nyu_mat import NyuMat, open_mat
 from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
@@ -30,7 +30,7 @@ _COLUMNS = ("id", "scene", "official_split")
 
 @dataclass(frozen=True, slots=True)
 class IndexRow:
-    """What index.csv says about one pair."""
+    """A row of index.csv."""
 
     scene: str
     official_split: str
@@ -70,11 +70,11 @@ def _open_mat(path: Path) -> NyuMat:
 def _open_folder(path: Path) -> PairedFolder:
     pairs = open_paired_folder(path, plausible_m=PLAUSIBLE_M)
     index = read_index(path / INDEX_NAME)
-    unlike = sorted(set(index) ^ set(pairs.ids))
-    if unlike:
+    differing = sorted(set(index) ^ set(pairs.ids))
+    if differing:
         raise DatasetError(
             f"{path / INDEX_NAME} lists {len(index)} pairs but the folder holds {len(pairs)} "
-            f"(first difference: {unlike[0]}): bring them together"
+            f"(first difference: {differing[0]}): bring them together"
         )
     return replace(
         pairs,
@@ -112,6 +112,6 @@ def _index_row(path: Path, row: dict[str, str | None]) -> IndexRow:
     scene, part = row["scene"] or "", row["official_split"] or ""
     if part not in {"train", "test", ""}:
         raise DatasetError(
-            f"{path} has the official split {shown(part)}: it is train, test or empty"
+            f"{path} has the official split {short_repr(part)}: it is train, test or empty"
         )
     return IndexRow(scene, part)

@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.extras import INSTALL_H5PY
-from depthcli.datasets.files import check_plausible, median_m, spread
+from depthcli.datasets.files import check_plausible, median_m, sample_positions
 from depthcli.errors import DatasetError
 
 _OFFICIAL = "nyu_depth_v2_labeled.mat"
-_PARTS = {"images": "u", "depths": "f", "scenes": "O"}
-"""What the file has to hold, and the kinds of NumPy types that it is stored as."""
+_REQUIRED = {"images": "u", "depths": "f", "scenes": "O"}
+"""Arrays that the file must have, and their kinds of NumPy types."""
 _DAMAGED = (KeyError, OSError, RuntimeError, TypeError, ValueError)
 _MAX_PAIRS = 100_000
 _MAX_PAIR_PIXELS = 2**24
@@ -34,8 +34,8 @@ class NyuMat:
 
     path: Path  #: the file
     ids: tuple[str, ...]  #: label number of each pair, zero-based, four digits
-    scenes: tuple[str, ...]  #: scene of each pair, "kitchen_0004" say
-    #: "" for each pair, as the file does not say, or what index.csv added
+    scenes: tuple[str, ...]  #: scene of each pair, such as "kitchen_0004"
+    #: "" for each pair, as the file does not state it, or that of index.csv
     official_split: tuple[str, ...]
     file: Any  #: the open h5py file; reads are one pair at a time
 
@@ -87,16 +87,18 @@ def open_mat(path: Path, plausible_m: tuple[float, float]) -> NyuMat:
         official_split=("",) * count,
         file=file,
     )
-    check_plausible((median_m(dataset.depth_m(i)) for i in spread(count)), plausible_m, path)
+    check_plausible(
+        (median_m(dataset.depth_m(i)) for i in sample_positions(count)), plausible_m, path
+    )
     return dataset
 
 
 def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no types
     """Number of pairs, after checking that pictures and depth agree."""
-    for name in _PARTS:
+    for name in _REQUIRED:
         if name not in file:
             raise DatasetError(f"{path} has no {name}: this is not {_OFFICIAL}")
-    for name, kinds in (*_PARTS.items(), ("rawDepths", "f")):
+    for name, kinds in (*_REQUIRED.items(), ("rawDepths", "f")):
         if name in file:
             _check_array(path, file, name, kinds)
     images, depths = file["images"].shape, file["depths"].shape
@@ -114,7 +116,7 @@ def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no t
 
 
 def _check_array(path: Path, file: Any, name: str, kinds: str) -> None:  # noqa: ANN401
-    """Refuse what is no array of its kind inside the file: HDF5 can point to any other file."""
+    """Check that an array of the right kind is inside the file: HDF5 can link to other files."""
     import h5py  # noqa: PLC0415 - optional
 
     array, link = file[name], file.get(name, getlink=True)

@@ -23,15 +23,15 @@ from depthcli.datasets.files import (
     median_m,
     read_depth_m,
     read_image_rgb,
-    spread,
+    sample_positions,
 )
 from depthcli.errors import DatasetError
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.formats import MILLIMETRES
 
-PREDICTED = ".depth"
-"""What ``predict`` and ``batch`` add to names: ``depth/a.depth.png`` belongs to ``a``."""
-CAMERAS = "cameras.csv"
+PREDICTION_SUFFIX = ".depth"
+"""Suffix of outputs of ``predict`` and ``batch``: ``depth/a.depth.png`` belongs to ``a``."""
+CAMERAS_NAME = "cameras.csv"
 """``id,focal_px``: focal length of each picture, in its own pixels."""
 PLAUSIBLE_M = (0.1, 100.0)
 _MAX_CAMERAS_BYTES = 256 * 2**20
@@ -47,9 +47,9 @@ class PairedFolder:
     official_split: tuple[str, ...]  #: "train", "test" or "" for each pair
     images: tuple[Path, ...]  #: file of each picture
     depths: tuple[Path, ...]  #: file of each depth image
-    units_per_metre: float = MILLIMETRES  #: what one metre is in the depth images
+    units_per_metre: float = MILLIMETRES  #: value of one metre in the depth images
     focal_px: tuple[float, ...] = ()  #: focal length of each picture; empty if they are not known
-    scales: tuple[float, ...] = ()  #: what the metres of each pair are multiplied by; empty for 1
+    scales: tuple[float, ...] = ()  #: factor on the metres of each pair; empty for 1
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -79,11 +79,11 @@ class PairedFolder:
         return read_depth_m(self.depths[i], self.units_per_metre / scale)
 
     def for_camera(self, hfov_deg: float, aspect: float) -> "PairedFolder":
-        """The metres that a network which learns one camera is to give for these pictures.
+        """The same pairs, with depth scaled for training a network for one camera.
 
-        It cannot see the focal length: what a lens of twice that brings near is half as far away
-        for it. So depth is divided by the ratio of focal lengths; predictions for such a camera are
-        multiplied by it again (docs/cameras.md).
+        A network cannot see the focal length: with twice of it, objects look half as far away. So
+        depth is divided by the ratio of focal lengths; predictions are multiplied by it again
+        (docs/cameras.md).
 
         Args:
             hfov_deg: horizontal field of view of that camera, degrees.
@@ -121,7 +121,7 @@ def open_paired_folder(
 ) -> PairedFolder:
     """Pair the files of ``rgb/`` and ``depth/`` by name; the median depth has to be plausible.
 
-    One metre is ``units_per_metre`` in the depth images: 1000 for millimetres.
+    ``units_per_metre`` is the value of one metre in the depth images: 1000 for millimetres.
 
     Raises:
         DatasetError: the folder is missing or empty, a file has no partner, depth is not 16-bit
@@ -129,7 +129,7 @@ def open_paired_folder(
     """
     images = list_files(path, "rgb", IMAGE_SUFFIXES)
     depths = list_files(path, "depth", DEPTH_SUFFIXES)
-    _check_partners(path, images, depths)
+    _check_pairs(path, images, depths)
     ids = tuple(sorted(images))
     dataset = PairedFolder(
         root=path,
@@ -139,14 +139,14 @@ def open_paired_folder(
         images=tuple(images[pair_id] for pair_id in ids),
         depths=tuple(depths[pair_id] for pair_id in ids),
         units_per_metre=units_per_metre,
-        focal_px=_focal_lengths(path / CAMERAS, ids),
+        focal_px=_focal_lengths(path / CAMERAS_NAME, ids),
     )
     check_samples(dataset, plausible_m)
     return dataset
 
 
 def _focal_lengths(path: Path, ids: tuple[str, ...]) -> tuple[float, ...]:
-    """Of each pair, in pixels; empty if there is no such file."""
+    """Focal length of each pair, in pixels; empty if there is no such file."""
     if not path.exists():
         return ()
     try:
@@ -177,7 +177,7 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
             continue
         name = file.relative_to(folder).with_suffix("").as_posix()
         if kind == "depth":
-            name = name.removesuffix(PREDICTED)
+            name = name.removesuffix(PREDICTION_SUFFIX)
         if name in found:
             raise DatasetError(f"{found[name]} and {file} share one name: remove one of them")
         found[name] = file
@@ -187,22 +187,22 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
 
 
 def _files_below(folder: Path) -> list[Path]:
-    """All files below a folder in the order of their names; links are followed, not in circles."""
+    """All files below a folder, sorted; links are followed, loops are not."""
     found, entered = [], set()
-    for place, folders, names in os.walk(folder, followlinks=True):
-        entered.add(os.path.realpath(place))
-        # In the order of names, so that rgb/ and depth/ leave out the same links.
-        folders[:] = sorted(f for f in folders if os.path.realpath(Path(place, f)) not in entered)
-        found += [Path(place, name) for name in names]
+    for parent, folders, names in os.walk(folder, followlinks=True):
+        entered.add(os.path.realpath(parent))
+        # Sorted, so that the same links are left out in rgb/ and depth/.
+        folders[:] = sorted(f for f in folders if os.path.realpath(Path(parent, f)) not in entered)
+        found += [Path(parent, name) for name in names]
     return sorted(found)
 
 
-def _check_partners(root: Path, images: dict[str, Path], depths: dict[str, Path]) -> None:
-    alone = sorted(set(images) ^ set(depths))
-    if alone:
+def _check_pairs(root: Path, images: dict[str, Path], depths: dict[str, Path]) -> None:
+    unpaired = sorted(set(images) ^ set(depths))
+    if unpaired:
         raise DatasetError(
             f"{root} has {len(images)} pictures and {len(depths)} depth images, "
-            f"{len(alone)} without a partner (first: {alone[0]}): every pair needs both"
+            f"{len(unpaired)} without a partner (first: {unpaired[0]}): every pair needs both"
         )
 
 
@@ -214,7 +214,7 @@ def check_samples(dataset: PairedFolder, plausible_m: tuple[float, float]) -> No
     """
     for file in dataset.depths:
         depth_shape(file)
-    samples = spread(len(dataset))
+    samples = sample_positions(len(dataset))
     dataset.image(samples[0])
     medians_m = [median_m(dataset.depth_m(i)) for i in samples]
     check_plausible(medians_m, plausible_m, dataset.root)

@@ -1,4 +1,4 @@
-"""Which pairs of NYU Depth v2 train and which test; the one place that decides.
+"""Splits of NYU Depth v2 into training and test pairs.
 
 Ids are zero-based label numbers ("0000" to "1448"), as in the labelled set's own order.
 """
@@ -12,7 +12,7 @@ from depthcli.errors import DatasetError
 
 NYU = "NYU Depth v2"
 ALL_PAIRS = "all"
-"""What the split of a data set is called that has none: all of its pairs are compared."""
+"""Name of the split of a data set without one: all of its pairs are test pairs."""
 LABELLED_COUNT = 1449
 PAPER_TRAIN_COUNT = 1000
 OFFICIAL_TRAIN_COUNT = 795
@@ -22,11 +22,11 @@ class SplitName(StrEnum):
     """The ways to divide the labelled set."""
 
     PAPER = "paper"
-    """Pairs 1–1000 train, 1001–1449 test; no scene is in both."""
+    """Pairs 1–1000 for training, 1001–1449 for testing; no scene is in both."""
     OFFICIAL = "official"
     """The data set's own 795 / 654 pairs, as in most of the literature."""
     VAL = "val"
-    """Pairs 1–1000 only: every seventh scene tests, the others train."""
+    """Pairs 1–1000 only: every seventh scene for testing, the others for training."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +34,14 @@ class Split:
     """Positions in a data set."""
 
     name: str  #: a :class:`SplitName`, or ``ALL_PAIRS``
-    train: tuple[int, ...]  #: positions of the training pairs that are there
-    test: tuple[int, ...]  #: positions of the test pairs that are there
+    train: tuple[int, ...]  #: positions of the training pairs in the data set
+    test: tuple[int, ...]  #: positions of the test pairs in the data set
     train_count: int  #: training pairs of the complete split
     test_count: int  #: test pairs of the complete split
 
 
 def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> frozenset[str]:
-    """Scenes kept from training: every ``every``-th by name, from ``offset`` on.
+    """Scenes that are held out from training: every ``every``-th by name, from ``offset`` on.
 
     Names begin with the type of the scene, so the choice is spread over all types.
 
@@ -58,19 +58,19 @@ def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
         DatasetError: an id is not a label number, or the split has no test pair here.
     """
     labels = [_label(dataset_id) for dataset_id in dataset.ids]
-    split = _DIVIDE[name](dataset, labels)
+    split = _SPLITTERS[name](dataset, labels)
     if not split.test:
         raise DatasetError(_NOTHING_TO_TEST[name])
     return split
 
 
 def train_positions(dataset: DepthDataset, name: SplitName) -> tuple[int, ...]:
-    """Positions of a split's training pairs that are here, though it may have none to test.
+    """Positions of a split's training pairs in a data set, which need not have test pairs.
 
     Raises:
         DatasetError: an id is not a label number, or the official split of a pair is not known.
     """
-    return _DIVIDE[name](dataset, [_label(dataset_id) for dataset_id in dataset.ids]).train
+    return _SPLITTERS[name](dataset, [_label(dataset_id) for dataset_id in dataset.ids]).train
 
 
 def is_label(dataset_id: str) -> bool:
@@ -117,7 +117,7 @@ def _val(dataset: DepthDataset, labels: Sequence[int]) -> Split:
     return Split(SplitName.VAL, train, test, len(train), len(test))
 
 
-_DIVIDE: dict[SplitName, Callable[[DepthDataset, Sequence[int]], Split]] = {
+_SPLITTERS: dict[SplitName, Callable[[DepthDataset, Sequence[int]], Split]] = {
     SplitName.PAPER: _paper,
     SplitName.OFFICIAL: _official,
     SplitName.VAL: _val,

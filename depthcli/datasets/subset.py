@@ -12,8 +12,8 @@ from depthcli.datasets.base import DepthDataset
 class Subset:
     """The pairs at some positions; a :class:`~depthcli.datasets.base.DepthDataset`."""
 
-    whole: DepthDataset  #: the data set that they are of
-    positions: tuple[int, ...]  #: which of its pairs, in the order that they get here
+    whole: DepthDataset  #: the whole data set
+    positions: tuple[int, ...]  #: positions of the pairs in it, in their order
 
     def __len__(self) -> int:
         return len(self.positions)

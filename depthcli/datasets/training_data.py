@@ -1,4 +1,4 @@
-"""Whatever a method can be trained on: the training part of NYU Depth v2, or one's own folder."""
+"""Opening training data: the training part of NYU Depth v2, or a folder of your own."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,24 +29,24 @@ NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
 
 class TrainingData(NamedTuple):
-    """What a run learns from."""
+    """The data of a training run."""
 
     dataset: DepthDataset  #: every pair that may be trained on or held out
-    title: str  #: what a model's card calls it
+    title: str  #: its name in a model's card
     #: horizontal field of view of its camera in degrees; None if it is not known
     hfov_deg: float | None
-    #: pairs whose metres are less sure, such as predicted ones; None if there are none
+    #: pairs with less accurate depth, such as predictions; None if there are none
     extra: PairedFolder | None = None
 
     def with_extra(self, extra: PairedFolder) -> "TrainingData":
-        """Together with further pairs, in the metres of this data's camera if theirs is known."""
+        """Add further pairs, scaled to this data's camera if their focal lengths are known."""
         if extra.focal_px:
             extra = extra.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
         return self._replace(extra=extra)
 
     @property
     def extra_title(self) -> str:
-        """What a model's card calls the extra pairs; "" if there are none."""
+        """Name of the extra pairs in a model's card; "" if there are none."""
         if self.extra is None:
             return ""
         return f"{len(self.extra)} extra pairs ({self.extra.root.resolve().name})"
@@ -72,10 +72,10 @@ def open_training_data(
             training part is used; another folder of
             :data:`~depthcli.datasets.layouts.LAYOUTS`; or a folder of ``rgb/`` and ``depth/`` with
             other names than NYU's numbers, whose subfolders are the scenes if it has no index.
-        paired: each picture needs its depth. If not, and names or sizes in the two folders differ,
-            they are two lists that have nothing to do with each other.
-        split: whose training part of NYU Depth v2.
-        units_per_metre: what one metre is in the depth images of a folder of your own.
+        paired: whether each picture needs its depth. If not, and names or sizes in the two folders
+            differ, they are opened as unpaired.
+        split: of NYU Depth v2, whose training part is used.
+        units_per_metre: value of one metre in the depth images of a folder of your own.
 
     Raises:
         DatasetError: the data is missing, incomplete, damaged, or in another unit.
@@ -90,7 +90,7 @@ def open_training_data(
         hfov_deg = whole.hfov_deg if isinstance(whole, HasCamera) else None
         return TrainingData(whole, f"own pairs ({path.resolve().name})", hfov_deg)
     title = path.resolve().name
-    if not paired and not _all_alike(path):
+    if not paired and not _are_matching(path):
         lists = open_unpaired_folder(path, units_per_metre=units_per_metre)
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
     pairs = open_paired_folder(path, units_per_metre=units_per_metre)
@@ -102,7 +102,7 @@ def open_training_data(
 
 
 def _training_part(whole: DepthDataset, split: str) -> TrainingData:
-    """The pairs that a test of this split never shows."""
+    """The training pairs of a split."""
     if split == "official":
         rows = [i for i, part in enumerate(whole.official_split) if part == "train"]
         return TrainingData(_subset_or_all(whole, rows, split), NYU_OFFICIAL, NYU_HFOV_DEG)
@@ -119,7 +119,7 @@ def _subset_or_all(whole: DepthDataset, rows: Sequence[int], split: str) -> Dept
     return whole if len(rows) == len(whole) else Subset(whole, tuple(rows))
 
 
-def _all_alike(path: Path) -> bool:
+def _are_matching(path: Path) -> bool:
     """Whether pictures and depth have the same names and, in the first of them, the same size."""
     images = list_files(path, "rgb", IMAGE_SUFFIXES)
     depths = list_files(path, "depth", DEPTH_SUFFIXES)

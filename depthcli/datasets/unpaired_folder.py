@@ -1,4 +1,4 @@
-"""Pictures and depth images that do not belong together, for methods that learn without pairs."""
+"""Unpaired pictures and depth images, for methods that are trained without pairs."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from depthcli.datasets.files import (
     median_m,
     read_depth_m,
     read_image_rgb,
-    spread,
+    sample_positions,
 )
 from depthcli.datasets.paired_folder import PLAUSIBLE_M, list_files
 from depthcli.io.writers.formats import MILLIMETRES
@@ -22,16 +22,16 @@ from depthcli.io.writers.formats import MILLIMETRES
 
 @dataclass(frozen=True, slots=True)
 class UnpairedFolder:
-    """Two lists of their own, side by side; a :class:`~depthcli.datasets.base.DepthDataset`.
+    """Independent pictures and depth images; a :class:`~depthcli.datasets.base.DepthDataset`.
 
-    It is as long as the longer list, and the shorter one begins again. That a picture and a depth
-    image have the same position means nothing, and their sizes differ.
+    It is as long as the longer list, and the shorter one is repeated. Pictures and depth images at
+    the same position are not related, and their sizes can differ.
     """
 
     root: Path  #: the folder that holds ``rgb/`` and ``depth/``
     images: tuple[Path, ...]  #: file of each picture
-    depths: tuple[Path, ...]  #: file of each depth image; their number and names are their own
-    units_per_metre: float = MILLIMETRES  #: what one metre is in the depth images
+    depths: tuple[Path, ...]  #: file of each depth image
+    units_per_metre: float = MILLIMETRES  #: value of one metre in the depth images
 
     def __len__(self) -> int:
         return max(len(self.images), len(self.depths))
@@ -44,7 +44,7 @@ class UnpairedFolder:
 
     @property
     def scenes(self) -> tuple[str, ...]:
-        """Not known: nothing can be held out where no picture has a truth."""
+        """Not known: no pair can be held out."""
         return ("",) * len(self)
 
     @property
@@ -85,7 +85,8 @@ def open_unpaired_folder(path: Path, *, units_per_metre: float = MILLIMETRES) ->
     for file in dataset.depths:
         depth_shape(file)
     medians_m = [
-        median_m(read_depth_m(dataset.depths[j], units_per_metre)) for j in spread(len(depths))
+        median_m(read_depth_m(dataset.depths[j], units_per_metre))
+        for j in sample_positions(len(depths))
     ]
     check_plausible(medians_m, PLAUSIBLE_M, path)
     return dataset

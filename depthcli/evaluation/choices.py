@@ -1,10 +1,10 @@
-"""What can be chosen about a protocol; free of numpy, so that help texts can list it."""
+"""Enumerations of a protocol's choices; without NumPy, for help texts."""
 
 from enum import StrEnum
 
 
 class Crop(StrEnum):
-    """Which part of the frame is compared."""
+    """The part of the frame that is evaluated."""
 
     NONE = "none"
     """The full frame."""
@@ -13,7 +13,7 @@ class Crop(StrEnum):
 
 
 class Mask(StrEnum):
-    """Which pixels have a truth."""
+    """The pixels that have ground truth."""
 
     FILLED = "filled"
     """All of the in-filled depth."""
@@ -22,13 +22,13 @@ class Mask(StrEnum):
 
 
 class Source(StrEnum):
-    """Where a row's numbers come from."""
+    """The origin of a row's scores."""
 
     MODEL = "model"
     """A model that was run here."""
     FILES = "files"
     """Depth files that another tool wrote."""
     TRIVIAL = "trivial"
-    """A predictor that never looks at the picture."""
+    """A baseline that ignores the picture."""
     PUBLISHED = "published"
     """Printed in the paper; not measured here."""

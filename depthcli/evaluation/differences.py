@@ -1,6 +1,6 @@
-"""Whether one row is really better than another: paired differences, bootstrapped over scenes.
+"""Paired differences between rows, with confidence intervals by a bootstrap over scenes.
 
-Pictures of one scene resemble each other, so whole scenes are drawn, not pictures.
+Pictures of one scene are correlated, so scenes are resampled, not pictures.
 Source: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13 (percentiles).
 """
 
@@ -14,21 +14,21 @@ from depthcli.evaluation.report import ReportRow
 from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
 
-_DRAWS = 10_000
+_RESAMPLES = 10_000
 _PERCENTILES = (2.5, 97.5)
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A mean and the range that holds it in 95 % of the draws."""
+    """A mean and its 95 % confidence interval."""
 
     mean: float
     low: float
     high: float
 
     @property
-    def clear(self) -> bool:
-        """Whether zero is outside."""
+    def is_significant(self) -> bool:
+        """Whether zero is outside the interval."""
         return self.low > 0 or self.high < 0
 
 
@@ -44,9 +44,9 @@ class Difference:
 
 
 def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> Interval:
-    """The mean over pictures, and its interval when scenes are drawn with replacement.
+    """The mean over pictures, and its bootstrap interval with scenes resampled.
 
-    One value (N,) of each picture, NaN where a picture has none, and its scene.
+    ``values`` (N,) has one value per picture, or NaN, and ``scenes`` the scene of each.
     """
     known = np.isfinite(values)
     _, scene = np.unique(np.asarray(scenes)[known], return_inverse=True)
@@ -55,7 +55,7 @@ def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> In
     if not len(sums):
         return Interval(np.nan, np.nan, np.nan)
     share = np.full(len(sums), 1 / len(sums))
-    drawn = np.random.default_rng(0).multinomial(len(sums), share, _DRAWS)
+    drawn = np.random.default_rng(0).multinomial(len(sums), share, _RESAMPLES)
     low, high = np.percentile((drawn @ sums) / (drawn @ counts), _PERCENTILES)
     return Interval(float(sums.sum() / counts.sum()), float(low), float(high))
 
@@ -63,10 +63,10 @@ def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> In
 def differences_from(
     name: str, groups: Mapping[str, Sequence[ReportRow]], scenes: Mapping[str, str]
 ) -> tuple[Difference, ...]:
-    """One row against every other of the same alignment, picture by picture.
+    """Paired differences between one row and every other of the same alignment.
 
-    The groups are rows of one name with their images' scores, whose seeds are averaged; ``scenes``
-    has that of each image id.
+    ``groups`` has the rows of the seeds by name, with scores per image, which are averaged over the
+    seeds; ``scenes`` has the scene of each image id.
     """
     found = []
     for alignment in dict.fromkeys(row.alignment for row in groups[name]):

@@ -1,4 +1,4 @@
-"""How a prediction is compared with the truth, and the name that is printed with every number."""
+"""The evaluation protocol: how predictions are compared with ground truth."""
 
 from dataclasses import dataclass, field
 
@@ -19,37 +19,37 @@ EIGEN_ROWS = slice(45, 471)
 EIGEN_COLUMNS = slice(41, 601)
 FULL_SIZE_PX = (640, 480)
 
-# A blend of valid pixels alone has weight one; anything below took part of an invalid one.
-_ALL_VALID = 0.9999
+# A pixel interpolated from valid pixels only has weight one.
+_MIN_VALID_WEIGHT = 0.9999
 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The pixels of one image that count."""
+    """The pixels of one image that are evaluated."""
 
-    valid: npt.NDArray[np.bool_]  #: (H, W) bool at the size of the comparison
+    valid: npt.NDArray[np.bool_]  #: (H, W) bool at the size at which depth is compared
     depth_m: npt.NDArray[np.float32]  #: (N,) float32, metres, the depth where ``valid``
 
 
 @dataclass(frozen=True, slots=True)
 class EvalProtocol:
-    """One way to compare; the defaults are the headline protocol."""
+    """An evaluation protocol; the defaults are the headline protocol."""
 
     averaging: Averaging = Averaging.IMAGE  #: per image or over pooled pixels
-    crop: Crop = Crop.NONE  #: part of the frame that counts
-    mask: Mask = Mask.FILLED  #: pixels that have a truth
-    #: (width, height) to which truth and prediction are resized before they are compared; None for
-    #: the truth's own size
+    crop: Crop = Crop.NONE  #: part of the frame that is evaluated
+    mask: Mask = Mask.FILLED  #: pixels that have ground truth
+    #: (width, height) to which ground truth and prediction are resized before they are compared;
+    #: None for the ground truth's size
     compare_px: tuple[int, int] | None = None
-    #: how the models' depth gets to the picture's size
+    #: upsampling of the models' depth to the picture's size
     upsampling: Upsampling = Upsampling.BILINEAR
     #: width of the models' tiles in pixels; None for no tiles, 0 for 3/4 of the width
     tile_px: int | None = None
-    #: (width, height) that the truth must have; None for any
+    #: (width, height) that the ground truth must have; None for any
     full_size_px: tuple[int, int] | None = FULL_SIZE_PX
-    min_m: float = MIN_DEPTH_M  #: nearest depth that counts, metres; predictions are clamped to it
-    max_m: float = MAX_DEPTH_M  #: farthest depth that counts, metres; predictions are clamped to it
-    #: score edges too. No other number changes by it, so neither does the name
+    min_m: float = MIN_DEPTH_M  #: smallest depth evaluated, metres; predictions are clamped to it
+    max_m: float = MAX_DEPTH_M  #: largest depth evaluated, metres; predictions are clamped to it
+    #: also compute boundary metrics; this changes neither the other metrics nor the name
     boundary: bool = field(default=False, compare=False)
 
     @property
@@ -69,7 +69,7 @@ class EvalProtocol:
             (self.min_m != HEADLINE.min_m, f"min {self.min_m:g} m"),
             (self.max_m != HEADLINE.max_m, f"max {self.max_m:g} m"),
             (self.upsampling != HEADLINE.upsampling, f"{self.upsampling} upsampling"),
-            (self.tile_px != HEADLINE.tile_px, f"tiles of {_tile(self.tile_px)}"),
+            (self.tile_px != HEADLINE.tile_px, f"tiles of {_tile_text(self.tile_px)}"),
         ]
         return ", ".join(text for differs, text in changes if differs) or "headline"
 
@@ -86,17 +86,17 @@ class EvalProtocol:
     def truth(
         self, depth_m: npt.NDArray[np.float32], raw_depth_m: npt.NDArray[np.float32] | None = None
     ) -> Truth:
-        """Choose the pixels of one image that count, of depth (H, W) float32 metres, 0 = none.
+        """Select the pixels of one image to evaluate.
 
-        Raw depth, likewise, is needed for the raw-valid mask.
+        Depth and raw depth, which the raw-valid mask needs, are (H, W) float32 metres, 0 for none.
 
         Raises:
-            DatasetError: the depth has not the size that the protocol is about.
+            DatasetError: the depth does not have the protocol's size, or raw depth is missing.
         """
         height, width = depth_m.shape
         if self.full_size_px is not None and (width, height) != self.full_size_px:
             raise DatasetError(
-                f"the depth is {width}×{height} but the protocol is about "
+                f"the depth is {width}×{height} but the protocol needs "
                 f"{_size_text(self.full_size_px)}: give the data set at its full size"
             )
         valid = (depth_m > self.min_m) & (depth_m < self.max_m)
@@ -105,12 +105,12 @@ class EvalProtocol:
         if self.crop is Crop.EIGEN:
             valid &= _eigen_crop(depth_m.shape)
         if self.compare_px is not None:
-            valid = resize_bilinear(valid.astype(np.float32), *self.compare_px) > _ALL_VALID
+            valid = resize_bilinear(valid.astype(np.float32), *self.compare_px) > _MIN_VALID_WEIGHT
             depth_m = resize_bilinear(depth_m, *self.compare_px)
-        return Truth(valid, _chosen(depth_m, valid))
+        return Truth(valid, _select(depth_m, valid))
 
     def compare(self, depth: DepthMap, truth: Truth, alignment: Alignment) -> DepthPixels:
-        """Resize a prediction of any size, take the pixels that count, align, clamp."""
+        """Resize a prediction of any size, select the valid pixels, align, and clamp."""
         height, width = truth.valid.shape
         values = depth.values
         if values.shape != truth.valid.shape:
@@ -118,7 +118,7 @@ class EvalProtocol:
                 # Interpolation turns infinity times zero into NaN, near instead of far.
                 values = np.where(np.isposinf(values), np.float32(self.max_m), values)
             values = resize_bilinear(values, width, height)
-        predicted: npt.NDArray[np.floating] = _chosen(values, truth.valid)
+        predicted: npt.NDArray[np.floating] = _select(values, truth.valid)
         if alignment is not Alignment.NONE or depth.kind is not DepthKind.METRIC:
             exact = predicted.astype(np.float64), truth.depth_m.astype(np.float64)
             predicted = align(*exact, alignment, depth.kind)
@@ -129,7 +129,7 @@ HEADLINE = EvalProtocol()
 
 
 def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
-    """Scores of the edges, for what :meth:`EvalProtocol.compare` gave for the same truth."""
+    """Boundary scores of a result of :meth:`EvalProtocol.compare` with the same ground truth."""
     maps = []
     for values in (pixels.truth_m, pixels.predicted_m):
         depth_m = np.ones(truth.valid.shape)
@@ -138,10 +138,10 @@ def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
     return boundary_scores(maps[0], maps[1], truth.valid)
 
 
-def _chosen(
+def _select(
     values: npt.NDArray[np.float32], valid: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.float32]:
-    """The values where valid, without a copy if all are."""
+    """The valid values, (N,); without a copy if all are valid."""
     return values.ravel() if valid.all() else values[valid]
 
 
@@ -149,7 +149,7 @@ def _size_text(size_px: tuple[int, int] | None) -> str:
     return "native size" if size_px is None else f"{size_px[0]}×{size_px[1]}"
 
 
-def _tile(tile_px: int | None) -> str:
+def _tile_text(tile_px: int | None) -> str:
     return "3/4 of the width" if tile_px == AUTO_TILE else f"{tile_px} px"
 
 

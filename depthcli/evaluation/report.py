@@ -11,7 +11,7 @@ from typing import Any
 from depthcli.datasets.splits import ALL_PAIRS
 from depthcli.evaluation.choices import Source
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.io.writers.facts import SOFTWARE
+from depthcli.io.writers.metadata import SOFTWARE
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
 from depthcli.metrics.choices import Alignment
@@ -32,17 +32,17 @@ class ReportRow:
     """One line of the table."""
 
     name: str  #: what was evaluated
-    source: Source  #: where its numbers come from
-    alignment: Alignment | None  #: what was fitted per image; None if a published row does not say
-    image_count: int  #: images that the numbers are the average of
-    scores: Scores  #: the numbers
-    empty_count: int = 0  #: images left out because no pixel of theirs is valid
+    source: Source  #: origin of its scores
+    alignment: Alignment | None  #: alignment per image; None if a published row does not state it
+    image_count: int  #: number of images
+    scores: Scores  #: averages over the images
+    empty_count: int = 0  #: images without a valid pixel, which are excluded
     note: str = ""  #: a footnote
     model_sha256: str | None = None  #: checksum of the model, if it is one
-    images: tuple[ImageScores, ...] = ()  #: scores per image, if they were asked for
-    boundary: BoundaryScores | None = None  #: scores of the edges, if they were asked for
-    #: images among these that it was trained on; None if nothing tells
-    learned_count: int | None = None
+    images: tuple[ImageScores, ...] = ()  #: scores per image, if requested
+    boundary: BoundaryScores | None = None  #: boundary scores, if requested
+    #: number of these images that the model was trained on; None if unknown
+    train_overlap: int | None = None
 
     def items(self, *, boundary: bool) -> tuple[tuple[str, float], ...]:
         """(name, value) of every score, in the order of the table's columns."""
@@ -51,15 +51,15 @@ class ReportRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """What the numbers of a table belong to."""
+    """Data set, split and protocol of a table."""
 
     dataset: str  #: name of the data set
-    split: str  #: which division of it
-    image_count: int  #: test images that were compared
-    split_count: int  #: test images of the complete split
-    train_count: int  #: training pairs behind the trivial rows; 0 without them
-    protocol: EvalProtocol  #: how prediction and truth were compared
-    notes: tuple[str, ...] = ()  #: what a reader has to know besides
+    split: str  #: name of the split
+    image_count: int  #: number of test images that were evaluated
+    split_count: int  #: number of test images of the complete split
+    train_count: int  #: number of training pairs of the trivial rows; 0 without them
+    protocol: EvalProtocol  #: how prediction and ground truth were compared
+    notes: tuple[str, ...] = ()  #: footnotes of the table
 
     def titled(self, split: str) -> str:
         """Data set, split in words, number of images and protocol in one line."""
@@ -86,7 +86,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvalReport(Comparison):
-    """A table with the protocol and the split that its numbers belong to."""
+    """A table of scores with its data set, split and protocol."""
 
     rows: tuple[ReportRow, ...]  #: the lines
 
@@ -101,16 +101,16 @@ class EvalReport(Comparison):
         return (*METRICS, *(BOUNDARY_NAMES if self.protocol.boundary else ()))
 
     def to_json(self) -> str:
-        """The report as JSON; values that do not exist are null."""
+        """The report as JSON; NaN becomes null."""
         return self.document([row_json(row) for row in self.rows])
 
     def to_csv(self) -> str:
-        """One line per row; split, protocol and number of images in each."""
+        """One line per row, each with split, number of images and protocol."""
         origin = ["dataset", "split", "images", "trained_on", "protocol"]
         lines = [["name", "source", "align", *origin, *self.columns]]
         for row in self.rows:
             values = row.items(boundary=self.protocol.boundary)
-            learned = "" if row.learned_count is None else str(row.learned_count)
+            learned = "" if row.train_overlap is None else str(row.train_overlap)
             facts = [self.dataset, self.split, str(row.image_count), learned, self.protocol.name]
             scores = [csv_cell(value) for _, value in values]
             lines.append([row.name, row.source, row.alignment or "", *facts, *scores])
@@ -125,12 +125,12 @@ def csv_text(lines: Iterable[Sequence[object]]) -> str:
 
 
 def csv_cell(value: float) -> str:
-    """A score with all its digits; empty if it does not exist."""
+    """A score with all its digits; empty for NaN."""
     return "" if math.isnan(value) else repr(value)
 
 
 def row_json(row: ReportRow) -> dict[str, Any]:
-    """A row with its scores, and those of each image if they were kept."""
+    """A row with its scores, and those of each image if requested."""
     entry: dict[str, Any] = {
         "name": row.name,
         "source": row.source,
@@ -139,8 +139,8 @@ def row_json(row: ReportRow) -> dict[str, Any]:
         "images_without_valid_pixel": row.empty_count,
         "scores": _all_scores_json(row),
     }
-    if row.learned_count is not None:
-        entry["images_trained_on"] = row.learned_count
+    if row.train_overlap is not None:
+        entry["images_trained_on"] = row.train_overlap
     if row.note:
         entry["note"] = row.note
     if row.model_sha256:
@@ -156,5 +156,5 @@ def _all_scores_json(scored: ReportRow | ImageScores) -> dict[str, float | None]
 
 
 def scores_json(scores: Scores | BoundaryScores | Mapping[str, float]) -> dict[str, float | None]:
-    """Scores by name; a value that does not exist is null."""
+    """Scores by name; NaN becomes None."""
     return {name: None if math.isnan(value) else value for name, value in scores.items()}

@@ -1,4 +1,4 @@
-"""A data set, predictors and a protocol, to a report: a few images at a time, in order."""
+"""Evaluating predictors on a data set, image by image."""
 
 from collections.abc import Sequence
 from contextlib import closing
@@ -22,18 +22,18 @@ from depthcli.metrics.choices import Alignment
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A predictor and what its rows say."""
+    """A predictor and its rows of the table."""
 
-    predictor: Predictor  #: what is scored
+    predictor: Predictor  #: what is evaluated
     alignments: tuple[Alignment, ...] = (Alignment.NONE,)  #: a row for each
-    #: images of the task that it was trained on; None if nothing tells
-    learned_count: int | None = None
+    #: number of the evaluated images that it was trained on; None if unknown
+    train_overlap: int | None = None
 
 
 def entry_for(
-    predictor: Predictor, wanted: Sequence[Alignment], learned_count: int | None = None
+    predictor: Predictor, wanted: Sequence[Alignment], train_overlap: int | None = None
 ) -> Entry:
-    """Keep the alignments that mean something for what the predictor gives.
+    """An entry with those of the alignments that suit the predictor's kind of depth.
 
     Raises:
         UsageError: none is left.
@@ -42,28 +42,28 @@ def entry_for(
     if not suitable:
         needed = SUITABLE[predictor.kind][0]
         raise UsageError(
-            f"{predictor.name} gives {predictor.kind} depth, which has no metres before it is "
-            f"aligned: add --align {needed}"
+            f"{predictor.name} gives {predictor.kind} depth, which is not metric and has "
+            f"to be aligned: add --align {needed}"
         )
-    return Entry(predictor, suitable, learned_count)
+    return Entry(predictor, suitable, train_overlap)
 
 
 @dataclass(frozen=True, slots=True)
 class _ImageScores:
-    """What a row makes of one image: a few numbers, so that no pixel has to wait for its turn."""
+    """Sums and scores of one image for one row; small, so that pixels need not be kept."""
 
     sums: PixelSums
     boundary: BoundaryScores | None
 
 
 @dataclass(slots=True)
-class _OpenRow:
-    """A row while images go by."""
+class _RowAccumulator:
+    """Accumulates the scores of a row over the images."""
 
     predictor: Predictor
     alignment: Alignment
     total: Accumulator
-    learned_count: int | None
+    train_overlap: int | None
     images: list[ImageScores] = field(default_factory=list)
     edges: BoundaryAccumulator | None = None
 
@@ -71,7 +71,7 @@ class _OpenRow:
     def of(cls, entry: Entry, alignment: Alignment, protocol: EvalProtocol) -> Self:
         edges = BoundaryAccumulator() if protocol.boundary else None
         total = Accumulator(protocol.averaging)
-        return cls(entry.predictor, alignment, total, entry.learned_count, edges=edges)
+        return cls(entry.predictor, alignment, total, entry.train_overlap, edges=edges)
 
     def add(self, image_id: str, measured: _ImageScores, *, keep: bool) -> None:
         scores = self.total.add(measured.sums)
@@ -91,17 +91,17 @@ class _OpenRow:
             model_sha256=self.predictor.model_sha256,
             images=tuple(self.images),
             boundary=self.edges.compute() if self.edges else None,
-            learned_count=self.learned_count,
-            note=_note(self.predictor.name, self.learned_count),
+            train_overlap=self.train_overlap,
+            note=_footnote(self.predictor.name, self.train_overlap),
         )
 
 
-def _note(name: str, learned_count: int | None) -> str:
-    """What a reader has to know of a row whose model has seen the answers."""
-    if not learned_count:
+def _footnote(name: str, train_overlap: int | None) -> str:
+    """The footnote of a row whose model was trained on test images."""
+    if not train_overlap:
         return ""
     return (
-        f"{name} was trained on {learned_count} of these images, or on others of their scenes: "
+        f"{name} was trained on {train_overlap} of these images, or on others of their scenes: "
         "its scores say nothing about new pictures and are not comparable"
     )
 
@@ -118,16 +118,15 @@ def evaluate(
 ) -> tuple[ReportRow, ...]:
     """Score every entry on the same images; each depth is read once, each picture at most once.
 
-    Every worker takes an image all the way, from reading to the sums of its pixels; those are added
-    up in the images' order, so that no digit depends on the number of workers. With 0 of them the
-    calling thread works.
+    A worker processes a whole image; sums are added in the order of the images, so that results do
+    not depend on the number of workers. With 0 workers, the calling thread does the work.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.
         DepthcliError: a predictor failed.
     """
     rows = [
-        _OpenRow.of(entry, alignment, protocol)
+        _RowAccumulator.of(entry, alignment, protocol)
         for entry in entries
         for alignment in entry.alignments
     ]
@@ -148,7 +147,7 @@ def evaluate(
 def _score_image(
     dataset: DepthDataset, position: int, entries: Sequence[Entry], protocol: EvalProtocol
 ) -> list[_ImageScores]:
-    """One image for every row; for any thread."""
+    """The scores of one image for every row; thread-safe."""
     sample, truth = Sample(dataset, position), _truth(dataset, position, protocol)
     found = []
     for entry in entries:
@@ -156,7 +155,7 @@ def _score_image(
         for alignment in entry.alignments:
             pixels = protocol.compare(depth, truth, alignment)
             boundary = compare_boundaries(pixels, truth) if protocol.boundary else None
-            found.append(_ImageScores(PixelSums.over(pixels), boundary))
+            found.append(_ImageScores(PixelSums.of(pixels), boundary))
     return found
 
 

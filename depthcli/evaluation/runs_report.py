@@ -1,4 +1,4 @@
-"""Table I of trained runs, and the same as JSON and CSV."""
+"""The table of training runs (Table I of the paper), as JSON and CSV."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -21,12 +21,12 @@ _FACTS = ("paired", "seeds", "epochs", "epochs_planned", "steps", "minutes", "pa
 
 @dataclass(frozen=True, slots=True)
 class Training:
-    """How a row came to be; a tuple has an entry per seed."""
+    """The training of a row; a tuple has one entry per seed."""
 
     seeds: tuple[int, ...]  #: of the runs
-    paired: bool  #: whether pictures and depth maps of one scene point were shown together
-    parameters: int  #: weights of the generator
-    #: mean over the seeds of the median time of the network alone for one picture
+    paired: bool  #: whether they were trained with aligned pairs of picture and depth map
+    parameters: int  #: number of the generator's parameters
+    #: median latency of the network for one picture, mean over the seeds
     latency_ms: float
     epochs: tuple[int, ...]  #: done
     epochs_planned: int  #: of the whole schedule
@@ -40,17 +40,17 @@ class RunsRow:
 
     row: ReportRow  #: name, source, alignment, number of images and mean scores
     #: sample standard deviation over the seeds; None for fewer than two
-    spread: Scores | None = None
-    training: Training | None = None  #: how it came to be; None if nothing was trained here
+    std: Scores | None = None
+    training: Training | None = None  #: None for rows that are not training runs
     runs: tuple[ReportRow, ...] = ()  #: the rows of the seeds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunsReport(Comparison):
-    """Table I of trained runs; the split ``val`` is what the runs themselves held out."""
+    """The table of training runs; the split ``val`` is the pairs that the runs held out."""
 
     rows: tuple[RunsRow, ...]  #: the lines
-    differences: tuple[Difference, ...] = ()  #: of one row from every other, if they were asked for
+    differences: tuple[Difference, ...] = ()  #: between one row and every other, if requested
 
     @property
     def title(self) -> str:
@@ -59,20 +59,20 @@ class RunsReport(Comparison):
         return self.titled("scenes that the runs held out" if held_out else self.split)
 
     def to_json(self) -> str:
-        """The report as JSON; values that do not exist are null."""
+        """The report as JSON; NaN becomes null."""
         differences = [_difference(difference) for difference in self.differences]
         more = {"differences": differences} if differences else {}
         return self.document([_run_json(row) for row in self.rows], **more)
 
     def to_csv(self) -> str:
-        """One line per row: what it is, what it cost, then mean and deviation of every metric."""
+        """One line per row: name and training, then mean and standard deviation of every metric."""
         origin = ["name", "source", "align", "split", "images", "protocol"]
         lines = [[*origin, *_FACTS, *METRICS, *(f"{metric}_sd" for metric in METRICS)]]
         for line in self.rows:
-            row, spread = line.row, line.spread
+            row, std = line.row, line.std
             known = [row.name, row.source, row.alignment or "", self.split]
             known += [str(row.image_count), self.protocol.name, *_training_columns(line.training)]
-            deviations = map(csv_cell, spread.values) if spread else [""] * len(METRICS)
+            deviations = map(csv_cell, std.values) if std else [""] * len(METRICS)
             lines.append([*known, *map(csv_cell, row.scores.values), *deviations])
         return csv_text(lines)
 
@@ -81,8 +81,8 @@ def _run_json(line: RunsRow) -> dict[str, Any]:
     entry = row_json(line.row)
     training = line.training
     if training is not None:
-        spread = line.spread
-        entry["standard_deviation"] = None if spread is None else scores_json(spread)
+        std = line.std
+        entry["standard_deviation"] = None if std is None else scores_json(std)
         entry["training"] = asdict(training) | {
             "latency_ms": round(training.latency_ms, 3),
             "minutes": [round(minutes, 4) for minutes in training.minutes],

@@ -1,4 +1,4 @@
-"""Table I of trained runs: mean and deviation over seeds, cost, and what they stand against."""
+"""Making the table of training runs: mean and standard deviation over seeds, cost, baselines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +17,7 @@ from depthcli.evaluation.table import (
     score_rows,
     trivial_notes,
 )
-from depthcli.evaluation.trained import TrainedModel, grouped, mean_and_spread
+from depthcli.evaluation.trained import TrainedModel, group_by_seed, mean_and_std
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
@@ -36,9 +36,9 @@ def evaluate_runs(
     weights: Weights = Weights.AVERAGED,
     against: str | None = None,
 ) -> RunsReport:
-    """Make the table, of a task from ``plan_comparison``: pictures that no run was trained on.
+    """Make the table on a task from ``plan_comparison``: pictures that no run was trained on.
 
-    With ``against``, this trained row is also compared with every other, picture by picture.
+    With ``against``, this row is also compared with every other by paired differences.
 
     Raises:
         DatasetError: a pair cannot be read or does not fit the protocol.
@@ -47,7 +47,7 @@ def evaluate_runs(
     by_name = {model.run.name: model for model in models}
     groups = {
         name: [by_name[run.name] for run in members]
-        for name, members in grouped([model.run for model in models]).items()
+        for name, members in group_by_seed([model.run for model in models]).items()
     }
     options = replace(options, per_image=against is not None)
     scored = score_rows(task, [model.predictor for model in models], options, progress)
@@ -82,7 +82,7 @@ def _differences(
     groups: Mapping[str, Sequence[TrainedModel]],
     scored: Sequence[ReportRow],
 ) -> tuple[Difference, ...]:
-    """Those of one row, with the seeds of a method as one."""
+    """The differences of one row from all others, averaged over the seeds of each method."""
     group_of = {member.run.name: name for name, members in groups.items() for member in members}
     rows: dict[str, list[ReportRow]] = {}
     for row in scored:
@@ -92,7 +92,7 @@ def _differences(
 
 
 def _table_order(name: str) -> tuple[int, str]:
-    """The paper's order, then by name."""
+    """Sort key: the paper's order, then by name."""
     known = name in _TABLE_ORDER
     return (_TABLE_ORDER.index(name) if known else len(_TABLE_ORDER), name)
 
@@ -100,23 +100,21 @@ def _table_order(name: str) -> tuple[int, str]:
 def _row_of_seeds(
     name: str, members: Sequence[TrainedModel], scored: Sequence[ReportRow], alignment: Alignment
 ) -> RunsRow:
-    """The seeds of one method as one line."""
+    """One line with mean and standard deviation over the seeds of a method."""
     names = {member.run.name for member in members}
     rows = [row for row in scored if row.name in names and row.alignment is alignment]
     columns = {metric: [row.scores[metric] for row in rows] for metric in METRICS}
-    folded = {metric: mean_and_spread(values) for metric, values in columns.items()}
-    spreads = {metric: spread for metric, (_, spread) in folded.items() if spread is not None}
+    means_and_stds = {metric: mean_and_std(values) for metric, values in columns.items()}
+    stds = {metric: std for metric, (_, std) in means_and_stds.items() if std is not None}
     mean = ReportRow(
         name=name,
         source=rows[0].source,
         alignment=alignment,
         image_count=rows[0].image_count,
-        scores=Scores.of(**{metric: mean for metric, (mean, _) in folded.items()}),
+        scores=Scores.of(**{metric: mean for metric, (mean, _) in means_and_stds.items()}),
         empty_count=rows[0].empty_count,
     )
-    return RunsRow(
-        mean, Scores.of(**spreads) if spreads else None, _training_of(members), tuple(rows)
-    )
+    return RunsRow(mean, Scores.of(**stds) if stds else None, _training_of(members), tuple(rows))
 
 
 def _training_of(members: Sequence[TrainedModel]) -> Training:
@@ -125,7 +123,7 @@ def _training_of(members: Sequence[TrainedModel]) -> Training:
         seeds=tuple(run.seed for run in runs),
         paired=runs[0].paired,
         parameters=runs[0].parameters,
-        latency_ms=mean_and_spread([member.latency_ms for member in members])[0],
+        latency_ms=mean_and_std([member.latency_ms for member in members])[0],
         epochs=tuple(run.epochs for run in runs),
         epochs_planned=runs[0].epochs_planned,
         steps=tuple(run.steps for run in runs),

@@ -1,4 +1,4 @@
-"""A table of scores: published rows, trivial rows, and whatever is to be compared."""
+"""Making a table of scores: published rows, trivial rows and the predictors to compare."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,27 +9,26 @@ import numpy as np
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.splits import ALL_PAIRS, NYU, Split, SplitName, split_nyu
-from depthcli.evaluation.learned import learned_count
 from depthcli.evaluation.predictors.base import Predictor
 from depthcli.evaluation.predictors.trivial import fit_trivial
 from depthcli.evaluation.protocol import HEADLINE, EvalProtocol
 from depthcli.evaluation.published import PUBLISHED
 from depthcli.evaluation.report import EvalReport, ReportRow
 from depthcli.evaluation.run import Entry, entry_for, evaluate
+from depthcli.evaluation.train_overlap import train_overlap
 from depthcli.metrics.choices import Alignment
 
 
 @dataclass(frozen=True, slots=True)
 class EvalOptions:
-    """How a table is made."""
+    """Options of a table."""
 
-    protocol: EvalProtocol = HEADLINE  #: how prediction and truth are compared
-    #: a row for each that suits a predictor. Trivial rows get them too, besides unaligned and
-    #: median-scaled
+    protocol: EvalProtocol = HEADLINE  #: how prediction and ground truth are compared
+    #: a row for each that suits a predictor; trivial rows also have none and median
     alignments: tuple[Alignment, ...] = (Alignment.NONE,)
-    trivial: bool = True  #: include the rows that never look at the picture
+    trivial: bool = True  #: include baselines that ignore the picture
     per_image: bool = False  #: keep the scores of each image
-    workers: int = 0  #: images at the same time; 0 works in the calling thread
+    workers: int = 0  #: images processed in parallel; 0 for the calling thread
 
 
 HEADLINE_TABLE = EvalOptions()
@@ -37,26 +36,26 @@ HEADLINE_TABLE = EvalOptions()
 
 @dataclass(frozen=True, slots=True)
 class EvalTask:
-    """What to compare on."""
+    """The images to evaluate on."""
 
     dataset: DepthDataset  #: the pairs
-    split: Split  #: the division, with all pairs that are there
-    #: positions of the images that are compared: all of the split's, or fewer
+    split: Split  #: the split, with all of its pairs that the data set has
+    #: positions of the images to evaluate: all test images of the split, or fewer
     test: tuple[int, ...]
-    title: str = NYU  #: what tables call the data set
+    title: str = NYU  #: name of the data set in tables
 
     @property
     def is_nyu(self) -> bool:
-        """Whether the pairs are those of NYU Depth v2, which published rows and cards know."""
+        """Whether the pairs are those of NYU Depth v2, to which published rows and cards refer."""
         return self.split.name in tuple(SplitName)
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """Ids of the images that are compared."""
+        """Ids of the images to evaluate."""
         return tuple(self.dataset.ids[i] for i in self.test)
 
-    def thinned(self, limit: int | None) -> Self:
-        """The same with at most so many images, evenly over the split."""
+    def subsampled(self, limit: int | None) -> Self:
+        """The same with at most ``limit`` images, evenly over the split."""
         if limit is None:
             return self
         count = min(limit, len(self.test))
@@ -65,20 +64,20 @@ class EvalTask:
 
 
 def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) -> EvalTask:
-    """Choose the images: a split's, or at most ``limit`` of them, evenly over it.
+    """The test images of a split, or at most ``limit`` of them, evenly over it.
 
     Raises:
-        DatasetError: the split has no test image here.
+        DatasetError: the data set has no test image of the split.
     """
     divided = split_nyu(dataset, split)
-    return EvalTask(dataset, divided, divided.test).thinned(limit)
+    return EvalTask(dataset, divided, divided.test).subsampled(limit)
 
 
 def plan_pairs(dataset: DepthDataset, title: str, limit: int | None = None) -> EvalTask:
-    """Choose all pairs of a data set of one's own, or at most ``limit``, evenly over them."""
+    """All pairs of a custom data set, or at most ``limit`` of them, evenly over it."""
     every = tuple(range(len(dataset)))
     split = Split(ALL_PAIRS, (), every, 0, len(every))
-    return EvalTask(dataset, split, every, title).thinned(limit)
+    return EvalTask(dataset, split, every, title).subsampled(limit)
 
 
 def evaluate_models(
@@ -110,10 +109,10 @@ def evaluate_models(
 def score_rows(
     task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions, progress: Progress
 ) -> tuple[ReportRow, ...]:
-    """The rows that are measured here; arguments and errors as in :func:`evaluate_models`."""
+    """The rows of trivial baselines and predictors; arguments and errors as evaluate_models."""
     entries = []
     for predictor in predictors:
-        learned = learned_count(predictor, task.dataset, task.ids) if task.is_nyu else None
+        learned = train_overlap(predictor, task.dataset, task.ids) if task.is_nyu else None
         entries.append(entry_for(predictor, options.alignments, learned))
     if options.trivial and task.split.train:
         entries = [*_trivial_entries(task, options, progress), *entries]
@@ -152,7 +151,7 @@ def _notes(task: EvalTask, *, comparable: bool, trivial: bool) -> list[str]:
 
 
 def trivial_notes(split: Split) -> list[str]:
-    """What the trivial rows lack of their split's training pairs."""
+    """Notes on missing training pairs for the trivial rows."""
     if not split.train:
         return ["no training pair of this split is available: baselines are omitted"]
     if len(split.train) != split.train_count:

@@ -1,4 +1,4 @@
-"""Trained runs as rows: on which pictures they may be compared, and which of them are one row."""
+"""Training runs as rows: the pictures to compare them on, and grouping by seed."""
 
 import re
 from collections.abc import Sequence
@@ -18,11 +18,11 @@ _SEED = re.compile(r"-seed\d+$")
 
 @dataclass(frozen=True, slots=True)
 class TrainedModel:
-    """A run and its model."""
+    """A training run and its exported model."""
 
-    run: TrainedRun  #: how it came to be
+    run: TrainedRun  #: the run
     predictor: ModelPredictor  #: its model, named as the run
-    latency_ms: float  #: median time of the network alone for one picture, milliseconds
+    latency_ms: float  #: median latency of the network for one picture, milliseconds
 
 
 def plan_comparison(
@@ -33,14 +33,14 @@ def plan_comparison(
 ) -> EvalTask:
     """Choose pictures that no run was trained on, at most ``limit``, evenly over the split.
 
-    ``val`` stands for the pairs that the runs themselves held out.
+    ``val`` is the pairs that the runs held out.
 
     Raises:
-        DatasetError: a pair that the runs name is not here, or the split has no test image.
+        DatasetError: a pair of the runs is missing, or the split has no test image.
         UsageError: the runs hold out different pairs, or one was trained on the test images.
     """
     whole = _held_out(dataset, runs) if split is SplitName.VAL else plan_nyu(dataset, split)
-    task = whole.thinned(limit)
+    task = whole.subsampled(limit)
     for run in runs:
         seen = set(run.train_ids) & set(task.ids)
         if seen:
@@ -57,7 +57,7 @@ def _held_out(dataset: DepthDataset, runs: Sequence[TrainedRun]) -> EvalTask:
         if (run.held_out_ids, run.train_ids) != (first.held_out_ids, first.train_ids):
             raise UsageError(
                 f"{first.name} and {run.name} were trained on or hold out different pairs: "
-                "compare them apart, or on another --split"
+                "compare them separately, or on another --split"
             )
     if not first.held_out_ids:
         raise UsageError(f"{first.name} held out no pair: compare on another --split")
@@ -73,13 +73,13 @@ def _held_out(dataset: DepthDataset, runs: Sequence[TrainedRun]) -> EvalTask:
     return EvalTask(dataset, Split(SplitName.VAL, train, test, len(train), len(test)), test)
 
 
-def grouped(runs: Sequence[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:
-    """Runs that differ in their seed alone, by the name that they share.
+def group_by_seed(runs: Sequence[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:
+    """Runs that differ only in their seed, by their common name.
 
     ``cut-seed0`` and ``cut-seed1`` are seeds of ``cut``.
 
     Raises:
-        UsageError: runs of one name differ in more than the seed, or not even in that.
+        UsageError: runs of one name differ in more than the seed, or have the same seed.
     """
     groups: dict[str, list[TrainedRun]] = {}
     for run in runs:
@@ -92,7 +92,7 @@ def grouped(runs: Sequence[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:
     return {name: tuple(members) for name, members in groups.items()}
 
 
-def mean_and_spread(values: Sequence[float]) -> tuple[float, float | None]:
-    """Mean and sample standard deviation; no deviation of a single value."""
-    spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
-    return float(np.mean(values)), spread
+def mean_and_std(values: Sequence[float]) -> tuple[float, float | None]:
+    """Mean and sample standard deviation, which is None for a single value."""
+    std = float(np.std(values, ddof=1)) if len(values) > 1 else None
+    return float(np.mean(values)), std

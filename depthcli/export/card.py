@@ -1,4 +1,4 @@
-"""The card of an exported model: what a checkpoint knows of itself."""
+"""Making the card of an exported model from its checkpoint."""
 
 import dataclasses
 import json
@@ -13,7 +13,7 @@ from depthcli.export.graph import IR_VERSION
 from depthcli.export.options import ExportOptions
 from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
-from depthcli.models.places import CARD_NAME
+from depthcli.models.locations import CARD_NAME
 from depthcli.training.checkpoint import Checkpoint, RunProgress
 
 MODEL_NAME = "model.onnx"
@@ -22,19 +22,19 @@ _FULL_STRIDE = 4
 
 
 def card_path(model: Path) -> Path:
-    """Where a model's card belongs.
+    """The path of a model's card.
 
-    ``model.onnx`` has a folder to itself and ``card.json`` in it; any other ``name.onnx`` shares
-    its folder with other models and has ``name.card.json``.
+    That of ``model.onnx`` is ``card.json``; any other ``name.onnx`` may share its folder with other
+    models and has ``name.card.json``.
     """
     return model.with_name(CARD_NAME if model.name == MODEL_NAME else model.stem + _CARD_SUFFIX)
 
 
 def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
-    """The card of a checkpoint's generator, without what depends on the file.
+    """The card of a checkpoint's generator, without the facts of the file.
 
     Raises:
-        UsageError: a card cannot hold what an option says.
+        UsageError: the value of an option is not valid in a card.
     """
     config = saved.config
     codec = config.output.codec
@@ -96,7 +96,7 @@ def _training_facts(saved: Checkpoint) -> dict[str, Any]:
 
 
 def _nyu_pairs(progress: RunProgress) -> dict[str, str]:
-    """Ids of NYU Depth v2 that were trained on, for whoever evaluates the model."""
+    """Ids of the pairs of NYU Depth v2 that it was trained on, for evaluations of the model."""
     if not progress.data.startswith("NYU Depth v2"):
         return {}
     return {"nyu_train_ids": id_ranges.compact(i for i in progress.train_ids if i.isdecimal())}

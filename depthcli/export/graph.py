@@ -1,4 +1,4 @@
-"""A generator as one ONNX graph: batch norm folded, any batch and size, one file."""
+"""Exporting a generator to an ONNX graph with folded batch norm and dynamic batch and size."""
 
 import copy
 import warnings
@@ -18,7 +18,7 @@ OPSET = 17
 IR_VERSION = 8
 INPUT, OUTPUT = "image", "depth"
 _TRACED_SIZE = (96, 128)
-_SMALLEST_HALVED = 64  # small tensors, such as biases, gain nothing from half precision
+_MIN_FLOAT16_SIZE = 64  # small tensors, such as biases, gain nothing from half precision
 
 
 def build_graph(
@@ -27,27 +27,27 @@ def build_graph(
     """Export a generator, (B, 1, H, W) in [-1, 1] to raw (B, 1, h, w).
 
     Returns:
-        A checked model with dynamic batch, height and width, and IR version 8. With ``mirror`` it
-        averages with the prediction of the mirrored picture, at twice the cost.
+        A checked model with dynamic batch, height and width, and IR version 8. With ``mirror``, it
+        averages with the prediction for the mirrored picture, at twice the cost.
     """
-    network = folded(generator)
+    network = fold_batch_norm(generator)
     if mirror:
         network = MirrorAverage(network)
-    model = optimizer.optimize(_traced(network, opset))
+    model = optimizer.optimize(_trace(network, opset))
     model.ir_version = min(model.ir_version, IR_VERSION)
     _strip_metadata(model.graph)
     onnx.checker.check_model(model, full_check=True)
     return model
 
 
-def _traced(network: nn.Module, opset: int) -> onnx.ModelProto:
-    """What torch makes of a network.
+def _trace(network: nn.Module, opset: int) -> onnx.ModelProto:
+    """Export a network with torch.
 
-    The tracing exporter is used because torch's other one cannot express that a size rounds up
-    when it is halved, as it does between an encoder and a decoder of any size.
+    The tracing exporter is used because the dynamo exporter cannot express sizes that are halved
+    and rounded up, as between the encoder and the decoder.
     """
     with temporary_folder() as folder, warnings.catch_warnings():
-        # The exporter warns of its own future; what it made is checked here and by parity.
+        # The exporter warns of its deprecation; its result is checked here and by parity.
         warnings.simplefilter("ignore")
         path = folder / "model.onnx"
         torch.onnx.export(
@@ -67,7 +67,7 @@ def _traced(network: nn.Module, opset: int) -> onnx.ModelProto:
 
 
 def _strip_metadata(graph: onnx.GraphProto) -> None:
-    """Drop what tools noted on the way: it is no part of the model, nor known to its IR version."""
+    """Remove metadata of the export tools, which this IR version does not have."""
     del graph.value_info[:]
     for node in graph.node:
         del node.metadata_props[:]
@@ -75,21 +75,21 @@ def _strip_metadata(graph: onnx.GraphProto) -> None:
 
 
 class MirrorAverage(nn.Module):
-    """Mean of a network's output and its mirrored output for the mirrored input."""
+    """Mean of a network's output and the mirrored output for the mirrored input."""
 
     def __init__(self, network: nn.Module) -> None:
         super().__init__()
         self.network = network
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Raw (B, 1, h, w) of x (B, 1, H, W)."""
+        """Raw output (B, 1, h, w) for x (B, 1, H, W)."""
         plain: torch.Tensor = self.network(x)
         mirrored = self.network(torch.flip(x, [3]))
         return (plain + torch.flip(mirrored, [3])) / 2
 
 
-def folded(network: nn.Module) -> nn.Module:
-    """A copy to evaluate in which each convolution has taken up the batch norm behind it."""
+def fold_batch_norm(network: nn.Module) -> nn.Module:
+    """A copy in evaluation mode with each batch norm folded into the convolution before it."""
     network = copy.deepcopy(network).float().cpu().eval()
     for module in list(network.modules()):
         if not isinstance(module, nn.Sequential):
@@ -102,13 +102,13 @@ def folded(network: nn.Module) -> nn.Module:
     return network
 
 
-def halve_weights(model: onnx.ModelProto) -> None:
-    """Store large weights as float16 and widen them on loading: half the file, float32 sums."""
+def weights_to_float16(model: onnx.ModelProto) -> None:
+    """Store large weights as float16, cast to float32 in the graph: half the file size."""
     graph = model.graph
     casts = []
     for i, tensor in enumerate(graph.initializer):
         values = numpy_helper.to_array(tensor)
-        if tensor.data_type != TensorProto.FLOAT or values.size < _SMALLEST_HALVED:
+        if tensor.data_type != TensorProto.FLOAT or values.size < _MIN_FLOAT16_SIZE:
             continue
         name = tensor.name
         half = numpy_helper.from_array(values.astype(np.float16), f"{name}_half")

@@ -1,4 +1,4 @@
-"""Static int8 quantisation, calibrated on the user's own pictures."""
+"""Static int8 quantisation, calibrated on given pictures."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -10,33 +10,32 @@ import numpy.typing as npt
 import onnx
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 
-from depthcli.datasets.files import spread
+from depthcli.datasets.files import sample_positions
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.preprocess import prepare
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.models.card_specs import InputSpec
 
-MOST_PICTURES = 64
+MAX_PICTURES = 64
 
 
 def quantize(model: onnx.ModelProto, batches: Sequence[npt.NDArray[np.float32]]) -> onnx.ModelProto:
-    """Weights and activations as int8, in the portable QDQ form, weights per channel.
+    """Quantize weights (per channel) and activations to int8, in QDQ format.
 
-    Weights keep to 7 of their 8 bits: processors with AVX2 alone add products in 16 bits, which
-    whole ones would overflow. The batches, network inputs (1, C, H, W), show the range of each
-    activation.
+    Weights use 7 bits: CPUs with AVX2 but without VNNI accumulate in 16 bits, which 8-bit weights
+    could overflow. The batches, network inputs (1, C, H, W), calibrate the range of activations.
     """
     name = model.graph.input[0].name
     with temporary_folder() as folder:
-        # By path, for the quantizer moves the weights of a model in memory to a file of its own.
+        # By path, as the quantizer moves the weights of a model in memory to a separate file.
         source, path = folder / "float.onnx", folder / "int8.onnx"
         onnx.save(model, source)
-        with _without_advice():
+        with _suppress_warnings():
             quantize_static(
                 source,
                 path,
-                _Reader([{name: batch} for batch in batches]),
+                _CalibrationReader([{name: batch} for batch in batches]),
                 quant_format=QuantFormat.QDQ,
                 per_channel=True,
                 reduce_range=True,
@@ -56,8 +55,8 @@ def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.fl
         raise UsageError(f"{folder} is not a folder; give one with pictures to calibrate int8")
     files = sorted(path for path in folder.iterdir() if path.is_file())
     batches = []
-    for path in [files[i] for i in spread(len(files), MOST_PICTURES)]:
-        with suppress(InputError):  # notes and thumbnails' databases lie among pictures
+    for path in [files[i] for i in sample_positions(len(files), MAX_PICTURES)]:
+        with suppress(InputError):  # other files among the pictures
             batches.append(prepare(spec, read_image(path))[0])
     if not batches:
         raise UsageError(f"{folder} has no picture; give one with pictures to calibrate int8")
@@ -65,8 +64,8 @@ def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.fl
 
 
 @contextmanager
-def _without_advice() -> Iterator[None]:
-    """Keep the quantizer's advice to fold the graph, which is folded, from standard error."""
+def _suppress_warnings() -> Iterator[None]:
+    """Suppress the advice to preprocess the model, which has been done."""
     logging.disable(logging.WARNING)
     try:
         yield
@@ -74,8 +73,8 @@ def _without_advice() -> Iterator[None]:
         logging.disable(logging.NOTSET)
 
 
-class _Reader(CalibrationDataReader):  # type: ignore[misc]
-    """Hands the inputs to onnxruntime one by one."""
+class _CalibrationReader(CalibrationDataReader):  # type: ignore[misc]
+    """Gives the inputs to onnxruntime one by one."""
 
     def __init__(self, feeds: list[dict[str, npt.NDArray[np.float32]]]) -> None:
         self._feeds = iter(feeds)

@@ -1,4 +1,4 @@
-"""A checkpoint to a model folder: one ONNX file and its card, gated by parity."""
+"""Exporting a checkpoint to an ONNX file and its card, after a parity check."""
 
 import dataclasses
 import hashlib
@@ -6,7 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.export.card import card_of, card_path
-from depthcli.export.graph import MirrorAverage, build_graph, folded, halve_weights, set_metadata
+from depthcli.export.graph import (
+    MirrorAverage,
+    build_graph,
+    fold_batch_norm,
+    set_metadata,
+    weights_to_float16,
+)
 from depthcli.export.int8 import calibration_batches, quantize
 from depthcli.export.options import ExportOptions
 from depthcli.export.parity import Parity, check_parity
@@ -17,21 +23,21 @@ from depthcli.training.checkpoint import load_generator
 
 
 @dataclass(frozen=True, slots=True)
-class Exported:
-    """What was written."""
+class ExportResult:
+    """The result of an export."""
 
     path: Path  #: the ONNX file
     card: ModelCard  #: its card, written beside it
-    parity: Parity  #: how close it is to torch
+    parity: Parity  #: difference from torch
 
 
-def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Exported:
+def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> ExportResult:
     """Export the generator of a checkpoint to an ONNX file, with its card beside it.
 
     Raises:
         CheckpointError: the checkpoint cannot be used.
-        UsageError: a card cannot hold what an option says.
-        ParityError: the result is not the network; nothing is written.
+        UsageError: the value of an option is not valid in a card.
+        ParityError: the ONNX model differs from torch's network; nothing is written.
         OutputError: a file cannot be written.
     """
     generator, saved = load_generator(checkpoint, options.weights)
@@ -42,26 +48,26 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     if pictures:
         model = quantize(model, pictures)
     elif options.half:
-        halve_weights(model)
+        weights_to_float16(model)
     set_metadata(model, {METADATA_KEY: card.to_json()})
     data = model.SerializeToString()
-    network = MirrorAverage(folded(generator)) if options.mirror else generator
-    cases = _cases(card.input)[: 1 if pictures else None]
-    parity = check_parity(network, data, cases, options.allowed, pictures)
+    network = MirrorAverage(fold_batch_norm(generator)) if options.mirror else generator
+    cases = _parity_cases(card.input)[: 1 if pictures else None]
+    parity = check_parity(network, data, cases, options.max_difference, pictures)
     card = dataclasses.replace(
         card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
     )
-    with (  # both are written before either takes its place: an old one would not fit the new
+    with (  # both are written before either is renamed, as old and new ones do not match
         atomic_path(out, inputs=[checkpoint]) as path,
         atomic_path(card_path(out), inputs=[checkpoint]) as card_file,
     ):
         path.write_bytes(data)
         card_file.write_text(card.to_json(), "utf-8")
-    return Exported(out, card, parity)
+    return ExportResult(out, card, parity)
 
 
-def _cases(spec: InputSpec) -> tuple[tuple[int, int, int], ...]:
-    """The nominal size, a batch, other aspects, and a larger picture."""
+def _parity_cases(spec: InputSpec) -> tuple[tuple[int, int, int], ...]:
+    """(batch, height, width): nominal size, a batch, other aspect ratios, a larger size."""
     height, width = spec.height, spec.width
     half = max(spec.multiple_of, height // 2 // spec.multiple_of * spec.multiple_of)
     return (

@@ -1,4 +1,4 @@
-"""Whether onnxruntime says what torch says about the same network."""
+"""Checking that onnxruntime and torch give the same outputs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,18 +12,18 @@ from depthcli.errors import ParityError
 from depthcli.inference.runtime import ort
 
 TOLERANCE = 1e-3
-HALF_TOLERANCE = 2e-2
+FLOAT16_TOLERANCE = 2e-2
 INT8_TOLERANCE = 2e-1
 
 
 @dataclass(frozen=True, slots=True)
 class Parity:
-    """How far two runtimes are apart, in units of the raw output (its range is about [-1, 1])."""
+    """Differences between the runtimes, in units of the raw output (range about [-1, 1])."""
 
-    max_abs: float  #: largest difference over all cases
-    mean_abs: float  #: mean difference of the worst case
+    max_abs: float  #: largest absolute difference over all cases
+    mean_abs: float  #: mean absolute difference of the worst case
     cases: tuple[tuple[int, int, int], ...]  #: (batch, height, width) of each comparison
-    tolerance: float  #: what was allowed
+    tolerance: float  #: maximum difference allowed
 
 
 def check_parity(
@@ -38,9 +38,9 @@ def check_parity(
     Args:
         network: (B, 1, H, W) to raw (B, 1, h, w), in evaluation mode.
         model: the exported file.
-        cases: (batch, height, width) to try.
-        tolerance: largest difference allowed.
-        pictures: (B, 1, H, W) inputs to compare on instead; int8 holds for real pictures only.
+        cases: (batch, height, width) of the inputs.
+        tolerance: maximum difference allowed.
+        pictures: (B, 1, H, W) inputs to use instead; int8 is accurate for real pictures only.
 
     Raises:
         ParityError: a difference is larger, or the model does not run at a size.
@@ -77,7 +77,7 @@ def check_parity(
 def _inputs(batch: int, height: int, width: int) -> tuple[npt.NDArray[np.float32], ...]:
     """Noise, a ramp with a step, and waves; each (batch, 1, height, width) in [-1, 1].
 
-    No flat picture: instance norm divides its rounding errors by nothing, so runtimes may differ.
+    No constant image: instance norm would amplify rounding errors, which differ between runtimes.
     """
     shape = (batch, 1, height, width)
     noise = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Folders of training runs as models to evaluate: each is exported once per checkpoint."""
+"""Exporting training runs for evaluation, once per checkpoint."""
 
 import dataclasses
 import hashlib
@@ -10,7 +10,7 @@ from depthcli.errors import ModelError, OutputError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.models.catalog import read_model
-from depthcli.models.places import Place
+from depthcli.models.locations import ModelLocation
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.trained_run import TrainedRun
@@ -20,7 +20,7 @@ _HASH_LENGTH = 16
 
 
 def find_runs(folder: Path) -> tuple[Path, ...]:
-    """The folder itself or those in it that hold a checkpoint, by name.
+    """The folder itself or its subfolders that have a checkpoint, sorted by name.
 
     Raises:
         UsageError: there is none.
@@ -34,7 +34,7 @@ def find_runs(folder: Path) -> tuple[Path, ...]:
 
 
 def open_run(folder: Path) -> TrainedRun:
-    """Read a run's checkpoint.
+    """Facts about a run from its checkpoint.
 
     Raises:
         CheckpointError: it cannot be used.
@@ -56,15 +56,14 @@ def open_run(folder: Path) -> TrainedRun:
     )
 
 
-def export_run(run: TrainedRun, spare: Path, weights: Weights = Weights.AVERAGED) -> Path:
-    """The run's model, exported unless that was done already for the same checkpoint.
+def export_run(run: TrainedRun, fallback_folder: Path, weights: Weights = Weights.AVERAGED) -> Path:
+    """Export a run's model, unless that was done already for the same checkpoint.
 
-    It lies in the run's folder under a name of its own, or in ``spare`` where that cannot be
-    written.
+    The file is in the run's folder, or in ``fallback_folder`` if that cannot be written.
 
     Raises:
         CheckpointError: the checkpoint cannot be used.
-        ParityError: the exported model is not the network.
+        ParityError: the exported model differs from torch's network.
     """
     checkpoint, cached = run.folder / CHECKPOINT, run.folder / CACHE_NAMES[weights]
     with checkpoint.open("rb") as file:
@@ -75,14 +74,14 @@ def export_run(run: TrainedRun, spare: Path, weights: Weights = Weights.AVERAGED
     try:
         return export_checkpoint(checkpoint, cached, options).path
     except OutputError:
-        return export_checkpoint(checkpoint, spare / run.name / cached.name, options).path
+        return export_checkpoint(checkpoint, fallback_folder / run.name / cached.name, options).path
 
 
 def _version(model: Path) -> str | None:
-    """The version in the card inside an ONNX file; None if there is no whole file."""
+    """The version in the card inside an ONNX file; None if there is no valid file."""
     if not model.is_file():
         return None
     try:
-        return read_model(Place(onnx=model, card=None)).card.version
+        return read_model(ModelLocation(onnx=model, card=None)).card.version
     except ModelError:
         return None

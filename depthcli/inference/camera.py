@@ -1,8 +1,8 @@
-"""The camera of a picture, and what follows for the metres of a model that learned another one.
+"""The camera of a picture, and the scale of a model's metres that were learned from another camera.
 
-A network that learned one camera is right up to the ratio of focal lengths, both in pixels of the
-network's input: that of the picture there, whatever resizing made of it, to the one it learned.
-Where resizing stretches, the focal length is the geometric mean of both axes'.
+A network that was trained on one camera is right up to the ratio of focal lengths: that of the
+picture after resizing to that of the training, both in pixels of the network's input. Where
+resizing stretches, the focal length is the geometric mean over both axes.
 """
 
 import math
@@ -24,16 +24,16 @@ class PictureCamera(NamedTuple):
 
 
 def metric_camera(card: ModelCard) -> CameraSpec | None:
-    """The camera that a model's metres belong to; None if it is not known, or there are none."""
+    """The camera that a model's metres are for; None if it is not known, or the kind not metric."""
     return card.camera if card.output.kind is DepthKind.METRIC else None
 
 
 def camera_of(
-    card: ModelCard, frame: Frame, place: Layout, focal_px: float | None, hfov_deg: float | None
+    card: ModelCard, frame: Frame, layout: Layout, focal_px: float | None, hfov_deg: float | None
 ) -> PictureCamera | None:
-    """The camera that a picture is taken to come from; None if none is known.
+    """The camera of a picture; None if none is known.
 
-    The one given, as focal length in pixels or as horizontal field of view in degrees, else the
+    The given one, as focal length in pixels or as horizontal field of view in degrees, else the
     one in its EXIF, else that of the card.
     """
     known = _stated_camera(frame, focal_px, hfov_deg)
@@ -41,7 +41,7 @@ def camera_of(
     if learned is None:
         return known
     camera = known or _assumed(card.input, learned, frame)
-    seen_px = camera.focal_px * _shrink(card.input, frame, place)
+    seen_px = camera.focal_px * _resize_factor(card.input, frame, layout)
     return camera._replace(scale=seen_px / learned_focal_px(card.input, learned))
 
 
@@ -50,12 +50,12 @@ def learned_focal_px(spec: InputSpec, camera: CameraSpec) -> float:
     return scaling.focal_px_of_hfov(camera.hfov_deg, spec.width) * math.sqrt(spec.pixel_aspect)
 
 
-def _shrink(spec: InputSpec, frame: Frame, place: Layout) -> float:
+def _resize_factor(spec: InputSpec, frame: Frame, layout: Layout) -> float:
     """Pixels of the network's input for one of the picture, the geometric mean of both axes."""
-    across, down = place.width / frame.width, place.height / frame.height
-    if not place.is_padded:
+    across, down = layout.width / frame.width, layout.height / frame.height
+    if not layout.is_padded:
         return math.sqrt(across * down)
-    # One axis is full. The other is rounded to whole pixels, which is much of a thin strip.
+    # One axis is filled. On the other, rounding to whole pixels matters for a narrow strip.
     root = math.sqrt(spec.pixel_aspect)
     return min(across * root, down / root)
 
@@ -74,10 +74,10 @@ def _stated_camera(
 
 
 def _assumed(spec: InputSpec, camera: CameraSpec, frame: Frame) -> PictureCamera:
-    """The camera that a model learned.
+    """The camera that a model learned, for a picture of any shape.
 
-    A picture of another shape is taken for the largest crop of that camera's, held upright or not;
-    docs/cameras.md has what else was measured.
+    A picture with another aspect is assumed to be the largest crop of that camera's, in landscape
+    or portrait; docs/cameras.md has measurements of alternatives.
     """
     aspect = spec.width / spec.height * spec.pixel_aspect
     long, short = sorted((frame.width, frame.height), reverse=True)

@@ -1,4 +1,4 @@
-"""How long models take: one thing done again and again, or models side by side."""
+"""Measuring latency, of one action or of several models in turn."""
 
 import statistics
 import time
@@ -10,30 +10,30 @@ import numpy as np
 
 from depthcli.inference.pipeline import Pipeline
 
-_UNMEASURED = 3
-_FEWEST = 5
-_TURNS = 3
-_SECONDS_A_TURN = 0.3
-_MOST_A_TURN = 10
+_WARMUP_RUNS = 3
+_MIN_RUNS = 5
+_ROUNDS = 3
+_SECONDS_A_ROUND = 0.3
+_MAX_RUNS_A_ROUND = 10
 
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """Wall-clock milliseconds of one thing done several times."""
+    """Wall-clock milliseconds of an action that was repeated."""
 
     median_ms: float  #: of the runs
     min_ms: float  #: of the runs
-    noise: float  #: half the spread of the middle half of the runs, as a share of the median
-    runs: int  #: how many were measured, after a few that were not
+    noise: float  #: half the interquartile range of the runs, as a share of the median
+    runs: int  #: how many were measured, after warm-up
 
 
 def measure_latency(action: Callable[[], object], seconds: float) -> Latency:
-    """Do one thing for so many seconds, and at least a few times."""
-    for _ in range(_UNMEASURED):
+    """Repeat an action for a number of seconds, and at least five times."""
+    for _ in range(_WARMUP_RUNS):
         action()
     runs_ms: list[float] = []
     end_s = time.perf_counter() + seconds
-    while len(runs_ms) < _FEWEST or time.perf_counter() < end_s:
+    while len(runs_ms) < _MIN_RUNS or time.perf_counter() < end_s:
         runs_ms.append(1e3 * _elapsed_s(action))
     low, median, high = statistics.quantiles(runs_ms, n=4)
     return Latency(median, min(runs_ms), (high - low) / 2 / median, len(runs_ms))
@@ -42,14 +42,14 @@ def measure_latency(action: Callable[[], object], seconds: float) -> Latency:
 def measure_ms(pipelines: Sequence[Pipeline]) -> tuple[float, ...]:
     """Median time of each network alone for one picture of its own size, milliseconds.
 
-    The models take turns, so that whatever else the machine does meets all of them alike. The
-    first picture of a turn is not counted: threads of the model before may still be awake.
+    The models take turns, so that other load on the machine affects all of them alike. The first
+    run of a turn is not counted: threads of the previous model may still be spinning.
     """
     actions = [partial(pipeline.session.run, _batch(pipeline)) for pipeline in pipelines]
     times_s: list[list[float]] = [[] for _ in pipelines]
-    for _ in range(_TURNS):
+    for _ in range(_ROUNDS):
         for times, action in zip(times_s, actions, strict=True):
-            count = int(np.clip(_SECONDS_A_TURN / _elapsed_s(action), 1, _MOST_A_TURN))
+            count = int(np.clip(_SECONDS_A_ROUND / _elapsed_s(action), 1, _MAX_RUNS_A_ROUND))
             times += [_elapsed_s(action) for _ in range(count)]
     return tuple(1000 * float(np.median(times)) for times in times_s)
 

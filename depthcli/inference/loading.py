@@ -1,4 +1,4 @@
-"""Which model runs, and how; loaded at once, or while the caller does something else."""
+"""Loading a session, at once or in the background."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SessionLoader:
-    """What a session is made of; a few words that can be sent to another process."""
+    """The arguments of a session; small, and can be pickled for another process."""
 
     #: a name in the catalog, a folder, or an ``.onnx`` file; None for the default model
     model: str | os.PathLike[str] | None = None
-    provider: str = "auto"  #: ``auto``, or a name such as ``cpu`` or ``cuda`` that has to be there
+    provider: str = "auto"  #: ``auto``, or a name such as ``cpu`` or ``cuda``, which is required
     threads: int | None = None  #: threads within one operator; None for onnxruntime's choice
-    #: for a provider asked for by name, as onnxruntime documents them
+    #: for a provider given by name, as onnxruntime documents them
     provider_options: Mapping[str, str] = field(default_factory=dict)
 
     def load(self) -> Session:
@@ -37,11 +37,11 @@ class SessionLoader:
         return self.start().result()
 
     def start(self) -> Background[Session]:
-        """Begin to find and load the model; what is wrong with it comes with the result.
+        """Begin to find and load the model; ``result`` raises its errors.
 
-        Imports hold the interpreter's lock; reading, checking and loading a model do not. So the
-        file is checked while onnxruntime is imported here, and loaded while the caller imports all
-        that reads pictures.
+        Imports hold the GIL; reading, checking and loading a model do not. So the file is checked
+        while onnxruntime is imported here, and loaded while the caller imports modules that read
+        pictures.
         """
         from depthcli.models.catalog import find_model  # noqa: PLC0415 - see above
 
@@ -50,17 +50,17 @@ class SessionLoader:
 
         return Background(
             lambda: Session(
-                self._made_for_provider(checking.result()),
+                self._for_provider(checking.result()),
                 provider=self.provider,
                 threads=self.threads,
                 provider_options=self.provider_options,
             )
         )
 
-    def _made_for_provider(self, model: Model) -> Model:
-        """The model, or the one of floats that its card names."""
-        from depthcli.inference.providers import made_for_int8  # noqa: PLC0415 - as in start
+    def _for_provider(self, model: Model) -> Model:
+        """The model, or the float model that its card names if the provider prefers floats."""
+        from depthcli.inference.providers import prefers_int8  # noqa: PLC0415 - as in start
         from depthcli.models.catalog import find_model  # noqa: PLC0415
 
         other = model.card.float_model
-        return model if other is None or made_for_int8(self.provider) else find_model(other)
+        return model if other is None or prefers_int8(self.provider) else find_model(other)

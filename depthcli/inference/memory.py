@@ -1,22 +1,28 @@
-"""How much memory a picture takes on its way to depth, known before any of it is taken."""
+"""Choosing tiles within the limit of memory, by an estimate before any is allocated."""
 
 import math
 
 from depthcli.core.choices import AUTO_TILE, Detail
-from depthcli.core.picture_limit import bytes_needed, megabytes, memory_limit, size_text, too_little
+from depthcli.core.picture_limit import (
+    bytes_needed,
+    megabytes,
+    memory_limit,
+    memory_limit_message,
+    size_text,
+)
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.models.card_specs import Colour, InputSpec, Resize
 
-# Counted in the code, with some to spare: maps of the size of a tiled map.
+# Arrays of the size of a tiled map, counted in the code, with a margin.
 _BYTES_A_CELL = 64
 _FLOAT_PLANES = 2  # the plane and its scaled copy
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
-    """Width of the tiles of one picture in its pixels, within the limit of memory.
+    """Width of the tiles of a picture in its pixels, within the limit of memory.
 
-    None if it goes through the network in one piece.
+    None if the picture is not tiled.
 
     Raises:
         InputError: the limit is too low for this picture or these tiles.
@@ -26,7 +32,7 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
         width, frame.height, detail, frame.pixels.nbytes, _input_bytes(spec, frame)
     )
     if fixed > limit:
-        raise InputError(too_little(width, frame.height, fixed, detail))
+        raise InputError(memory_limit_message(width, frame.height, fixed, detail))
     cells = spec.width * spec.height * width**2  # of the tiled map, times the tiles' width squared
     least_px = math.ceil(math.sqrt(cells / max(1.0, (limit - fixed) / _BYTES_A_CELL)))
     if detail.tile_px is None:
@@ -45,7 +51,7 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
 
 
 def _input_bytes(spec: InputSpec, frame: Frame) -> int:
-    """What the network sees at full size; only an area mean is taken band by band."""
+    """Size of the network's input before it is resized; 0 for an area mean, done in bands."""
     if spec.resize is Resize.AREA:
         return 0
     planes = 3 if spec.colour is Colour.RGB else 1

@@ -1,4 +1,4 @@
-"""The whole way from a picture to its depth map."""
+"""From a picture to its depth map: preprocessing, network, postprocessing."""
 
 import math
 import os
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core import scaling
-from depthcli.core.choices import PLAIN, Detail
+from depthcli.core.choices import DEFAULT_DETAIL, Detail
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import ModelError, UsageError
 from depthcli.inference.camera import PictureCamera, camera_of, metric_camera
@@ -22,14 +22,14 @@ from depthcli.models.card import ModelCard
 
 
 class Pipeline:
-    """A model, ready for pictures.
+    """A loaded model with its pre- and postprocessing.
 
     Attributes:
         session: the loaded model.
-        detail: how its depth becomes that of a full-size picture.
+        detail: how full-size depth is made from its output.
     """
 
-    def __init__(self, session: Session, detail: Detail = PLAIN) -> None:
+    def __init__(self, session: Session, detail: Detail = DEFAULT_DETAIL) -> None:
         self.session = session
         self.detail = detail
 
@@ -43,8 +43,8 @@ class Pipeline:
     ) -> DepthMap:
         """Depth of every pixel of a picture.
 
-        A model that learned one camera is right only for that camera. Where the picture's own is
-        known, metres are rescaled: depth grows with the focal length that the network sees.
+        A model that was trained on one camera is right only for that camera. If the picture's own
+        is known, metres are scaled by the ratio of focal lengths.
 
         Args:
             frame: the picture.
@@ -59,8 +59,7 @@ class Pipeline:
         Raises:
             InputError: the picture needs more memory than the detail's limit.
             ModelError: the network failed.
-            UsageError: the focal length makes no sense, or the model's metres belong to no known
-                camera.
+            UsageError: the focal length is not valid, or the model's camera is not known.
         """
         return self.predict_many((frame,), focal_px=focal_px, hfov_deg=hfov_deg)[0]
 
@@ -71,7 +70,7 @@ class Pipeline:
         focal_px: float | None = None,
         hfov_deg: float | None = None,
     ) -> list[DepthMap]:
-        """Depth of several pictures, those of one network size in one run of the network.
+        """Depth of several pictures; those with the same input size are run as one batch.
 
         Args:
             frames: the pictures, of any sizes.
@@ -79,13 +78,12 @@ class Pipeline:
             hfov_deg: as in :meth:`predict`, for each picture.
 
         Returns:
-            What :meth:`predict` gives for each, in their order.
+            What :meth:`predict` returns for each, in their order.
 
         Raises:
             InputError: a picture needs more memory than the detail's limit.
             ModelError: the network failed.
-            UsageError: the focal length makes no sense, or the model's metres belong to no known
-                camera.
+            UsageError: the focal length is not valid, or the model's camera is not known.
         """
         for frame in frames:
             tile_width_px(self.card.input, frame, self.detail)
@@ -93,42 +91,44 @@ class Pipeline:
         prepared = [prepare(self.card.input, frame) for frame in frames]
         raws = self._run([single for single, _ in prepared])
         return [
-            self._finish(frame, raw, place, camera_of(self.card, frame, place, focal_px, hfov_deg))
-            for frame, raw, (_, place) in zip(frames, raws, prepared, strict=True)
+            self._finish(
+                frame, raw, layout, camera_of(self.card, frame, layout, focal_px, hfov_deg)
+            )
+            for frame, raw, (_, layout) in zip(frames, raws, prepared, strict=True)
         ]
 
     def _finish(
         self,
         frame: Frame,
         raw: npt.NDArray[np.float32],
-        place: Layout,
+        layout: Layout,
         camera: PictureCamera | None,
     ) -> DepthMap:
-        coarse = coarse_depth(self.card.output, raw, place)
+        coarse = coarse_depth(self.card.output, raw, layout)
         if not np.isfinite(coarse).any():
             raise ModelError(
                 f"{self.session.model.path} gives no depth for {frame.path or 'a picture'}: "
                 "not one number is finite; use another model, or export it again"
             )
-        tile_px, reach = tile_width_px(self.card.input, frame, self.detail), 1
+        tile_px, radius = tile_width_px(self.card.input, frame, self.detail), 1
         if tile_px is not None:
             from depthcli.inference.tiles import refine  # noqa: PLC0415 - few pictures need it
 
             columns = coarse.shape[1]
             coarse = refine(self.card.output, coarse, frame, tile_px, self._coarse)
-            reach = math.ceil(coarse.shape[1] / columns)
-        values = full_size(self.card.output, coarse, frame, self.detail.upsampling, reach)
+            radius = math.ceil(coarse.shape[1] / columns)
+        values = full_size(self.card.output, coarse, frame, self.detail.upsampling, radius)
         if camera is not None and camera.scale != 1:
             values *= np.float32(camera.scale)
-        source = self._provenance(frame, place, camera)
+        source = self._provenance(frame, layout, camera)
         return DepthMap(values, self.card.output.kind, source)
 
     def _coarse(self, frame: Frame) -> npt.NDArray[np.float32]:
-        batch, place = prepare(self.card.input, frame)
-        return coarse_depth(self.card.output, self.session.run(batch)[0], place)
+        batch, layout = prepare(self.card.input, frame)
+        return coarse_depth(self.card.output, self.session.run(batch)[0], layout)
 
     def _run(self, inputs: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:
-        """The network's (h, w) output for each (1, C, H, W) input; equal sizes run together."""
+        """The network's (h, w) output for each (1, C, H, W) input, batched by size."""
         sizes: dict[tuple[int, ...], list[int]] = {}
         for i, single in enumerate(inputs):
             sizes.setdefault(single.shape, []).append(i)
@@ -140,11 +140,10 @@ class Pipeline:
         return [outputs[i] for i in range(len(inputs))]
 
     def check_focal(self, focal_px: float | None, hfov_deg: float | None) -> None:
-        """Refuse a focal length that makes no sense or would change nothing.
+        """Check a focal length or field of view.
 
         Raises:
-            UsageError: it is not above 0, both are given, or the model's metres belong to no known
-                camera.
+            UsageError: it is out of range, both are given, or the model's camera is not known.
         """
         scaling.check_camera(focal_px, hfov_deg)
         stated = focal_px is not None or hfov_deg is not None
@@ -154,11 +153,11 @@ class Pipeline:
                 "length does not apply; remove --focal-px and --hfov"
             )
 
-    def _provenance(self, frame: Frame, place: Layout, camera: PictureCamera | None) -> Provenance:
+    def _provenance(self, frame: Frame, layout: Layout, camera: PictureCamera | None) -> Provenance:
         return Provenance(
             model=self.card.name,
             model_sha256=self.session.model.sha256,
-            input_size_px=(place.width, place.height),
+            input_size_px=(layout.width, layout.height),
             focal_px=camera.focal_px if camera else None,
             orientation=frame.orientation,
             camera_source=camera.source if camera else None,
@@ -170,13 +169,12 @@ def load(
     *,
     provider: str = AUTO,
     threads: int | None = None,
-    detail: Detail = PLAIN,
+    detail: Detail = DEFAULT_DETAIL,
     provider_options: Mapping[str, str] | None = None,
 ) -> Pipeline:
-    """The layer below ``load_model``, whose arguments and errors are the same.
+    """The layer below ``load_model``, with the same arguments and errors.
 
-    What is not as it should be stands in the session's ``warnings``. The model may be None for the
-    default one.
+    Warnings are in the session's ``warnings``. The model may be None for the default one.
     """
     loader = SessionLoader(model, provider, threads, provider_options or {})
     return Pipeline(loader.load(), detail)

@@ -12,14 +12,14 @@ from depthcli.models.card_specs import OutputSpec
 
 
 def coarse_depth(
-    spec: OutputSpec, raw: npt.NDArray[np.float32], place: Layout
+    spec: OutputSpec, raw: npt.NDArray[np.float32], layout: Layout
 ) -> npt.NDArray[np.float32]:
-    """Depth of one picture, (h, w) float32 of the card's kind, of the network's raw output (h, w).
+    """Depth of one picture from the network's raw output (h, w), (h, w) float32 of the card's kind.
 
-    Without infinities, which a resize would turn into NaN.
+    Infinities are replaced, because resizing would turn them into NaN.
     """
     depth = _finite(spec, spec.codec.decode(raw))
-    return _crop(depth, place) if place.is_padded else depth
+    return _crop(depth, layout) if layout.is_padded else depth
 
 
 def full_size(
@@ -27,7 +27,7 @@ def full_size(
     coarse: npt.NDArray[np.float32],
     frame: Frame,
     upsampling: Upsampling,
-    reach: int = 1,
+    radius: int = 1,
 ) -> npt.NDArray[np.float32]:
     """Depth at the picture's size.
 
@@ -35,8 +35,8 @@ def full_size(
         spec: the card's output.
         coarse: (h, w) float32 of the whole picture.
         frame: the picture.
-        upsampling: how its pixels get their depth.
-        reach: pixels of ``coarse`` that a pixel of the network's own output is wide.
+        upsampling: how depth is upsampled.
+        radius: of the guided filter, in pixels of ``coarse``.
 
     Returns:
         (H, W) float32 of the card's kind: metres within the card's range if metric.
@@ -45,24 +45,24 @@ def full_size(
         return in_range(spec, resize_bilinear(coarse, frame.width, frame.height))
     coarse = in_range(spec, coarse)
     in_log = blends_in_log(spec)
-    return in_range(spec, upsample_guided(coarse, frame, in_log=in_log, reach=reach))
+    return in_range(spec, upsample_guided(coarse, frame, in_log=in_log, radius=radius))
 
 
 def blends_in_log(spec: OutputSpec) -> bool:
-    """Whether depth of this kind is above 0, so that it has a logarithm."""
+    """Whether depth of this kind is always above 0, so that its logarithm can be blended."""
     return spec.kind is DepthKind.METRIC and spec.min_m is not None and spec.min_m > 0
 
 
 def in_range(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Bring metres into the card's range, in place; other kinds have none."""
+    """Clip metres to the card's range, in place; other kinds have none."""
     if spec.kind is not DepthKind.METRIC:
         return depth
-    # A large picture's depth has no room for a copy.
+    # In place, because a copy of a large picture's depth takes much memory.
     return np.clip(depth, np.float32(spec.min_m), np.float32(spec.max_m), out=depth)
 
 
 def _finite(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Replace infinities before they meet a weight of zero in the resize and become NaN."""
+    """Replace infinities, which a weight of zero in the resize would turn into NaN."""
     if not np.isinf(depth).any():
         return depth
     if spec.kind is DepthKind.METRIC:
@@ -70,10 +70,10 @@ def _finite(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.
     return np.where(np.isinf(depth), np.float32(np.nan), depth)
 
 
-def _crop(depth: npt.NDArray[np.float32], place: Layout) -> npt.NDArray[np.float32]:
-    """Cut the picture out of a letterbox; an output of a lower stride is first brought to size."""
-    if depth.shape != (place.height, place.width):
-        depth = resize_bilinear(depth, place.width, place.height)
-    rows = slice(place.top, place.top + place.inner_height)
-    columns = slice(place.left, place.left + place.inner_width)
+def _crop(depth: npt.NDArray[np.float32], layout: Layout) -> npt.NDArray[np.float32]:
+    """Crop the picture from a letterbox; a smaller output is first resized to the input's size."""
+    if depth.shape != (layout.height, layout.width):
+        depth = resize_bilinear(depth, layout.width, layout.height)
+    rows = slice(layout.top, layout.top + layout.inner_height)
+    columns = slice(layout.left, layout.left + layout.inner_width)
     return np.ascontiguousarray(depth[rows, columns])

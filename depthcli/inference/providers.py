@@ -1,4 +1,4 @@
-"""What runs a network: onnxruntime's execution providers, by the names of the command line."""
+"""onnxruntime's execution providers, by the names of the command line."""
 
 from collections.abc import Mapping
 
@@ -21,8 +21,8 @@ PROVIDERS = {
 }
 """Name on the command line -> name in onnxruntime."""
 SLOW_TO_START = "tensorrt"
-"""Builds an engine for minutes before the first picture, so ``auto`` never takes it."""
-# In the order of what usually is fastest.
+"""Builds an engine for minutes before the first picture, so ``auto`` never selects it."""
+# Usually fastest first.
 _AUTO_ORDER = tuple(name for name in PROVIDERS if name != SLOW_TO_START)
 
 
@@ -33,7 +33,7 @@ def available_providers() -> tuple[str, ...]:
 
 
 def check_name(provider: str) -> None:
-    """Refuse a word that is neither ``auto`` nor a provider.
+    """Check that a name is ``auto`` or a provider.
 
     Raises:
         UsageError: no provider has this name.
@@ -44,10 +44,10 @@ def check_name(provider: str) -> None:
 
 
 def wanted_providers(provider: str) -> tuple[str, ...]:
-    """What to try, best first, for ``auto`` or a name of ``PROVIDERS``.
+    """The providers to try, best first, for ``auto`` or a name of ``PROVIDERS``.
 
     Raises:
-        ProviderError: this onnxruntime has it not.
+        ProviderError: this onnxruntime does not have it.
         UsageError: no provider has this name.
     """
     available = available_providers()
@@ -62,20 +62,20 @@ def wanted_providers(provider: str) -> tuple[str, ...]:
     return (provider,)
 
 
-def made_for_int8(provider: str) -> bool:
-    """Whether what would be tried first runs int8 networks faster than floats, and as calibrated.
+def prefers_int8(provider: str) -> bool:
+    """Whether the first provider to try runs int8 networks faster than floats, and as calibrated.
 
-    GPUs run them slowly; OpenVINO gains nothing from them, and rounds them otherwise.
+    GPUs run them slowly; OpenVINO does not gain speed, and rounds differently.
 
     Raises:
-        ProviderError: this onnxruntime has it not.
+        ProviderError: this onnxruntime does not have it.
         UsageError: no provider has this name.
     """
     return wanted_providers(provider)[0] == CPU
 
 
 def check_options(provider: str, options: Mapping[str, str]) -> None:
-    """Refuse options that nothing would read.
+    """Check that the provider takes options, if there are any.
 
     Raises:
         UsageError: there are options, and no provider is named or it takes none.
@@ -87,15 +87,15 @@ def check_options(provider: str, options: Mapping[str, str]) -> None:
         )
 
 
-def settled(asked: str, best: str, active: str) -> tuple[str, ...]:
-    """Warnings, one line each, where the active provider is not the best, which was tried first.
+def fallback_warnings(asked: str, best: str, active: str) -> tuple[str, ...]:
+    """Warnings, one line each, if the active provider is not the best one, which was tried first.
 
     Raises:
-        ProviderError: another one than was asked for by name runs.
+        ProviderError: a provider was given by name, and another one is active.
     """
     if active == best:
         return ()
-    # onnxruntime falls back to the CPU by itself; asked for by name, that is an error.
+    # onnxruntime falls back to the CPU by itself; for a provider given by name, that is an error.
     if asked != AUTO:
         raise ProviderError(
             f"provider {asked!r} does not start here, onnxruntime fell back to {active!r}; "

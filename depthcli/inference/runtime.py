@@ -1,4 +1,4 @@
-"""onnxruntime without telemetry: from 1.31 on it connects to a server of its makers."""
+"""onnxruntime without telemetry, which it has from 1.31 on."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""One onnxruntime session: which provider runs it, with how many threads."""
+"""An onnxruntime session with its provider and threads."""
 
 import os
 import re
@@ -22,7 +22,7 @@ _FATAL_ONLY = 4
 _IMAGE_RANK = 4
 _MAX_THREADS = 1024
 _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
-_SOURCE_PLACE = r"^\S+\.(cc|cpp|h):\d+ .*?\) (?=\S)"
+_SOURCE_LOCATION = r"^\S+\.(cc|cpp|h):\d+ .*?\) (?=\S)"
 
 
 class Session:
@@ -30,8 +30,8 @@ class Session:
 
     Attributes:
         model: the model behind it.
-        provider: name of the provider that really runs it.
-        warnings: one-line texts, if ``auto`` had to settle for less than was there.
+        provider: name of the active provider.
+        warnings: one-line texts, if ``auto`` fell back to a slower provider.
         fixed_size: (height, width) that the graph states, in pixels; None where it is dynamic.
     """
 
@@ -52,8 +52,8 @@ class Session:
             provider_options: for a provider asked for by name, as onnxruntime documents them.
 
         Raises:
-            UsageError: no provider has that name, it takes no options and some are given, or that
-                many threads cannot be.
+            UsageError: no provider has that name, it takes no options and some are given, or the
+                number of threads is out of range.
             ProviderError: the named provider is not built in, or does not start.
             ModelError: onnxruntime cannot load the model, or it is not an image-to-depth model.
         """
@@ -62,12 +62,12 @@ class Session:
         options = provider_options or {}
         providers.check_options(provider, options)
         self._session = _start(model, wanted, threads, options)
-        self._running = ort.RunOptions()
+        self._run_options = ort.RunOptions()
         self.provider = providers.short_name(self._session.get_providers()[0])
-        self.warnings = providers.settled(provider, wanted[0], self.provider)
+        self.warnings = providers.fallback_warnings(provider, wanted[0], self.provider)
         # DirectML allows one run at a time in a session:
         # https://onnxruntime.ai/docs/execution-providers/DirectML-ExecutionProvider.html
-        self._turn: AbstractContextManager[Any] = (
+        self._run_lock: AbstractContextManager[Any] = (
             threading.Lock() if self.provider == DIRECTML else nullcontext()
         )
         try:
@@ -91,8 +91,8 @@ class Session:
         if self.model.card.input.layout is TensorLayout.NHWC:
             batch = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         try:
-            with self._turn:
-                raw = self._session.run(None, {self._input: batch}, self._running)[0]
+            with self._run_lock:
+                raw = self._session.run(None, {self._input: batch}, self._run_options)[0]
         except Exception as error:
             raise ModelError(
                 f"{self.model.path} failed on an input of {batch.shape}: {_first_line(error)}"
@@ -100,8 +100,8 @@ class Session:
         return self._maps(raw, len(batch))
 
     def stop(self) -> None:
-        """Let every run fail, those at work within the network too; from any thread."""
-        self._running.terminate = True
+        """Terminate all runs, current and later ones, which fail then; from any thread."""
+        self._run_options.terminate = True
 
     def _maps(self, raw: npt.NDArray[Any], count: int) -> npt.NDArray[np.float32]:
         """An output of (N, h, w), (N, 1, h, w) or (N, h, w, 1) as (N, h, w) float32."""
@@ -124,11 +124,11 @@ def _start(
     model: Model, wanted: tuple[str, ...], threads: int | None, options: Mapping[str, str]
 ) -> ort.InferenceSession:
     """A session on the first of the providers that starts."""
-    for worse in range(1, len(wanted)):
+    for first in range(1, len(wanted)):
         try:
-            return _load(model, wanted[worse - 1 :], threads, options)
+            return _load(model, wanted[first - 1 :], threads, options)
         except ProviderError:
-            continue  # the caller says that it had to settle for less
+            continue  # the caller warns of the fallback
     return _load(model, wanted[-1:], threads, options)
 
 
@@ -143,16 +143,16 @@ def _load(
         options.intra_op_num_threads = threads
     if threads is None or threads > (os.cpu_count() or 1):
         # Threads that spin between operators take time from loading, decoding and encoding on the
-        # other cores: without, the first picture is there sooner, and the next ones are as fast.
-        # That holds for onnxruntime's own pinned threads, not for a number of them; but more than
-        # there are cores would only keep each other from working, 1024 of them for a minute.
+        # other cores: without spinning, the first picture is faster and the next ones are as fast.
+        # That holds for onnxruntime's default pinned threads, not for a given number; but more
+        # threads than cores would slow each other down, 1024 of them for a minute.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    if DIRECTML in wanted:  # it knows neither memory patterns nor parallel operators
+    if DIRECTML in wanted:  # it supports neither memory patterns nor parallel execution
         options.enable_mem_pattern = False
         options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
     stated = [(PROVIDERS[name], dict(provider_options)) for name in wanted]
     try:
-        # onnxruntime's own way to the CPU would announce itself on standard output.
+        # onnxruntime's own fallback to the CPU prints to standard output.
         return ort.InferenceSession(model.data, options, stated, enable_fallback=0)
     except Exception as error:
         raise _load_error(model, wanted, error) from error
@@ -205,5 +205,5 @@ def _channels_problem(model: Model, shape: list[Any], channels: int | None) -> s
 
 
 def _first_line(error: Exception) -> str:
-    """What happened, without the place in onnxruntime's source."""
-    return one_line(re.sub(_SOURCE_PLACE, "", str(error).strip().partition("\n")[0]))
+    """The first line of a message, without the location in onnxruntime's source."""
+    return one_line(re.sub(_SOURCE_LOCATION, "", str(error).strip().partition("\n")[0]))

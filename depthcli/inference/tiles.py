@@ -1,8 +1,8 @@
 """Large pictures in overlapping tiles, each fitted to a pass over the whole picture.
 
-A network sees a tile at a higher resolution, but not the room around it: its depth is off by a
-factor and drifts. So each tile is brought to the whole picture's depth by scale and shift, what
-remains of the difference is taken out where it is smooth, and tiles are faded into each other.
+A network sees a tile at a higher resolution, but without its surroundings, so its depth has another
+scale, which also drifts. Each tile is fitted to the whole picture's depth by scale and shift, the
+low-frequency part of the remaining difference is subtracted, and overlapping tiles are blended.
 """
 
 import math
@@ -19,16 +19,16 @@ from depthcli.core.types import Frame
 from depthcli.inference.postprocess import blends_in_log, in_range
 from depthcli.models.card_specs import OutputSpec
 
-_OVERLAP = 0.25
-# The drift of a tile is smooth over a tenth of its longer side.
-_DRIFT = 0.1
-# Weight of a scale of one, which decides where the whole picture's map is flat.
-_PRIOR = 0.01
+_OVERLAP_SHARE = 0.25
+# Sigma of the Gaussian that gives a tile's drift, as a share of its longer side.
+_DRIFT_SIGMA_SHARE = 0.1
+# Weight of a scale of one, which matters where the whole picture's map is flat.
+_PRIOR_WEIGHT = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class TileGrid:
-    """Where the tiles of a picture lie, all sides in cells, which are pixels of the coarse map."""
+    """The tiles of a picture, with all sizes in cells, which are pixels of the coarse map."""
 
     width: int  #: columns of the whole map
     height: int  #: rows of the whole map
@@ -37,9 +37,9 @@ class TileGrid:
 
     @classmethod
     def plan(cls, frame_width: int, tile_px: int, coarse_shape: tuple[int, ...]) -> Self:
-        """Tiles of the picture's own aspect, so that the network sees them as it sees pictures.
+        """Tiles with the picture's own aspect, so that the network's input has the same shape.
 
-        Widths are in the picture's pixels; the network's depth of one picture is ``coarse_shape``.
+        Widths are in the picture's pixels; ``coarse_shape`` is that of the network's depth.
         """
         rows, columns = coarse_shape
         zoom = frame_width / tile_px
@@ -69,20 +69,20 @@ def refine(
     tile_px: int,
     predict: Callable[[Frame], npt.NDArray[np.float32]],
 ) -> npt.NDArray[np.float32]:
-    """A finer map of a picture.
+    """A finer map of a picture, from tiles.
 
-    Tiles are fitted and faded in log depth if the model is metric, else in the model's own values.
+    Tiles are fitted and blended in log depth if the model is metric, else in its own values.
 
     Args:
         spec: the card's output.
         overall: (h, w) float32 of the card's kind, of the whole picture.
         frame: the picture.
         tile_px: width of a tile in pixels of the picture.
-        predict: a tile to its depth at the network's size.
+        predict: gives the depth of a tile at the network's size.
 
     Returns:
-        float32 of the card's kind, as many times finer than ``overall`` as tiles are narrower than
-        the picture. ``overall`` itself if it has holes.
+        float32 of the card's kind, finer than ``overall`` by the ratio of the picture's width to
+        the tiles'. ``overall`` itself if it has holes.
     """
     if not np.isfinite(overall).all():
         return overall
@@ -102,28 +102,28 @@ def _blend_tiles(
     grid: TileGrid,
     predict: Callable[[Frame], npt.NDArray[np.float32]],
 ) -> npt.NDArray[np.float32]:
-    """(grid.height, grid.width); tiles are added in their order, so that rounding never varies."""
+    """(grid.height, grid.width); tiles are added in a fixed order, so that rounding is too."""
     whole = resize_bilinear(overall, grid.width, grid.height)
     small = tuple(max(1, round(n * n / m)) for n, m in zip(grid.tile_size, grid.size, strict=True))
-    fade = _fade(grid.tile_height, grid.tile_width)
+    weights = _blend_weights(grid.tile_height, grid.tile_width)
     total, weight = np.zeros_like(whole), np.zeros_like(whole)
     for tile in grid:
-        found = resize_bilinear(predict(_cut(frame, grid, tile)), *grid.tile_size)
-        # A tile with holes has nothing to add.
+        found = resize_bilinear(predict(_cropped(frame, grid, tile)), *grid.tile_size)
+        # A tile with holes is replaced by the whole picture's map.
         good = np.isfinite(found).all()
-        total[tile] += fade * (_fit_tile(found, whole[tile], small) if good else whole[tile])
-        weight[tile] += fade
+        total[tile] += weights * (_fit_tile(found, whole[tile], small) if good else whole[tile])
+        weight[tile] += weights
     return total / weight
 
 
 def _starts(size: int, tile: int) -> list[int]:
     """First cells of tiles that overlap by at least a quarter if they can, evenly spread."""
-    step = max(1, tile - max(1, round(tile * _OVERLAP)))
+    step = max(1, tile - max(1, round(tile * _OVERLAP_SHARE)))
     count = 1 + math.ceil((size - tile) / step)
     return [round(start) for start in np.linspace(0, size - tile, count)]
 
 
-def _cut(frame: Frame, grid: TileGrid, tile: tuple[slice, slice]) -> Frame:
+def _cropped(frame: Frame, grid: TileGrid, tile: tuple[slice, slice]) -> Frame:
     rows, columns = (
         _pixels_of(part, size, cells)
         for part, size, cells in zip(
@@ -134,13 +134,13 @@ def _cut(frame: Frame, grid: TileGrid, tile: tuple[slice, slice]) -> Frame:
 
 
 def _pixels_of(part: slice, size: int, cells: int) -> slice:
-    """Where some of the cells along an axis lie in the picture: at least one pixel."""
+    """The pixels of some cells along an axis of the picture, at least one."""
     start = min(round(part.start * size / cells), size - 1)
     return slice(start, max(start + 1, round(part.stop * size / cells)))
 
 
-def _fade(height: int, width: int) -> npt.NDArray[np.float32]:
-    """Weights that rise smoothly from the tile's border to its middle and are never 0."""
+def _blend_weights(height: int, width: int) -> npt.NDArray[np.float32]:
+    """Weights that increase smoothly from the tile's border to its middle and are never 0."""
     down, across = (np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2 for n in (height, width))
     return np.asarray(np.outer(down, across) + 1e-6, np.float32)
 
@@ -148,22 +148,22 @@ def _fade(height: int, width: int) -> npt.NDArray[np.float32]:
 def _fit_tile(
     found: npt.NDArray[np.float32], wanted: npt.NDArray[np.float32], small: tuple[int, ...]
 ) -> npt.NDArray[np.float32]:
-    """Scale and shift in the least-squares sense, then without what drifts.
+    """A tile's map fitted by least-squares scale and shift, with its drift removed.
 
     Args:
         found: (h, w) float32, a tile's map.
         wanted: (h, w) float32, the whole picture's map there.
         small: (columns, rows) of the whole picture's map there before it was enlarged. The scale
-            is fitted at this size, as detail that only the tile has would count against it.
+            is fitted at this size, because detail of the tile alone would bias it.
     """
     mean_found, mean_wanted = found.mean(dtype=np.float64), wanted.mean(dtype=np.float64)
     x = resize_area(found, *small) - mean_found
     y = resize_area(wanted, *small) - mean_wanted
-    prior = _PRIOR * float(found.var(dtype=np.float64))
+    prior = _PRIOR_WEIGHT * float(found.var(dtype=np.float64))
     spread = float((x * x).mean()) + prior
-    # A tile that contradicts the whole has no detail to give.
+    # If a tile contradicts the whole picture, its detail is not used.
     scale = max(0.0, (float((x * y).mean()) + prior) / spread) if spread > 0 else 1.0
     aligned = np.asarray(scale * (found - mean_found) + mean_wanted, np.float32)
-    sigma = _DRIFT * max(found.shape)
+    sigma = _DRIFT_SIGMA_SHARE * max(found.shape)
     drift = cv2.GaussianBlur(wanted - aligned, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
     return aligned + drift

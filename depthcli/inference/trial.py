@@ -1,4 +1,4 @@
-"""A run on a gray picture, which shows that a model does what its card says."""
+"""A trial run on a gray picture, which checks a model against its card."""
 
 import numpy as np
 
@@ -12,10 +12,10 @@ _GRAY = 128
 
 
 def try_model(model: Model, *, provider: str = AUTO) -> Session:
-    """Load a model and run it on a gray picture of its own size; the session, to be asked.
+    """Load a model and run it on a gray picture of its own size; returns the session.
 
     Raises:
-        ModelError: it does not load or run, or gives no finite depth.
+        ModelError: it does not load or run, or has no finite output.
     """
     session = Session(model, provider=provider)
     try_session(session)
@@ -26,7 +26,7 @@ def try_session(session: Session) -> None:
     """Run a loaded model on a gray picture of its own size.
 
     Raises:
-        ModelError: it does not run, or gives no finite depth.
+        ModelError: it does not run, or has no finite output.
     """
     card = session.model.card
     frame = Frame(np.full((card.input.height, card.input.width, 3), _GRAY, np.uint8))

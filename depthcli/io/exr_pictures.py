@@ -1,4 +1,4 @@
-"""Pictures for the network from OpenEXR files, whose light is linear."""
+"""Pictures in OpenEXR files, converted from linear light to sRGB."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -19,7 +19,7 @@ _LINEAR_UP_TO = 0.0031308
 def read_exr_picture(
     path: Path, *, max_pixels: int | PictureLimit = MAX_PIXELS
 ) -> npt.NDArray[np.float32]:
-    """The colours of an EXR as a display shows them.
+    """The colours of an EXR, encoded for display.
 
     Args:
         path: the file; its R, G and B, or those of its first layer that has them, or its Y.
@@ -40,12 +40,12 @@ def read_exr_picture(
     layers = sorted({name[:-1] for name in channels if name.endswith("R")}, key=len)
     for layer in layers:
         if {f"{layer}G", f"{layer}B"} <= channels.keys():
-            return _displayed(np.dstack([channels[layer + colour] for colour in "RGB"]))
+            return _srgb(np.dstack([channels[layer + colour] for colour in "RGB"]))
     if "Y" not in channels:
         raise InputError(
             f"{path} has no channels R, G, B or Y; it has {one_line(', '.join(channels))}"
         )
-    return _displayed(channels["Y"])
+    return _srgb(channels["Y"])
 
 
 def read_exr_rate(path: Path) -> Fraction | None:
@@ -61,8 +61,8 @@ def read_exr_rate(path: Path) -> Fraction | None:
     return stated if stated and stated > 0 else None
 
 
-def _displayed(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """The sRGB curve (IEC 61966-2-1)."""
+def _srgb(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Linear light encoded by the sRGB transfer function (IEC 61966-2-1)."""
     light = np.clip(np.nan_to_num(linear), 0, 1)
     curve = np.float32(1.055) * light ** np.float32(1 / 2.4) - np.float32(0.055)
     shown: npt.NDArray[np.float32] = np.where(

@@ -1,4 +1,4 @@
-"""What OpenCV says about damaged files, which its user hears from us in one line."""
+"""OpenCV's log level: messages about damaged files are replaced by depthcli's own."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ SILENT, WARNINGS = 0, 3
 
 
 def set_log_level(level: int) -> int:
-    """Let OpenCV print what is as urgent as a level, in all threads; gives the level before."""
+    """Set OpenCV's log level, for all threads; return the level before."""
     log = getattr(cv2.utils, "logging", cv2)  # OpenCV 4 has these in cv2 itself
     before: int = log.getLogLevel()
     log.setLogLevel(level)

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-_USUAL = "path"
+_DEFAULT_COLUMN = "path"
 _GROUP_ROWS = 8192
 _PART_GROUPS = 128
 _BLOCK_ROWS = 64
 
 
 def check_pyarrow() -> None:
-    """See that Parquet files can be read and written.
+    """Check that Parquet files can be read and written.
 
     Raises:
         UsageError: pyarrow is missing.
@@ -37,13 +37,13 @@ def check_pyarrow() -> None:
 
 
 class Table:
-    """A table in the Parquet files of a folder, of which a few rows at a time are in memory."""
+    """A table in the Parquet files of a folder; one row group at a time is in memory."""
 
     def __init__(self, folder: Path) -> None:
         """Open the files, in the order of their names.
 
         Raises:
-            UsageError: pyarrow is missing, or one is no Parquet file.
+            UsageError: pyarrow is missing, or one is not a Parquet file.
             OSError: one cannot be read.
         """
         self._paths = sorted(folder.glob("*.parquet"))
@@ -66,13 +66,13 @@ class Table:
             OSError: one cannot be read.
         """
         for path, file in zip(self._paths, self._files, strict=True):
-            with _reading(path):
+            with _as_usage_error(path):
                 if name in file.schema_arrow.names:
                     for batch in file.iter_batches(columns=[name]):
                         yield from batch.column(0).to_pylist()
 
     def row(self, number: int) -> dict[str, Any]:
-        """A row by its number in the whole table; cheap next to the one that was asked for last.
+        """A row by its number in the whole table; fast if the rows are read in order.
 
         Raises:
             UsageError: its file is damaged.
@@ -82,7 +82,7 @@ class Table:
         first = self._starts[group]
         start = number - (number - first) % _BLOCK_ROWS
         at, index = self._groups[group]
-        with _reading(self._paths[at]):
+        with _as_usage_error(self._paths[at]):
             if self._group is None or self._group[0] != group:
                 self._group = (group, self._files[at].read_row_group(index))
             if self._block is None or self._block[0] != start:
@@ -99,10 +99,10 @@ class Table:
 def write_table(
     folder: Path, columns: Mapping[str, object], rows: Iterable[Mapping[str, object]]
 ) -> None:
-    """Write a table as one or more Parquet files in a folder that is there.
+    """Write a table as one or more Parquet files.
 
     Args:
-        folder: where.
+        folder: an existing folder.
         columns: type of each column by its name: ``str``, ``int`` or ``float``; a list with
             the type of its entries; a mapping of names to types.
         rows: values by the names of the columns.
@@ -137,40 +137,40 @@ def column_texts(path: Path, column: str | None) -> Iterator[str]:
     """The texts of a column, a row group at a time; empty ones are left out.
 
     Args:
-        path: a file, or a folder of them that are read in the order of their names.
+        path: a file, or a folder of files that are read in the order of their names.
         column: its name; None for the only one, or ``path``.
 
     Raises:
-        UsageError: pyarrow is missing, it is no Parquet file, or it has no such column of texts.
+        UsageError: pyarrow is missing, it is not a Parquet file, or has no such column of texts.
         OSError: it cannot be read.
     """
     paths = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
     if not paths:
         raise UsageError(f"no .parquet file in {path}")
     for one in paths:  # before any is read
-        with open_parquet(one) as file, _reading(one):
+        with open_parquet(one) as file, _as_usage_error(one):
             _text_column(file, column, one)
     return (text for one in paths for text in _texts(one, column))
 
 
 def open_parquet(path: Path) -> pq.ParquetFile:
-    """A file that is open for reading.
+    """Open a file for reading.
 
     Raises:
-        UsageError: pyarrow is missing, or it is no Parquet file.
+        UsageError: pyarrow is missing, or it is not a Parquet file.
         OSError: it cannot be read.
     """
     check_pyarrow()
     import pyarrow.parquet as pq  # noqa: PLC0415 - an extra
 
-    path.open("rb").close()  # pyarrow's own words for what is missing are of several lines
-    with _reading(path):
+    path.open("rb").close()  # pyarrow's message about a missing file has several lines
+    with _as_usage_error(path):
         return pq.ParquetFile(path)
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[None]:
-    """Say one thing of all that pyarrow raises for a damaged file."""
+def _as_usage_error(path: Path) -> Iterator[None]:
+    """Raise one kind of error for all that pyarrow raises for a damaged file."""
     import pyarrow as pa  # noqa: PLC0415 - an extra
 
     try:
@@ -184,13 +184,13 @@ def _reading(path: Path) -> Iterator[None]:
         ) from error
 
 
-def only_column(columns: Sequence[str], column: str | None, path: Path) -> str:
-    """The column that is meant: the one named, the only one, or ``path``.
+def select_column(columns: Sequence[str], column: str | None, path: Path) -> str:
+    """The name of the column to read: the given one, the only one, or ``path``.
 
     Raises:
         UsageError: there is none.
     """
-    wanted = column or (columns[0] if len(columns) == 1 else _USUAL)
+    wanted = column or (columns[0] if len(columns) == 1 else _DEFAULT_COLUMN)
     if wanted not in columns:
         there = f"its columns are {', '.join(columns)}" if columns else "it has no columns"
         raise UsageError(f"{path} has no column {wanted!r}; {there}: name one with --column")
@@ -201,7 +201,7 @@ def _text_column(file: pq.ParquetFile, column: str | None, path: Path) -> str:
     import pyarrow as pa  # noqa: PLC0415 - an extra
 
     schema = file.schema_arrow
-    wanted = only_column(schema.names, column, path)
+    wanted = select_column(schema.names, column, path)
     kind = schema.field(wanted).type
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
@@ -211,7 +211,7 @@ def _text_column(file: pq.ParquetFile, column: str | None, path: Path) -> str:
 
 
 def _texts(path: Path, column: str | None) -> Iterator[str]:
-    with open_parquet(path) as file, _reading(path):
+    with open_parquet(path) as file, _as_usage_error(path):
         wanted = _text_column(file, column, path)
         for batch in file.iter_batches(columns=[wanted]):
             yield from filter(None, batch.column(0).to_pylist())

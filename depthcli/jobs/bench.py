@@ -1,4 +1,4 @@
-"""How fast a model is here: the network alone, end to end, and many pictures at a time."""
+"""Benchmarking a model on this machine: network latency, end-to-end latency, throughput."""
 
 import sys
 import time
@@ -22,57 +22,57 @@ from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.writers.png16 import Png16Writer
 
-_FEWEST = 5
+_MIN_PICTURES = 5
 _MEGABYTE = 1e6
 
 
 @dataclass(frozen=True, slots=True)
 class BenchRequest:
-    """What is measured."""
+    """What to measure."""
 
-    model: SessionLoader  #: what runs, with the threads that one picture may take
-    made_px: tuple[int, int]  #: (width, height) of the picture that is made
-    seconds: float  #: how long each of three measurements lasts, at least
-    picture: Path | None = None  #: a file in place of the made one
-    upsampling: Upsampling = Upsampling.GUIDED  #: how depth gets to the picture's size
-    #: pictures at the same time, for the throughput; None for one a core
+    model: SessionLoader  #: model, provider, and threads for the latency measurements
+    synthetic_px: tuple[int, int]  #: (width, height) of the synthetic picture
+    seconds: float  #: minimum duration of each of the three measurements
+    picture: Path | None = None  #: a file in place of the synthetic picture
+    upsampling: Upsampling = Upsampling.GUIDED  #: upsampling to the picture's size
+    #: pictures processed in parallel, for the throughput; None for one per core
     workers: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """What was measured."""
+    """The measurements."""
 
-    network: Latency  #: one picture through the network alone
-    end_to_end: Latency  #: one picture from an encoded file to a 16-bit PNG on the disk
-    pictures_per_s: float  #: end to end, by several workers at a time
-    #: most memory of this process so far, in MB; None where the system does not tell
+    network: Latency  #: of the network alone, for one picture
+    end_to_end: Latency  #: from an encoded file to a 16-bit PNG on disk, for one picture
+    pictures_per_s: float  #: end-to-end throughput with several workers
+    #: peak memory of this process so far, in MB; None if the system does not report it
     peak_memory_mb: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class BenchResult:
-    """What was measured, and of what."""
+    """The measurements of a model."""
 
     model: str  #: name in its card
     model_sha256: str  #: checksum of its file
-    provider: str  #: what really runs it
-    workers: int  #: pictures at the same time, for the throughput
-    speed: Speed  #: the figures
+    provider: str  #: the provider in use
+    workers: int  #: pictures processed in parallel, for the throughput
+    speed: Speed  #: the measurements
 
 
 def run_bench(
     request: BenchRequest, warn: Callable[[str], object] = lambda _text: None
 ) -> BenchResult:
-    """Measure a model on this machine; ``warn`` is told in one line what is not as it should be.
+    """Measure a model on this machine; ``warn`` is called with the session's warnings.
 
     Raises:
         InputError: the picture cannot be read.
-        ModelError: the model is not there, cannot be used, or fails.
-        UsageError: the provider or its options are none.
+        ModelError: the model is missing, cannot be used, or fails.
+        UsageError: the provider or its options are invalid.
     """
     given = request.picture
-    picture = made_picture(*request.made_px) if given is None else read_bytes(given)
+    picture = synthetic_picture(*request.synthetic_px) if given is None else read_bytes(given)
     read_image(given, picture)  # an error names the file
     workers, threads = share_cores(request.workers)
     each = replace(request.model, threads=threads)
@@ -88,9 +88,9 @@ def run_bench(
 def measure_speed(
     alone: Pipeline, shared: Pipeline, picture: bytes, *, workers: int, seconds: float
 ) -> Speed:
-    """Measure a model on a picture file's content; each of three measurements lasts ``seconds``.
+    """Measure a model on an encoded picture; each of the three measurements takes ``seconds``.
 
-    ``alone`` has all the threads that one picture may take, ``shared`` those of one worker.
+    ``alone`` has the threads for the latency measurements, ``shared`` those of one worker.
 
     Raises:
         InputError: the picture cannot be read.
@@ -101,14 +101,14 @@ def measure_speed(
     with temporary_folder() as folder:
         network = measure_latency(lambda: alone.session.run(batch), seconds)
         end_to_end = measure_latency(
-            lambda: _convert(alone, picture, folder / "alone.png"), seconds
+            lambda: _predict_and_write(alone, picture, folder / "alone.png"), seconds
         )
         rate = _throughput(shared, picture, folder, workers, seconds)
     return Speed(network, end_to_end, rate, peak_memory_mb())
 
 
-def made_picture(width: int, height: int) -> bytes:
-    """A JPEG of about the weight of a photograph: soft shapes under grain."""
+def synthetic_picture(width: int, height: int) -> bytes:
+    """A JPEG of about the file size of a photograph: smooth shapes with grain."""
     random = np.random.default_rng(0)
     coarse = random.uniform(30, 220, (6, 8, 3)).astype(np.float32)
     soft = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
@@ -118,7 +118,7 @@ def made_picture(width: int, height: int) -> bytes:
 
 
 def peak_memory_mb() -> float | None:
-    """Most resident memory of this process so far, in MB; None where the system does not tell."""
+    """Peak resident memory of this process, in MB; None if the system does not report it."""
     if sys.platform == "win32":
         return None
     import resource  # noqa: PLC0415 - Windows has none
@@ -127,7 +127,7 @@ def peak_memory_mb() -> float | None:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / _MEGABYTE
 
 
-def _convert(pipeline: Pipeline, picture: bytes, path: Path) -> None:
+def _predict_and_write(pipeline: Pipeline, picture: bytes, path: Path) -> None:
     frame = read_image(None, picture)
     Png16Writer().write(pipeline.predict(frame), path, frame)
 
@@ -135,17 +135,17 @@ def _convert(pipeline: Pipeline, picture: bytes, path: Path) -> None:
 def _throughput(
     pipeline: Pipeline, picture: bytes, folder: Path, workers: int, seconds: float
 ) -> float:
-    """Pictures a second, from the first one done to the last one begun in time."""
+    """Pictures per second, from the end of the first one to that of the last."""
 
     def numbers() -> Iterator[int]:
         end_s = time.perf_counter() + seconds
         number = 0
-        while number < 2 * workers + _FEWEST or time.perf_counter() < end_s:
+        while number < 2 * workers + _MIN_PICTURES or time.perf_counter() < end_s:
             yield number
             number += 1
 
     def work(number: int) -> float:
-        _convert(pipeline, picture, folder / f"{number % (2 * workers)}.png")
+        _predict_and_write(pipeline, picture, folder / f"{number % (2 * workers)}.png")
         return time.perf_counter()
 
     with one_thread_each(workers):

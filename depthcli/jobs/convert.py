@@ -1,4 +1,4 @@
-"""A depth file in another format, and what that costs."""
+"""Converting a depth file to another format, and measuring the round-trip error."""
 
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -13,24 +13,24 @@ from depthcli.io.depth.read import read_depth
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
-from depthcli.io.writers.formats import ENDINGS, Format, format_of
+from depthcli.io.writers.formats import FILE_SUFFIXES, Format, format_of
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.inspect import read_map
-from depthcli.jobs.naming import check_fit, is_folder
+from depthcli.jobs.naming import check_suffix, is_folder
 
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
 
 @dataclass(frozen=True, slots=True)
 class ConvertRequest:
-    """A depth file, and what is to be made of it."""
+    """A depth file, and how to convert it."""
 
-    source: str  #: a map, or a depth video
+    source: str  #: a depth map or a depth video
     target: str  #: the file to write; a name without suffix gets that of the format
-    format: Format | None = None  #: of the target; None for what its suffix says
-    scale: float | None = None  #: steps a metre of the source; None for what it states
+    format: Format | None = None  #: of the target; None to take it from the suffix
+    scale: float | None = None  #: units per metre of the source; None for what it states
     frame: int | None = None  #: of a depth video, from 0
-    #: of a point cloud, in place of the one that the source states; depth stays as it is
+    #: camera of a point cloud, instead of that of the source; depth is not changed
     camera: Camera = field(default_factory=Camera)
     picture: str | None = None  #: of the same size, for the colours of a point cloud
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
@@ -38,44 +38,44 @@ class ConvertRequest:
 
 @dataclass(frozen=True, slots=True)
 class RoundTrip:
-    """How far what is read back is from what was written, in the map's unit."""
+    """The error of the written file when it is read back, in the map's unit."""
 
-    max_error: float  #: largest distance
-    mean_error: float  #: mean distance
-    lost: int  #: pixels that no longer have depth
+    max_error: float  #: largest absolute error
+    mean_error: float  #: mean absolute error
+    lost: int  #: number of pixels that lost their depth
 
     @classmethod
-    def of(cls, depth: DepthMap, again: DepthMap) -> Self:
-        """The distance of two maps of one size."""
-        here, there = np.isfinite(depth.values), np.isfinite(again.values)
+    def of(cls, depth: DepthMap, read_back: DepthMap) -> Self:
+        """The errors between two maps of the same size."""
+        here, there = np.isfinite(depth.values), np.isfinite(read_back.values)
         both = here & there
-        gap = np.abs(depth.values[both].astype(np.float64) - again.values[both])
+        gap = np.abs(depth.values[both].astype(np.float64) - read_back.values[both])
         lost = int((here & ~there).sum())
         return cls(*(float(gap.max()), float(gap.mean())) if gap.size else (0.0, 0.0), lost)
 
 
 @dataclass(frozen=True, slots=True)
-class Converted:
-    """A file that was converted."""
+class ConvertResult:
+    """The result of a conversion."""
 
     source: str  #: the input, as the user wrote it
     target: str  #: the file that was written
     depth: DepthMap  #: what was written
-    round_trip: RoundTrip | None  #: what that cost; None for a format that is not read back
-    warnings: tuple[str, ...]  #: one-line texts
+    round_trip: RoundTrip | None  #: round-trip error; None for a format that is not read back
+    warnings: tuple[str, ...]  #: one line each
 
 
-def convert(request: ConvertRequest) -> Converted:
+def convert(request: ConvertRequest) -> ConvertResult:
     """Write a depth file in another format.
 
     Raises:
         InputError: the source or the picture cannot be used.
         OutputError: the target cannot be written, or is an input.
-        UsageError: the target says no format, or the request does not fit the source.
+        UsageError: the target's suffix is of no format, or the request does not fit the source.
     """
     wanted = target_format(request.target, request.format)
     depth = read_map(path_of(request.source), scale=request.scale, frame=request.frame)
-    depth = _seen_by(depth, request.camera)
+    depth = _with_camera(depth, request.camera)
     colours = None if request.picture is None else _colours(request.picture, depth)
     inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
     name = request.target
@@ -84,33 +84,33 @@ def convert(request: ConvertRequest) -> Converted:
     check_writable(target)
     with atomic_path(target, inputs=inputs) as temporary:
         warnings = request.writing.writer(wanted).write(depth, temporary, colours)
-        again = read_depth(temporary) if wanted in _READABLE else None
-    round_trip = None if again is None else RoundTrip.of(depth, again)
-    return Converted(safe_name(request.source), name, depth, round_trip, warnings)
+        read_back = read_depth(temporary) if wanted in _READABLE else None
+    round_trip = None if read_back is None else RoundTrip.of(depth, read_back)
+    return ConvertResult(safe_name(request.source), name, depth, round_trip, warnings)
 
 
 def target_format(target: str, asked: Format | None) -> Format:
-    """The format to write: the one asked for, else what the target's name says.
+    """The format to write: the requested one, else that of the target's suffix.
 
     Raises:
-        UsageError: it says none or another one, or is no file.
+        UsageError: the suffix is of no format or another one, or the target is not a file.
     """
     if target == "-" or is_folder(target):
         folder = "" if target == "-" else f"{target.rstrip('/')}/"
         raise UsageError(f"{target} is not a file; name one, for example {folder}depth.exr")
     if asked is not None:
-        check_fit("", target, asked)
+        check_suffix("", target, asked)
     found = asked or format_of(target)
     if found is None:
         raise UsageError(
-            f"{target} has no suffix that selects a format; use {', '.join(ENDINGS)}, or give "
-            "--format"
+            f"{target} has no suffix that selects a format; use {', '.join(FILE_SUFFIXES)}, "
+            "or give --format"
         )
     return found
 
 
-def _seen_by(depth: DepthMap, camera: Camera) -> DepthMap:
-    """The same depth with a camera that is given in place of the stated one."""
+def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:
+    """The same depth with the given camera instead of the stated one."""
     focal_px = camera.focal_px
     if camera.hfov_deg is not None:
         focal_px = scaling.focal_px_of_hfov(camera.hfov_deg, depth.width)

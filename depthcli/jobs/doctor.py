@@ -1,6 +1,6 @@
-"""What works on this machine, and what does not: one finding after the other.
+"""Checking the installation.
 
-Nothing is imported before its own check: a package that is broken is a finding too.
+No package is imported before its own check, so that a broken package is reported as well.
 """
 
 from collections.abc import Callable, Iterator
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from depthcli.errors import DepthcliError
 from depthcli.jobs.doctor_packages import (
     Check,
-    check_families,
+    check_conflicts,
     check_modules,
     check_versions,
     one_line_reason,
@@ -16,13 +16,13 @@ from depthcli.jobs.doctor_packages import (
 
 
 def check_installation(model: str | None = None, provider: str = "auto") -> Iterator[Check]:
-    """Look at versions, packages, a model, the providers and the codecs.
+    """Check versions, packages, a model, the providers and the codecs.
 
-    The provider is ``auto``, or one that has to work; None is the default model.
+    A provider other than ``auto`` has to work; a model of None is the default model.
     """
     yield from check_versions()
     yield from check_modules()
-    yield from check_families()
+    yield from check_conflicts()
     yield from _guarded("model", lambda: _check_model(model, provider))
     yield from _guarded("providers", lambda: _check_providers(model))
     yield from _guarded("codecs", _check_codecs)
@@ -47,7 +47,7 @@ def _check_model(name: str | None, provider: str) -> Iterator[Check]:
 
 
 def _check_providers(name: str | None) -> Iterator[Check]:
-    """Whether each provider of this onnxruntime runs the model, but for one that takes minutes."""
+    """Check that each available provider runs the model, except one that takes minutes."""
     from depthcli.inference.loading import SessionLoader
     from depthcli.inference.providers import SLOW_TO_START, available_providers
     from depthcli.inference.trial import try_session
@@ -66,10 +66,10 @@ def _check_providers(name: str | None) -> Iterator[Check]:
 
 
 def _check_codecs() -> Iterator[Check]:
-    from depthcli.io.pictures.codecs import PICTURE_SUFFIXES, can_code
+    from depthcli.io.pictures.codecs import PICTURE_SUFFIXES, can_round_trip
 
     for suffix in PICTURE_SUFFIXES:
-        works = can_code(suffix)
+        works = can_round_trip(suffix)
         detail = "reads and writes" if works else "not in this OpenCV; convert such pictures"
         yield Check(f"codec {suffix}", "ok" if works else "warning", detail)
 
@@ -81,10 +81,10 @@ def _check_openexr() -> Iterator[Check]:
 
 
 def _guarded(name: str, checks: Callable[[], Iterator[Check]]) -> Iterator[Check]:
-    """Checks whose error is a finding too: one problem never hides the others."""
+    """Report an error of the checks as a failed check, so that the other checks still run."""
     try:
         yield from checks()
     except DepthcliError as error:
         yield Check(name, "failed", str(error))
-    except Exception as error:  # noqa: BLE001 - a broken package raises whatever it likes
+    except Exception as error:  # noqa: BLE001 - a broken package can raise anything
         yield Check(name, "failed", one_line_reason(error))

@@ -1,4 +1,4 @@
-"""The packages that depthcli stands on: their versions, whether they import, which ones collide."""
+"""Checking the packages that depthcli depends on: versions, imports, conflicts."""
 
 import sys
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from typing import Literal
 
 _PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich", "torch", "onnx")
 _OPTIONAL = {"torch", "onnx"}
-_BUILDS = {
+_ONNXRUNTIME_BUILDS = {
     *("gpu", "directml", "openvino", "rocm", "migraphx"),
     *("training", "silicon", "qnn", "gpu-cu12"),
 }
@@ -18,20 +18,20 @@ _MODULES = {
     "OpenEXR": ("File", "OpenEXR"),
     "av": ("VideoFrame", "av"),
 }
-"""What has to be in each module, and the package that brings it."""
+"""Module -> a name that it must have, and the package that provides it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One finding."""
+    """The result of one check."""
 
-    name: str  #: what was looked at
+    name: str  #: what was checked
     status: Literal["ok", "warning", "failed"]  #: ``ok``, ``warning`` or ``failed``
     detail: str  #: what was found, one line
 
 
 def check_versions() -> Iterator[Check]:
-    """Of depthcli, Python and the packages, as they were installed."""
+    """Report the installed versions of depthcli, Python and the packages."""
     from importlib.metadata import PackageNotFoundError, version
 
     from depthcli._version import __version__
@@ -47,13 +47,13 @@ def check_versions() -> Iterator[Check]:
 
 
 def check_modules() -> Iterator[Check]:
-    """Whether each module imports and is whole: an install that broke off leaves empty ones."""
+    """Check that each module can be imported and is not empty, as after an interrupted install."""
     from importlib import import_module
 
     for module, (needed, package) in _MODULES.items():
         try:
             getattr(import_module(module), needed)
-        except Exception as error:  # noqa: BLE001 - a broken package raises whatever it likes
+        except Exception as error:  # noqa: BLE001 - a broken package can raise anything
             mend = f"install it again: pip install --force-reinstall {package}"
             yield Check(f"import {module}", "failed", f"{one_line_reason(error)}; {mend}")
         else:
@@ -66,16 +66,16 @@ def one_line_reason(error: Exception) -> str:
     return text if isinstance(error, ImportError) else f"{type(error).__name__}: {text}"
 
 
-def check_families() -> Iterator[Check]:
-    """Packages that hold the same module overwrite each other's files, whichever comes last.
+def check_conflicts() -> Iterator[Check]:
+    """Check for packages that provide the same module and overwrite each other's files.
 
-    Of two onnxruntime packages, the GPU is silently lost; of two OpenCV packages, a codec.
+    With two onnxruntime packages, GPU support may be lost; with two OpenCV packages, codecs.
     """
     from importlib.metadata import distributions
 
     names = {str(dist.metadata["Name"]).lower().replace("_", "-") for dist in distributions()}
     for title, module in (("onnxruntime packages", "onnxruntime"), ("OpenCV packages", "opencv")):
-        found = sorted(name for name in names if _holds(module, name))
+        found = sorted(name for name in names if _provides(module, name))
         detail = ", ".join(found) or "not installed as a package"
         if len(found) < 2:  # noqa: PLR2004 - two are a conflict
             yield Check(title, "ok", detail)
@@ -84,10 +84,11 @@ def check_families() -> Iterator[Check]:
         yield Check(title, "failed", f"{detail} {advice}")
 
 
-def _holds(module: str, package: str) -> bool:
-    """Whether a package brings this module: the plain one or a build of it."""
+def _provides(module: str, package: str) -> bool:
+    """Whether a package provides this module: the plain package or another build of it."""
     if module == "opencv":
         return package.startswith(("opencv-python", "opencv-contrib-python"))
     return package == module or (
-        package.startswith(f"{module}-") and package.removeprefix(f"{module}-") in _BUILDS
+        package.startswith(f"{module}-")
+        and package.removeprefix(f"{module}-") in _ONNXRUNTIME_BUILDS
     )

@@ -5,8 +5,8 @@ from typing import NamedTuple
 from depthcli.errors import DepthcliError
 
 
-class Failed(NamedTuple):
-    """An input that could not be used, or whose outputs could not be written."""
+class FailedInput(NamedTuple):
+    """An input that cannot be used, or whose outputs cannot be written."""
 
     name: str  #: the input, as the user wrote it
     error: DepthcliError  #: why

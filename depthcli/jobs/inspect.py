@@ -1,4 +1,4 @@
-"""What the numbers of a depth file mean, and what they are at a pixel."""
+"""Facts about a depth file, and its depth at a pixel."""
 
 import math
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ import numpy as np
 from depthcli.core.summary import DepthRange
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.facts import stated_facts
+from depthcli.io.depth.metadata import read_metadata
 from depthcli.io.depth.read import read_depth
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
@@ -21,8 +21,8 @@ _VIDEO_SUFFIX = ".mkv"
 
 
 @dataclass(frozen=True, slots=True)
-class MapFacts:
-    """What the numbers of a depth map mean."""
+class DepthMapInfo:
+    """Facts about a depth map."""
 
     input: str  #: the file, as the user wrote it
     kind: str  #: metric, relative or inverse
@@ -30,45 +30,45 @@ class MapFacts:
     width: int  #: columns
     height: int  #: rows
     valid: int  #: pixels with depth
-    min: float | None  #: least depth; None where there is none
-    median: float | None  #: in the middle of them; None likewise
-    max: float | None  #: largest; None likewise
-    metadata: Mapping[str, str]  #: what the file states
+    min: float | None  #: smallest depth; None if no pixel has depth
+    median: float | None  #: median depth, or None
+    max: float | None  #: largest depth, or None
+    metadata: Mapping[str, str]  #: metadata of the file
 
 
 @dataclass(frozen=True, slots=True)
-class VideoFacts:
-    """What the numbers of a depth video mean."""
+class DepthVideoInfo:
+    """Facts about a depth video."""
 
     input: str  #: the file, as the user wrote it
     kind: str  #: metric, relative or inverse
-    unit: str | None  #: ``m``; None where the video has none
+    unit: str | None  #: ``m``; None if the video is not metric
     width: int  #: columns
     height: int  #: rows
-    frames: int  #: how many there are
-    fps: str | None  #: frames a second, exact; None if it is not stated
-    valid: int  #: pixels with depth, of all frames
-    min: float | None  #: least depth; None where there is none
-    max: float | None  #: largest depth; None likewise
-    metadata: Mapping[str, str]  #: what the file states
+    frames: int  #: number of frames
+    fps: str | None  #: frames per second, exact; None if it is not stated
+    valid: int  #: pixels with depth, in all frames
+    min: float | None  #: smallest depth; None if no pixel has depth
+    max: float | None  #: largest depth, or None
+    metadata: Mapping[str, str]  #: metadata of the file
 
 
-def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts:
-    """Unit, scale, size, range and model of a depth file; all of it is read.
+def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthVideoInfo:
+    """Unit, scale, size, range and model of a depth file, which is read completely.
 
-    ``scale`` is in steps a metre of a PNG or a video; None for what the file states.
+    ``scale`` is units per metre of a PNG or a video; None for what the file states.
 
     Raises:
         InputError: missing, damaged or without depth.
-        UsageError: a scale for a file that holds metres as they are.
+        UsageError: a scale for a file that stores metres.
     """
     path = path_of(file)
     _check_scale(path, scale)
     if _is_video(path):
         with local_copy(path) as video:
-            return _facts_of(DepthVideo(video, scale=scale), safe_name(file))
+            return _video_info(DepthVideo(video, scale=scale), safe_name(file))
     depth = read_depth(path, png_scale=scale)
-    return MapFacts(
+    return DepthMapInfo(
         input=safe_name(file),
         kind=depth.kind.value,
         unit="m" if depth.is_metric else None,
@@ -76,18 +76,18 @@ def inspect_file(file: str, scale: float | None = None) -> MapFacts | VideoFacts
         height=depth.height,
         valid=int(np.isfinite(depth.values).sum()),
         **DepthRange.of(depth)._asdict(),
-        metadata=stated_facts(path),
+        metadata=read_metadata(path),
     )
 
 
 def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> DepthMap:
-    """A depth map from any file that depthcli writes, or the frame of that number in a video.
+    """A depth map from any file that depthcli writes; for a video, that of frame number ``frame``.
 
-    ``scale`` is in steps a metre of a PNG or a video; None for what the file states.
+    ``scale`` is units per metre of a PNG or a video; None for what the file states.
 
     Raises:
-        InputError: missing, damaged, without depth, or shorter than that.
-        UsageError: a video without the number of a frame, or a number or a scale for another file.
+        InputError: missing, damaged, without depth, or a video without this frame.
+        UsageError: a video without a frame number, or a frame number or scale for another file.
     """
     _check_scale(path, scale)
     if _is_video(path):
@@ -101,7 +101,7 @@ def read_map(path: Path, *, scale: float | None = None, frame: int | None = None
 
 
 def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
-    """Depth at a column and a row; None where there is none.
+    """Depth at a column and a row; None if the pixel has none.
 
     Raises:
         UsageError: the pixel is outside the map.
@@ -117,7 +117,7 @@ def _is_video(path: Path) -> bool:
 
 
 def _check_scale(path: Path, scale: float | None) -> None:
-    """Refuse a scale for a file that holds metres as they are."""
+    """Refuse a scale for a file that stores metres."""
     if scale is not None and path.suffix.lower() != ".png" and not _is_video(path):
         raise UsageError(
             f"a scale is for PNG and depth videos (.mkv), but {path} is neither; remove it"
@@ -132,7 +132,7 @@ def _video_frame(path: Path, scale: float | None, number: int) -> DepthMap:
     raise InputError(f"{path} has no frame {number}; its last one is {count - 1}")
 
 
-def _facts_of(video: DepthVideo, file: str) -> VideoFacts:
+def _video_info(video: DepthVideo, file: str) -> DepthVideoInfo:
     frames = valid = width = height = 0
     low, high = math.inf, -math.inf
     for depth in video:
@@ -141,7 +141,7 @@ def _facts_of(video: DepthVideo, file: str) -> VideoFacts:
         height, width = depth.values.shape
         low = min(low, float(known.min(initial=np.inf)))
         high = max(high, float(known.max(initial=-np.inf)))
-    return VideoFacts(
+    return DepthVideoInfo(
         input=file,
         kind=video.kind.value,
         unit=None if video.scale is None else "m",

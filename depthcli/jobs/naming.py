@@ -1,4 +1,4 @@
-"""Which output belongs to which input; decided before anything is written."""
+"""Naming the outputs of each input, before anything is written."""
 
 import os
 from collections import Counter
@@ -9,10 +9,10 @@ from typing import NamedTuple
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import is_media
 from depthcli.io.listing.own_outputs import is_own_picture
-from depthcli.io.listing.places import Places
+from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
-from depthcli.io.writers.formats import Format, ending_of, fits, stem_of
+from depthcli.io.writers.formats import Format, file_suffix_of, fits, stem_of
 
 STDIN_STEM = "stdin"
 
@@ -29,18 +29,18 @@ def plan_outputs(
 ) -> list[OutputPlan]:
     """Name every output.
 
-    Without ``out`` outputs stand beside their input. Where another picture or video of the same
-    stem lies in the input's folder, or goes to the same folder, the output's name keeps the
-    input's suffix (``a.jpg.depth.png``, ``a.png.depth.png``), so that names depend neither on the
-    order of the inputs nor on what is asked for in one command.
+    Without ``out``, outputs are placed beside their input. If another picture or video with the
+    same stem is in the input's folder, or goes to the same folder, the output's name keeps the
+    input's suffix (``a.jpg.depth.png``, ``a.png.depth.png``), so that names do not depend on the
+    order or choice of the inputs.
 
-    A folder such as ``.`` or ``/``, which has no name, gets no outputs.
+    A folder without a name, such as ``.`` or ``/``, gets no outputs.
 
     Args:
         sources: the inputs; None is standard input, whose outputs go to the working directory.
-        out: a file (for one input), or a folder: it exists or ends in ``/``. Several formats, and
-            one for a name without suffix, put their own suffixes after the file's stem.
-        suffixes: of each format, as ``.depth.png``.
+        out: a file (for one input), or a folder, which exists or ends in ``/``. With several
+            formats, or for a name without suffix, the formats' suffixes follow the file's stem.
+        suffixes: of each format, such as ``.depth.png``.
 
     Raises:
         UsageError: two inputs share an output, an output is an input, or ``out`` is no folder but
@@ -59,15 +59,15 @@ def is_folder(out: str) -> bool:
     return out.endswith(("/", os.sep)) or path_of(out).is_dir()
 
 
-def check_fit(option: str, name: str, asked: Format) -> None:
-    """Accept a file name that says the format which is asked for, or none.
+def check_suffix(option: str, name: str, asked: Format) -> None:
+    """Check that the suffix of a file name matches the requested format, or is missing.
 
     Raises:
-        UsageError: it says another one; whoever opens the file would go by its name.
+        UsageError: it is the suffix of another format.
     """
     if not is_folder(name) and not fits(name, asked):
         raise UsageError(
-            f"{option}{safe_name(name)} does not end in {ending_of(asked)}; the suffix has to "
+            f"{option}{safe_name(name)} does not end in {file_suffix_of(asked)}; the suffix has to "
             f"match --format {asked}"
         )
 
@@ -83,7 +83,7 @@ def _one_file(
         raise UsageError(f"-o {file} is a device or a pipe; '-o -' writes to standard output")
     if len(suffixes) == 1 and file.suffix:
         return OutputPlan(sources[0], dict.fromkeys(suffixes, file))
-    # Several formats of one input share the stem that the user gave; one completes it.
+    # Several formats of one input share the stem of the name; a single one adds its suffix.
     return OutputPlan(
         sources[0], {f: file.with_name(stem_of(file.name) + s) for f, s in suffixes.items()}
     )
@@ -111,26 +111,26 @@ def _in_folders(
 
 
 def _output_folder(source: Path | None, out: Path | None) -> Path:
-    """Where an input's outputs go."""
+    """The folder for an input's outputs."""
     if out is not None:
         return out
     return Path() if source is None else source.parent
 
 
 def output_bases(sources: Sequence[Path | None]) -> list[str]:
-    """What the outputs of each input are called before their suffixes; None is standard input."""
+    """The names of each input's outputs, without suffix; None is standard input."""
     inside: dict[Path, set[str]] = {}
     for source in sources:
         if source is not None:
             inside.setdefault(source.parent, set()).add(source.name)
-    from depthcli.jobs.tree_names import TreeNames  # noqa: PLC0415 - only now is NumPy needed
+    from depthcli.jobs.tree_names import TreeNames  # noqa: PLC0415 - imports NumPy
 
     names = {folder: TreeNames(_with_namesakes(folder, own)) for folder, own in inside.items()}
     return [STDIN_STEM if s is None else names[s.parent].base(s.name) for s in sources]
 
 
 def _with_namesakes(folder: Path, own: set[str]) -> set[str]:
-    """Inputs of one folder, and the pictures and videos there whose outputs could meet theirs."""
+    """Inputs of one folder, and the pictures and videos there whose outputs could collide."""
     try:
         there = _names_in(folder, own)
     except OSError:
@@ -141,7 +141,7 @@ def _with_namesakes(folder: Path, own: set[str]) -> set[str]:
 
 
 def _names_in(folder: Path, own: set[str]) -> list[str]:
-    """Names in a folder; of a store, which may have millions, those that begin as the inputs do."""
+    """Names in a folder; in a store, which may have millions, only those with the inputs' stems."""
     if not isinstance(folder, RemotePath):
         return os.listdir(folder)  # noqa: PTH208 - a name is all that is needed
     stems = {os.path.splitext(name)[0] for name in own}  # noqa: PTH122 - names
@@ -149,7 +149,7 @@ def _names_in(folder: Path, own: set[str]) -> list[str]:
 
 
 def _check_collisions(plans: Sequence[OutputPlan]) -> None:
-    places = Places()
+    places = RealPaths()
     sources = (plan.source for plan in plans if plan.source is not None)
     inputs = {_case_folded_path(place) for source in sources for place in places.all_of(source)}
     owners: dict[str, Path | None] = {}
@@ -168,5 +168,5 @@ def _check_collisions(plans: Sequence[OutputPlan]) -> None:
 
 
 def _case_folded_path(path: str | Path) -> str:
-    """Names that a case-insensitive file system takes for one are one."""
+    """The path in the form that case-insensitive file systems compare."""
     return os.path.normcase(os.path.abspath(path)).casefold()  # noqa: PTH100 - links stay as named

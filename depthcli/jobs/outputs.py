@@ -1,4 +1,4 @@
-"""The outputs of a picture: files that appear whole or not at all, or a stream."""
+"""Writing the outputs of a picture, atomically to files or to a stream."""
 
 import errno
 from pathlib import Path
@@ -21,7 +21,7 @@ def write_output(
         Warnings, one line each.
 
     Raises:
-        OutputError: it cannot be written, or the picture is in its place.
+        OutputError: it cannot be written, or would replace the picture.
     """
     inputs = () if frame.path is None else (frame.path,)
     with atomic_path(path, inputs=inputs) as temporary:
@@ -37,10 +37,10 @@ def write_stream(
         Warnings, one line each.
 
     Raises:
-        OutputError: the stream takes no more.
-        BrokenPipeError: nobody reads it.
+        OutputError: the stream cannot be written.
+        BrokenPipeError: its reader has exited.
     """
-    # The formats' libraries want a file, so there is one for a moment.
+    # The libraries of the formats write files only.
     with temporary_folder() as folder:
         path = folder / f"depth{Path(FORMATS[name].suffix).suffix}"
         warnings = options.writer(name).write(depth, path, frame)
@@ -49,7 +49,7 @@ def write_stream(
         stream.write(data)
         stream.flush()
     except BrokenPipeError:
-        raise  # whoever read is gone, which is no error of ours
+        raise  # the reader has exited, which is not an error
     except OSError as error:
         reason = "it is closed" if error.errno == errno.EBADF else error.strerror
         raise OutputError(f"cannot write standard output: {reason}") from error

@@ -1,4 +1,4 @@
-"""A folder of rendered rooms: pictures, depth and cameras, as training reads them."""
+"""Rendering rooms into a training folder: pictures, depth and cameras."""
 
 import json
 from dataclasses import dataclass
@@ -9,71 +9,71 @@ from typing import Any
 import cv2
 import numpy as np
 
-from depthcli.core.foreign import FieldError, parsed_json
 from depthcli.core.parallel.process_map import process_map
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.datasets.paired_folder import CAMERAS
-from depthcli.datasets.rooms.pair import VERSION, Recipe, render_pair, room_focal_px
+from depthcli.core.validation import FieldError, parsed_json
+from depthcli.datasets.paired_folder import CAMERAS_NAME
+from depthcli.datasets.rooms.pair import VERSION, RoomSettings, render_pair, room_focal_px
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.depth.steps import quantized
+from depthcli.io.depth.quantization import quantized
 from depthcli.io.png.encode import encode_png
 from depthcli.io.storage.atomic import atomic_path, write_text
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.formats import MILLIMETRES
 
-RECIPE = "rooms.json"
+SETTINGS_NAME = "rooms.json"
 _OPTIONS = {"seed": "--seed", "size": "--size", "hfov_deg": "--hfov", "sensor": "--sensor"}
 _PER_FOLDER = 100
-_MAX_RECIPE_BYTES = 2**16
+_MAX_SETTINGS_BYTES = 2**16
 
 
 @dataclass(frozen=True, slots=True)
 class RenderRequest:
-    """What is to be rendered."""
+    """Which rooms to render."""
 
     out: Path  #: receives ``rgb/``, ``depth/``, ``cameras.csv`` and ``rooms.json``
-    count: int  #: rooms in all, with those that are there
-    recipe: Recipe
+    count: int  #: total number of rooms, including existing ones
+    settings: RoomSettings
     workers: int = 1  #: processes
 
 
 @dataclass(frozen=True, slots=True)
-class Rendered:
-    """What is in the folder now."""
+class RenderResult:
+    """The result of a run."""
 
     out: Path
-    count: int  #: rooms that were asked for, all there
-    made: int  #: of them, those rendered by this run
+    count: int  #: number of rooms that were requested
+    rendered: int  #: number of rooms that this run rendered
 
 
-def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> Rendered:
-    """Render the rooms that are not there yet.
+def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> RenderResult:
+    """Render the missing rooms.
 
-    The same numbers and options give the same bytes, whatever the count and the workers were.
+    The same options give the same bytes, independent of count and workers.
 
     Raises:
-        UsageError: the folder holds something else, or rooms of other options.
+        UsageError: the folder holds other pictures, or rooms made with other options.
         OutputError: a file cannot be written.
     """
-    _claim(request)
+    _check_folder(request)
     missing = [
         i for i in range(request.count) if not all(f.exists() for f in _pair_files(request.out, i))
     ]
     done = progress.begin("", len(missing), "rooms")
-    write = partial(_write_pair, request.out, request.recipe)
+    write = partial(_write_pair, request.out, request.settings)
     for _ in process_map(write, missing, workers=min(request.workers, len(missing))):
         done(1)
-    return Rendered(request.out, request.count, len(missing))
+    return RenderResult(request.out, request.count, len(missing))
 
 
-def _claim(request: RenderRequest) -> None:
-    """Make sure that the folder is for this recipe, and name the camera of every room."""
-    out, path = request.out, request.out / RECIPE
-    wanted = json.dumps({"version": VERSION, **request.recipe._asdict()})
+def _check_folder(request: RenderRequest) -> None:
+    """Check that the folder is for these settings, and write the settings and the cameras."""
+    out, path = request.out, request.out / SETTINGS_NAME
+    wanted = json.dumps({"version": VERSION, **request.settings._asdict()})
     try:
-        held = parsed_json(read_regular(path, _MAX_RECIPE_BYTES))
+        held = parsed_json(read_regular(path, _MAX_SETTINGS_BYTES))
     except FileNotFoundError:
-        if any((out / name).exists() for name in ("rgb", "depth", CAMERAS)):
+        if any((out / name).exists() for name in ("rgb", "depth", CAMERAS_NAME)):
             raise UsageError(f"{out} holds other pictures; give another --out") from None
     except (OSError, FieldError) as error:
         reason = getattr(error, "strerror", None) or error
@@ -82,38 +82,40 @@ def _claim(request: RenderRequest) -> None:
         ) from error
     else:
         if json.dumps(held) != wanted:
+            options = _different_options(held, json.loads(wanted))
             raise UsageError(
-                f"{out} holds rooms made with {_differing(held, json.loads(wanted))}; give the "
-                "same options or another --out"
+                f"{out} holds rooms made with {options}; give the same options or another --out"
             )
     write_text(wanted + "\n", path)
-    count = max(request.count, _camera_count(out / CAMERAS))
-    rows = (f"{_pair_name(i)},{room_focal_px(request.recipe, i):.6f}\n" for i in range(count))
-    write_text("id,focal_px\n" + "".join(rows), out / CAMERAS)
+    count = max(request.count, _camera_count(out / CAMERAS_NAME))
+    rows = (f"{_pair_name(i)},{room_focal_px(request.settings, i):.6f}\n" for i in range(count))
+    write_text("id,focal_px\n" + "".join(rows), out / CAMERAS_NAME)
 
 
-def _differing(held: Any, wanted: dict[str, object]) -> str:  # noqa: ANN401 - any JSON
-    """What the rooms that are there were made with, as it is typed, where that is not wanted."""
+def _different_options(held: Any, wanted: dict[str, object]) -> str:  # noqa: ANN401 - any JSON
+    """The options of the existing rooms that differ from the requested ones."""
     if not isinstance(held, dict) or held.get("version") != VERSION:
         return "another version of depthcli"
     others = {name: held.get(name) for name, value in wanted.items() if held.get(name) != value}
-    return " ".join(f"{_OPTIONS[name]} {_typed(name, value)}" for name, value in others.items())
+    return " ".join(
+        f"{_OPTIONS[name]} {_option_value(name, value)}" for name, value in others.items()
+    )
 
 
-def _typed(name: str, value: object) -> str:
-    """A value as the option takes it: ``256x192``, ``30-110``, ``kinect``."""
+def _option_value(name: str, value: object) -> str:
+    """An option's value as on the command line: ``256x192``, ``30-110``, ``kinect``."""
     between = "x" if name == "size" else "-"
     parts = value if isinstance(value, list) else [value]
     return between.join(str(part).removesuffix(".0") for part in parts)
 
 
 def _camera_count(cameras: Path) -> int:
-    """How many rooms an earlier run was asked for."""
+    """Number of rooms in ``cameras.csv``."""
     return cameras.read_bytes().count(b"\n") - 1 if cameras.is_file() else 0
 
 
 def _pair_name(index: int) -> str:
-    """A folder for every hundred is a scene, so that some can be held out for validation."""
+    """Path without suffix; every hundred rooms are a scene, for validation on held-out scenes."""
     return f"{index // _PER_FOLDER:04}/{index:06}"
 
 
@@ -122,8 +124,8 @@ def _pair_files(out: Path, index: int) -> tuple[Path, Path]:
     return out / "rgb" / f"{name}.jpg", out / "depth" / f"{name}.png"
 
 
-def _write_pair(out: Path, recipe: Recipe, index: int) -> None:
-    pair = render_pair(recipe, index)
+def _write_pair(out: Path, settings: RoomSettings, index: int) -> None:
+    pair = render_pair(settings, index)
     picture, depth = _pair_files(out, index)
     encoded = cv2.imencode(".jpg", cv2.cvtColor(pair.rgb, cv2.COLOR_RGB2BGR))[1]
     steps, _ = quantized(pair.depth_m.astype(np.float32), MILLIMETRES)

@@ -1,4 +1,4 @@
-"""Names for the outputs of a whole tree: no two alike, whatever the order of the inputs."""
+"""Unique output names for a folder tree, independent of the order of the inputs."""
 
 import hashlib
 import os
@@ -14,18 +14,18 @@ _FIELDS = np.dtype([("name", np.uint64), ("whole", np.uint64), ("stem", np.uint6
 
 
 class TreeNames:
-    """What outputs are called before their suffixes.
+    """The names of outputs, without suffix.
 
-    An input gives its name without suffix (``a`` for ``a.jpg``). Where another input of that folder
-    would give or have the same, it gives all of its name (``a.jpg``); where names differ only in
-    what some file systems take for the same (``A.jpg``, ``a.jpg``), a checksum of the name as well.
+    That is the input's name without suffix (``a`` for ``a.jpg``). If another input in its folder
+    has the same, it is the full name (``a.jpg``); if names differ only in ways that some file
+    systems ignore (``A.jpg``, ``a.jpg``), the full name and a checksum of it.
 
-    A name takes 24 bytes of memory, for hashes. Two hashes that are the same by chance make a
-    name longer than it need be, and the same one each time.
+    A name takes 24 bytes of memory, for hashes. A hash collision makes a name longer than
+    necessary, in the same way each time.
     """
 
     def __init__(self, names: Iterable[str]) -> None:
-        """Look at all inputs.
+        """Hash the names of all inputs.
 
         Args:
             names: paths from the root, with ``/`` between their parts.
@@ -57,7 +57,7 @@ def _stem(name: str) -> str:
 
 
 def _normalised(name: str) -> str:
-    """Names that some file system takes for one are one."""
+    """The name in the form that case- or Unicode-insensitive file systems compare."""
     return unicodedata.normalize("NFC", name).casefold()
 
 
@@ -67,13 +67,13 @@ def _hash(name: str) -> int:
 
 
 def _repeated(hashes: _Hashes) -> _Hashes:
-    """Those that are there more than once, in rising order."""
+    """Hashes that occur more than once, sorted."""
     found, counts = np.unique(hashes, return_counts=True)
     return found[counts > 1]
 
 
 def _is_in(hashes: _Hashes, name: str) -> bool:
-    """Whether a name's hash is one of some in rising order."""
+    """Whether a name's hash is among sorted ones."""
     if not len(hashes):
         return False
     wanted = np.uint64(_hash(name))

@@ -1,4 +1,4 @@
-"""Whether models are what their cards say, and run."""
+"""Verifying that models match their cards and run."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from depthcli.errors import DepthcliError
 from depthcli.inference.trial import try_model
 from depthcli.models.catalog import Model, find_model
-from depthcli.models.places import list_places
+from depthcli.models.locations import list_locations
 
 
 @dataclass(frozen=True, slots=True)
 class ModelCheck:
-    """What was found of one model."""
+    """The result of verifying one model."""
 
-    name: str  #: as it was asked for
+    name: str  #: as requested
     found: Model | DepthcliError  #: the model, or what is wrong with it
 
 
@@ -23,7 +23,7 @@ def verify_models(names: Sequence[str] = ()) -> Iterator[ModelCheck]:
     Args:
         names: names or paths; all models that have a name, if empty.
     """
-    for name in names or [name for name, _ in list_places()]:
+    for name in names or [name for name, _ in list_locations()]:
         try:
             model = find_model(name)
             try_model(model)

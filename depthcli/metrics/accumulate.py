@@ -1,4 +1,4 @@
-"""Averaging made explicit: ``update`` adds up, ``compute`` divides once."""
+"""Accumulating metrics over images: ``update`` adds sums, ``compute`` divides once."""
 
 import math
 from collections.abc import Iterator
@@ -31,14 +31,14 @@ class Scores:
 
 @dataclass(frozen=True, slots=True)
 class PixelSums:
-    """Sums of every metric, which can be taken anywhere and added up elsewhere."""
+    """Sums of every metric, which can be computed in parallel and added."""
 
     pixel_count: int  #: how many pixels
     sums: tuple[tuple[float, ...], ...]  #: those of each metric, in the order of the table
 
     @classmethod
-    def over(cls, pixels: DepthPixels) -> Self:
-        """Sums over the pixels of one image; for any thread."""
+    def of(cls, pixels: DepthPixels) -> Self:
+        """Sums over the pixels of one image; thread-safe."""
         parts = [[metric.sums(part) for metric in METRICS.values()] for part in pixels.parts()]
         columns = zip(*parts, strict=True)
         sums = tuple(tuple(map(sum, zip(*column, strict=True))) for column in columns)
@@ -79,13 +79,13 @@ class Accumulator:
 
     def update(self, pixels: DepthPixels) -> Scores:
         """Add one image and return its own scores; see :meth:`add`."""
-        return self.add(PixelSums.over(pixels))
+        return self.add(PixelSums.of(pixels))
 
     def add(self, sums: PixelSums) -> Scores:
         """Add the sums of one image and return its own scores.
 
-        An image without a valid pixel has no scores: it is counted in ``empty_count`` and left out
-        of every average.
+        An image without a valid pixel has no scores: it is counted in ``empty_count`` and not
+        averaged.
         """
         scores = sums.scores()
         if not sums.pixel_count:

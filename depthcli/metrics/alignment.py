@@ -1,7 +1,7 @@
-"""Fitting a prediction to the truth of the same image before it is compared.
+"""Aligning a prediction with the ground truth of the same image before they are compared.
 
-Alignment looks at the answer, so an aligned number is never comparable with an unaligned one.
-Predictions of relative depth have no other way to be compared.
+Alignment uses the ground truth, so aligned scores are not comparable with unaligned ones.
+Predictions of relative depth can only be compared with alignment.
 
 Source: Ranftl et al., "Towards Robust Monocular Depth Estimation", TPAMI 2022 (least squares in
 disparity); Zhou et al., "Unsupervised Learning of Depth and Ego-Motion from Video", CVPR 2017
@@ -19,7 +19,7 @@ SUITABLE: dict[DepthKind, tuple[Alignment, ...]] = {
     DepthKind.RELATIVE: (Alignment.DEPTH,),
     DepthKind.INVERSE: (Alignment.DISPARITY,),
 }
-"""The alignments that mean something for each kind of prediction.
+"""The alignments that are defined for each kind of prediction.
 
 A depth known up to scale and shift has no reciprocal, so each relative kind has exactly one.
 """
@@ -34,18 +34,17 @@ def align(
     """Depth in metres after the fit.
 
     Args:
-        predicted: (N,) float64, what ``kind`` says; pixels that are not finite stay out of the fit.
+        predicted: (N,) float64, of ``kind``; pixels that are not finite are not fitted.
         truth_m: (N,) float64, metres, > 0.
         alignment: what to fit.
         kind: what the prediction means.
 
     Returns:
         (N,) float64, metres, not clamped: NaN where there was no prediction, infinity where the
-        fitted disparity is not positive. A prediction without a single usable pixel comes back
-        as it was.
+        fitted disparity is not positive. A prediction without a usable pixel is returned unchanged.
 
     Raises:
-        ValueError: the alignment means nothing for this kind of prediction.
+        ValueError: the alignment is not defined for this kind of prediction.
     """
     if alignment not in SUITABLE[kind]:
         raise ValueError(f"{kind} depth cannot be aligned by {alignment}")
@@ -58,7 +57,7 @@ def align(
             return _fit_line(predicted, truth_m)
         case Alignment.DISPARITY:
             disparity = predicted if kind is DepthKind.INVERSE else _reciprocal(predicted)
-            return _farther_is_infinite(_fit_line(disparity, 1 / truth_m))
+            return _depth_of_disparity(_fit_line(disparity, 1 / truth_m))
 
 
 def _scale_median(
@@ -81,7 +80,7 @@ def _fit_line(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDA
     mean_x, mean_y = known_x.mean(), known_y.mean()
     centred = known_x - mean_x
     spread = float(centred @ centred)
-    # A constant prediction has no slope to fit; what is left is the mean.
+    # A constant prediction has no slope to fit, only the mean.
     negligible = 1e-24 * known_x.size * max(mean_x**2, np.finfo(np.float64).tiny)
     slope = float(centred @ (known_y - mean_y)) / spread if spread > negligible else 0.0
     if slope == 0:
@@ -95,7 +94,7 @@ def _reciprocal(depth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.divide(1.0, depth_m, out=np.full_like(depth_m, np.nan), where=depth_m > 0)
 
 
-def _farther_is_infinite(disparity: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _depth_of_disparity(disparity: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """1/disparity; infinity where disparity is not positive, NaN where it is NaN."""
     depth_m = np.full_like(disparity, np.inf)
     np.divide(1.0, disparity, out=depth_m, where=~(disparity <= 0))

@@ -1,7 +1,7 @@
-"""How well the steps of a depth map lie where the truth has them.
+"""Accuracy of depth boundaries.
 
-The other metrics hardly notice edges, because few pixels are near one. Here both maps' edges are
-found with one detector and compared: by their distance, and pixel by pixel.
+The other metrics are hardly affected by edges, because few pixels are near one. Here the edges of
+both maps are found with one detector and compared, by their distance and pixel by pixel.
 
 Source: Koch et al., "Evaluation of CNN-based Single-Image Depth Estimation Methods", ECCV Workshops
 2018 (depth-boundary errors); Bochkovskii et al., "Depth Pro: Sharp Monocular Metric Depth in Less
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 MAX_DISTANCE_PX = 10.0
-"""Edges farther apart than this do not belong together."""
+"""Edges farther apart than this are not matched."""
 RATIOS = tuple(np.linspace(1.05, 1.25, 10).tolist())
 """Steps of depth between two neighbours that the F1 averages over; each has its ratio as weight."""
 
@@ -38,8 +38,8 @@ class BoundaryScores:
     #: mean distance in pixels of the predicted edges within 10 px of a true one to that one; lower
     #: is better
     dbe_acc: float
-    #: mean distance in pixels of all edges of either map to the other's, cut off at 10; lower is
-    #: better. Missing edges count here, and invented ones
+    #: mean distance in pixels of all edges of either map to the other's, truncated at 10; lower is
+    #: better. Missing and false edges count
     dbe_comp: float
     #: harmonic mean of precision and recall of the depth steps between neighbouring pixels, in [0,
     #: 1]; higher is better
@@ -81,7 +81,7 @@ def boundary_scores(
     Args:
         truth_m: (H, W), metres, > 0 where valid.
         predicted_m: (H, W), metres, > 0 where valid.
-        valid: (H, W) bool; no edge is looked for at the others and next to them.
+        valid: (H, W) bool; edges at other pixels and next to them do not count.
 
     Returns:
         The two distances are NaN if the truth has no edge, and 10 px if the prediction has none
@@ -103,10 +103,12 @@ def _edges(
 ) -> npt.NDArray[np.bool_]:
     """Canny's edges of log depth, one pixel wide."""
     smooth, slope = _kernels()
-    reach = np.ones((2 * _RADIUS_PX + 1,) * 2, np.uint8)
-    whole = cv2.erode(valid.astype(np.uint8), reach, borderValue=1)
+    window = np.ones((2 * _RADIUS_PX + 1,) * 2, np.uint8)
+    interior = cv2.erode(valid.astype(np.uint8), window, borderValue=1)
     gradients = [
-        np.rint(whole * cv2.sepFilter2D(log_depth, cv2.CV_32F, *k, borderType=cv2.BORDER_REPLICATE))
+        np.rint(
+            interior * cv2.sepFilter2D(log_depth, cv2.CV_32F, *k, borderType=cv2.BORDER_REPLICATE)
+        )
         for k in ((slope, smooth), (smooth, slope))
     ]
     x, y = (g.astype(np.int16) for g in gradients)

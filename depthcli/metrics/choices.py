@@ -1,19 +1,19 @@
-"""What can be chosen about a comparison; free of numpy, so that help texts can list it."""
+"""Choices for options of a comparison; free of numpy, so that help texts can list them."""
 
 from enum import StrEnum
 
 
 class Averaging(StrEnum):
-    """What one vote is."""
+    """How metrics are averaged."""
 
     IMAGE = "image"
-    """Each metric is computed per image, then averaged: every image counts the same."""
+    """Each metric is computed per image, then averaged: every image has the same weight."""
     POOLED = "pooled"
-    """Pixels of all images are thrown together: images with more valid pixels count more."""
+    """Each metric is computed over the pixels of all images."""
 
 
 class Alignment(StrEnum):
-    """What is fitted to the truth, per image, over the valid pixels."""
+    """What is fitted to the ground truth, per image, over the valid pixels."""
 
     NONE = "none"
     """Nothing: metres are compared as predicted."""

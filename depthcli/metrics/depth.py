@@ -1,8 +1,7 @@
 """The depth metrics: one function each, and the table that every report is made from.
 
-A metric is its function's sum over pixels, divided by their number and put through ``finish``.
-Keeping the sum apart from the finish is what lets one definition serve per-image and pooled
-averaging, and an image be taken in parts.
+A metric is ``finish`` of the mean over pixels, whose sum its function returns. With sum and
+``finish`` apart, one definition serves per-image and pooled averaging, and parts of an image.
 
 To add a metric, write one function under ``@_metric``; tables, JSON and CSV follow.
 
@@ -21,13 +20,13 @@ import numpy.typing as npt
 
 from depthcli.metrics.pixels import DepthPixels
 
-_DOT = 10_000  # from more, OpenBLAS makes products by threads of its own
+_MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads
 
 
 def _product(left: npt.NDArray[np.float64], right: npt.NDArray[np.float64]) -> float:
-    """Σ left · right, in steps that are too short for threads of the library's own."""
-    starts = range(0, len(left), _DOT)
-    return float(sum(np.dot(left[i : i + _DOT], right[i : i + _DOT]) for i in starts))
+    """Σ left · right, in steps that are too short for the library to start threads."""
+    starts = range(0, len(left), _MAX_DOT)
+    return float(sum(np.dot(left[i : i + _MAX_DOT], right[i : i + _MAX_DOT]) for i in starts))
 
 
 Sums: TypeAlias = Callable[[DepthPixels], tuple[float, ...]]
@@ -42,8 +41,8 @@ class Metric:
     """One row of the table."""
 
     name: str  #: the field's name for it, also the key in JSON and CSV
-    sums: Sums  #: of the per-pixel quantities whose means the metric is made of
-    finish: Callable[..., float]  #: the means, in the same order, to the value
+    sums: Sums  #: of the per-pixel quantities
+    finish: Callable[..., float]  #: the value from their means, in the same order
     higher_is_better: bool  #: direction of improvement
 
     def __call__(self, pixels: DepthPixels) -> float:
@@ -62,12 +61,12 @@ def _metric(
 ) -> Callable[[Sums], Metric]:
     """Enter a function in :data:`METRICS` under its own name."""
 
-    def enter(sums: Sums) -> Metric:
+    def register(sums: Sums) -> Metric:
         metric = Metric(sums.__name__, sums, finish, higher_is_better)
         METRICS[metric.name] = metric
         return metric
 
-    return enter
+    return register
 
 
 @_metric()
@@ -124,11 +123,11 @@ def d3(pixels: DepthPixels) -> tuple[float, ...]:
 
 
 def _silog(mean: float, mean_of_squares: float) -> float:
-    # Rounding can put an exact scaling a hair below zero.
+    # For an exact scaling, rounding can give a value just below zero.
     return 100 * math.sqrt(max(0.0, mean_of_squares - mean**2))
 
 
 @_metric(_silog)
 def silog(pixels: DepthPixels) -> tuple[float, ...]:
-    """100 · standard deviation of ln p − ln g: the log error that no scale can mend."""
+    """100 · standard deviation of ln p − ln g, which does not depend on the scale."""
     return float(pixels.log_error.sum()), pixels.squared_log_error

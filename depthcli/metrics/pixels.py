@@ -1,4 +1,4 @@
-"""The pixels that count in one comparison, and what the metrics need of them."""
+"""The valid pixels of a comparison, and the quantities that metrics share."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,24 +12,24 @@ import numpy.typing as npt
 MIN_DEPTH_M = 1e-3
 MAX_DEPTH_M = 10.0
 
-_PART = 77_000  # pixels: longer arrays leave the cache, more parts cost more calls
+_PART_PIXELS = 77_000  # pixels: longer arrays leave the cache, more parts cost more calls
 _ARRAYS = 6
 
 
-@dataclass(frozen=True)  # without slots: what several metrics need is kept in the instance
+@dataclass(frozen=True)  # without slots: cached properties are stored in the instance
 class DepthPixels:
-    """The pixels that count in one comparison.
+    """The valid pixels of a comparison.
 
-    They are kept as they came and become float64 when somebody asks, which is cheap for a part of
-    them and dear for a whole image.
+    They are converted to float64 when a property is used, which is fast for a part of an image and
+    slow for a whole one.
     """
 
     truth: npt.NDArray[np.floating]  #: (N,) floats, metres, inside the range
-    prediction: npt.NDArray[np.floating]  #: (N,) floats, metres, anything
+    prediction: npt.NDArray[np.floating]  #: (N,) floats, metres, any value
     min_m: float = MIN_DEPTH_M  #: predictions are clamped to at least this
     max_m: float = MAX_DEPTH_M  #: predictions are clamped to at most this
-    #: (6, at least N) float64, where the arrays below are put; None for memory of their own, which
-    #: for every part of every image would be taken from the system and given back
+    #: (6, at least N) float64, memory for the arrays below, which is reused for all parts of an
+    #: image; None to allocate it
     scratch: npt.NDArray[np.float64] | None = None
 
     @classmethod
@@ -63,48 +63,48 @@ class DepthPixels:
         return int(self.truth.size)
 
     def parts(self) -> Iterator[Self]:
-        """The same pixels in pieces whose float64 arrays stay in the processor's cache.
+        """The same pixels in parts whose float64 arrays fit the processor's cache.
 
-        Each piece is valid until the next one is asked for.
+        Each part is valid until the next one is yielded.
         """
-        scratch = np.empty((_ARRAYS, min(_PART, len(self))))
-        for start in range(0, len(self), _PART):
-            part = slice(start, start + _PART)
+        scratch = np.empty((_ARRAYS, min(_PART_PIXELS, len(self))))
+        for start in range(0, len(self), _PART_PIXELS):
+            part = slice(start, start + _PART_PIXELS)
             pieces = self.truth[part], self.prediction[part]
             yield type(self)(*pieces, self.min_m, self.max_m, scratch)
 
-    def _place(self, number: int) -> npt.NDArray[np.float64] | None:
+    def _scratch_row(self, number: int) -> npt.NDArray[np.float64] | None:
         return None if self.scratch is None else self.scratch[number, : len(self)]
 
     @cached_property
     def truth_m(self) -> npt.NDArray[np.float64]:
         """(N,) g, metres, > 0."""
-        return _exact(self.truth, self._place(0))
+        return _as_float64(self.truth, self._scratch_row(0))
 
     @cached_property
     def predicted_m(self) -> npt.NDArray[np.float64]:
         """(N,) p, metres, > 0, clamped."""
-        return clamp(self.prediction, self.min_m, self.max_m, out=self._place(1))
+        return clamp(self.prediction, self.min_m, self.max_m, out=self._scratch_row(1))
 
     @cached_property
     def error_m(self) -> npt.NDArray[np.float64]:
         """(N,) p − g."""
-        return np.subtract(self.predicted_m, self.truth_m, out=self._place(2))
+        return np.subtract(self.predicted_m, self.truth_m, out=self._scratch_row(2))
 
     @cached_property
     def ratio(self) -> npt.NDArray[np.float64]:
         """(N,) p / g."""
-        return np.divide(self.predicted_m, self.truth_m, out=self._place(3))
+        return np.divide(self.predicted_m, self.truth_m, out=self._scratch_row(3))
 
     @cached_property
     def relative_error(self) -> npt.NDArray[np.float64]:
         """(N,) (p − g) / g."""
-        return np.subtract(self.ratio, 1, out=self._place(4))
+        return np.subtract(self.ratio, 1, out=self._scratch_row(4))
 
     @cached_property
     def log_error(self) -> npt.NDArray[np.float64]:
         """(N,) ln p − ln g."""
-        return np.log(self.ratio, out=self._place(5))
+        return np.log(self.ratio, out=self._scratch_row(5))
 
     @cached_property
     def squared_log_error(self) -> float:
@@ -118,16 +118,16 @@ def clamp(
     max_m: float = MAX_DEPTH_M,
     out: npt.NDArray[np.float64] | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Bring a prediction of any shape into [min_m, max_m], in float64; NaN becomes ``min_m``."""
-    exact = _exact(predicted_m, out)
+    """Clamp a prediction of any shape to [min_m, max_m], in float64; NaN becomes ``min_m``."""
+    exact = _as_float64(predicted_m, out)
     if exact.size and min_m <= float(predicted_m.min()) and float(predicted_m.max()) <= max_m:
-        return exact  # as most are; NaN fails the comparison
+        return exact  # the usual case; NaN fails the comparison
     np.clip(exact, min_m, max_m, out=exact)
     exact[np.isnan(exact)] = min_m
     return exact
 
 
-def _exact(
+def _as_float64(
     values: npt.NDArray[np.floating], out: npt.NDArray[np.float64] | None
 ) -> npt.NDArray[np.float64]:
     """A copy in float64."""

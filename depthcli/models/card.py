@@ -1,4 +1,4 @@
-"""A model's card: everything that is needed to run the model, so that a new model needs no code."""
+"""A model's card: everything that is needed to run the model, so that new models need no code."""
 
 import json
 import re
@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, TypeAlias
 
-from depthcli.core.foreign import FieldError, Rule, built, parsed_json
-from depthcli.core.text import shown
+from depthcli.core.text import short_repr
 from depthcli.core.types import DepthKind
+from depthcli.core.validation import FieldError, Rule, parsed_json, validated
 from depthcli.errors import ModelError
 from depthcli.models.card_specs import (
     MAX_INPUT_PIXELS,
@@ -55,22 +55,22 @@ class ModelCard:
     """One model, as written in its ``card.json`` or inside its ONNX file.
 
     Attributes:
-        name: what ``--model`` calls it.
+        name: the name for ``--model``.
         version: of the weights.
-        summary: one line for people.
+        summary: one line.
         license: SPDX name.
         input: the network's input.
         output: the meaning of its output.
-        camera: the camera it learned; None leaves metres as they come.
+        camera: the camera it learned; None leaves metres unscaled.
         onnx: opset and IR version.
         file: name of the ONNX file beside the card; None in an embedded card.
         sha256: checksum of that file, 64 hex digits; None in an embedded card.
         size_bytes: size of that file (``bytes`` in JSON); None in an embedded card.
-        float_model: the same network in floats, which takes this one's place on any provider
-            but the CPU's; None if there is none.
-        training: how it came to be; free.
-        scores: what it reaches on which protocol; free.
-        latency: how fast it is on which machine; free.
+        float_model: the same network in floats, which replaces this one on other providers than
+            the CPU; None if there is none.
+        training: how it was trained; any JSON object.
+        scores: its scores by protocol; any JSON object.
+        latency: its latency by machine; any JSON object.
     """
 
     name: _Text
@@ -99,13 +99,13 @@ class ModelCard:
         try:
             parsed = parsed_json(text)
             if not isinstance(parsed, dict):
-                raise FieldError.unless("a JSON object", parsed)
+                raise FieldError.expected("a JSON object", parsed)
             _check_schema(parsed.pop("schema", None))
             if "bytes" in parsed:
                 parsed["size_bytes"] = parsed.pop("bytes")
             if isinstance(parsed.get("sha256"), str):
                 parsed["sha256"] = parsed["sha256"].lower()
-            card = built(cls, parsed)
+            card = validated(cls, parsed)
             _check_input(card.input)
             _check_output(card.output)
         except FieldError as refused:
@@ -127,18 +127,18 @@ class ModelCard:
         text = json.dumps(
             {"schema": SCHEMA, **values}, indent=2, ensure_ascii=False, allow_nan=False
         )
-        # JSON itself escapes only the first 32; a terminal obeys others, too.
+        # JSON escapes only the first 32 control characters; terminals interpret others, too.
         return re.sub(_UNPRINTABLE, lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
 
 
 def _check_schema(schema: object) -> None:
     if schema != SCHEMA or schema is True:
-        problem = f"has schema {shown(schema)}, this depthcli reads {SCHEMA}: upgrade it"
+        problem = f"has schema {short_repr(schema)}, this depthcli reads {SCHEMA}: upgrade it"
         raise FieldError(problem)
 
 
 def _check_input(spec: InputSpec) -> None:
-    """Refuse fields that each are right, but not together."""
+    """Check fields that depend on each other."""
     lengths = sorted({1, spec.colour.channels})
     for name, numbers in (("mean", spec.mean), ("std", spec.std)):
         if len(numbers) not in lengths:
@@ -159,7 +159,7 @@ def _check_input(spec: InputSpec) -> None:
 
 
 def _check_output(spec: OutputSpec) -> None:
-    """Likewise."""
+    """Check fields that depend on each other."""
     for name, metres in (("min_m", spec.min_m), ("max_m", spec.max_m)):
         if metres is None and spec.kind is DepthKind.METRIC:
             raise FieldError("has to be a number, as the kind is metric", f"output.{name}")

@@ -1,4 +1,4 @@
-"""What a model's card says of its input, its output, its camera and its file."""
+"""The parts of a model's card: input, output, camera and file."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -6,17 +6,17 @@ from typing import Annotated, TypeAlias
 
 from depthcli.core.camera import HFOV_DEG
 from depthcli.core.codec import DepthCodec, Transform
-from depthcli.core.foreign import Rule
 from depthcli.core.types import DepthKind
+from depthcli.core.validation import Rule
 
 MAX_INPUT_PIXELS = 2**24
-"""Beyond, the first layers of a network take more memory than machines have."""
+"""With more, the first layers of a network take more memory than machines have."""
 _MAX_SIDE = 2**15
 _Side: TypeAlias = Annotated[
     int, Rule(f"a whole number from 1 to {_MAX_SIDE}", lambda px: 1 <= px <= _MAX_SIDE)
 ]
 Count: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda number: number >= 1)]
-# Beyond, sums of 32-bit floats would have one value for every picture, or none.
+# With larger numbers, sums of 32-bit floats would be constant or not finite.
 _LARGEST = 1e9
 _Number: TypeAlias = Annotated[
     float, Rule("a number from -1e9 to 1e9", lambda number: abs(number) <= _LARGEST)
@@ -38,7 +38,7 @@ _Aspect: TypeAlias = Annotated[
 
 
 class Colour(StrEnum):
-    """What the network sees of a picture."""
+    """The colours that a network takes."""
 
     VALUE = "value"
     """V of HSV, the largest of R, G and B."""
@@ -53,10 +53,10 @@ class Colour(StrEnum):
 
 
 class Fit(StrEnum):
-    """How a picture is brought to the network's size."""
+    """How a picture is fitted to the network's size."""
 
     STRETCH = "stretch"
-    """Straight to width x height, whatever the aspect."""
+    """To width x height, without keeping the aspect."""
     KEEP_ASPECT = "keep-aspect"
     """The picture's aspect is kept: same pixel count if the size is dynamic, else a letterbox.
 
@@ -69,10 +69,10 @@ class Fit(StrEnum):
 
 
 class Resize(StrEnum):
-    """How a picture's pixels become those of the network's input."""
+    """How a picture is resized to the network's input."""
 
     AREA = "area"
-    """Mean over each pixel's area where it shrinks, bilinear where it grows."""
+    """Mean over each output pixel's area when shrinking, bilinear when enlarging."""
     LINEAR = "linear"
     """Bilinear, half-pixel centres, no antialiasing."""
     CUBIC = "cubic"
@@ -85,19 +85,19 @@ class TensorLayout(StrEnum):
     NCHW = "nchw"
     """Picture, channel, row, column."""
     NHWC = "nhwc"
-    """Picture, row, column, channel, as TensorFlow's converters write it."""
+    """Picture, row, column, channel, the default of TensorFlow's converters."""
 
 
 @dataclass(frozen=True, slots=True)
 class InputSpec:
     """The network's input, float32: ``(colour in [0, 1] - mean) / std``."""
 
-    colour: Colour  #: what is made of the picture's pixels
+    colour: Colour  #: the channels
     width: _Side  #: columns in pixels; the nominal size where it is dynamic
     height: _Side  #: rows in pixels
     dynamic: bool  #: whether any multiple of ``multiple_of`` is a valid width and height
     multiple_of: _Side  #: granularity of a dynamic size, in pixels
-    fit: Fit  #: how the picture is brought to this size
+    fit: Fit  #: how the picture is fitted to this size
     mean: tuple[_Number, ...]  #: one number a channel, or one for all
     std: tuple[_Ratio, ...]  #: one number a channel, or one for all
     resize: Resize = Resize.AREA  #: how the picture is resized
@@ -109,7 +109,7 @@ class InputSpec:
 
 @dataclass(frozen=True, slots=True)
 class OutputSpec:
-    """What the network's raw output means; see :class:`DepthCodec`."""
+    """The meaning of the network's raw output; see :class:`DepthCodec`."""
 
     kind: DepthKind  #: metric, relative or inverse
     transform: Transform  #: how depth follows from ``scale * raw + shift``
@@ -126,7 +126,7 @@ class OutputSpec:
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """The camera whose metres the model learned."""
+    """The camera that the model was trained on."""
 
     #: horizontal field of view over the full picture width, in degrees
     hfov_deg: Annotated[float, HFOV_DEG]

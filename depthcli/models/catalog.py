@@ -1,4 +1,4 @@
-"""Reading a model, and checking it before anything runs it."""
+"""Finding, reading and checking a model before it is run."""
 
 import hashlib
 import os
@@ -10,7 +10,7 @@ from depthcli.errors import ModelError
 from depthcli.io.storage.remote import RemotePath
 from depthcli.models import onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
-from depthcli.models.places import CARD_SUFFIX, Place, find_place
+from depthcli.models.locations import CARD_SUFFIX, ModelLocation, find_location
 
 MAX_BYTES = 2**31 - 1  # a protobuf message cannot be larger
 _MAX_CARD_BYTES = 2**20
@@ -22,7 +22,7 @@ class Model:
 
     Attributes:
         path: its ONNX file.
-        card: what it takes and gives.
+        card: describes its input and output.
         sha256: checksum of the file, 64 hex digits.
         data: the file's bytes, the same ones that were checked.
     """
@@ -43,19 +43,19 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
     Raises:
         ModelError: not found, no card, damaged, external data, or a checksum that differs.
     """
-    return read_model(find_place(name_or_path))
+    return read_model(find_location(name_or_path))
 
 
-def read_model(place: Place) -> Model:
+def read_model(location: ModelLocation) -> Model:
     """Read and check a model.
 
     Raises:
         ModelError: no card, damaged, external data, or a checksum that differs.
     """
     card = None
-    if place.card:
-        card = ModelCard.from_json(read_card(place.card), where=str(place.card))
-    path = _onnx_path(place, card)
+    if location.card:
+        card = ModelCard.from_json(read_card(location.card), where=str(location.card))
+    path = _onnx_path(location, card)
     data = _read_limited(path, MAX_BYTES)
     sha256 = hashlib.sha256(data).hexdigest()
     if card:
@@ -93,12 +93,14 @@ def read_card(path: Path) -> bytes:
     return _read_limited(path, _MAX_CARD_BYTES)
 
 
-def _onnx_path(place: Place, card: ModelCard | None) -> Path:
-    if place.onnx:
-        return place.onnx
+def _onnx_path(location: ModelLocation, card: ModelCard | None) -> Path:
+    if location.onnx:
+        return location.onnx
     if card is None or card.file is None:
-        raise ModelError(f"{place.path}: file is missing; name the model's ONNX file in the card")
-    return place.path.with_name(card.file)
+        raise ModelError(
+            f"{location.path}: file is missing; name the model's ONNX file in the card"
+        )
+    return location.path.with_name(card.file)
 
 
 def _read_limited(path: Path, max_bytes: int) -> bytes:
@@ -116,10 +118,10 @@ def _read_limited(path: Path, max_bytes: int) -> bytes:
 
 
 def check_file(card: ModelCard, path: Path, size: int, sha256: str) -> None:
-    """Compare a file's size in bytes and checksum in hex with what its card promises, if it does.
+    """Compare a file's size in bytes and SHA-256 in hex with those in its card, if it has them.
 
     Raises:
-        ModelError: it is another file.
+        ModelError: they differ.
     """
     again = "download or export the model again"
     if card.size_bytes is not None and card.size_bytes != size:

@@ -1,4 +1,4 @@
-"""Whether a card's input is what the graph takes."""
+"""Comparing a card's input size with that of the ONNX graph."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +15,8 @@ def fit_to_graph(
 ) -> ModelCard:
     """Compare a card with the input's (height, width) in the graph; None where that is dynamic.
 
-    With ``adapt`` the graph's size takes the place of the card's, for a network that people export
-    at several sizes. One that took pictures of any size is then stretched to the one.
+    With ``adapt`` the graph's size replaces the card's, for networks that are exported at several
+    sizes. Pictures are then stretched to it if the card has a dynamic size.
 
     Raises:
         ModelError: the card states another size.
@@ -32,7 +32,7 @@ def fit_to_graph(
             f"input.height to {height} and input.dynamic to false in the card"
         )
     pixel_aspect = spec.pixel_aspect
-    if spec.fit is Fit.STRETCH:  # the pictures that it learned keep their shape, its pixels do not
+    if spec.fit is Fit.STRETCH:  # the aspect of the training pictures is the same
         pixel_aspect *= (spec.width * height) / (spec.height * width)
     return replace(
         card,

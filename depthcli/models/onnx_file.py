@@ -1,8 +1,8 @@
-"""What an ONNX file says of itself, read from its bytes without a protobuf library.
+"""Metadata and versions of an ONNX file, read from its bytes without a protobuf library.
 
 An ONNX file is one protobuf message ``ModelProto``
 (https://github.com/onnx/onnx/blob/main/onnx/onnx.proto). Its few top-level fields are enough to
-find the embedded card and to notice a truncated file; tensors are skipped by their length.
+find the embedded card and to detect a truncated file; tensors are skipped by their length.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ _MAX_KEY_BITS = 32
 _TENSOR = "tensor"
 _EXTERNAL_DATA, _DATA_LOCATION = 13, 14  # of a tensor
 # Where tensors can be: message -> field -> message.
-_HOLDS = {
+_SUBMESSAGES = {
     "model": {_GRAPH: "graph", 20: "training", 25: "function"},
     "training": {1: "graph", 2: "graph"},
     "graph": {1: "node", 5: _TENSOR, 15: "sparse"},
@@ -31,7 +31,7 @@ _HOLDS = {
 
 
 def metadata(data: bytes, where: str) -> dict[str, str]:
-    """The key/value metadata of an ONNX file's bytes, which messages call ``where``.
+    """The key/value metadata of an ONNX file's bytes; ``where`` names the file in messages.
 
     Raises:
         ModelError: the bytes are not a complete ONNX file.
@@ -77,7 +77,7 @@ def versions(data: bytes, where: str) -> tuple[int, int]:
 
 
 def refuse_external_data(data: bytes, where: str) -> None:
-    """Refuse a model whose weights lie in other files, which no checksum covers.
+    """Refuse a model with weights in other files, which no checksum covers.
 
     Raises:
         ModelError: some tensor is stored elsewhere, or the bytes are damaged.
@@ -100,10 +100,10 @@ def _has_external_tensor(data: bytes) -> bool:
     messages = [("model", 0, len(data))]
     while messages:
         kind, at, stop = messages.pop()
-        holds = _HOLDS.get(kind, {})
+        submessages = _SUBMESSAGES.get(kind, {})
         for number, start, end in _message_fields(data, at, stop):
-            if number in holds:
-                messages.append((holds[number], start, end))
+            if number in submessages:
+                messages.append((submessages[number], start, end))
             elif kind == _TENSOR and (
                 number == _EXTERNAL_DATA or (number == _DATA_LOCATION and _varint(data, start)[0])
             ):
@@ -115,7 +115,7 @@ def _message_fields(data: bytes, position: int, end: int) -> Iterator[tuple[int,
     """Each field of a message as (number, start, end) of its payload."""
     while position < end:
         key, position = _varint(data, position)
-        if key >> _MAX_KEY_BITS:  # libraries drop the rest, and so read another field
+        if key >> _MAX_KEY_BITS:  # libraries truncate it, and so read another field
             raise ValueError(key)
         number, wire = key >> 3, key & 7
         if wire == _BYTES:

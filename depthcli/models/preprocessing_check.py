@@ -1,4 +1,4 @@
-"""How a card's preprocessing was verified; a wrong one gives no error, only wrong depth."""
+"""How a card's preprocessing was verified; if it is wrong, depth is wrong without an error."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ _ALIGN = {
 class PreprocessingCheck:
     """How a card's size, colours, mean and deviation were verified."""
 
-    #: whether somebody ran the real weights with them on pictures of known depth
+    #: whether the real weights were run with them on pictures of known depth
     run_with_weights: bool
     verified: str  #: how, one sentence
 
 
 def preprocessing_check(card: ModelCard) -> PreprocessingCheck | None:
-    """What a card says of it, under ``training``; None if it says nothing."""
+    """The check that a card states under ``training``; None if it states none."""
     stated = card.training.get(_KEY)
     if not isinstance(stated, Mapping):
         return None
@@ -34,7 +34,7 @@ def preprocessing_check(card: ModelCard) -> PreprocessingCheck | None:
     return PreprocessingCheck(ran, verified)
 
 
-def command_to_check(card: ModelCard) -> str:
+def check_command(card: ModelCard) -> str:
     """The command that compares a model with known depth on a few pictures."""
     return (
         f"depthcli eval nyu --data NYU --split val --limit 20 --model {card.name}"

@@ -1,4 +1,4 @@
-"""Cards of well-known models, ready but for the file that they belong to."""
+"""Cards for well-known models, complete except for the fields about the file."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ def ready_names() -> tuple[str, ...]:
 
 
 def ready_fields(name: str) -> dict[str, Any]:
-    """A ready card's JSON object, without the fields that its file will give it.
+    """A ready card's JSON object, without the fields that depend on the file.
 
     Raises:
         UsageError: there is no such card.
@@ -31,7 +31,7 @@ def ready_fields(name: str) -> dict[str, Any]:
 
 
 def ready_card(name: str) -> ModelCard:
-    """A ready card; its opset and IR version stand for nothing.
+    """A ready card, with placeholders for opset and IR version.
 
     Raises:
         UsageError: there is no such card.

@@ -7,10 +7,10 @@ from torch import nn
 
 
 class WeightAverage:
-    """A smoothed copy of a network, often better than any single step of it.
+    """Exponential moving average (EMA) of a network's weights.
 
-    Each step keeps the share ``decay`` of the old average; less at first, so that the first weights
-    are forgotten soon. ``network`` is the average, in evaluation mode.
+    Each update keeps the fraction ``decay`` of the average, less in the first steps, so that the
+    initial weights have little influence. ``network`` has the average, in evaluation mode.
     """
 
     def __init__(self, network: nn.Module, decay: float) -> None:
@@ -19,7 +19,7 @@ class WeightAverage:
 
     @torch.no_grad()
     def update(self, network: nn.Module, step: int) -> None:
-        """Move the average towards the weights after a step, counted from 1."""
+        """Update the average with the weights after a step, counted from 1."""
         decay = min(self.decay, step / (step + 9))
         now = network.state_dict()
         for name, average in self.network.state_dict().items():

@@ -1,4 +1,4 @@
-"""Checkpoints: everything a run needs to go on exactly, and the configuration to rebuild it."""
+"""Checkpoints: the complete state of a run, for exact resuming, with its configuration."""
 
 import dataclasses
 import os
@@ -11,7 +11,7 @@ from torch import nn
 
 from depthcli.core.camera import HFOV_DEG
 from depthcli.core.choices import Weights
-from depthcli.core.foreign import FieldError, Rule, built, merged
+from depthcli.core.validation import FieldError, Rule, merged, validated
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.io.storage.regular import regular_size
@@ -34,24 +34,24 @@ class RunProgress:
 
     step: Count = 0  #: optimisation steps done
     epoch: Count = 0  #: whole epochs done
-    seconds: Amount = 0.0  #: training time so far, all sittings together
+    seconds: Amount = 0.0  #: training time so far, of all sessions
     #: validation metrics of the last epoch by name; empty without held-out pairs
     scores: dict[str, _Score] = dataclasses.field(default_factory=dict)
     train_ids: tuple[str, ...] = ()  #: pairs the networks were trained on
     held_out_ids: tuple[str, ...] = ()  #: pairs they were validated on
-    data: str = NYU_PAPER  #: what they are pairs of, as a model's card says it
+    data: str = NYU_PAPER  #: name of their data set, as in model cards
     #: horizontal field of view of their camera in degrees; None if it is not known
     hfov_deg: Annotated[float, HFOV_DEG] | None = NYU_HFOV_DEG
-    extra: str = ""  #: what the extra pairs are; "" if there are none
-    start: str = ""  #: whose weights it started from; "" if they were drawn
+    extra: str = ""  #: name of the extra pairs; "" if there are none
+    start: str = ""  #: origin of the initial weights; "" for a random initialisation
     aspect: _Aspect = NYU_ASPECT  #: width over height of their first picture
-    #: CPU threads of the last sitting, on which the last digits depend; 0 if unknown
+    #: CPU threads of the last session, on which the last digits depend; 0 if unknown
     threads: Count = 0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """One saved state of a run."""
+    """The saved state of a run."""
 
     config: TrainConfig  #: of the run
     progress: RunProgress  #: how far it had come
@@ -68,7 +68,11 @@ class Checkpoint:
     others: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
     def save(self, path: Path) -> None:
-        """Write to a temporary name beside ``path``, then rename: never a half file."""
+        """Write to a temporary file beside ``path``, then rename it.
+
+        Raises:
+            CheckpointError: it cannot be written.
+        """
         content = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         content["config"] = dataclasses.asdict(self.config)
         content["progress"] = dataclasses.asdict(self.progress)
@@ -76,10 +80,10 @@ class Checkpoint:
         try:
             with temporary_beside(path) as temporary:
                 torch.save(content, temporary)
-                _reach_disk(temporary)  # before the one that it replaces is gone
+                _fsync(temporary)  # before it replaces the previous one
                 temporary.replace(path)
         except (OSError, RuntimeError) as error:
-            # All that torch says of a write that fails is where it is in its own file.
+            # torch's message of a failed write names no cause.
             reason = getattr(error, "strerror", None) or "not all of it reached the disk"
             raise CheckpointError(
                 f"cannot write {path} ({reason}): free some space; older checkpoints are kept"
@@ -87,20 +91,20 @@ class Checkpoint:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a checkpoint; nothing in it is executed.
+        """Read a checkpoint; no code in it is executed.
 
         Raises:
             CheckpointError: missing, truncated, foreign, or of another version.
         """
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # what torch thinks of files that are not its own
-                # A pipe may never end, and nor may what states no size.
+                warnings.simplefilter("ignore")  # torch warns of files in other formats
+                # A pipe or a device could be read without end.
                 source = path if regular_size(path) else os.devnull
                 content = torch.load(source, map_location="cpu", weights_only=True)
         except FileNotFoundError:
             raise CheckpointError(f"no checkpoint at {path}") from None
-        except Exception as error:  # what is no pickle fails in any way
+        except Exception as error:  # a file that is not a pickle can raise anything
             raise CheckpointError(
                 f"{path} is not a complete checkpoint; use an earlier one"
             ) from error
@@ -116,7 +120,7 @@ class Checkpoint:
             ) from error
         try:
             check_range(config)
-            content["progress"] = built(RunProgress, content["progress"])
+            content["progress"] = validated(RunProgress, content["progress"])
             saved = cls(config=config, **content)
             saved._check()
         except (FieldError, UsageError) as error:
@@ -128,7 +132,7 @@ class Checkpoint:
         return saved
 
     def _check(self) -> None:
-        """Accept what a run can have written; networks are not yet built.
+        """Check types and values; networks are not built yet.
 
         Raises:
             FieldError: a value is of another type or not finite.
@@ -143,13 +147,13 @@ class Checkpoint:
             check_process(process)
 
 
-def _reach_disk(path: Path) -> None:
+def _fsync(path: Path) -> None:
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
 
 def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:
-    """The generator of a checkpoint, to evaluate: averaged, where the run keeps an average, or raw.
+    """The generator of a checkpoint in evaluation mode, with averaged or raw weights.
 
     Raises:
         CheckpointError: the checkpoint cannot be read or does not fit its configuration.

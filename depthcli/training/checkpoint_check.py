@@ -1,37 +1,37 @@
-"""What a checkpoint has to hold before anything is built from it; files come from anywhere."""
+"""Validating the contents of a checkpoint, which may come from anywhere, before it is used."""
 
 from typing import Any
 
 import torch
 
-from depthcli.core.foreign import FieldError
+from depthcli.core.validation import FieldError
 
-_DEEPEST = 16
+_MAX_DEPTH = 16
 
 
 def check_tensors(name: str, state: object) -> None:
-    """Accept tensors by name, those of networks say.
+    """Check a state dict: tensors by name.
 
     Raises:
-        FieldError: they are something else, or a number among them is not finite.
+        FieldError: it is something else, or holds a number that is not finite.
     """
     if not isinstance(state, dict):
-        raise FieldError.unless("tensors by name", state).within(name)
+        raise FieldError.expected("tensors by name", state).within(name)
     for key, tensor in state.items():
         if not (isinstance(key, str) and isinstance(tensor, torch.Tensor)):
-            raise FieldError.unless("tensors by name", {key: tensor}).within(name)
+            raise FieldError.expected("tensors by name", {key: tensor}).within(name)
         check_finite(f"{name}: {key}", tensor)
 
 
 def check_finite(name: str, state: Any, depth: int = 0) -> None:  # noqa: ANN401
-    """Accept what optimisers and pools keep: tensors, numbers and words, in lists and groups.
+    """Check the state of optimisers or image pools: nested tensors, numbers and strings.
 
     Raises:
-        FieldError: there is something else, or a number is not finite.
+        FieldError: it holds something else, or a number that is not finite.
     """
-    if depth > _DEEPEST:
+    if depth > _MAX_DEPTH:
         raise FieldError(f"{name} is nested too deeply")
-    # A view of one number can be as large as it says, and take as much memory to look at.
+    # An expanded view of one number can claim any size, and reading it would take that memory.
     if isinstance(state, torch.Tensor) and state.nbytes > state.untyped_storage().nbytes():
         raise FieldError(f"{name} is larger than what the file holds of it")
     match state:
@@ -44,11 +44,11 @@ def check_finite(name: str, state: Any, depth: int = 0) -> None:  # noqa: ANN401
         case None | bool() | int() | str():
             pass
         case _:
-            raise FieldError.unless("tensors and numbers", state).within(name)
+            raise FieldError.expected("tensors and numbers", state).within(name)
 
 
 def check_process(state: dict[str, Any]) -> None:
-    """Accept what one process of a run keeps for itself: chance and image pools.
+    """Check the state of one process: random number generators and image pools.
 
     Raises:
         FieldError: it is something else.
@@ -57,13 +57,13 @@ def check_process(state: dict[str, Any]) -> None:
         rng = state[name]
         is_state = isinstance(rng, torch.Tensor) and rng.dtype == torch.uint8 and rng.ndim == 1
         if not is_state and not (name == "device_rng" and rng is None):
-            raise FieldError.unless("the state of a generator", rng).within(name)
+            raise FieldError.expected("the state of a generator", rng).within(name)
         check_finite(name, rng)
     if not isinstance(state["extra"], dict):
-        raise FieldError.unless("image pools by name", state["extra"]).within("extra")
+        raise FieldError.expected("image pools by name", state["extra"]).within("extra")
     for name, images in state["extra"].items():
         if not isinstance(images, list) or not all(map(_is_image, images)):
-            raise FieldError.unless("a list of pictures", images).within(name)
+            raise FieldError.expected("a list of pictures", images).within(name)
         check_finite(str(name), images)
 
 

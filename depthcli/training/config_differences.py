@@ -1,4 +1,4 @@
-"""What two runs do not have in common: settings by the names that ``--set`` takes, and data."""
+"""Differences between two runs: settings, by their names for ``--set``, and data."""
 
 import dataclasses
 import json
@@ -35,24 +35,24 @@ def _flat(config: TrainConfig) -> Iterator[tuple[str, Any]]:
 
 
 def data_differences(saved: RunProgress, given: RunProgress) -> tuple[str, ...]:
-    """What a run learned from, and what was asked for, where they differ.
+    """Differences in training data and initial weights, one line each.
 
-    A fresh run without weights to start from takes up the saved ones.
+    A run without ``--init`` may resume one that had it.
     """
-    strange = []
+    mismatches = []
     if saved.train_ids != given.train_ids:
         counts = f"{len(saved.train_ids)} pairs there, {len(given.train_ids)} here"
-        strange.append(f"the data set is another one ({counts})")
+        mismatches.append(f"the data set is another one ({counts})")
     for option in ("extra", "start"):
         there, here = getattr(saved, option), getattr(given, option)
         if there != here and (here or option == "extra"):
-            strange.append(f"{option} is {json.dumps(there)} there, {json.dumps(here)} here")
-    return tuple(strange)
+            mismatches.append(f"{option} is {json.dumps(there)} there, {json.dumps(here)} here")
+    return tuple(mismatches)
 
 
-def another_run(path: Path, strange: Sequence[str]) -> CheckpointError:
-    """The error of a checkpoint that is not of the run that was asked for; to be raised."""
+def mismatch_error(path: Path, mismatches: Sequence[str]) -> CheckpointError:
+    """The error to raise for a checkpoint of another run."""
     return CheckpointError(
-        f"{path} belongs to another run: {'; '.join(strange)}; give what it was begun with "
-        "to continue it, or another --out"
+        f"{path} belongs to another run: {'; '.join(mismatches)}; to continue it, "
+        "give the same settings and data, or give another --out"
     )

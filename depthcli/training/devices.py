@@ -1,8 +1,8 @@
-"""Training with several processes, one a device: gradients are averaged by hand.
+"""Data-parallel training, one process per device: gradients are averaged explicitly.
 
-``DistributedDataParallel`` expects one forward and one backward pass of all weights a step. A
-method has several of each, over parts of its networks that are frozen in between, so the
-networks stay unwrapped and :func:`average_gradients` runs between backward pass and step.
+``DistributedDataParallel`` expects one forward and one backward pass of all weights per step. A
+method has several of each, with some networks frozen in between, so the networks stay unwrapped
+and :func:`average_gradients` runs between backward pass and optimizer step.
 """
 
 from collections.abc import Iterable, Iterator
@@ -16,22 +16,22 @@ from torch import Tensor, distributed, nn
 
 
 class AveragingStrategy(DDPStrategy):
-    """Processes and collectives of DDP, without its wrapper around the networks."""
+    """Processes and collectives of DDP, without its wrapper of the module."""
 
     def setup_module(self, module: nn.Module) -> nn.Module:  # type: ignore[override]
-        """The module as it is."""
+        """The module itself."""
         return module
 
 
-def leave() -> None:
-    """Leave the group of processes, whose threads would be torn down with the interpreter."""
+def leave_process_group() -> None:
+    """Leave the process group before interpreter shutdown destroys its threads."""
     if distributed.is_initialized():
         distributed.destroy_process_group()
 
 
 @contextmanager
-def first_process_first(fabric: Fabric) -> Iterator[None]:
-    """Let the others begin the block when the first process is through, without an error."""
+def rank_zero_first(fabric: Fabric) -> Iterator[None]:
+    """Run the block in the process of rank 0, then, unless it raised, in the others."""
     if fabric.global_rank:
         fabric.barrier()
     yield
@@ -40,9 +40,9 @@ def first_process_first(fabric: Fabric) -> Iterator[None]:
 
 
 def average_gradients(fabric: Fabric, weights: Iterable[Tensor]) -> None:
-    """Replace the gradients of every process by their mean, in one collective.
+    """Replace the gradients by their mean over the processes, in one all-reduce.
 
-    The weights that have a gradient must be the same in every process.
+    The same weights must have a gradient in every process.
     """
     if fabric.world_size == 1:
         return
@@ -53,18 +53,18 @@ def average_gradients(fabric: Fabric, weights: Iterable[Tensor]) -> None:
         gradient.copy_(part.view(gradient.shape))
 
 
-def any_process(fabric: Fabric, said: bool) -> bool:
-    """Whether any process says so; each of them gets the same answer."""
+def any_process(fabric: Fabric, value: bool) -> bool:
+    """Whether the value is true in any process; the same result in all of them."""
     if fabric.world_size == 1:
-        return said
-    votes = fabric.all_reduce(torch.tensor(float(said), device=fabric.device), reduce_op="sum")
-    return bool(votes)
+        return value
+    count = fabric.all_reduce(torch.tensor(float(value), device=fabric.device), reduce_op="sum")
+    return bool(count)
 
 
-def of_others(fabric: Fabric, state: dict[str, Any]) -> list[dict[str, Any]]:
-    """What the processes after the first hand over, by rank; called by all of them.
+def gather_states(fabric: Fabric, state: dict[str, Any]) -> list[dict[str, Any]]:
+    """The states of the processes of rank 1 and up, in order; all processes must call this.
 
-    The state is tensors and containers of them, on the CPU.
+    A state is tensors, or containers of tensors, on the CPU.
     """
     if fabric.world_size == 1:
         return []

@@ -1,4 +1,4 @@
-"""Refusing to go on with numbers that are not finite."""
+"""Stopping at losses or weights that are not finite."""
 
 import math
 
@@ -8,14 +8,14 @@ from torch import Tensor, nn
 
 from depthcli.errors import TrainingError
 
-_CURE = (
+_ADVICE = (
     "lower optim.learning_rate or use precision=32-true, and go on from the last checkpoint, "
     "which is kept"
 )
 
 
 def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
-    """The terms as numbers, averaged over the processes, in one transfer from the device.
+    """The loss terms as floats, averaged over the processes, in one transfer from the device.
 
     Raises:
         TrainingError: one of them is not finite; the message names it.
@@ -26,12 +26,12 @@ def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]
     values = dict(zip(losses, together.tolist(), strict=True))
     for name, value in values.items():
         if not math.isfinite(value):
-            raise TrainingError(f"the loss term '{name}' became {value}: {_CURE}")
+            raise TrainingError(f"the loss term '{name}' became {value}: {_ADVICE}")
     return values
 
 
 def check_weights(method: nn.Module, step: int) -> None:
-    """Accept networks, by name, to be saved: a finite loss can have a gradient that is not.
+    """Check the weights before they are saved: a finite loss can have a gradient that is not.
 
     Raises:
         TrainingError: a weight is not finite; the message names its network and the step.
@@ -39,4 +39,4 @@ def check_weights(method: nn.Module, step: int) -> None:
     for name, network in method.named_children():
         whole = [weight.isfinite().all() for weight in network.parameters()]
         if whole and not bool(torch.stack(whole).all()):
-            raise TrainingError(f"a weight of '{name}' is not finite after step {step}: {_CURE}")
+            raise TrainingError(f"a weight of '{name}' is not finite after step {step}: {_ADVICE}")

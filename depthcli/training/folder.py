@@ -1,4 +1,4 @@
-"""The folder of a run: what its files are called, and what is said when it cannot be written."""
+"""The folder of a run: names of its files, and the error if it cannot be written."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,11 +11,11 @@ METRICS_LOG = "metrics.jsonl"
 
 
 @contextmanager
-def writing(folder: Path) -> Iterator[None]:
-    """Turn a file that cannot be written into an error that says so.
+def write_errors(folder: Path) -> Iterator[None]:
+    """Raise failed writes in the block as a TrainingError.
 
     Raises:
-        TrainingError: the system refuses.
+        TrainingError: a file in the folder cannot be written.
     """
     try:
         yield

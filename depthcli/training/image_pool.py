@@ -1,13 +1,13 @@
-"""The pool of past fakes that a discriminator is shown (Shrivastava et al. 2017)."""
+"""The pool of past fakes that a discriminator is trained on (Shrivastava et al. 2017)."""
 
 import torch
 from torch import Tensor
 
 
 class ImagePool:
-    """Fill, then with probability one half swap each new image for a random stored one.
+    """Stores the first images; then swaps each new one with a random stored one, with p = 0.5.
 
-    A size of 0 hands every image straight through.
+    With a size of 0, every image is returned unchanged.
     """
 
     def __init__(self, size: int) -> None:
@@ -15,7 +15,7 @@ class ImagePool:
         self.images: list[Tensor] = []
 
     def exchange(self, images: Tensor) -> Tensor:
-        """(B, C, H, W) fakes in, (B, C, H, W) fresh or past fakes out, detached."""
+        """New or past fakes (B, C, H, W), detached, for new ones (B, C, H, W)."""
         if self.size == 0:
             return images.detach()
         return torch.stack([self._exchange_one(image) for image in images.detach()])

@@ -1,4 +1,4 @@
-"""The devices that a run trains on, and the processes that it takes."""
+"""Opening the devices of a run, and launching its processes."""
 
 import logging
 import subprocess
@@ -10,21 +10,21 @@ from typing import Literal
 from lightning_fabric import Fabric
 from lightning_fabric.utilities.exceptions import MisconfigurationException
 
-from depthcli.core.ending import before_ending
+from depthcli.core.exit_hooks import exit_hook
 from depthcli.errors import TrainingError, UsageError
-from depthcli.training.devices import AveragingStrategy, leave
+from depthcli.training.devices import AveragingStrategy, leave_process_group
 
 Precision = Literal["32-true", "bf16-mixed", "16-mixed"]
-_GRACE_S = 3.0
+_GRACE_PERIOD_S = 3.0
 
 
 def open_fabric(accelerator: str, precision: Precision, devices: int = 1) -> Fabric:
     """Device, precision and processes of a run.
 
     Raises:
-        UsageError: they are not to be had here.
+        UsageError: they are not available here.
     """
-    logging.getLogger("lightning_fabric").setLevel(logging.ERROR)  # it would speak under --quiet
+    logging.getLogger("lightning_fabric").setLevel(logging.ERROR)  # it would log under --quiet
     strategy = AveragingStrategy() if devices > 1 else "auto"
     try:
         return Fabric(
@@ -39,7 +39,7 @@ def open_fabric(accelerator: str, precision: Precision, devices: int = 1) -> Fab
 
 @contextmanager
 def launched(fabric: Fabric) -> Iterator[None]:
-    """Run the block in every process of a run: this same command again, once a device.
+    """Run the block in every process of a run, one per device; the others run this command again.
 
     Raises:
         TrainingError: another process ended early.
@@ -49,22 +49,22 @@ def launched(fabric: Fabric) -> Iterator[None]:
         return
     fabric.launch()
     others: list[subprocess.Popen[bytes]] = getattr(fabric.strategy.launcher, "procs", [])
-    started, others[:] = list(others), []  # else Fabric would kill us as soon as one ends
+    started, others[:] = list(others), []  # else Fabric would kill this process when one exits
     try:
-        with before_ending(lambda: _kill(started)):
+        with exit_hook(lambda: _kill(started)):
             yield
     except RuntimeError as error:
-        if fabric.is_global_zero and _one_ended(started):
+        if fabric.is_global_zero and _any_exited(started):
             raise TrainingError(
                 "another process of this run ended early; the last checkpoint is kept"
             ) from error
         raise
     except Exception:
         if not fabric.is_global_zero:
-            time.sleep(_GRACE_S)  # the first process says the same, and ends this one
+            time.sleep(_GRACE_PERIOD_S)  # rank 0 reports the same error and kills this process
         raise
     else:
-        leave()
+        leave_process_group()
         for process in started:
             process.wait()
     finally:
@@ -73,11 +73,11 @@ def launched(fabric: Fabric) -> Iterator[None]:
 
 def _kill(processes: list[subprocess.Popen[bytes]]) -> None:
     for process in processes:
-        process.kill()  # it writes nothing
+        process.kill()  # only rank 0 writes files
 
 
-def _one_ended(processes: list[subprocess.Popen[bytes]]) -> bool:
-    deadline = time.monotonic() + _GRACE_S
+def _any_exited(processes: list[subprocess.Popen[bytes]]) -> bool:
+    deadline = time.monotonic() + _GRACE_PERIOD_S
     while time.monotonic() < deadline:
         if any(process.poll() is not None for process in processes):
             return True

@@ -1,4 +1,4 @@
-"""The metrics log of a run: one JSON object an epoch, each epoch once."""
+"""The metrics log of a run: one JSON object per epoch."""
 
 import json
 import math
@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from depthcli.core.foreign import FieldError, built, parsed_json
+from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.regular import read_regular
 from depthcli.training.checkpoint import RunProgress
@@ -25,15 +25,15 @@ def append(path: Path, progress: RunProgress, losses: dict[str, float]) -> None:
         append_whole(file, json.dumps(line).encode() + b"\n")
 
 
-def cut(path: Path, step: int) -> None:
-    """Drop the lines beyond a step, which will be written again, and a torn one.
+def truncate(path: Path, step: int) -> None:
+    """Remove lines after a step, which the resumed run writes again, and an incomplete line.
 
     Raises:
-        OutputError: the log cannot be replaced; it is as it was.
+        OutputError: the log cannot be replaced; it is unchanged.
     """
     content = read_regular(path, sys.maxsize) if path.exists() else b""
     kept = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
-    if kept != content or path.is_symlink():  # what a link leads to is not written to
+    if kept != content or path.is_symlink():  # a link is replaced, its target is not changed
         with atomic_path(path) as temporary:
             temporary.write_bytes(kept)
 
@@ -41,11 +41,11 @@ def cut(path: Path, step: int) -> None:
 def _step(line: bytes) -> float:
     try:
         fields: Any = parsed_json(line)
-        return built(float, fields["step"])
+        return validated(float, fields["step"])
     except (FieldError, TypeError, KeyError):
         return math.inf
 
 
 def finite_or_none(scores: dict[str, float]) -> dict[str, float | None]:
-    """Scores as JSON can hold them: a metric without a value is null."""
+    """Scores for JSON: a value that is not finite is None."""
     return {name: value if math.isfinite(value) else None for name, value in scores.items()}

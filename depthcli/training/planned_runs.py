@@ -1,4 +1,4 @@
-"""Several runs under one time budget: where each of them lives, and how long it may train."""
+"""Several runs under one time budget: the folder of each, and how long it may train."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from depthcli.training.checkpoint import Checkpoint, RunProgress
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import another_run, differences
+from depthcli.training.config_differences import differences, mismatch_error
 from depthcli.training.folder import CHECKPOINT
 
 
@@ -15,7 +15,7 @@ class PlannedRun:
     """One run of several."""
 
     config: TrainConfig  #: what is trained
-    folder: Path  #: where it lives
+    folder: Path  #: its folder
 
     @property
     def name(self) -> str:
@@ -23,7 +23,7 @@ class PlannedRun:
         return self.folder.name
 
     def progress(self) -> RunProgress:
-        """How far it has come; fresh without a checkpoint.
+        """How far it has come; all zero without a checkpoint.
 
         Raises:
             CheckpointError: the folder's checkpoint cannot be read, or has other settings.
@@ -33,7 +33,7 @@ class PlannedRun:
             return RunProgress()
         saved = Checkpoint.load(path)
         if saved.config != self.config:
-            raise another_run(path, differences(saved.config, self.config))
+            raise mismatch_error(path, differences(saved.config, self.config))
         return saved.progress
 
     def is_finished(self, progress: RunProgress) -> bool:
@@ -42,15 +42,15 @@ class PlannedRun:
 
 
 def plan_runs(configs: Sequence[TrainConfig], out: Path) -> tuple[PlannedRun, ...]:
-    """Give every run its folder, ``METHOD-seedK``."""
+    """Plan a run for each configuration, in a folder ``METHOD-seedK``."""
     return tuple(PlannedRun(c, out / f"{c.method}-seed{c.seed}") for c in configs)
 
 
 def fair_shares_s(spent_s: Sequence[float], budget_s: float) -> tuple[float, ...]:
-    """Divide a budget, in seconds, so that those who had least catch up first.
+    """Divide a time budget, in seconds, among runs so that the least trained catch up first.
 
-    All who get something end at the same total; who is beyond it already gets nothing. The budget
-    may be infinite; the shares add up to it.
+    All runs with a share above zero end at the same total; those already beyond it get none. The
+    budget may be infinite; the shares add up to it.
 
     >>> fair_shares_s([0, 60, 300], 100)
     (80.0, 20.0, 0.0)
@@ -64,10 +64,9 @@ def fair_shares_s(spent_s: Sequence[float], budget_s: float) -> tuple[float, ...
 
 
 def next_share_s(spent_s: Sequence[float], left_s: float, overhead_s: float) -> float:
-    """What the first of some waiting runs may train, in seconds; 0 if nothing is left.
+    """The share of the first waiting run, in seconds, if the others get theirs; 0 if none is left.
 
-    All the others still get theirs. A run costs ``overhead_s`` besides its training: starting,
-    reading data.
+    A run takes ``overhead_s`` besides its training: start, reading data.
 
     >>> next_share_s([0, 0], left_s=100, overhead_s=10)
     40.0

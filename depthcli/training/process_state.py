@@ -1,4 +1,4 @@
-"""What differs between the processes of a run: chance, and what the method keeps of its own."""
+"""State that differs between the processes of a run: random number generators, image pools."""
 
 from typing import Any
 
@@ -7,8 +7,8 @@ import torch
 from depthcli.training.methods.base import Method
 
 
-def own_state(method: Method, device: torch.device) -> dict[str, Any]:
-    """The state of this process, on the CPU; the names are those of a checkpoint's parts."""
+def process_state(method: Method, device: torch.device) -> dict[str, Any]:
+    """The state of this process, on the CPU, by the checkpoint's keys."""
     return {
         "rng": torch.get_rng_state(),
         "device_rng": torch.cuda.get_rng_state(device) if device.type == "cuda" else None,
@@ -18,8 +18,8 @@ def own_state(method: Method, device: torch.device) -> dict[str, Any]:
     }
 
 
-def take_up(method: Method, device: torch.device, state: dict[str, Any]) -> None:
-    """Go on from a state that :func:`own_state` gave."""
+def load_process_state(method: Method, device: torch.device, state: dict[str, Any]) -> None:
+    """Restore a state returned by :func:`process_state`."""
     method.load_extra_state(
         {name: [image.to(device) for image in images] for name, images in state["extra"].items()}
     )

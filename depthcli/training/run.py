@@ -1,4 +1,4 @@
-"""Networks, optimisers and average of one run: a step, a checkpoint, and back."""
+"""Networks, optimisers and weight average of one run: steps, saving and resuming."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,24 +11,24 @@ from depthcli.errors import CheckpointError
 from depthcli.training.average import WeightAverage
 from depthcli.training.checkpoint import Checkpoint, RunProgress
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import another_run, data_differences, differences
+from depthcli.training.config_differences import data_differences, differences, mismatch_error
 from depthcli.training.data.batches import TrainingBatch
-from depthcli.training.devices import average_gradients, of_others
+from depthcli.training.devices import average_gradients, gather_states
 from depthcli.training.finite import check_weights, finite_losses
-from depthcli.training.initial import start_from
+from depthcli.training.initial_weights import start_from
 from depthcli.training.methods.base import Phase
 from depthcli.training.methods.registry import build_method
 from depthcli.training.optimizers import build_optimizer
-from depthcli.training.process_state import own_state, take_up
-from depthcli.training.schedule import factor
+from depthcli.training.process_state import load_process_state, process_state
+from depthcli.training.schedule import lr_factor
 
-_RANK_STRIDE = 1_000_003  # seeds of further processes, far from those that people choose
+_RANK_STRIDE = 1_000_003  # between the seeds of processes, far from those that users choose
 
 
 class Run:
-    """Networks, optimisers and average of one run.
+    """Networks, optimisers and weight average of one run.
 
-    ``steps`` are those of the whole schedule, ``progress`` says how far it has come.
+    ``steps`` is the number of steps of the whole schedule, ``progress`` how far the run has come.
     """
 
     optimizers: dict[Phase, torch.optim.Optimizer]
@@ -51,16 +51,18 @@ class Run:
         self.optimizers = dict(zip(phases, ready, strict=True))
         decay = config.optim.ema
         self.average = WeightAverage(self.method.generator, decay) if decay else None
-        if fabric.global_rank:  # the same weights, but dropout, patches and pools of its own
+        if (
+            fabric.global_rank
+        ):  # the same weights, but other random numbers (dropout, patches, pools)
             torch.manual_seed(config.seed + _RANK_STRIDE * fabric.global_rank)
 
     @property
     def best_generator(self) -> nn.Module:
-        """The network that is validated: the average, where there is one."""
+        """The network that is validated: the weight average, if there is one."""
         return self.average.network if self.average else self.method.generator
 
     def start_from(self, paths: Sequence[Path]) -> str:
-        """Start from the mean weights of exported models or checkpoints; what they are.
+        """Load the mean weights of exported models or checkpoints; returns their origin.
 
         Raises:
             CheckpointError: they do not fit.
@@ -76,7 +78,7 @@ class Run:
         Raises:
             TrainingError: a term is not finite.
         """
-        share = factor(self.config.optim, self.progress.step, self.steps_per_epoch)
+        share = lr_factor(self.config.optim, self.progress.step, self.steps_per_epoch)
         self.method.share_done = self.progress.step / self.steps
         losses: dict[str, Tensor] = {}
         for phase, optimizer in self.optimizers.items():
@@ -96,15 +98,15 @@ class Run:
         return finite_losses(losses, self.fabric)
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint; every process takes part, the first one writes.
+        """Write a checkpoint from rank 0; all processes must call this.
 
         Raises:
-            CheckpointError: it cannot be written; the one before is kept.
-            TrainingError: a weight is not finite; the one before is kept.
+            CheckpointError: it cannot be written; the previous one is kept.
+            TrainingError: a weight is not finite; the previous one is kept.
         """
         check_weights(self.method, self.progress.step)
-        own = own_state(self.method, self.fabric.device)
-        others = of_others(self.fabric, own)
+        own = process_state(self.method, self.fabric.device)
+        others = gather_states(self.fabric, own)
         if not self.fabric.is_global_zero:
             return
         Checkpoint(
@@ -119,7 +121,7 @@ class Run:
         ).save(path)
 
     def resume(self, path: Path) -> None:
-        """Take up the state of a checkpoint, if there is one.
+        """Restore the state of a checkpoint, if there is one.
 
         Raises:
             CheckpointError: it belongs to another configuration, other data, or another number of
@@ -128,29 +130,29 @@ class Run:
         if not path.exists():
             return
         saved = Checkpoint.load(path)
-        strange = differences(saved.config, self.config)
-        strange += data_differences(saved.progress, self.progress)
-        if strange:
-            raise another_run(path, strange)
+        mismatches = differences(saved.config, self.config)
+        mismatches += data_differences(saved.progress, self.progress)
+        if mismatches:
+            raise mismatch_error(path, mismatches)
         devices = len(saved.others) + 1
         if devices != self.fabric.world_size:
             raise CheckpointError(
                 f"{path} belongs to a run on {devices} devices: give --devices {devices}"
             )
         try:
-            self._take_up(saved)
+            self._load(saved)
         except (AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
             raise CheckpointError(
                 f"{path} does not fit the networks of its own configuration: give another --out"
             ) from error
         self.progress = saved.progress
 
-    def _take_up(self, saved: Checkpoint) -> None:
+    def _load(self, saved: Checkpoint) -> None:
         self.method.load_state_dict(saved.method)
         for phase, optimizer in self.optimizers.items():
             state = saved.optimizers[phase]["state"]
             _check_state(state, _weights(optimizer))
-            # Rates and the like follow from the configuration, whatever the file says.
+            # Learning rates and the like come from the configuration, not from the file.
             own_groups = optimizer.state_dict()["param_groups"]
             optimizer.load_state_dict({"state": state, "param_groups": own_groups})
         if self.average:
@@ -159,7 +161,7 @@ class Run:
             self.fabric.strategy.precision.load_state_dict(saved.precision)
         first = {"rng": saved.rng, "device_rng": saved.device_rng, "extra": saved.extra}
         own = [first, *saved.others][self.fabric.global_rank]
-        take_up(self.method, self.fabric.device, own)
+        load_process_state(self.method, self.fabric.device, own)
 
 
 def _instance_norm(method: nn.Module) -> bool:
@@ -172,10 +174,10 @@ def _instance_norm(method: nn.Module) -> bool:
 
 
 def _check_state(state: dict[int, dict[str, object]], weights: list[Tensor]) -> None:
-    """Refuse moments that are not of their weights; torch would notice at the next step.
+    """Check the shapes of the optimiser's moments; torch would fail only at the next step.
 
     Raises:
-        ValueError: they are of another shape.
+        ValueError: a moment has another shape than its weight.
     """
     for place, kept in state.items():
         for value in kept.values():

@@ -1,4 +1,4 @@
-"""Sample pictures of a training run: input, output and truth in three columns."""
+"""Sample images of a training run: input, output and ground truth in three columns."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ _NEAREST_M = 0.3
 def write_samples(
     folder: Path, epoch: int, validation: Validation, generator: nn.Module, fabric: Fabric
 ) -> None:
-    """Write ``samples/epoch-NNNN.jpg`` for some held-out pairs, near bright."""
+    """Write ``samples/epoch-NNNN.jpg`` for up to 6 held-out pairs; near is bright."""
     rows = np.linspace(0, len(validation) - 1, min(_ROWS, len(validation))).astype(int).tolist()
     gray = ((validation.inputs(rows).numpy()[:, 0] + 1) * 127.5).astype(np.uint8)
     raw = validation.raw(generator, rows, fabric.device).numpy()[:, 0]
@@ -41,7 +41,7 @@ def write_samples(
 
 
 def sample_path(folder: Path, epoch: int) -> Path:
-    """Where the sample pictures of an epoch are."""
+    """The file with the sample images of an epoch."""
     return folder / "samples" / f"epoch-{epoch:04d}.jpg"
 
 

@@ -16,7 +16,7 @@ def cosine_factor(step: int, steps: int, warmup: int) -> float:
     return ramp * 0.5 * (1.0 + math.cos(math.pi * min(step, steps) / steps))
 
 
-def factor(optim: OptimConfig, step: int, steps_per_epoch: int) -> float:
+def lr_factor(optim: OptimConfig, step: int, steps_per_epoch: int) -> float:
     """Factor on the learning rate at a step, counted from 0 over the whole run."""
     if optim.schedule == "linear":
         return linear_factor(step // steps_per_epoch, optim.epochs_constant, optim.epochs_decay)

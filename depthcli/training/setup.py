@@ -1,4 +1,4 @@
-"""What a run needs before its first step: its pairs, networks, folder, and where it had stopped."""
+"""Setting up a run before its first step: pairs, networks, folder, and resuming."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,32 +17,32 @@ from depthcli.training.config.ranges import check_batch
 from depthcli.training.config.schema import DataConfig, TrainConfig
 from depthcli.training.data.batches import Batches
 from depthcli.training.data.pair_store import PairStore
-from depthcli.training.folder import CHECKPOINT, METRICS_LOG, writing
+from depthcli.training.folder import CHECKPOINT, METRICS_LOG, write_errors
 from depthcli.training.run import Run
 from depthcli.training.validation import Validation
 
 
 @dataclass(frozen=True, slots=True)
-class Prepared:
-    """A run that can take its next step."""
+class TrainingSetup:
+    """Everything that the training loop needs."""
 
     run: Run  #: networks, optimisers and progress
-    batches: Batches  #: what each step is shown
+    batches: Batches  #: the training batches, by step
     #: the held-out pairs; None without them, and in processes after the first
     validation: Validation | None
 
 
 def set_up(
     config: TrainConfig, data: TrainingData, folder: Path, fabric: Fabric, start: Sequence[Path]
-) -> Prepared:
-    """Read the pairs, build the networks, and take up the folder's checkpoint if there is one.
+) -> TrainingSetup:
+    """Read the pairs, build the networks, and load the folder's checkpoint if there is one.
 
-    The arguments and errors are those of :func:`depthcli.training.loop.fit`.
+    Arguments and errors as of :func:`depthcli.training.loop.fit`.
     """
-    with writing(folder):
+    with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     dataset, first = data.dataset, fabric.is_global_zero
-    train_rows, held_out = divide(dataset, config.data)
+    train_rows, held_out = train_val_split(dataset, config.data)
     batches = Batches(
         PairStore(dataset, train_rows, config.data),
         config.data,
@@ -68,13 +68,13 @@ def set_up(
     run.resume(folder / CHECKPOINT)
     run.progress = replace(run.progress, threads=torch.get_num_threads())
     if first:
-        with writing(folder):
-            metrics_log.cut(folder / METRICS_LOG, run.progress.step)
-    return Prepared(run, batches, validation)
+        with write_errors(folder):
+            metrics_log.truncate(folder / METRICS_LOG, run.progress.step)
+    return TrainingSetup(run, batches, validation)
 
 
-def divide(dataset: DepthDataset, data: DataConfig) -> tuple[list[int], list[int]]:
-    """Positions to train on and positions held out, whole scenes on either side."""
+def train_val_split(dataset: DepthDataset, data: DataConfig) -> tuple[list[int], list[int]]:
+    """Positions of the training pairs and of the held-out ones; scenes are not split."""
     if not data.holdout_every:
         return list(range(len(dataset))), []
     held_out = held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)

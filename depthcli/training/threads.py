@@ -1,7 +1,7 @@
-"""How many CPU threads a run takes when nobody says: the number that is fastest here and now.
+"""Choosing the number of CPU threads of a run by a short trial, unless it is given.
 
-torch's threads wait for each other after every operation. On a machine that has other work, one of
-them is always late, and two threads can be four times slower than one.
+torch's threads synchronise after every operation. On a machine with other load, two threads can be
+four times slower than one.
 """
 
 import time
@@ -17,11 +17,11 @@ from torch import nn
 from depthcli.core.parallel.cores import usable_cores
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.networks.build import build_generator
-from depthcli.training.resolve import saved_run
+from depthcli.training.resolve import saved_checkpoint
 
 _ROUNDS = 3
-_ENOUGH_S = 5.0
-_WORTH_IT = 0.95  # more threads have to be that much faster, or they only cost the others
+_TIME_LIMIT_S = 5.0
+_MAX_TIME_RATIO = 0.95  # more threads must take at most this fraction of the time to be chosen
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +34,10 @@ class Threads:
 
 
 def set_threads(asked: int | None, config: TrainConfig, folder: Path, fabric: Fabric) -> Threads:
-    """Use so many CPU threads; without a number those of the folder's run, or the fastest."""
+    """Set torch's CPU threads: the number given, else the checkpoint's, else the fastest."""
     cores = usable_cores()
-    saved = saved_run(folder) if asked is None else None
-    if saved is not None:  # another number would change its last digits
+    saved = saved_checkpoint(folder) if asked is None else None
+    if saved is not None:  # another number would change the last digits of the results
         asked = min(cores, saved.progress.threads or torch.get_num_threads())
     count = default_threads(config, fabric, cores) if asked is None else asked
     torch.set_num_threads(count)
@@ -45,7 +45,7 @@ def set_threads(asked: int | None, config: TrainConfig, folder: Path, fabric: Fa
 
 
 def default_threads(config: TrainConfig, fabric: Fabric, cores: int) -> int:
-    """The number of threads for a new run, of the cores that this process may use."""
+    """The number of threads for a new run, at most ``cores``."""
     if fabric.world_size > 1:
         return max(1, cores // fabric.world_size)
     if fabric.device.type != "cpu" or cores == 1:
@@ -54,7 +54,7 @@ def default_threads(config: TrainConfig, fabric: Fabric, cores: int) -> int:
 
 
 def candidates(cores: int) -> tuple[int, ...]:
-    """The numbers of threads to try, fewest first.
+    """The numbers of threads to try, in ascending order.
 
     >>> candidates(6)
     (1, 2, 4, 6)
@@ -64,32 +64,32 @@ def candidates(cores: int) -> tuple[int, ...]:
 
 
 def fastest(seconds: Mapping[int, float]) -> int:
-    """The fewest threads that no larger number beats by more than a few per cent.
+    """The smallest number of threads that no larger one beats by more than 5 %.
 
     >>> fastest({1: 1.0, 2: 0.97}), fastest({1: 1.0, 2: 0.6}), fastest({1: 1.0, 2: 4.0})
     (1, 2, 1)
     """
     best = min(seconds)
     for threads in sorted(seconds):
-        if seconds[threads] < _WORTH_IT * seconds[best]:
+        if seconds[threads] < _MAX_TIME_RATIO * seconds[best]:
             best = threads
     return best
 
 
 def _measured_s(config: TrainConfig, fabric: Fabric, tried: tuple[int, ...]) -> dict[int, float]:
-    """Seconds of some steps of the generator with each number of threads, in turns."""
+    """Seconds of a few steps of the generator for each number of threads, in turns."""
     data = config.data
-    with _as_it_was():
+    with _preserve_torch_state():
         network = build_generator(config.generator)
         pictures = torch.zeros(config.optim.batch_size, 1, data.height, data.width)
         spent_s = dict.fromkeys(tried, 0.0)
         began = time.perf_counter()
-        _step_s(network, pictures, fabric)  # the first one also allocates and plans
+        _step_s(network, pictures, fabric)  # warm-up: the first one also allocates
         for _ in range(_ROUNDS):
             for threads in tried:
                 torch.set_num_threads(threads)
                 spent_s[threads] += _step_s(network, pictures, fabric)
-            if time.perf_counter() - began > _ENOUGH_S:
+            if time.perf_counter() - began > _TIME_LIMIT_S:
                 break
     return spent_s
 
@@ -103,8 +103,8 @@ def _step_s(network: nn.Module, pictures: torch.Tensor, fabric: Fabric) -> float
 
 
 @contextmanager
-def _as_it_was() -> Iterator[None]:
-    """Leave no trace in torch's random numbers and number of threads."""
+def _preserve_torch_state() -> Iterator[None]:
+    """Restore torch's random state and number of threads after the block."""
     threads = torch.get_num_threads()
     try:
         with torch.random.fork_rng(devices=[]):

@@ -1,4 +1,4 @@
-"""What is known of a run that was trained; free of torch, so that tables can be made of it."""
+"""Facts about a finished or stopped run; without torch, for tables."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,17 +6,17 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class TrainedRun:
-    """What a run's checkpoint says."""
+    """Facts from a run's checkpoint."""
 
-    folder: Path  #: where it lives
+    folder: Path  #: its folder
     seed: int  #: of weights, order and augmentation
     settings: str  #: all settings but the seed, as JSON
-    paired: bool  #: whether the configuration shows pictures and depth of one scene point together
+    paired: bool  #: whether it was trained with aligned pairs of picture and depth
     parameters: int  #: weights of the generator
     epochs: int  #: whole epochs done
     epochs_planned: int  #: epochs of the whole schedule
     steps: int  #: optimisation steps done
-    minutes: float  #: training time
+    minutes: float  #: training time in minutes
     train_ids: tuple[str, ...]  #: pairs it was trained on
     held_out_ids: tuple[str, ...]  #: pairs it was validated on
 

@@ -12,11 +12,11 @@ from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.pair_store import PairStore, whole_pictures
 
-_PICTURES_AT_ONCE = 16
+_BATCH_SIZE = 16
 
 
 class Validation:
-    """Held-out pairs, ready to be predicted again and again; truth is read at full size."""
+    """Scores a generator on held-out pairs; ground truth is read at full size."""
 
     def __init__(
         self, dataset: DepthDataset, positions: Sequence[int], config: TrainConfig
@@ -44,8 +44,8 @@ class Validation:
         """Mean over the pairs of every metric, at the truth's size, to 10 m or ``output.max_m``."""
         total, codec = Accumulator(), self.config.output.codec
         farthest_m = max(MAX_DEPTH_M, self.config.output.max_m)
-        for start in range(0, len(self), _PICTURES_AT_ONCE):
-            rows = range(start, min(start + _PICTURES_AT_ONCE, len(self)))
+        for start in range(0, len(self), _BATCH_SIZE):
+            rows = range(start, min(start + _BATCH_SIZE, len(self)))
             for row, raw in zip(rows, self.raw(generator, rows, device), strict=True):
                 truth_m = self.dataset.depth_m(self.positions[row])
                 depth_m = torch.from_numpy(codec.decode(raw.numpy()))

@@ -1,8 +1,8 @@
-"""Which part of a picture a view shows, and how its depth follows, by the pinhole camera.
+"""Random views of a picture, and the depth that follows from them, by the pinhole camera model.
 
-A view has the network's own focal length, in pixels of its input. So zooming in by s divides depth
-by s, a view of another shape shows less of the picture, and a view off the middle is either cut out
-there or what a camera sees that is turned there.
+All views have the same focal length, in pixels of the network's input. So zooming in by s divides
+depth by s, a view with another aspect ratio shows less of the picture, and an off-centre view is
+either a crop or the view of a rotated camera.
 """
 
 import math
@@ -14,15 +14,15 @@ from torch import Tensor
 from depthcli.datasets.training_data import NYU_HFOV_DEG
 from depthcli.training.config.schema import DataConfig
 
-_WHOLE_SHARE = 0.25  # views as large as their shape allows, as the model will see pictures
+_WHOLE_SHARE = 0.25  # fraction of views without zoom, like pictures at inference
 _FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation
 _CROP_286 = 286 / 256
 _SIDE_STEP_PX = 16  # of views of other shapes
-_HALF_WIDTH = math.tan(math.radians(NYU_HFOV_DEG / 2))  # of the picture, at depth 1
+_HALF_WIDTH = math.tan(math.radians(NYU_HFOV_DEG / 2))  # half of the picture's width at depth 1
 
 
 class Geometry(NamedTuple):
-    """Where the pixels of some views lie in their pictures."""
+    """Sampling grid and depth scale of some views."""
 
     grid: Tensor  #: (B, H, W, 2) float32, (x, y) in the pictures, [-1, 1] from edge to edge
     #: (B, 1, 1, 1) or (B, 1, H, W) float32, depth in the view per depth in the picture
@@ -32,7 +32,7 @@ class Geometry(NamedTuple):
 
 
 def view_size(data: DataConfig, random: torch.Generator) -> tuple[int, int]:
-    """Width and height of a batch's views, px: about as many pixels in every shape."""
+    """Width and height of a batch's views, px; the number of pixels is about the same for all."""
     if not data.aspects or float(torch.rand((), generator=random)) < 0.5:  # noqa: PLR2004 - half
         return data.width, data.height
     index = int(torch.randint(len(data.aspects), (), generator=random))
@@ -45,7 +45,7 @@ def view_size(data: DataConfig, random: torch.Generator) -> tuple[int, int]:
 def draw_views(
     count: int, size: tuple[int, int], data: DataConfig, random: torch.Generator
 ) -> Geometry:
-    """Random views, ``size`` wide and high (px), of pictures that have the network's shape."""
+    """Sample views of ``size`` (width, height) px from pictures of the network's aspect ratio."""
     cover = torch.tensor([size[0] / data.width, size[1] / data.height])
     least = max(1.0, float(cover.max()))  # zoom at which the view fits into the picture
     zoom = _zooms(count, data, random) * least
@@ -56,7 +56,7 @@ def draw_views(
     if not data.turn:
         return Geometry(grid, depth_scale, None)
     turned = torch.rand(count, generator=random) < data.turn
-    grid, along_axis = _turned(grid, view[:, :, 2] * turned[:, None], data)
+    grid, along_axis = _rotate_camera(grid, view[:, :, 2] * turned[:, None], data)
     inside = (grid.abs() <= 1).all(-1)[:, None]
     return Geometry(grid, depth_scale / along_axis[:, None], inside)
 
@@ -70,7 +70,7 @@ def _zooms(count: int, data: DataConfig, random: torch.Generator) -> Tensor:
 
 
 def _affine(zoom: Tensor, cover: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
-    """Maps (B, 2, 3) from view to picture coordinates, with the view inside the picture."""
+    """Affine maps (B, 2, 3) from view to picture coordinates; views lie inside the picture."""
     uniform = torch.rand(4, len(zoom), generator=random) * 2 - 1
     mirror = torch.where(uniform[0] < 0, -1.0, 1.0)
     spare = zoom / cover.max().clamp(min=1) - 1
@@ -87,7 +87,7 @@ def _affine(zoom: Tensor, cover: Tensor, data: DataConfig, random: torch.Generat
 
 
 def _sampling_grid(view: Tensor, width: int, height: int) -> Tensor:
-    """Where each pixel of the views lies in the pictures, (B, H, W, 2) in [-1, 1]."""
+    """Picture coordinates of each pixel of the views, (B, H, W, 2) in [-1, 1]."""
     # F.affine_grid gives the same, but its batched matrix product takes 1.4 ms of a 190 ms step.
     x = (torch.arange(width) * 2 + 1) / width - 1
     y = (torch.arange(height) * 2 + 1) / height - 1
@@ -95,10 +95,10 @@ def _sampling_grid(view: Tensor, width: int, height: int) -> Tensor:
     return along_x * x[:, None] + (along_y * y[:, None, None] + shift)
 
 
-def _turned(grid: Tensor, shift: Tensor, data: DataConfig) -> tuple[Tensor, Tensor]:
-    """Reach a shift (B, 2) by turning the camera; the new grid and z of each turned ray (B, H, W).
+def _rotate_camera(grid: Tensor, shift: Tensor, data: DataConfig) -> tuple[Tensor, Tensor]:
+    """Replace a shift (B, 2) by a camera rotation; the new grid, and z of each ray (B, H, W).
 
-    The rotation is the least that takes the optical axis to the middle of the view.
+    The rotation is the smallest that takes the optical axis to the centre of the view.
     """
     halves = torch.tensor([_HALF_WIDTH, _HALF_WIDTH * data.height / data.width])
     x, y = ((grid - shift[:, None, None]) * halves).unbind(-1)

@@ -1,4 +1,4 @@
-"""How frames can be compressed, and which containers hold what."""
+"""Video codecs, their encoders and the containers that support them."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -7,12 +7,12 @@ from depthcli.errors import OutputError, UsageError
 
 DEPTH_PIXELS = "gray16le"
 """FFmpeg's name of the pixels of depth."""
-_LEAST_FOR_SLICES = 16
+_MIN_SLICED_PX = 16
 _CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
 
 
 class Codec(StrEnum):
-    """A way to compress frames."""
+    """A video codec."""
 
     FFV1 = "ffv1"
     """Lossless, for depth: 16-bit gray."""
@@ -27,7 +27,7 @@ class Codec(StrEnum):
 
 
 class PreviewCodec(StrEnum):
-    """The codecs that previews can have; a part of :class:`Codec`, under the same names."""
+    """The codecs of previews; a subset of :class:`Codec`, with the same names."""
 
     H264 = "h264"
     VP9 = "vp9"
@@ -37,18 +37,18 @@ class PreviewCodec(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Encoding:
-    """How a codec is used."""
+    """The encoder of a codec and its options."""
 
     encoder: str  #: FFmpeg's name
-    pixel_format: str  #: FFmpeg's name of what the encoder takes
+    pixel_format: str  #: FFmpeg's name of the encoder's input format
     #: of the encoder. The number of threads is fixed, because it can change the bytes
     options: tuple[tuple[str, str], ...]
-    is_all_key: bool = False  #: whether each frame stands alone
+    is_intra_only: bool = False  #: whether each frame is a keyframe
 
     def options_for(self, width: int, height: int) -> dict[str, str]:
         """The encoder's options for frames of a size."""
         options = dict(self.options) | {"flags": "+bitexact"}
-        if min(width, height) < _LEAST_FOR_SLICES and "slices" in options:
+        if min(width, height) < _MIN_SLICED_PX and "slices" in options:
             options["slices"] = "1"
         return options
 
@@ -58,11 +58,11 @@ ENCODINGS = {
         "ffv1",
         DEPTH_PIXELS,
         (("level", "3"), ("slices", "4"), ("slicecrc", "1"), ("threads", "4")),
-        is_all_key=True,
+        is_intra_only=True,
     ),
-    # Without B-frames, times in the file are those of the frames in every player. Colours of depth
-    # are smooth: finer motion and blocks double the time for files of the same size and error. With
-    # mbtree, one video in a hundred has other bytes.
+    # Without B-frames, every player shows frames at their exact times. Colours of depth are smooth:
+    # finer motion search and partitions double the time for files of the same size and error. With
+    # mbtree, about one video in a hundred is not reproducible to the byte.
     Codec.H264: Encoding(
         "libx264",
         "yuv420p",
@@ -88,7 +88,7 @@ ENCODINGS = {
         "prores_ks",
         "yuv422p10le",
         (("profile", "3"), ("vendor", "apl0"), ("threads", "4")),
-        is_all_key=True,
+        is_intra_only=True,
     ),
 }
 PREVIEW_CODECS = {
@@ -96,14 +96,14 @@ PREVIEW_CODECS = {
     ".webm": (Codec.VP9, Codec.AV1),
     ".mov": (Codec.PRORES, Codec.H264),
 }
-"""Codecs of previews by the file's suffix, the usual one first."""
+"""Codecs of previews by the file's suffix, the default one first."""
 
 
 def preview_codec(suffix: str, asked: Codec | None) -> Codec:
-    """The codec of a preview: the one asked for, or the usual one of its container.
+    """The codec of a preview: the given one, or the default of its container.
 
     Raises:
-        UsageError: the container does not hold that codec.
+        UsageError: the container does not support that codec.
     """
     choices = PREVIEW_CODECS[suffix]
     if asked is None:
@@ -120,12 +120,12 @@ def container_format(suffix: str) -> str:
 
 
 def check_encoder(codec: Codec) -> None:
-    """Refuse a codec that this build of FFmpeg cannot write.
+    """Check that this build of FFmpeg has an encoder.
 
     Raises:
         OutputError: it is not in PyAV's FFmpeg.
     """
-    import av  # noqa: PLC0415 - the words of the command line are known without it
+    import av  # noqa: PLC0415 - the command line lists codecs without it
 
     name = ENCODINGS[codec].encoder
     if name not in av.codecs_available:

@@ -1,4 +1,4 @@
-"""Opening a video with FFmpeg's libraries, with one clear line if that fails."""
+"""Opening a video with FFmpeg's libraries, with an error of one line."""
 
 import os
 import stat
@@ -11,7 +11,7 @@ from av.video.stream import VideoStream
 from depthcli.errors import InputError
 from depthcli.video.pipes import InputPipe
 
-# Playlists, which name other files and addresses, are not among them.
+# Playlists are excluded, because they name other files and addresses.
 _FORMATS = (
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,mpegvideo,asf,flv,live_flv,ogg,mxf,gxf,"
     "nut,ivf,h264,hevc,av1,obu,m4v,mjpeg,dv,rm,wtv,gif,apng,yuv4mpegpipe,nsv,swf,vc1,dnxhd,dirac"
@@ -30,7 +30,7 @@ def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
         file = source
     else:
         _check_file(source)
-        # An absolute name cannot be taken for a protocol of FFmpeg's.
+        # FFmpeg does not take an absolute path for a protocol.
         file = os.path.abspath(source)  # noqa: PTH100 - links stay as named
     container = None
     try:
@@ -40,7 +40,7 @@ def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
             stream.thread_type = "AUTO"
             return container, stream
     except (av.FFmpegError, ValueError):
-        pass  # said below, in one line for all
+        pass  # reported below
     if container is not None:
         container.close()
     if isinstance(source, InputPipe):
@@ -52,19 +52,19 @@ def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
 
 
 def pipe_advice(source: Path | InputPipe) -> str:
-    """What to say of a pipe that cannot be read; nothing of a file."""
+    """Advice for a pipe that cannot be read; empty for a file."""
     if not isinstance(source, InputPipe):
         return ""
     return "; send Matroska, MPEG-TS, NUT or Y4M through a pipe, for MP4 may need to be a file"
 
 
 def _is_cover(stream: VideoStream) -> bool:
-    """Whether a stream is one picture beside the sound of a song."""
+    """Whether a stream is the cover of an audio file."""
     return bool(stream.disposition & av.stream.Disposition.attached_pic)
 
 
 def _check_file(path: Path) -> None:
-    """Say what is wrong with a file before FFmpeg says less."""
+    """Check a file, for clearer errors than FFmpeg's."""
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode) and not path.is_dir():

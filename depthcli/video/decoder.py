@@ -1,4 +1,4 @@
-"""From the packets of a video stream to its frames, over damaged places."""
+"""Decoding the packets of a video stream, past damaged ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import av
 
-from depthcli.video.integrity import slices_are_whole
+from depthcli.video.integrity import has_valid_slices
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -17,24 +17,24 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
-_CHECKED = "ffv1"
+_CHECKED_CODEC = "ffv1"
 
 
 class FrameDecoder:
-    """The frames that can be decoded, in the order in which they are shown.
+    """The frames that can be decoded, in display order.
 
     Attributes:
-        ended_early: whether reading stopped at an error or in the middle of a packet.
-        read_to: bytes up to the end of the last packet.
+        ended_early: whether reading stopped at an error or within a packet.
+        end_position: of the last packet, in bytes from the beginning of the file.
     """
 
     def __init__(self, container: InputContainer, stream: VideoStream) -> None:
         self.ended_early = False
-        self.read_to = 0
+        self.end_position = 0
         self._failed = 0
         self._skipped: list[int] = []
         self._has_checksums = False
-        self._is_checked = stream.codec_context.name == _CHECKED
+        self._is_checked = stream.codec_context.name == _CHECKED_CODEC
         self._packets = container.demux(stream)
         self._ready: deque[VideoFrame] = deque()
         self._frames = self._decoded()
@@ -43,11 +43,11 @@ class FrameDecoder:
         """The next frame; None at the end."""
         return next(self._frames, None)
 
-    def take_failed(self, before: int | None = None) -> int:
-        """How many frames could not be decoded since this was last asked.
+    def pop_failed(self, before: int | None = None) -> int:
+        """How many frames could not be decoded since the last call.
 
-        Those that stood in front of the frame at a time, in the stream's ticks; all of them for
-        None.
+        Args:
+            before: only those before this time, in ticks of the stream; None for all.
         """
         early = [at for at in self._skipped if before is None or at < before]
         self._skipped = [at for at in self._skipped if at not in early]
@@ -56,11 +56,11 @@ class FrameDecoder:
 
     def _decoded(self) -> Iterator[VideoFrame]:
         while (packet := self._packet()) is not None:
-            if packet.is_corrupt:  # a part of it is behind the end of the file
+            if packet.is_corrupt:  # it is truncated by the end of the file
                 self.ended_early = True
                 continue
-            if self._is_checked and packet.size and not self._is_whole(packet):
-                # The decoder may still hold frames in front of it.
+            if self._is_checked and packet.size and not self._is_valid(packet):
+                # The decoder may still hold earlier frames.
                 self._skipped.append(packet.pts or 0)
                 continue
             try:
@@ -81,11 +81,11 @@ class FrameDecoder:
             self.ended_early = True
             return None
         if packet is not None and packet.pos is not None:
-            self.read_to = max(self.read_to, packet.pos + packet.size)
+            self.end_position = max(self.end_position, packet.pos + packet.size)
         return packet
 
-    def _is_whole(self, packet: Packet[VideoStream]) -> bool:
-        """Whether a packet's checksums are right, if the stream has them."""
-        is_whole = slices_are_whole(bytes(packet))
+    def _is_valid(self, packet: Packet[VideoStream]) -> bool:
+        """Whether a packet's checksums are right, or the stream has none."""
+        is_whole = has_valid_slices(bytes(packet))
         self._has_checksums = self._has_checksums or is_whole
         return is_whole or not self._has_checksums

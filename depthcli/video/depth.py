@@ -1,4 +1,4 @@
-"""Reading depth videos back, frame for frame as they were written."""
+"""Reading depth videos, losslessly."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
-from depthcli.io.depth.facts import positive_number, provenance_of
-from depthcli.io.depth.steps import TOP, metres
+from depthcli.io.depth.metadata import positive_number, provenance_of
+from depthcli.io.depth.quantization import UINT16_MAX, dequantized
 from depthcli.io.writers.formats import MILLIMETRES
 from depthcli.video.codecs import DEPTH_PIXELS
 from depthcli.video.rates import exact_rate
@@ -35,8 +35,8 @@ class DepthVideo:
     Attributes:
         path: the file.
         rate: frames a second, exact; None if the file does not say.
-        labels: what the file says of itself: scale, kind, unit, model and so on; empty for a file
-            of another program.
+        labels: metadata of the file: scale, kind, unit, model and so on; empty for files of other
+            programs.
         scale: steps per metre; None if the file is normalized and has no unit.
         kind: what the numbers mean.
     """
@@ -46,13 +46,13 @@ class DepthVideo:
 
         Args:
             path: a 16-bit gray video, FFV1 in Matroska.
-            scale: steps per metre; None for what the file says of itself, or millimetres.
+            scale: steps per metre; None for what the file states, or millimetres.
 
         Raises:
             InputError: missing, damaged, or not 16-bit gray.
         """
         self.path = Path(path)
-        # Names of the Python API stand beside this one and need no FFmpeg.
+        # Other names of the Python API do not need FFmpeg.
         from depthcli.video.container import open_video  # noqa: PLC0415
 
         container, stream = open_video(self.path)
@@ -66,7 +66,7 @@ class DepthVideo:
             for name, text in stated.items()
             if name.startswith(LABEL_PREFIX)
         }
-        # A container keeps nanoseconds a frame, which is less than some rates need.
+        # Matroska stores nanoseconds a frame, which is not exact for some rates.
         self.rate = _fraction(self.labels.get("frame_rate")) or exact_rate(fps or 0)
         kind = self.labels.get("kind")
         self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
@@ -78,29 +78,30 @@ class DepthVideo:
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, (H, W) float32: metres, NaN where there is no depth.
 
-        Of a normalized file the values are shares, 0 to 1, of the range that was shown.
+        In a normalized file, values are 0 to 1 over the range of the preview.
         """
         for steps in self.steps():
-            # Normalized ones, 1 to 65535, are a scale that begins at 1.
-            known = metres(steps, self.scale or 1.0)
+            # Normalized values are stored as 1 to 65535.
+            known = dequantized(steps, self.scale or 1.0)
             if self.scale is None:
-                known = (known - 1) / np.float32(TOP - 1)
+                known = (known - 1) / np.float32(UINT16_MAX - 1)
             yield DepthMap(known, self.kind, provenance_of(self.labels))
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
-        """The stored numbers, (H, W) uint16: millimetres by default; 0 where there is no depth.
+        """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth.
 
         Raises:
-            InputError: a frame is damaged or missing; those before it have been given.
+            InputError: a frame is damaged or missing; those before it have been yielded.
         """
         from depthcli.video.container import open_video  # noqa: PLC0415
         from depthcli.video.decoder import FrameDecoder  # noqa: PLC0415
-        from depthcli.video.integrity import is_cut  # noqa: PLC0415
+        from depthcli.video.integrity import is_incomplete  # noqa: PLC0415
 
         container, stream = open_video(self.path)
-        # Version 0.1.0 doubled an odd row or column, and stated the true size.
+        # Version 0.1.0 doubled an odd row or column, and stored the true size as metadata.
         width, height = (
-            int(positive_number(self.labels.get(name)) or TOP + 1) for name in ("width", "height")
+            int(positive_number(self.labels.get(name)) or UINT16_MAX + 1)
+            for name in ("width", "height")
         )
         try:
             decoder = FrameDecoder(container, stream)
@@ -111,13 +112,13 @@ class DepthVideo:
                 yield np.ascontiguousarray(steps[:height, :width], np.uint16)
                 count += 1
             self._check(decoder, count)
-            if decoder.ended_early or is_cut(self.path):
+            if decoder.ended_early or is_incomplete(self.path):
                 raise InputError(f"{self.path} is truncated or damaged: it ends after {count}")
         finally:
             container.close()
 
     def _check(self, decoder: FrameDecoder, count: int, before: int | None = None) -> None:
-        if decoder.take_failed(before):
+        if decoder.pop_failed(before):
             raise InputError(f"{self.path} is damaged after frame {count - 1}; write it again")
 
 

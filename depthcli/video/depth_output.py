@@ -1,4 +1,4 @@
-"""A video's depth as one lossless file."""
+"""Writing a video's depth to one lossless file."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -8,13 +8,13 @@ import av
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.io.depth.steps import TOP, quantized
-from depthcli.io.writers.facts import facts, step_unit
+from depthcli.io.depth.quantization import UINT16_MAX, quantized
+from depthcli.io.writers.metadata import metadata_texts, step_unit
+from depthcli.video.av_frame import av_frame
 from depthcli.video.codecs import Codec
-from depthcli.video.coding import coded
 from depthcli.video.depth import LABEL_PREFIX
 from depthcli.video.file import VideoFile, video_file
-from depthcli.video.output import VideoFrame, VideoOutput
+from depthcli.video.output import DepthFrame, VideoOutput
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing, rate_text
 
@@ -27,40 +27,40 @@ def depth_video(
     inputs: Sequence[Path],
     written: Path | None = None,
 ) -> Iterator[VideoOutput]:
-    """A lossless depth video that appears whole or not at all, or goes into a pipe.
+    """A lossless depth video, written atomically or into a pipe.
 
     Args:
         target: ends in ``.mkv``.
         timing: of the frames.
         scale: steps per metre.
         inputs: files that must not be replaced.
-        written: where it is until it is whole, and stays if the block fails; None for a
-            temporary name.
+        written: path of the incomplete file, which stays if the block fails; None for a temporary
+            one.
     """
     with video_file(target, Codec.FFV1, timing, inputs, written=written) as file:
         yield DepthVideoOutput(file, timing, scale)
 
 
 class DepthVideoOutput:
-    """Lossless 16-bit gray: steps of depth, 0 = no depth, saturating."""
+    """Quantized depth as lossless 16-bit gray: 0 = no depth, saturating."""
 
     def __init__(self, file: VideoFile, timing: Timing, scale: float) -> None:
         self._file = file
         self._timing = timing
         self._scale = scale
         self._saturated = 0
-        self._first: VideoFrame | None = None
+        self._first: DepthFrame | None = None
 
-    def encode(self, frame: VideoFrame) -> tuple[VideoFrame, av.VideoFrame, int]:
-        """Depth in whole steps, and how many pixels were saturated."""
+    def encode(self, frame: DepthFrame) -> tuple[DepthFrame, av.VideoFrame, int]:
+        """Quantize depth; also returns how many pixels were saturated."""
         if frame.depth.is_metric:
             steps, saturated = quantized(frame.depth.values, self._scale)
         else:
-            steps, saturated = within(frame.depth.values, *frame.spread), 0
-        return frame, coded(steps, Codec.FFV1), saturated
+            steps, saturated = normalized_to_range(frame.depth.values, *frame.spread), 0
+        return frame, av_frame(steps, Codec.FFV1), saturated
 
-    def append(self, encoded: tuple[VideoFrame, av.VideoFrame, int]) -> None:
-        """Write the steps; with the first ones, labels with rate, scale, unit and model."""
+    def append(self, encoded: tuple[DepthFrame, av.VideoFrame, int]) -> None:
+        """Write a frame; with the first one, metadata: rate, scale, unit and model."""
         frame, coded_frame, saturated = encoded
         labels = {} if self._first else self._labels(frame)
         self._first = self._first or frame
@@ -75,11 +75,11 @@ class DepthVideoOutput:
             return (f"{kind} depth has no unit; mkv is normalized to the preview's range",)
         if not self._saturated:
             return ()
-        limit_m = TOP / self._scale
+        limit_m = UINT16_MAX / self._scale
         return (f"mkv: {self._saturated} pixels beyond {limit_m:.6g} m were saturated",)
 
-    def _labels(self, frame: VideoFrame) -> dict[str, str]:
-        labels = facts(frame.depth) | {
+    def _labels(self, frame: DepthFrame) -> dict[str, str]:
+        labels = metadata_texts(frame.depth) | {
             "frame_rate": rate_text(self._timing.rate),
             "first_frame": str(frame.picture.index),
         }
@@ -90,11 +90,13 @@ class DepthVideoOutput:
         return {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
 
 
-def within(values: npt.NDArray[np.float32], low: float, high: float) -> npt.NDArray[np.uint16]:
-    """Values of a range as 1-65535, those beyond at its ends; 0 where there is none.
+def normalized_to_range(
+    values: npt.NDArray[np.float32], low: float, high: float
+) -> npt.NDArray[np.uint16]:
+    """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are NaN.
 
     (H, W) float32 in, (H, W) uint16 out.
     """
     share = (np.nan_to_num(values, nan=low) - low) / ((high - low) or 1.0)
-    steps = np.rint(1 + np.clip(share, 0, 1) * (TOP - 1))
+    steps = np.rint(1 + np.clip(share, 0, 1) * (UINT16_MAX - 1))
     return np.where(np.isnan(values), 0, steps).astype(np.uint16)

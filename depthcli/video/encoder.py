@@ -1,4 +1,4 @@
-"""A new video file with a stream for frames of one codec."""
+"""Creating a video file and its video stream."""
 
 import os
 from collections.abc import Mapping
@@ -15,29 +15,29 @@ from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing
 
 _BT709 = 1
-_KEY_EVERY_S = 2
-_MOST_BETWEEN_KEYS = 250
+_KEYFRAME_INTERVAL_S = 2
+_MAX_GOP = 250
 
 
 def new_container(
     target: Path | OutputPipe, timing: Timing, labels: Mapping[str, str]
 ) -> OutputContainer:
-    """A file without streams, by its suffix; the same frames will give the same bytes.
+    """A new file without streams; its container follows from the suffix, and is reproducible.
 
-    Labels, name -> text, are kept in the header.
+    Labels, name -> text, are written to the header as metadata.
 
     Raises:
-        OSError: it cannot be made.
+        OSError: it cannot be created.
     """
     options = {"fflags": "+bitexact"}
     name, is_pipe = container_format(target.suffix.lower()), isinstance(target, OutputPipe)
     if name in {"mp4", "mov"}:
-        # A header with the places of all frames would have to wait for the last one.
+        # In a pipe, fragments: an index at the beginning could only be written after all frames.
         layout = "+frag_keyframe+empty_moov+default_base_moof" if is_pipe else "+faststart"
-        ticks = str(timing.clock.denominator)
+        ticks = str(timing.time_base.denominator)
         options |= {"movflags": layout, "video_track_timescale": ticks}
     if not isinstance(target, OutputPipe):
-        target.touch()  # what is wrong with the folder is said before the work begins
+        target.touch()  # problems with the folder are reported before the work begins
     file = target if is_pipe else str(target)
     container = av.open(file, "w", format=name, container_options=options)
     container.metadata.update(labels)
@@ -47,7 +47,7 @@ def new_container(
 def add_video(
     container: OutputContainer, codec: Codec, timing: Timing, width: int, height: int
 ) -> VideoStream:
-    """A stream for frames of a size, compressed by a codec."""
+    """Add a video stream for frames of a size."""
     if codec is Codec.AV1:
         os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
     encoding = ENCODINGS[codec]
@@ -57,11 +57,11 @@ def add_video(
     )
     stream.width, stream.height = width, height
     stream.pix_fmt = encoding.pixel_format
-    stream.time_base = timing.clock
+    stream.time_base = timing.time_base
     context = stream.codec_context
-    context.time_base = timing.clock
-    between_keys = max(1, min(round(_KEY_EVERY_S * timing.rate), _MOST_BETWEEN_KEYS))
-    context.gop_size = 1 if encoding.is_all_key else between_keys
+    context.time_base = timing.time_base
+    keyframe_interval = max(1, min(round(_KEYFRAME_INTERVAL_S * timing.rate), _MAX_GOP))
+    context.gop_size = 1 if encoding.is_intra_only else keyframe_interval
     if encoding.pixel_format != DEPTH_PIXELS:
         context.colorspace = context.color_primaries = context.color_trc = _BT709
         context.color_range = ColorRange.MPEG

@@ -1,4 +1,4 @@
-"""A video file that is being written, frame after frame, each with its own time."""
+"""Writing a video file, frame by frame, with a time for each."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -11,17 +11,17 @@ from av.video.stream import VideoStream
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import Codec, check_encoder
 from depthcli.video.encoder import add_video, new_container
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing
-from depthcli.video.sound import Sound
 
-_LONGEST_STEP = 1 << 30
+_MAX_DURATION_TICKS = 1 << 30
 
 
 class VideoFile:
-    """Frames of one size with their times, and the sound beside them."""
+    """Frames of one size with their times, and the audio beside them."""
 
     _container: OutputContainer | None = None
     _stream: VideoStream | None = None
@@ -29,21 +29,25 @@ class VideoFile:
     _first_s = 0.0
 
     def __init__(
-        self, target: Path | OutputPipe, codec: Codec, timing: Timing, sound: Sound | None = None
+        self,
+        target: Path | OutputPipe,
+        codec: Codec,
+        timing: Timing,
+        audio: AudioTrack | None = None,
     ) -> None:
         """Prepare a file; it is opened with the first frame.
 
         Args:
-            target: written in place; callers make it atomic. Its suffix says the container.
-            codec: how frames are compressed.
-            timing: rate and clock.
-            sound: what is heard; None for nothing.
+            target: written in place; callers make it atomic. Its suffix chooses the container.
+            codec: of the frames.
+            timing: rate and time base.
+            audio: the audio track; None for none.
 
         Raises:
-            OutputError: the codec cannot be written here, or no container counts in such steps.
+            OutputError: there is no encoder, or containers cannot represent the rate.
         """
         check_encoder(codec)
-        if not timing.is_countable:
+        if not timing.is_representable:
             raise OutputError(
                 f"{timing.rate} frames a second cannot be written to a video; choose an image "
                 "sequence with --format png16 or --format exr"
@@ -51,57 +55,57 @@ class VideoFile:
         self._target = target
         self._codec = codec
         self._timing = timing
-        self._sound = sound
+        self._audio = audio
 
     def write(self, frame: VideoFrame, time_s: float, labels: Mapping[str, str]) -> None:
-        """Append a frame of :func:`coded`.
+        """Append a frame of :func:`~depthcli.video.av_frame.av_frame`.
 
         Args:
             frame: the picture.
             time_s: when it is shown; the first frame's time becomes 0.
-            labels: name -> text, kept in the file's header; those of the first frame count.
+            labels: name -> text, metadata for the file's header; used with the first frame only.
 
         Raises:
-            OutputError: the codec does not take such frames.
+            OutputError: the encoder does not support such frames.
             OSError: the file cannot be written.
         """
         if self._stream is None:
             self._first_s = time_s
             self._open(frame, labels)
-        clock = self._timing.clock
-        at = round((time_s - self._first_s) / clock)
+        time_base = self._timing.time_base
+        at = round((time_s - self._first_s) / time_base)
         if self._before is not None:
             at = max(at, (self._before.pts or 0) + 1)
-            while at - (self._before.pts or 0) > _LONGEST_STEP:
-                # What MP4 cannot count in one step is held by the same picture again.
-                self._encode(self._before, (self._before.pts or 0) + _LONGEST_STEP)
+            while at - (self._before.pts or 0) > _MAX_DURATION_TICKS:
+                # A duration that MP4 cannot represent is divided by repeating the picture.
+                self._encode(self._before, (self._before.pts or 0) + _MAX_DURATION_TICKS)
         self._encode(frame, at)
 
     def finish(self) -> tuple[str, ...]:
         """Complete the file.
 
         Returns:
-            Warnings about the sound, one line each.
+            Warnings about the audio, one line each.
 
         Raises:
             OSError: the file cannot be written.
         """
         if self._container is None or self._stream is None or self._before is None:
             return ()
-        end_s = float((self._before.pts or 0) * self._timing.clock + 1 / self._timing.rate)
-        if self._sound is not None:
-            self._sound.play_until(end_s)
-            self._sound.finish()
+        end_s = float((self._before.pts or 0) * self._timing.time_base + 1 / self._timing.rate)
+        if self._audio is not None:
+            self._audio.mux_until(end_s)
+            self._audio.finish()
         self._container.mux(self._stream.encode())
         container, self._container = self._container, None
         container.close()
         self._check_pipe()
-        return self._sound.warnings if self._sound is not None else ()
+        return self._audio.warnings if self._audio is not None else ()
 
     def close(self) -> None:
-        """Let the file go, finished or not."""
-        if self._sound is not None:
-            self._sound.close()
+        """Close the file, finished or not."""
+        if self._audio is not None:
+            self._audio.close()
         if self._container is not None:
             with suppress(av.FFmpegError):
                 self._container.close()
@@ -111,8 +115,8 @@ class VideoFile:
         container = self._container = new_container(self._target, self._timing, labels)
         size = frame.width, frame.height
         self._stream = add_video(container, self._codec, self._timing, *size)
-        if self._sound is not None:
-            self._sound.open(container, self._first_s)
+        if self._audio is not None:
+            self._audio.open(container, self._first_s)
         try:
             container.start_encoding()
         except (av.ArgumentError, av.ExternalError, av.UndefinedError) as error:
@@ -124,11 +128,11 @@ class VideoFile:
     def _encode(self, frame: VideoFrame, at: int) -> None:
         if self._stream is None or self._container is None:
             raise TypeError(self._stream)
-        clock = self._timing.clock
-        frame.pts, frame.time_base = at, clock
-        frame.duration = max(1, round(1 / (self._timing.rate * clock)))
-        if self._sound is not None:
-            self._sound.play_until(float(at * clock))
+        time_base = self._timing.time_base
+        frame.pts, frame.time_base = at, time_base
+        frame.duration = max(1, round(1 / (self._timing.rate * time_base)))
+        if self._audio is not None:
+            self._audio.mux_until(float(at * time_base))
         self._container.mux(self._stream.encode(frame))
         self._before = frame
         self._check_pipe()
@@ -144,25 +148,25 @@ def video_file(
     codec: Codec,
     timing: Timing,
     inputs: Sequence[Path],
-    sound: Sound | None = None,
+    audio: AudioTrack | None = None,
     *,
     written: Path | None = None,
 ) -> Iterator[VideoFile]:
-    """A file that appears whole or not at all, or a pipe.
+    """A video file that is written atomically, or a pipe.
 
     Args:
-        target: where it goes; its suffix says the container.
-        codec: how frames are compressed.
-        timing: rate and clock.
+        target: the output; its suffix chooses the container.
+        codec: of the frames.
+        timing: rate and time base.
         inputs: files that must not be replaced.
-        sound: what is heard; None for nothing.
-        written: where it is until it is whole, and stays if the block fails; None for a
-            temporary name.
+        audio: the audio track; None for none.
+        written: path of the incomplete file, which stays if the block fails; None for a temporary
+            one.
     """
     with ExitStack() as stack:
         if not isinstance(target, OutputPipe):
             target = stack.enter_context(atomic_path(target, inputs=inputs))
-        file = VideoFile(written or target, codec, timing, sound)
+        file = VideoFile(written or target, codec, timing, audio)
         try:
             yield file
         finally:

@@ -8,23 +8,23 @@ from typing import Self
 from depthcli.io.writers.formats import FORMATS, Format
 
 FRAME_NUMBER = "%06d"
-"""Place of the frame's number in the name of a file for each frame."""
+"""Placeholder of the frame's number in the name of a sequence."""
 
 
 @dataclass(frozen=True, slots=True)
 class VideoFormatFacts:
-    """What is known of a format before anything of it is loaded."""
+    """The entry of a format in the table, known without loading its writer."""
 
-    suffix: str  #: end of the default output name; of a file for each frame, with ``FRAME_NUMBER``
+    suffix: str  #: end of the default output name; of a sequence, with ``FRAME_NUMBER``
     #: file suffix that chooses this format where the user names a file; None if none does
-    ending: str | None
-    #: the format of pictures whose writer makes its frames; None if it has none
+    file_suffix: str | None
+    #: the format of pictures whose writer writes its frames; None if there is none
     picture: Format | None
-    #: the format of pictures in whose place a batch writes this; None if it does not
+    #: the format of pictures that this replaces for videos in a batch; None if it replaces none
     counterpart: Format | None
     #: options of the command that it uses, by the names of their parameters
     options: tuple[str, ...]
-    use_bytes: int  #: memory of writing it, as for pictures
+    use_bytes: int  #: memory of writing it, in bytes a pixel, as for pictures
 
     @property
     def is_sequence(self) -> bool:
@@ -38,24 +38,24 @@ class VideoFormatFacts:
 
 
 def _preview(
-    ending: str, counterpart: Format | None = None, *, use_bytes: int = 20
+    file_suffix: str, counterpart: Format | None = None, *, use_bytes: int = 20
 ) -> VideoFormatFacts:
     options = (*FORMATS[Format.PREVIEW].options, "lock", "codec", "audio")
-    suffix = f".preview{ending}"
-    return VideoFormatFacts(suffix, ending, Format.PREVIEW, counterpart, options, use_bytes)
+    suffix = f".preview{file_suffix}"
+    return VideoFormatFacts(suffix, file_suffix, Format.PREVIEW, counterpart, options, use_bytes)
 
 
 def _frames(picture: Format, *, is_counterpart: bool = True) -> VideoFormatFacts:
     facts = FORMATS[picture]
-    suffix = f".depth.{FRAME_NUMBER}{facts.ending}"
+    suffix = f".depth.{FRAME_NUMBER}{facts.file_suffix}"
     counterpart = picture if is_counterpart else None
     return VideoFormatFacts(suffix, None, picture, counterpart, facts.options, facts.use_bytes)
 
 
 class VideoFormat(StrEnum):
-    """What is written of a video; ``--format`` takes these words.
+    """Output formats of a video's depth; the values of ``--format``.
 
-    A member is its word and its :class:`VideoFormatFacts`.
+    A member is its name and its :class:`VideoFormatFacts`.
     """
 
     facts: VideoFormatFacts
@@ -93,16 +93,16 @@ SEQUENCES = tuple(which for which, facts in VIDEO_FORMATS.items() if facts.is_se
 COUNTERPARTS = {
     facts.counterpart: which for which, facts in VIDEO_FORMATS.items() if facts.counterpart
 }
-"""What a batch writes of a video where it writes this of a picture."""
+"""The format that a batch writes for videos, by the format it writes for pictures."""
 
 
 def video_format_of(path: str | PurePath) -> VideoFormat | None:
-    """The format that a file's suffix says, for a whole video; None if it says none."""
+    """The format of a whole video that a file's suffix chooses; None if it chooses none."""
     suffix = PurePath(path).suffix.lower()
-    return next((which for which, f in VIDEO_FORMATS.items() if f.ending == suffix), None)
+    return next((which for which, f in VIDEO_FORMATS.items() if f.file_suffix == suffix), None)
 
 
 def sequence_of(path: str | PurePath) -> VideoFormat | None:
-    """The format that the suffix of numbered files says; None if it says none."""
+    """The format that the suffix of numbered files chooses; None if it chooses none."""
     suffix = PurePath(path).suffix.lower()
     return next((w for w in SEQUENCES if VIDEO_FORMATS[w].suffix.endswith(suffix or "\0")), None)

@@ -1,4 +1,4 @@
-"""Which frames of a sequence are done, so that a run that was stopped goes on."""
+"""The journal of finished frames of a sequence, to resume an interrupted run."""
 
 import json
 import os
@@ -8,26 +8,25 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
 
-from depthcli.core.ending import before_ending
+from depthcli.core.exit_hooks import exit_hook
 
 _MODE = 0o666
 _NUMBER = re.compile(r"[0-9]{1,18}")
 
 
 class FrameJournal:
-    """A hidden file beside the frames: what they follow from, then a number for each that is done.
+    """A hidden file beside the frames: a fingerprint, then the numbers of finished frames.
 
-    It is removed when the run comes to its end, and stays when it is stopped.
+    It is removed when the run is complete, and kept when it is interrupted.
     """
 
     def __init__(self, folder: Path, name: str, fingerprint: str) -> None:
-        """Read what an earlier run left, and begin to write.
+        """Read the journal of an earlier run, and begin to write.
 
         Args:
-            folder: of the frames; made if missing.
+            folder: of the frames; created if missing.
             name: of the sequence.
-            fingerprint: what frames follow from: input, model, options. Frames of another one do
-                not count.
+            fingerprint: of input, model and options. Frames with another one do not count.
 
         Raises:
             OSError: the folder cannot be written to.
@@ -37,18 +36,18 @@ class FrameJournal:
         self._fingerprint = fingerprint
         self.earlier = self._read()
         self._count = len(self.earlier)
-        self._ending = before_ending(self._drop_empty)
-        self._file = self._begun()
+        self._exit_hook = exit_hook(self._drop_empty)
+        self._file = self._created()
 
     def add(self, number: int) -> None:
-        """Note that all files of a frame are there."""
+        """Record that all files of a frame are written."""
         if number not in self.earlier:
             self._file.write(f"{number}\n")
             self._file.flush()
             self._count += 1
 
     def __enter__(self) -> Self:
-        self._ending.__enter__()
+        self._exit_hook.__enter__()
         return self
 
     def __exit__(
@@ -57,8 +56,8 @@ class FrameJournal:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._ending.__exit__(None, None, None)
-        with suppress(OSError):  # of a full disk, which add has told already
+        self._exit_hook.__exit__(None, None, None)
+        with suppress(OSError):  # of a full disk, which add has reported already
             self._file.close()
         if kind is None:
             self._path.unlink(missing_ok=True)
@@ -77,8 +76,8 @@ class FrameJournal:
             return frozenset()
         return frozenset(int(line) for line in lines if _NUMBER.fullmatch(line))
 
-    def _begun(self) -> TextIO:
-        """The file with what counts, in place of whatever has its name; no link is followed."""
+    def _created(self) -> TextIO:
+        """Create the file with the frames that count, replacing an old one; follow no links."""
         self._path.unlink(missing_ok=True)
         handle = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _MODE)
         file = os.fdopen(handle, "w", encoding="utf-8")

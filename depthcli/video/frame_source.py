@@ -1,4 +1,4 @@
-"""What frames come from: a video file, a pipe, or numbered pictures."""
+"""Opening a source of frames: a video file, a pipe, or numbered pictures."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def open_frames(
     Raises:
         InputError: it cannot be read.
     """
-    # Each loads what it needs and nothing else.
+    # Each imports only what it needs.
     if isinstance(source, Path) and is_sequence(source):
         from depthcli.video.sequence import ImageSequence  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""What every source of frames is."""
+"""The base class of sources of frames."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -11,18 +11,18 @@ from depthcli.video.spans import WHOLE, Span
 
 
 class FrameSource(ABC):
-    """Frames in their order, with one of them in memory."""
+    """Frames in their order, one at a time in memory."""
 
     paths: tuple[Path, ...]  #: the files that are read; none of a pipe
     rate: Fraction  #: frames a second, exact; the mean where frames are not evenly spaced
     tick_s: Fraction  #: seconds of which every frame's time is a multiple
-    frames_stated: int | None  #: how many frames there are; None if nothing says so
+    frames_stated: int | None  #: how many frames there are; None if the source does not state it
     width: int  #: columns of an upright frame
     height: int  #: rows of an upright frame
     warnings: tuple[str, ...] = ()  #: one-line texts about the source
-    #: why frames are missing, once the others have been read; None if all came
+    #: why frames are missing, once the others have been read; None if all were read
     problem: str | None = None
-    #: time of the first frame on the clock of the sound beside it; None without sound
+    #: time of the first frame in the file, which its audio refers to; None without audio
     start_s: Fraction | None = None
 
     @abstractmethod
@@ -35,11 +35,11 @@ class FrameSource(ABC):
         """
 
     def count(self, span: Span) -> int | None:
-        """How many frames a span has; None if nothing says so."""
+        """How many frames a span has; None if that is not known."""
         return None if self.frames_stated is None else span.count(self.frames_stated, self.rate)
 
     def close(self) -> None:  # noqa: B027 - there may be none
-        """Let the files go."""
+        """Close the files."""
 
     def __enter__(self) -> Self:
         return self

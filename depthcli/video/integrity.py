@@ -1,4 +1,4 @@
-"""Whether a video file is whole, by what it states and by the checksums that it holds."""
+"""Checking that a video file is complete, by what its container states and by checksums."""
 
 import zlib
 from pathlib import Path
@@ -7,19 +7,18 @@ import av
 from av import logging as av_logging
 
 from depthcli.video.container import open_video
-from depthcli.video.endings import ends_early
-from depthcli.video.pipes import HEAD_BYTES
+from depthcli.video.truncation import HEAD_BYTES, is_truncated
 
 _EBML = b"\x1aE\xdf\xa3"
 _SEGMENT = b"\x18S\x80g"
-_OTHERS_WITH_GAPS = (b"OggS", b"\x30\x26\xb2\x75")
-_SLICE_END = 8  # bytes: three of the slice's size, one of its state, four of its checksum
-_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+_CHECKED_BY_DEMUXING = (b"OggS", b"\x30\x26\xb2\x75")
+_SLICE_FOOTER_BYTES = 8  # bytes: three of the slice's size, one of its state, four of its checksum
+_BIT_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _ONES = 0xFFFFFFFF
 
 
-def is_cut(path: Path) -> bool:
-    """Whether an end or a part is missing, by what the container says, if it says that.
+def is_incomplete(path: Path) -> bool:
+    """Whether a part of a file is missing, as far as its container tells.
 
     Matroska, Ogg and WMV are read once more, without decoding.
 
@@ -28,16 +27,15 @@ def is_cut(path: Path) -> bool:
     """
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-        file.seek(0)
-        if ends_early(file):
+        if is_truncated(file, head):
             return True
     if head.startswith(_EBML) and matroska_end(head) > path.stat().st_size:
         return True
-    return head.startswith((_EBML, *_OTHERS_WITH_GAPS)) and _has_gap(path)
+    return head.startswith((_EBML, *_CHECKED_BY_DEMUXING)) and _has_demuxing_errors(path)
 
 
 def matroska_end(head: bytes) -> int:
-    """Where Matroska or WebM says that it ends, by its first bytes; 0 where it does not."""
+    """The size that Matroska or WebM states, by its first bytes; 0 if it states none."""
     before, _, segment = head.partition(_SEGMENT)
     if not (before.startswith(_EBML) and segment):
         return 0
@@ -47,10 +45,10 @@ def matroska_end(head: bytes) -> int:
     return 0 if size == unknown else len(before) + len(_SEGMENT) + length + size
 
 
-def counts_frames(path: Path) -> bool:
-    """Whether a file states how many frames are in it, each of which has to come.
+def states_frame_count(path: Path) -> bool:
+    """Whether a file states the number of frames that can be decoded.
 
-    AVI does. MP4 may hide some by an edit; they say by its boxes whether they are whole.
+    AVI does. In MP4, an edit list may hide some, but its boxes tell whether it is complete.
 
     Raises:
         OSError: it cannot be read.
@@ -59,15 +57,17 @@ def counts_frames(path: Path) -> bool:
         return file.read(4) == b"RIFF"
 
 
-def slices_are_whole(packet: bytes) -> bool:
+def has_valid_slices(packet: bytes) -> bool:
     """Whether the checksum of every slice of an FFV1 frame is right (RFC 9043, 4.9.3).
 
-    The frame is of version 3, with checksums. FFmpeg fills slices that are damaged from the frame
-    before, and says so only in its log.
+    The frame is of version 3, with checksums. FFmpeg replaces damaged slices with those of the
+    frame before, and only logs it.
     """
     end = len(packet)
     while end > 0:
-        start = end - _SLICE_END - int.from_bytes(packet[max(0, end - 8) : max(0, end - 5)])
+        start = (
+            end - _SLICE_FOOTER_BYTES - int.from_bytes(packet[max(0, end - 8) : max(0, end - 5)])
+        )
         if start < 0 or _crc(packet[start:end]):
             return False
         end = start
@@ -75,12 +75,12 @@ def slices_are_whole(packet: bytes) -> bool:
 
 
 def _crc(data: bytes) -> int:
-    """CRC-32 that takes the high bit of a byte first and begins with 0, mirrored."""
-    return zlib.crc32(data.translate(_MIRRORED), _ONES) ^ _ONES
+    """CRC-32 with the most significant bit first and an initial value of 0, bit-reversed."""
+    return zlib.crc32(data.translate(_BIT_REVERSED), _ONES) ^ _ONES
 
 
-def _has_gap(path: Path) -> bool:
-    """Whether the demuxer stumbles; it goes on behind a damaged place and only logs it."""
+def _has_demuxing_errors(path: Path) -> bool:
+    """Whether the demuxer logs errors; it skips damaged parts without raising one."""
     level, skips = av_logging.get_level(), av_logging.get_skip_repeated()
     av_logging.set_level(av_logging.ERROR)
     av_logging.set_skip_repeated(False)

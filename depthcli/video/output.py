@@ -1,4 +1,4 @@
-"""What outputs of a video take and do, whatever their format."""
+"""The interface of a video's outputs."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -7,10 +7,10 @@ from depthcli.core.types import DepthMap, Frame
 
 
 @dataclass(frozen=True, slots=True)
-class VideoFrame:
-    """One frame, ready to be written."""
+class DepthFrame:
+    """A frame with its depth, ready to be written."""
 
-    picture: Frame  #: what is seen
+    picture: Frame  #: the frame
     depth: DepthMap  #: its depth
     spread: tuple[float, float]  #: low and high end of the preview's range
     is_kept: bool = False  #: whether an earlier run wrote it
@@ -24,12 +24,12 @@ class VideoFrame:
 class VideoOutput(Protocol):
     """One output of a video."""
 
-    def encode(self, frame: VideoFrame) -> Any:  # noqa: ANN401 - each output has its own
-        """The part of the work that any thread can do, for any frame."""
+    def encode(self, frame: DepthFrame) -> Any:  # noqa: ANN401 - each output has its own
+        """Encode a frame; in any thread, in any order."""
         ...
 
     def append(self, encoded: Any) -> None:  # noqa: ANN401
-        """The part that is done frame after frame."""
+        """Write an encoded frame; called in the order of the frames."""
         ...
 
     def finish(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""A depth video that is not finished, kept under a hidden name until a run goes on with it."""
+"""Incomplete depth videos, kept under hidden names until a run resumes them."""
 
 import hashlib
 import os
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.ending import before_ending
+from depthcli.core.exit_hooks import exit_hook
 from depthcli.errors import InputError
 from depthcli.io.storage.lock import open_locked
 from depthcli.video.depth import DepthVideo
@@ -21,20 +21,20 @@ from depthcli.video.depth import DepthVideo
 class PartialVideo(NamedTuple):
     """Two hidden files beside an output."""
 
-    earlier: Path  #: frames of a run that was stopped; empty or missing without one
-    written: Path  #: takes all frames once more, so that stopping again loses nothing
+    earlier: Path  #: frames of an interrupted run; empty or missing if there is none
+    written: Path  #: the file being written, with all frames, so that no interruption loses any
 
 
 @contextmanager
 def partial_video(path: Path, fingerprint: str) -> Iterator[PartialVideo | None]:
-    """Where a video's frames are until it is whole. The longer file stays if the block fails.
+    """The files of an incomplete video. The longer one is kept if the block fails.
 
     Args:
-        path: the output; what is there of it by another fingerprint is removed.
-        fingerprint: what frames follow from.
+        path: the output; its files with other fingerprints are removed.
+        fingerprint: of everything that the frames depend on.
 
     Yields:
-        The files; None if another process has them, or the system renames no open files.
+        The files; None if another process has locked them, or open files cannot be renamed.
 
     Raises:
         OSError: the folder cannot be written to.
@@ -46,25 +46,25 @@ def partial_video(path: Path, fingerprint: str) -> Iterator[PartialVideo | None]
     if handle is None:
         yield None
         return
-    stay: list[Path] = []
+    kept: list[Path] = []
     try:
         for other in set(path.parent.glob(f"{start}*")) - set(files):
             other.unlink(missing_ok=True)
-        written, earlier = sorted(files, key=_bytes_there)
-        with before_ending(partial(_remove_empty, files)):
+        written, earlier = sorted(files, key=_size_of)
+        with exit_hook(partial(_remove_empty, files)):
             yield PartialVideo(earlier, written)
     except BaseException:
-        longer = max(files, key=_bytes_there)
-        stay = [longer] if next(held_steps(longer), None) is not None else []
+        longer = max(files, key=_size_of)
+        kept = [longer] if next(readable_steps(longer), None) is not None else []
         raise
     finally:
-        for file in set(files) - set(stay):
+        for file in set(files) - set(kept):
             file.unlink(missing_ok=True)
         os.close(handle)
 
 
-def held_steps(path: Path) -> Iterator[npt.NDArray[np.uint16]]:
-    """The frames of a depth video, (H, W) uint16, up to where it is cut or damaged."""
+def readable_steps(path: Path) -> Iterator[npt.NDArray[np.uint16]]:
+    """The frames of a depth video, (H, W) uint16, up to where it is truncated or damaged."""
     try:
         yield from DepthVideo(path).steps()
     except InputError:
@@ -73,9 +73,9 @@ def held_steps(path: Path) -> Iterator[npt.NDArray[np.uint16]]:
 
 def _remove_empty(files: list[Path]) -> None:
     for file in files:
-        if not _bytes_there(file):
+        if not _size_of(file):
             file.unlink(missing_ok=True)
 
 
-def _bytes_there(file: Path) -> int:
+def _size_of(file: Path) -> int:
     return file.stat().st_size if file.exists() else 0

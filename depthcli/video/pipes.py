@@ -1,16 +1,16 @@
-"""Videos that are read from a stream and written to one, front to back."""
+"""Streams that videos are read from and written to sequentially."""
 
 import os
 from typing import BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError
 
-HEAD_BYTES = 256
-"""Of a video, in which it says what it is and how long."""
+_HEAD_BYTES = 256
+"""Of a video, which state its container and often its length."""
 
 
 class _Pipe:
-    """A stream in FFmpeg's hands, which would swallow a ``KeyboardInterrupt`` in its callbacks."""
+    """A stream that FFmpeg uses by callbacks, in which it would ignore a ``KeyboardInterrupt``."""
 
     _error: type[DepthcliError] = InputError
 
@@ -19,11 +19,11 @@ class _Pipe:
         self._stopped: BaseException | None = None
 
     def check(self) -> None:
-        """Raise what stopped the stream, if anything did; nothing more goes through it then.
+        """Raise the error of an earlier callback, if there was one; the stream is stopped then.
 
         Raises:
             DepthcliError: it cannot be used.
-            BrokenPipeError: its reader is gone.
+            BrokenPipeError: its reader has closed it.
         """
         reason = self._stopped
         if isinstance(reason, OSError) and not isinstance(reason, BrokenPipeError):
@@ -33,14 +33,14 @@ class _Pipe:
 
 
 class InputPipe(_Pipe):
-    """A stream that FFmpeg reads; where the stream seeks, as that of a file does, so does this."""
+    """A stream that FFmpeg reads; seekable if the wrapped stream is."""
 
     def __init__(self, stream: BinaryIO) -> None:
         super().__init__(stream)
-        # What is there at once, so that live video is not held back.
+        # Read what is available, so that live video is not delayed.
         self._read = getattr(stream, "read1", stream.read)
         self.seekable, self.seek, self.tell = stream.seekable, stream.seek, stream.tell
-        self.head = b""  #: the first bytes of it
+        self.head = b""  #: its first bytes
         self._count = 0
 
     def __str__(self) -> str:
@@ -53,13 +53,13 @@ class InputPipe(_Pipe):
         except BaseException as reason:  # noqa: BLE001 - raised by check
             self._stopped = reason
             return b""
-        self.head += data[: HEAD_BYTES - len(self.head)]
+        self.head += data[: _HEAD_BYTES - len(self.head)]
         self._count += len(data)
         return data
 
     @property
     def end(self) -> int:
-        """Bytes of the stream, once it was read to its end."""
+        """Size of the stream in bytes, once it has been read to its end."""
         return self.seek(0, os.SEEK_END) if self.seekable() else self._count
 
 
@@ -67,7 +67,7 @@ class OutputPipe(_Pipe):
     """A stream that FFmpeg writes.
 
     Attributes:
-        suffix: says the container, ``.mkv`` say.
+        suffix: chooses the container, such as ``.mkv``.
     """
 
     _error = OutputError
@@ -80,7 +80,7 @@ class OutputPipe(_Pipe):
         return "standard output"
 
     def write(self, data: bytes) -> int:
-        """Write all of it, and let the reader have it."""
+        """Write and flush all data."""
         try:
             if self._stopped is None:
                 self._stream.write(data)

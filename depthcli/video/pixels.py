@@ -1,4 +1,4 @@
-"""The pixels of a decoded frame: red, green and blue at full precision, standing upright."""
+"""The RGB pixels of a decoded frame at full precision, and its orientation."""
 
 import math
 from typing import Any
@@ -11,12 +11,12 @@ from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoRef
 from av.video.stream import VideoStream
 
 _EIGHT_BIT = 8
-_UNSTATED = 2
+_UNSPECIFIED = 2
 _SD_ROWS = 576
 _TOLERANCE = 0.02
-_AS_IT_IS = (1, 0, 0, 1)
+_IDENTITY = (1, 0, 0, 1)
 _EXIF_OF_MATRIX = {
-    _AS_IT_IS: 1,
+    _IDENTITY: 1,
     (-1, 0, 0, 1): 2,
     (-1, 0, 0, -1): 3,
     (1, 0, 0, -1): 4,
@@ -26,19 +26,18 @@ _EXIF_OF_MATRIX = {
     (0, -1, 1, 0): 8,
 }
 _EXIF_OF_ANGLE = {90: 8, 180: 3, 270: 6}  # in degrees, counter-clockwise
-_PERCEPTUAL = {16: "PQ", 18: "HLG"}
+_HDR_TRANSFERS = {16: "PQ", 18: "HLG"}
 
 
 def rgb_pixels(
     frame: VideoFrame, reformatter: VideoReformatter
 ) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
-    """A frame's colours by its own colour space and range, as stored.
+    """A frame converted to RGB from its own colour space and range, not rotated.
 
-    Where it states no colour space, it is BT.601 up to 576 rows and BT.709 above, as players take
-    it.
+    If it states no colour space, that is BT.601 up to 576 rows and BT.709 above, as in players.
 
     Returns:
-        (H, W, 3) RGB: uint8 of 8-bit video, else uint16; 10 bits, say, reach from 0 to 65535.
+        (H, W, 3) RGB: uint8 of 8-bit video, else uint16, scaled to 0-65535.
 
     Raises:
         av.FFmpegError: the format cannot be converted.
@@ -48,7 +47,7 @@ def rgb_pixels(
     rgb = reformatter.reformat(
         frame,
         format="rgb48le" if is_deep else "rgb24",
-        src_colorspace=guessed if frame.colorspace == _UNSTATED else None,
+        src_colorspace=guessed if frame.colorspace == _UNSPECIFIED else None,
         dst_color_range=ColorRange.JPEG,
         interpolation=Interpolation.BICUBIC,
     )
@@ -56,10 +55,7 @@ def rgb_pixels(
 
 
 def orientation_of(frame: VideoFrame) -> int:
-    """The EXIF orientation (1-8) that undoes how a frame is stored; 1 for odd angles.
-
-    Containers state a matrix that players turn and mirror by.
-    """
+    """The EXIF orientation (1-8) of a frame's display matrix; 1 for other angles."""
     try:
         side_data: Any = frame.side_data  # whose type is stated wrongly
         data = side_data.get(Type.DISPLAYMATRIX)
@@ -68,14 +64,14 @@ def orientation_of(frame: VideoFrame) -> int:
     if data is None:
         return 1
     a, b, _, c, d = np.frombuffer(bytes(data), "<i4")[:5].tolist()
-    across, down = math.hypot(a, c) or 1, math.hypot(b, d) or 1  # it may scale as well
+    across, down = math.hypot(a, c) or 1, math.hypot(b, d) or 1  # the matrix may scale as well
     shares = a / across, b / down, c / across, d / down
     turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose(shares, turn, atol=_TOLERANCE))
-    return _EXIF_OF_MATRIX[next(turns, _AS_IT_IS)]
+    return _EXIF_OF_MATRIX[next(turns, _IDENTITY)]
 
 
-def shape_warning(stream: VideoStream) -> str | None:
-    """What to say of pixels that are not square, as in anamorphic video."""
+def pixel_aspect_warning(stream: VideoStream) -> str | None:
+    """A warning about pixels that are not square, as in anamorphic video."""
     ratio = stream.sample_aspect_ratio
     if not ratio or ratio == 1:
         return None
@@ -86,8 +82,8 @@ def shape_warning(stream: VideoStream) -> str | None:
 
 
 def transfer_warning(frame: VideoFrame) -> str | None:
-    """What to say of high dynamic range, which is not mapped to what the network learned."""
-    name = _PERCEPTUAL.get(frame.color_trc)
+    """A warning about high dynamic range, which is not tone-mapped for the network."""
+    name = _HDR_TRANSFERS.get(frame.color_trc)
     if name is None:
         return None
     return (

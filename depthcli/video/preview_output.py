@@ -1,4 +1,4 @@
-"""A video's depth as a preview for people, with the video's sound."""
+"""Writing a preview of a video's depth, with the video's audio."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -7,13 +7,13 @@ from pathlib import Path
 import av
 
 from depthcli.io.writers.preview import PreviewWriter
+from depthcli.video.audio import AudioTrack
+from depthcli.video.av_frame import av_frame
 from depthcli.video.codecs import Codec
-from depthcli.video.coding import coded
 from depthcli.video.file import VideoFile, video_file
-from depthcli.video.output import VideoFrame, VideoOutput
+from depthcli.video.output import DepthFrame, VideoOutput
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing
-from depthcli.video.sound import Sound
 
 
 @contextmanager
@@ -24,33 +24,33 @@ def preview_video(
     inputs: Sequence[Path],
     *,
     codec: Codec = Codec.H264,
-    sound: Sound | None = None,
+    audio: AudioTrack | None = None,
 ) -> Iterator[VideoOutput]:
-    """A preview that appears whole or not at all, or goes into a pipe; inputs are not replaced.
+    """A preview, written atomically or into a pipe; inputs are not replaced.
 
-    It ends in ``.mp4``, ``.webm`` or ``.mov``, and the codec is one that this container holds.
+    The target ends in ``.mp4``, ``.webm`` or ``.mov``, and that container supports the codec.
     """
-    with video_file(target, codec, timing, inputs, sound) as file:
+    with video_file(target, codec, timing, inputs, audio) as file:
         yield PreviewVideoOutput(file, codec, writer)
 
 
 class PreviewVideoOutput:
-    """Colours for people, in a range that is held steady."""
+    """Previews in the colour range of each frame's ``spread``."""
 
     def __init__(self, file: VideoFile, codec: Codec, writer: PreviewWriter) -> None:
         self._file = file
         self._codec = codec
         self._writer = writer
 
-    def encode(self, frame: VideoFrame) -> tuple[av.VideoFrame, float]:
-        """The preview of a frame."""
+    def encode(self, frame: DepthFrame) -> tuple[av.VideoFrame, float]:
+        """Render the preview of a frame."""
         pixels = self._writer.render(frame.depth, frame.picture, frame.spread)
-        return coded(pixels, self._codec), frame.time_s
+        return av_frame(pixels, self._codec), frame.time_s
 
     def append(self, encoded: tuple[av.VideoFrame, float]) -> None:
-        """Write it."""
+        """Write a frame."""
         self._file.write(*encoded, {})
 
     def finish(self) -> tuple[str, ...]:
-        """Complete the file, with its sound."""
+        """Complete the file and its audio."""
         return self._file.finish()

@@ -28,7 +28,8 @@ class ImageSequence(FrameSource):
     ) -> None:
         """Find the pictures of a folder or of a pattern such as ``%04d``, and read the first.
 
-        Without a rate, that of the first EXR counts. Pictures that claim more pixels are refused.
+        Without a rate, that of the first EXR is used. Larger pictures than ``max_pixels`` are
+        refused.
 
         Raises:
             InputError: there is none, or the first cannot be read.
@@ -42,7 +43,7 @@ class ImageSequence(FrameSource):
         self.width, self.height = first.width, first.height
         self.tick_s = Fraction(1, self.rate.numerator)
         self.frames_stated = len(self._files)
-        self.warnings = tuple(self._doubts(is_timed=stated is not None))
+        self.warnings = tuple(self._warnings(is_timed=stated is not None))
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Read the frames of a span.
@@ -51,15 +52,19 @@ class ImageSequence(FrameSource):
             (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 of EXR; ``index`` is the number
             in the file's name, and ``timestamp_s`` counts from the first picture of all.
         """
-        lost = 0
-        for file, is_wanted in zip(self._files, span.picks(self._places()), strict=False):
+        unreadable = 0
+        for file, is_wanted in zip(
+            self._files, span.selected(self._numbers_and_times()), strict=False
+        ):
             if not is_wanted:
                 continue
             try:
                 frame = self._read(file)
             except InputError as error:
-                lost += 1
-                self.problem = f"{lost} of its pictures cannot be read, the last of them: {error}"
+                unreadable += 1
+                self.problem = (
+                    f"{unreadable} of its pictures cannot be read, the last of them: {error}"
+                )
                 continue
             if (frame.width, frame.height) != (self.width, self.height):
                 self.problem = f"{file.path} has another size; the pictures before it are done"
@@ -68,9 +73,9 @@ class ImageSequence(FrameSource):
 
     def count(self, span: Span) -> int:
         """How many pictures a span has."""
-        return sum(span.picks(self._places()))
+        return sum(span.selected(self._numbers_and_times()))
 
-    def _places(self) -> Iterator[tuple[int, Fraction]]:
+    def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
         """Number and time of each picture."""
         return ((file.number, self._time_s(file)) for file in self._files)
 
@@ -91,7 +96,7 @@ class ImageSequence(FrameSource):
             focal_35mm=picture.focal_35mm,
         )
 
-    def _doubts(self, *, is_timed: bool) -> Iterator[str]:
+    def _warnings(self, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
             yield f"no frame rate is given; {FALLBACK_RATE} is assumed; give --fps"
         missing = self._files[-1].number - self._files[0].number + 1 - len(self._files)

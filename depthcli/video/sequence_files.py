@@ -10,7 +10,7 @@ from depthcli.errors import InputError
 from depthcli.io.listing.folder import PICTURE_SUFFIXES
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.storage.remote import RemotePath
-from depthcli.video.number_pattern import NUMBER, is_pattern, numbered
+from depthcli.video.number_pattern import MAX_DIGITS, is_pattern, number_in
 
 EXR = ".exr"
 _LAST_NUMBER = re.compile(r"(.*?)(\d+)\D*", re.ASCII)
@@ -26,8 +26,8 @@ class NumberedPicture(NamedTuple):
 def find_pictures(path: Path) -> list[NumberedPicture]:
     """The pictures of a sequence, in their order.
 
-    Of a pattern, or of a folder, in the order of names, but for what depthcli wrote. Their last
-    number counts if it grows; else they count from 0.
+    Those that match a pattern, or all of a folder by name except outputs of depthcli. Frame numbers
+    in a folder are the last numbers in the names if these increase, else they count from 0.
 
     Raises:
         InputError: there is no such folder, or nothing in it.
@@ -46,7 +46,7 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
         found = sorted(
             NumberedPicture(number, folder / name)
             for name in names
-            if (number := numbered(path.name, name)) is not None
+            if (number := number_in(path.name, name)) is not None
         )
     if not found:
         what = "no picture" if folder is path else "no such picture: nothing fits the pattern"
@@ -63,7 +63,7 @@ def _by_name(folder: Path, names: list[str]) -> list[NumberedPicture]:
         and not is_own_output(str(folder / name))
     ]
     matches = [_LAST_NUMBER.fullmatch(path.stem) for path in paths]
-    numbers = [int(match[2]) for match in matches if match and len(match[2]) <= NUMBER]
+    numbers = [int(match[2]) for match in matches if match and len(match[2]) <= MAX_DIGITS]
     grows = len(numbers) == len(paths) and all(a < b for a, b in pairwise(numbers))
     return [
         NumberedPicture(number, path)

@@ -1,4 +1,4 @@
-"""A video's depth as a file for each frame."""
+"""Writing a video's depth to one file a frame."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -7,11 +7,11 @@ from pathlib import Path
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.base import Writer
-from depthcli.video.output import VideoFrame
+from depthcli.video.output import DepthFrame
 
 
 class SequenceOutput:
-    """A file for each frame, in one of the formats of pictures; each appears when it is done."""
+    """One file a frame, in one of the formats of pictures, each written atomically."""
 
     def __init__(
         self,
@@ -21,9 +21,14 @@ class SequenceOutput:
         writer: Writer,
         inputs: Sequence[Path],
     ) -> None:
-        """Name where frames go: ``name`` gives a file's name for a frame's number.
+        """Prepare the output.
 
-        Warnings call the format ``label``; inputs are not replaced.
+        Args:
+            label: name of the format in warnings.
+            folder: where files are written.
+            name: the name of a file by the frame's number.
+            writer: of the format.
+            inputs: files that must not be replaced.
         """
         self._label = label
         self._folder = folder
@@ -33,8 +38,8 @@ class SequenceOutput:
         self._warned = 0
         self._warning = ""
 
-    def encode(self, frame: VideoFrame) -> tuple[str, ...]:
-        """Write the file; the order of files does not matter."""
+    def encode(self, frame: DepthFrame) -> tuple[str, ...]:
+        """Write the file; in any order."""
         if frame.is_kept:
             return ()
         path = self._folder / self._name(frame.picture.index)
@@ -50,7 +55,7 @@ class SequenceOutput:
             self._warned += 1
 
     def finish(self) -> tuple[str, ...]:
-        """Say the first warning once."""
+        """Return the first warning, with their number."""
         if not self._warned:
             return ()
         return (f"{self._label}: {self._warned} frames, the first: {self._warning}",)

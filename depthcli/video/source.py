@@ -1,4 +1,4 @@
-"""The frames of a video, one after the other, upright and with their times."""
+"""The frames of a video, upright and with their times."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -17,20 +17,20 @@ from depthcli.io.pictures.decode import check_size
 from depthcli.io.pictures.read import upright
 from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
-from depthcli.video.endings import breaks_off
 from depthcli.video.frames import FrameSource
-from depthcli.video.integrity import counts_frames, is_cut, matroska_end
+from depthcli.video.integrity import is_incomplete, matroska_end, states_frame_count
 from depthcli.video.pipes import InputPipe
-from depthcli.video.pixels import orientation_of, rgb_pixels, shape_warning, transfer_warning
+from depthcli.video.pixels import orientation_of, pixel_aspect_warning, rgb_pixels, transfer_warning
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.spans import WHOLE, Span
-from depthcli.video.stream_facts import stream_facts
+from depthcli.video.stream_info import stream_info
 from depthcli.video.timeline import Timeline
+from depthcli.video.truncation import ends_within_packet
 
 _MISSING_SHARE = 200
 _Y4M = "yuv4mpegpipe"
-_TURNED = 5
-"""The first EXIF orientation whose columns are rows."""
+_TRANSPOSED = 5
+"""The first EXIF orientation that swaps rows and columns."""
 
 
 class VideoSource(FrameSource):
@@ -39,7 +39,7 @@ class VideoSource(FrameSource):
     def __init__(
         self, source: str | Path | InputPipe, *, max_pixels: int | PictureLimit = MAX_PIXELS
     ) -> None:
-        """Open whatever FFmpeg reads, but for playlists; frames that claim more pixels are refused.
+        """Open any video that FFmpeg reads, except playlists; larger frames are refused.
 
         Raises:
             InputError: missing, empty, no video, no frame in it, or too large.
@@ -49,9 +49,9 @@ class VideoSource(FrameSource):
         self.paths = () if self._path is None else (self._path,)
         self._container, stream = open_video(self._source)
         self._check_size(stream.width, stream.height, max_pixels)
-        stated = stream_facts(self._container, stream)
+        stated = stream_info(self._container, stream)
         self.rate, self.tick_s = stated.rate, stated.tick_s
-        self.frames_stated = stated.frames if self.paths else None  # a header's guess in a pipe
+        self.frames_stated = stated.frames if self.paths else None  # in a pipe it is a guess
         no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
         self.warnings = () if stated.is_rate_stated else (no_rate,)
         self._decoder = FrameDecoder(self._container, stream)
@@ -64,13 +64,13 @@ class VideoSource(FrameSource):
                 f"{source} holds no frame that can be decoded; it is damaged"
                 + pipe_advice(self._source)
             )
-        self._at_hand = first
-        self._describe(first, stream, max_pixels)
+        self._current = first
+        self._inspect(first, stream, max_pixels)
         self._timeline = Timeline(
             self.rate,
             stated.time_base,
             first.pts,
-            failed=self._decoder.take_failed(first.pts),
+            failed=self._decoder.pop_failed(first.pts),
             stated_ticks=stream.start_time,
         )
         self.start_s = self._timeline.start_s if self._container.streams.audio else None
@@ -81,16 +81,15 @@ class VideoSource(FrameSource):
         Frames before and between are decoded too, for exactness, but not converted.
 
         Yields:
-            RGB, (H, W, 3): uint8, or uint16 of a video of more than 8 bits; ``index`` counts all
-            frames of the file from 0, also damaged ones, which are passed over; ``timestamp_s``
-            counts from the first and always grows. A turn or mirror that the file asks for is
-            done.
+            RGB, (H, W, 3): uint8, or uint16 of a video of more than 8 bits, rotated and mirrored as
+            the file states; ``index`` counts all frames of the file from 0, also damaged ones,
+            which are skipped; ``timestamp_s`` counts from the first frame and always increases.
         """
-        for wanted in span.picks(self._places()):
+        for wanted in span.selected(self._numbers_and_times()):
             if not wanted:
                 continue
             try:
-                pixels = rgb_pixels(self._at_hand, self._reformatter)
+                pixels = rgb_pixels(self._current, self._reformatter)
             except av.FFmpegError:
                 self.problem = "a frame cannot be converted; the frames before it are done"
                 return
@@ -107,7 +106,7 @@ class VideoSource(FrameSource):
             )
 
     def close(self) -> None:
-        """Let the file go."""
+        """Close the file."""
         self._container.close()
 
     def _check_size(self, width: int, height: int, max_pixels: int | PictureLimit) -> None:
@@ -117,53 +116,53 @@ class VideoSource(FrameSource):
             self.close()
             raise
 
-    def _describe(
+    def _inspect(
         self, first: VideoFrame, stream: VideoStream, max_pixels: int | PictureLimit
     ) -> None:
-        """Take over what only a decoded frame says."""
+        """Read the properties that only a decoded frame has."""
         self._check_size(first.width, first.height, max_pixels)
         self._orientation = orientation_of(first)
         size = first.width, first.height
-        self.width, self.height = size[::-1] if self._orientation >= _TURNED else size
-        warnings = transfer_warning(first), shape_warning(stream)
+        self.width, self.height = size[::-1] if self._orientation >= _TRANSPOSED else size
+        warnings = transfer_warning(first), pixel_aspect_warning(stream)
         self.warnings += tuple(warning for warning in warnings if warning)
 
-    def _places(self) -> Iterator[tuple[int, Fraction]]:
-        """Number and time of each frame, while it is the one at hand."""
-        frame: VideoFrame | None = self._at_hand
+    def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
+        """Number and time of each frame, while it is the current one."""
+        frame: VideoFrame | None = self._current
         while frame is not None:
-            self._at_hand = frame
-            place = self._timeline.place(frame.pts, self._decoder.take_failed(frame.pts))
-            self._say_lost()
+            self._current = frame
+            place = self._timeline.add(frame.pts, self._decoder.pop_failed(frame.pts))
+            self._report_lost()
             yield place
             frame = self._decoder.next()
             self._check_pipe()
-        self._judge_end()
+        self._check_end()
 
     def _check_pipe(self) -> None:
         if isinstance(self._source, InputPipe):
             self._source.check()
 
-    def _judge_end(self) -> None:
-        """Compare what came with what the file said."""
-        self._timeline.end(self._decoder.take_failed())
-        self._say_lost()
+    def _check_end(self) -> None:
+        """Compare the decoded frames with what the file states."""
+        self._timeline.end(self._decoder.pop_failed())
+        self._report_lost()
         read = self._timeline.index + 1
-        stated = self.frames_stated if self._path and counts_frames(self._path) else None
+        stated = self.frames_stated if self._path and states_frame_count(self._path) else None
         short = stated is not None and stated - read > max(1, stated // _MISSING_SHARE)
-        if short or self._decoder.ended_early or self._is_cut():
+        if short or self._decoder.ended_early or self._is_incomplete():
             of = "" if stated is None else f" of {stated}"
             self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
 
-    def _is_cut(self) -> bool:
+    def _is_incomplete(self) -> bool:
         source = self._source
         end = source.end if isinstance(source, InputPipe) else source.stat().st_size
-        if self._container.format.name == _Y4M:  # whose last frame may not be whole
-            return self._decoder.read_to < end
+        if self._container.format.name == _Y4M:  # whose last frame may be incomplete
+            return self._decoder.end_position < end
         if isinstance(source, InputPipe):
-            return matroska_end(source.head) > end or breaks_off(source.head, end)
-        return is_cut(source)
+            return matroska_end(source.head) > end or ends_within_packet(source.head, end)
+        return is_incomplete(source)
 
-    def _say_lost(self) -> None:
+    def _report_lost(self) -> None:
         if self._timeline.lost:
             self.problem = f"it is damaged: {self._timeline.lost} frames cannot be decoded"

@@ -1,4 +1,4 @@
-"""Which frames of a video are wanted."""
+"""Selecting frames of a video."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from fractions import Fraction
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A place in a video, or a distance."""
+    """A time in a video, or an interval."""
 
     value: Fraction  #: seconds from the first frame, or a frame number from 0; not negative
     in_frames: bool = False  #: whether it is a frame number
@@ -18,28 +18,27 @@ class Span:
     """A part of a video."""
 
     start: Point = Point(Fraction(0))  #: its first frame is the first at or after this point
-    #: the first frame at or after this point is left out; None for the end of the video
+    #: frames at or after this point are left out; None for the end of the video
     end: Point | None = None
-    #: distance from one frame to the next; in seconds, the first frame at or after each multiple is
-    #: taken
+    #: interval between frames; in seconds, the first frame at or after each multiple is selected
     every: Point = Point(Fraction(1), in_frames=True)
 
     def rate(self, rate: Fraction) -> Fraction:
-        """Frames a second of what is picked from a video of ``rate`` frames a second."""
+        """Frames a second of the selection from a video of ``rate`` frames a second."""
         if self.every.in_frames:
             return rate / self.every.value
         return min(rate, 1 / self.every.value)
 
     def count(self, frames: int, rate: Fraction) -> int:
-        """How many frames are picked from a video of so many evenly spaced ones."""
+        """How many frames are selected from a video of ``frames`` evenly spaced ones."""
         start, end = (self._frame(point, rate) for point in (self.start, self.end))
         last = frames if end is None else min(frames, -(-end // 1))
         first = -(-(start or Fraction(0)) // 1)
         step = max(Fraction(1), self._frame(self.every, rate) or Fraction(1))
         return max(0, int(-((first - last) // step)))
 
-    def picks(self, frames: Iterable[tuple[int, Fraction]]) -> Iterator[bool]:
-        """Whether each frame, a number and a time in seconds, is wanted; ends with the span."""
+    def selected(self, frames: Iterable[tuple[int, Fraction]]) -> Iterator[bool]:
+        """Whether each frame, a number and a time in seconds, is selected; ends with the span."""
         due: Fraction | None = None
         for index, time_s in frames:
             if self.end is not None and _at(self.end, index, time_s) >= self.end.value:
@@ -55,7 +54,7 @@ class Span:
 
     @staticmethod
     def _frame(point: Point | None, rate: Fraction) -> Fraction | None:
-        """How many frames behind the first one a point is."""
+        """A point as a number of frames from the first one."""
         if point is None:
             return None
         return point.value if point.in_frames else point.value * rate

@@ -1,14 +1,14 @@
-"""The numbers and times of a video's frames, also behind places that cannot be decoded."""
+"""The numbers and times of a video's frames, also after frames that cannot be decoded."""
 
 from fractions import Fraction
 
 
 class Timeline:
-    """Places frame after frame, by its own time and by the video's rate.
+    """Assigns numbers and times to frames, by their timestamps and the video's rate.
 
     Attributes:
-        start_s: time of the first frame on the file's own clock.
-        index: number of the frame placed last.
+        start_s: timestamp of the first frame in the file.
+        index: number of the last frame.
         time_s: its time from the first frame; -1 before there is one.
         lost: how many frames are missing so far.
     """
@@ -22,18 +22,18 @@ class Timeline:
         failed: int = 0,
         stated_ticks: int | None = None,
     ) -> None:
-        """Begin in front of the first frame.
+        """Begin before the first frame.
 
         Args:
             rate: frames a second.
-            tick_s: seconds a tick of the file's clock.
-            first_ticks: time of the first frame that can be decoded; None if it has none.
+            tick_s: seconds a tick of the stream's time base.
+            first_ticks: timestamp of the first frame that can be decoded; None if it has none.
             failed: how many frames before it cannot be decoded.
-            stated_ticks: time at which the file says that it begins; None if it says nothing.
+            stated_ticks: start time that the file states; None if it states none.
         """
         self._rate = rate
         self._tick_s = tick_s
-        self._unplaced = failed
+        self._unassigned = failed
         first = first_ticks or 0
         begins_early = failed > 0 and stated_ticks is not None
         self.start_s = tick_s * (min(first, stated_ticks or 0) if begins_early else first)
@@ -41,41 +41,43 @@ class Timeline:
         self.time_s = Fraction(-1)
         self.lost = 0
 
-    def place(self, ticks: int | None, failed: int) -> tuple[int, Fraction]:
-        """Number and time of the next frame, of its time on the file's clock, None if it has none.
+    def add(self, ticks: int | None, failed: int) -> tuple[int, Fraction]:
+        """Number and time of the next frame.
 
-        ``failed`` frames between it and the one before could not be decoded.
+        Args:
+            ticks: its timestamp; None if it has none.
+            failed: how many frames between it and the one before could not be decoded.
         """
-        self._unplaced += failed
+        self._unassigned += failed
         measured_s = None if ticks is None else ticks * self._tick_s - self.start_s
         index = self.index + 1
-        index += self._missing(index, measured_s) if self._unplaced else 0
+        index += self._missing(index, measured_s) if self._unassigned else 0
         self.time_s = self._time(index, measured_s)
         self.index = index
         return index, self.time_s
 
     def end(self, failed: int) -> None:
-        """Count the frames behind the last one that could not be decoded."""
-        self.lost += self._unplaced + failed
-        self._unplaced = 0
+        """Count the frames after the last one that could not be decoded."""
+        self.lost += self._unassigned + failed
+        self._unassigned = 0
 
     def _missing(self, index: int, measured_s: Fraction | None) -> int:
-        """How many frames are missing before the next, by its time if that is regular."""
-        missing = self._unplaced
+        """How many frames are missing before the next, by its timestamp if that is regular."""
+        missing = self._unassigned
         if measured_s is not None:
             by_time = round(measured_s * self._rate)
             if self._is_regular(by_time, measured_s):
                 missing = max(0, by_time - index)
-        self._unplaced = max(0, self._unplaced - missing)
+        self._unassigned = max(0, self._unassigned - missing)
         self.lost += missing
         return missing
 
     def _time(self, index: int, measured_s: Fraction | None) -> Fraction:
-        """The frame's place on the grid of the exact rate, or its own time if that is not there."""
+        """A multiple of the exact frame interval, or the frame's timestamp if it is irregular."""
         if measured_s is None:
             return index / self._rate if self.time_s < 0 else self.time_s + 1 / self._rate
         time_s = index / self._rate if self._is_regular(index, measured_s) else measured_s
-        # Times can stand still or go back where streams were joined.
+        # Timestamps can repeat or go back where streams were joined.
         return time_s if time_s > self.time_s else self.time_s + 1 / self._rate
 
     def _is_regular(self, index: int, measured_s: Fraction) -> bool:

@@ -1,4 +1,4 @@
-"""A colour bar with numbers."""
+"""A colour bar with tick labels."""
 
 import cv2
 import numpy as np
@@ -6,12 +6,12 @@ import numpy.typing as npt
 
 from depthcli.core.types import DepthKind
 
-_MOST_TICKS = 5
-_TICK_HEIGHT = 20  # room for one number, at the reference height
-_LEAST_ROOM = 0.6  # closer numbers touch
+_MAX_TICKS = 5
+_TICK_HEIGHT = 20  # of a label, at the reference height
+_MIN_ROOM = 0.6  # closer labels touch
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
-_REFERENCE_HEIGHT = 480  # at this height everything has its plain size
-_LEAST_SIZE = 0.9  # smaller text loses its decimal points
+_REFERENCE_HEIGHT = 480  # at this height the scale is 1
+_MIN_SIZE = 0.9  # smaller text loses its decimal points
 
 
 def with_legend(
@@ -26,7 +26,7 @@ def with_legend(
     Colours are (256, 3) RGB uint8, far first; metric maps are labelled in metres.
     """
     height = image.shape[0]
-    size = float(np.clip(height / _REFERENCE_HEIGHT, _LEAST_SIZE, 4))
+    size = float(np.clip(height / _REFERENCE_HEIGHT, _MIN_SIZE, 4))
     margin, bar_width, width = (round(n * size) for n in (16, 20, 104))
     top = min(margin, height // 4)
     bar_height = max(1, height - 2 * top)
@@ -36,23 +36,23 @@ def with_legend(
     bar[:] = shades[: len(bar), np.newaxis]
     for share in _ticks(bar_height / (_TICK_HEIGHT * size), flat=near == far):
         y = top + round(share * (bar_height - 1))
-        text = label(value_at(1 - share, near, far, kind), kind)
+        text = label(tick_value(1 - share, near, far, kind), kind)
         _draw(panel, text, (margin + bar_width + round(7 * size), y + round(5 * size)), size)
     return np.hstack([image, panel])
 
 
 def _ticks(room: float, *, flat: bool) -> npt.NDArray[np.float64]:
-    """Where the numbers that fit stand, 0 at the near end; one if both ends are the same.
+    """Positions of the ticks that fit, 0 at the near end; one if both ends are the same.
 
-    At a comfortable distance, ``room`` of them fit below the first one.
+    ``room`` is the number of labels that fit below the first one.
     """
-    if flat or room < _LEAST_ROOM:
+    if flat or room < _MIN_ROOM:
         return np.array([0.5])
-    return np.linspace(0, 1, int(np.clip(1 + room, 2, _MOST_TICKS)))
+    return np.linspace(0, 1, int(np.clip(1 + room, 2, _MAX_TICKS)))
 
 
-def value_at(nearness: float, near: float, far: float, kind: DepthKind) -> float:
-    """The value whose colour stands at a height of the bar; inverse of the preview's mapping."""
+def tick_value(nearness: float, near: float, far: float, kind: DepthKind) -> float:
+    """The value at a position of the bar, 1 at the near end; inverse of the preview's mapping."""
     if kind is DepthKind.METRIC and near > 0:
         return 1 / (nearness / near + (1 - nearness) / far)
     return nearness * near + (1 - nearness) * far

@@ -16,7 +16,7 @@ from tiny import write_picture
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import read_depth
 from depthcli.video.depth_output import depth_video
-from depthcli.video.output import VideoFrame
+from depthcli.video.output import DepthFrame
 from depthcli.video.rates import Timing
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def depth_mkv(inside: Cli) -> Path:
         for metres in (1, 2, 3):
             depth = DepthMap(np.full((4, 6), metres, np.float32), DepthKind.METRIC)
             output.append(
-                output.encode(VideoFrame(Frame(picture, timestamp_s=metres / 25), depth, (0, 1)))
+                output.encode(DepthFrame(Frame(picture, timestamp_s=metres / 25), depth, (0, 1)))
             )
         output.finish()
     return path

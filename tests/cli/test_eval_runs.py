@@ -30,11 +30,11 @@ from depthcli.evaluation.table import HEADLINE_TABLE
 from depthcli.export.trained import export_run
 from depthcli.inference.pipeline import load
 from depthcli.jobs.evaluate.runs import RunsRequest, compare_runs
-from depthcli.training.config.changes import updated
+from depthcli.training.callbacks import Callback
+from depthcli.training.config.overrides import updated
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
-from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
@@ -57,7 +57,7 @@ def _config(method: str, seed: int = 0) -> TrainConfig:
 def _train(config: TrainConfig, data: DepthDataset, folder: Path, steps: float = math.inf) -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
     opened = TrainingData(data, "rooms", None)
-    fit(config, opened, folder, fabric, Watcher(), Limits(steps=steps))
+    fit(config, opened, folder, fabric, Callback(), Limits(steps=steps))
 
 
 def _large() -> Rooms:

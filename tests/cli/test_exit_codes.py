@@ -19,7 +19,7 @@ from tiny import write_picture
 from depthcli.cli import shell
 from depthcli.cli.table import COMMANDS
 from depthcli.errors import NO_THREADS, InputError
-from depthcli.jobs.batch.task import reason
+from depthcli.jobs.batch.task import failure_reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -120,7 +120,7 @@ def test_ctrl_c_says_nothing(
     ],
 )
 def test_an_input_of_a_batch_says_what_was_lacking(error: Exception, said: str) -> None:
-    assert reason(error) == said
+    assert failure_reason(error) == said
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux how much memory is in use")

@@ -15,7 +15,7 @@ from tiny import write_model
 
 from depthcli.cli import shell
 from depthcli.cli.profile_files import _toml, write_profile
-from depthcli.cli.table import COMMANDS, PROFILED
+from depthcli.cli.table import COMMANDS, PROFILE_COMMANDS
 from depthcli.errors import OutputError
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def test_a_model_s_path_is_found_from_everywhere(home: Home, picture: Path) -> N
     assert told(home.run("predict", picture, "--profile", "p", "--json")[1])["model"] == "mine"
 
 
-@pytest.mark.parametrize("name", [name for name in COMMANDS if name in PROFILED])
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name in PROFILE_COMMANDS])
 def test_every_such_command_takes_profiles_and_its_options_are_saved(name: str) -> None:
     command = shell.load_command(name)
     saved = {word for p in shell.load_command("profile").commands["save"].params for word in p.opts}
@@ -214,7 +214,7 @@ def test_an_option_of_another_command_is_passed_over(home: Home, picture: Path) 
         params = shell.load_command(name).params
         return {word for p in params for word in p.opts if word.startswith("--")}
 
-    others = set().union(*(keys(name) for name in PROFILED & COMMANDS.keys() - {"predict"}))
+    others = set().union(*(keys(name) for name in PROFILE_COMMANDS & COMMANDS.keys() - {"predict"}))
     only = sorted(others - keys("predict") - {"--out"})
     if not only:
         pytest.skip("predict is the only such command")

@@ -14,10 +14,10 @@ from tiny import write_model
 from videos import write_mp4
 
 from depthcli.cli.screen import console, progress
-from depthcli.cli.screen.training import Lines
+from depthcli.cli.screen.training import TextCallback
+from depthcli.training.callbacks import TrainStart
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.threads import Threads
-from depthcli.training.watchers import TrainStart
 
 if TYPE_CHECKING:
     from command_line import Cli
@@ -46,7 +46,7 @@ def test_results_go_to_their_file_while_a_bar_is_shown(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")  # Rich takes standard error for a terminal
-    with console.bar():
+    with console.progress_bar():
         console.out("Größe")
     assert capfd.readouterr().out == "Größe\n"
 
@@ -72,7 +72,7 @@ def test_elsewhere_a_line_is_said_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(progress, "_LINE_EVERY_S", 0)
-    with progress.drawn(silent=False) as drawing:
+    with progress.show_progress(silent=False) as drawing:
         drawing.begin("a.mp4", 4, "frames")(2)
     said = capsys.readouterr().err
     assert re.fullmatch(r"a\.mp4: 2/4  \d+\.\d frames/s  \d+:\d\d to go\n", said)
@@ -82,7 +82,7 @@ def test_what_took_no_time_says_nothing_of_the_time_to_go(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(progress, "_LINE_EVERY_S", 0)
-    with progress.drawn(silent=False) as drawing:
+    with progress.show_progress(silent=False) as drawing:
         stage = drawing.begin("", 4, "inputs")
         stage.note = "1 failed"
         stage.skip(3)
@@ -92,7 +92,7 @@ def test_what_took_no_time_says_nothing_of_the_time_to_go(
 def test_a_stage_of_unknown_length_is_announced_where_that_is_wanted(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with progress.drawn(silent=False, announces=True) as drawing:
+    with progress.show_progress(silent=False, announce=True) as drawing:
         drawing.begin("predicting", None)(1)
     assert capsys.readouterr().err == "predicting\n"
 
@@ -104,9 +104,9 @@ def test_a_training_run_that_goes_on_has_a_bar_from_where_it_was(
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setattr(progress, "_BAR_EVERY_S", 0)
     with ExitStack() as stack:
-        lines = Lines(stack)
-        lines.begin(TrainStart(Threads(1, 1, timed=False), lacks_scenes=False))
-        lines.step(RunProgress(step=400), 1000, {})
+        lines = TextCallback(stack)
+        lines.on_train_start(TrainStart(Threads(1, 1, timed=False), lacks_scenes=False))
+        lines.on_step_end(RunProgress(step=400), 1000, {})
     shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capfd.readouterr().err)
     assert "training" in shown
     assert " 400/1000 " in shown

@@ -20,7 +20,7 @@ from depthcli.io.depth.read import read_depth
 from depthcli.io.exr_pictures import read_exr_rate
 from depthcli.video.depth import DepthVideo
 from depthcli.video.frame_source import is_sequence, open_frames
-from depthcli.video.number_pattern import number_name, numbered, without_number
+from depthcli.video.number_pattern import base_name, number_in, numbered_name
 from depthcli.video.sequence_files import find_pictures
 from depthcli.video.spans import Point, Span
 
@@ -71,15 +71,15 @@ def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
     ],
 )
 def test_patterns_name_numbers(pattern: str, name: str, number: int | None) -> None:
-    assert numbered(pattern, name) == number
+    assert number_in(pattern, name) == number
     if number is not None:
-        assert number_name(pattern, number) == name
+        assert numbered_name(pattern, number) == name
 
 
 def test_what_the_files_of_a_pattern_share() -> None:
-    assert without_number("plate.%04d") == "plate"
-    assert without_number("%04d") == "sequence"
-    assert without_number("plate.####") == "plate"
+    assert base_name("plate.%04d") == "plate"
+    assert base_name("%04d") == "sequence"
+    assert base_name("plate.####") == "plate"
 
 
 def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> None:

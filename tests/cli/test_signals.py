@@ -13,7 +13,7 @@ from command_line import ROOT, Cli, unmeasured
 from onnx import TensorProto, helper
 from tiny import write_model, write_picture
 
-from depthcli.cli.signals import ending_signals, finishing
+from depthcli.cli.signals import ending_signals, graceful_shutdown
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "robustness"))
 import killed
@@ -102,7 +102,7 @@ def test_signals_that_the_caller_ignores_stay_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what nohup does
     try:
         assert signal.SIGHUP not in ending_signals()
-        with finishing(60.0, bool) as interrupt:
+        with graceful_shutdown(60.0, bool) as interrupt:
             signal.raise_signal(signal.SIGHUP)
             assert interrupt.number is None
             signal.raise_signal(signal.SIGTERM)

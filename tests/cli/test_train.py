@@ -81,7 +81,7 @@ def test_trains_stops_continues_and_reports(folder: Path) -> None:
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")
     other = _train(folder, *settings, "--set", "seed=1")
     assert other.returncode == 3
-    assert "belongs to another run: seed is 0 there, 1 here; give what" in other.stderr
+    assert "belongs to another run: seed is 0 there, 1 here; to continue" in other.stderr
     assert other.stderr.count("\n") == 1
 
 

@@ -17,7 +17,7 @@ from rooms import write_rooms
 from runs import ENVIRONMENT, inside
 
 from depthcli.cli.app import main
-from depthcli.cli.commands.train_all import _handed_on
+from depthcli.cli.commands.train_all import _forwarded_options
 from depthcli.cli.loading import plain_command
 from depthcli.training.checkpoint import Checkpoint
 
@@ -65,8 +65,8 @@ def _progress(folder: Path, run: str) -> tuple[str, int, int]:
 def test_each_run_gets_the_options_as_they_were_given() -> None:
     command, common = plain_command("train"), ["--methods", "cut", "--data", "d", "--out", "o"]
     words = ["--init", "a b.onnx", "--init", "c.ckpt", "--accelerator", "cpu", "--devices", "1"]
-    assert _handed_on(command.make_context("train", [*common, *words])) == words
-    assert "--init" not in _handed_on(command.make_context("train", common))
+    assert _forwarded_options(command.make_context("train", [*common, *words])) == words
+    assert "--init" not in _forwarded_options(command.make_context("train", common))
 
 
 def test_methods_and_seeds_are_trained_and_then_skipped(folder: Path) -> None:

@@ -86,7 +86,7 @@ def test_a_model_is_added_from_its_url(inside: Cli, bucket: Bucket, faults: Faul
     taken = inside("models", "add", url, "--name", "far")
     assert (taken.returncode, faults.seen.total()) == (2, 0)  # said before anything is fetched
     again = inside("models", "add", url, "--name", "again")
-    assert again.stderr.decode() == f"to get this very file again: --sha256 {digest}\n"
+    assert again.stderr.decode() == f"to get exactly this file again: --sha256 {digest}\n"
     assert all(method == "GET" for method, _ in faults.seen)
     assert inside("models", "add", url, "--sha256", "abc").returncode == 2
     gone = inside("models", "add", f"{url}x", "--name", "gone")

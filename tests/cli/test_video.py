@@ -19,10 +19,10 @@ from videos import NTSC, encode, flat_frames, write_mp4, write_video
 
 from depthcli.cli.arguments.span import parse_point, parse_span
 from depthcli.errors import UsageError
-from depthcli.io.depth.facts import stated_facts
+from depthcli.io.depth.metadata import read_metadata
 from depthcli.io.depth.read import read_depth
 from depthcli.video.depth import DepthVideo
-from depthcli.video.partial import held_steps
+from depthcli.video.partial import readable_steps
 from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def test_frames_take_what_they_lack_from_their_video_s_sidecar(cli: Cli) -> None
     other = sidecar | {"model_sha256": "0" * 64}
     for facts, orientation in ((sidecar, "1"), (old, "1"), (other, None)):
         path.write_text(json.dumps(facts))
-        assert stated_facts(cli.folder / "clip.depth.000001.png").get("orientation") == orientation
+        assert read_metadata(cli.folder / "clip.depth.000001.png").get("orientation") == orientation
     path.write_text(json.dumps(old))
     made_by = read_depth(cli.folder / "clip.depth.000001.npy").provenance
     assert made_by is not None
@@ -186,7 +186,7 @@ def test_a_reader_that_leaves_ends_a_pipe_in_silence(cli: Cli, long_video: Path)
 def test_depth_and_json_cannot_share_standard_output(cli: Cli) -> None:
     (cli.folder / "clip.mp4").write_bytes(b"never read")
     done = cli("video", "clip.mp4", "-o", "-", "--json")
-    assert (done.returncode, b"both want stdout" in done.stderr) == (2, True)
+    assert (done.returncode, b"both write to stdout" in done.stderr) == (2, True)
 
 
 def test_a_span_beyond_the_end_is_one_line(cli: Cli) -> None:
@@ -244,7 +244,7 @@ def test_an_interrupted_run_leaves_hidden_depth_to_go_on_with(
     assert len(left) == waits
     for path in left:
         assert path.name.startswith(".depthcli-")
-        assert len(list(held_steps(path))) > 0
+        assert len(list(readable_steps(path))) > 0
 
 
 @pytest.mark.parametrize("name", ["mkv", "mp4", "png16"])

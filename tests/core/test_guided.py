@@ -22,28 +22,28 @@ def scene(off: int = 0) -> tuple[np.ndarray, np.ndarray, Frame]:
     return true, coarse, Frame(np.where(true < 2, 60, 180).astype(np.uint8))
 
 
-def window(values: np.ndarray, y: int, x: int, reach: int) -> np.ndarray:
+def window(values: np.ndarray, y: int, x: int, radius: int) -> np.ndarray:
     """The values around a pixel, the edges repeated."""
-    rows = np.clip(np.arange(y - reach, y + reach + 1), 0, values.shape[0] - 1)
-    columns = np.clip(np.arange(x - reach, x + reach + 1), 0, values.shape[1] - 1)
+    rows = np.clip(np.arange(y - radius, y + radius + 1), 0, values.shape[0] - 1)
+    columns = np.clip(np.arange(x - radius, x + radius + 1), 0, values.shape[1] - 1)
     return values[np.ix_(rows, columns)]
 
 
-@pytest.mark.parametrize("reach", [1, 2])
-def test_lines_are_those_of_a_plain_loop(reach: int) -> None:
+@pytest.mark.parametrize("radius", [1, 2])
+def test_lines_are_those_of_a_plain_loop(radius: int) -> None:
     """He, Sun and Tang, eq. 5 and 6, with the gain; then the mean over all windows of a pixel."""
     rng = np.random.default_rng(5)
     coarse, guide = rng.uniform(2, 3, (7, 9)), rng.uniform(0, 0.2, (7, 9))
     slope, offset, low, high = (np.empty((7, 9)) for _ in range(4))
     for y, x in np.ndindex(7, 9):
-        depth, bright = window(coarse, y, x, reach), window(guide, y, x, reach)
+        depth, bright = window(coarse, y, x, radius), window(guide, y, x, radius)
         covariance = (depth * bright).mean() - depth.mean() * bright.mean()
         slope[y, x] = 1.5 * covariance / (bright.var() + 1e-3)
         offset[y, x] = depth.mean() - slope[y, x] * bright.mean()
         low[y, x], high[y, x] = depth.min(), depth.max()
-    fitted = GuidedMap.fit(np.float32(coarse), np.float32(guide), reach)
+    fitted = GuidedMap.fit(np.float32(coarse), np.float32(guide), radius)
     for found, single in ((fitted.slope, slope), (fitted.offset, offset)):
-        expected = [[window(single, y, x, reach).mean() for x in range(9)] for y in range(7)]
+        expected = [[window(single, y, x, radius).mean() for x in range(9)] for y in range(7)]
         np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose(fitted.low, low, rtol=1e-6)
     np.testing.assert_allclose(fitted.high, high, rtol=1e-6)
@@ -59,12 +59,12 @@ def test_edges_follow_the_picture_s(off: int) -> None:
     assert (steepest == 50 + off - 1).all()
 
 
-def test_the_reach_is_that_of_the_network_s_pixels() -> None:
+def test_the_radius_is_that_of_the_network_s_pixels() -> None:
     true, coarse, frame = scene()
     fine = resize_bilinear(coarse, 64, 48)
     errors = [
-        np.abs(upsample_guided(fine, frame, in_log=True, reach=reach) - true).mean()
-        for reach in (1, 2)
+        np.abs(upsample_guided(fine, frame, in_log=True, radius=radius) - true).mean()
+        for radius in (1, 2)
     ]
     assert errors[1] < 0.7 * errors[0]
 
@@ -197,4 +197,4 @@ def test_where_the_picture_is_no_finer_nothing_is_guided(size: tuple[int, int]) 
     coarse = np.random.default_rng(2).uniform(1, 3, (24, 32)).astype(np.float32)
     noise = Frame(np.random.default_rng(3).integers(0, 256, size, np.uint8))
     plain = resize_bilinear(coarse, size[1], size[0])
-    np.testing.assert_array_equal(upsample_guided(coarse, noise, in_log=True, reach=1), plain)
+    np.testing.assert_array_equal(upsample_guided(coarse, noise, in_log=True, radius=1), plain)

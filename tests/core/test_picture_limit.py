@@ -55,7 +55,7 @@ def test_choices_are_taken_as_plain_words_too() -> None:
     assert Detail(upsampling="bilinear").upsampling is Upsampling.BILINEAR  # type: ignore[arg-type]
 
 
-def test_tiles_of_less_than_nothing_are_refused() -> None:
+def test_tiles_of_a_negative_width_are_refused() -> None:
     assert Detail(tile_px=AUTO_TILE).tile_px == AUTO_TILE == 0
-    with pytest.raises(UsageError, match="-1 pixels"):
+    with pytest.raises(UsageError, match="0 or more, not -1"):
         Detail(tile_px=-1)

@@ -1,4 +1,4 @@
-"""Cuts, stillness, smoothing, flicker and range lock, against plain loops and known cases."""
+"""Cuts, motion, smoothing, flicker and range lock, against plain loops and known cases."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from depthcli.core.temporal.changes import GUIDE_PX, Change, Changes, box_mean, guide
+from depthcli.core.temporal.changes import THUMBNAIL_PX, Change, ChangeDetector, box_mean, thumbnail
 from depthcli.core.temporal.range_lock import RangeLock
 from depthcli.core.temporal.smoothing import (
     FlickerMeter,
     Smoother,
-    from_steps,
-    kept_share,
+    ema_decay,
+    from_log,
     sample_cells,
-    to_steps,
+    to_log,
 )
 from depthcli.core.types import DepthKind, DepthMap
 
@@ -51,7 +51,7 @@ def test_the_mean_of_a_box_is_that_of_a_loop(seed: int, height: int, width: int)
 
 def test_stillness_takes_the_largest_change_nearby() -> None:
     difference = noise(3) * np.float32(0.06)
-    still = Change(difference, is_cut=False).stillness
+    still = Change(difference, is_cut=False).static_weight
     for y in range(12):
         for x in range(16):
             near = max(at(difference, y + j, x + i) for j in (-1, 0, 1) for i in (-1, 0, 1))
@@ -60,22 +60,22 @@ def test_stillness_takes_the_largest_change_nearby() -> None:
 
 def test_a_change_of_two_percent_is_not_still() -> None:
     difference = np.float32([[0, np.nextafter(np.float32(0.02), np.float32(0)), 0.02, 1]])
-    assert Change(difference, is_cut=False).is_still.tolist() == [[True, True, False, False]]
+    assert Change(difference, is_cut=False).is_static.tolist() == [[True, True, False, False]]
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 def test_a_guide_is_brightness_at_a_bounded_size(dtype: type) -> None:
     top = 1 if dtype is np.float32 else np.iinfo(dtype).max
     pixels = np.full((300, 600, 3), top, dtype)
-    small = guide(pixels)
-    assert small.shape == (GUIDE_PX // 2, GUIDE_PX)
+    small = thumbnail(pixels)
+    assert small.shape == (THUMBNAIL_PX // 2, THUMBNAIL_PX)
     np.testing.assert_allclose(small, 1, atol=1e-5)
-    assert guide(pixels[:7, :9, 0]).shape == (7, 9)
-    assert guide(pixels[:1]).shape == guide(pixels[:, :1]).T.shape == (1, GUIDE_PX)
+    assert thumbnail(pixels[:7, :9, 0]).shape == (7, 9)
+    assert thumbnail(pixels[:1]).shape == thumbnail(pixels[:, :1]).T.shape == (1, THUMBNAIL_PX)
 
 
 def test_a_new_scene_is_a_cut_and_motion_is_not() -> None:
-    changes = Changes()
+    changes = ChangeDetector()
     scene = noise(0)
     assert changes.step(scene).is_cut  # the first picture
     assert not changes.step(scene).is_cut
@@ -88,11 +88,11 @@ def test_a_new_scene_is_a_cut_and_motion_is_not() -> None:
 
 
 def test_steady_large_changes_are_not_all_cuts() -> None:
-    changes = Changes()
+    changes = ChangeDetector()
     levels = [0.0, 0.12, 0.24, 0.36, 0.48, 0.6]
     cuts = [changes.step(np.full((8, 8), level, np.float32)).is_cut for level in levels]
     assert cuts[:2] == [True, True]
-    slow = Changes()
+    slow = ChangeDetector()
     levels = [0.0, 0.03, 0.08, 0.16, 0.25, 0.34]
     cuts = [slow.step(np.full((8, 8), level, np.float32)).is_cut for level in levels]
     assert sum(cuts[1:]) <= 2
@@ -100,7 +100,7 @@ def test_steady_large_changes_are_not_all_cuts() -> None:
 
 def cuts(steps: list[float]) -> list[bool]:
     """Whether each step of a flat picture's brightness is a cut."""
-    changes = Changes()
+    changes = ChangeDetector()
     level = 0.5
     changes.step(np.full((8, 8), level, np.float32))
     found = []
@@ -129,26 +129,26 @@ def test_a_cut_stands_out_from_the_changes_of_its_own_scene() -> None:
     assert cuts([0.02] * 20 + [0.081]) == [False] * 20 + [True]
 
 
-STILL = Change(np.zeros((12, 16), np.float32), is_cut=False)
+STATIC = Change(np.zeros((12, 16), np.float32), is_cut=False)
 
 
 def test_smoothing_a_still_picture_is_an_exponential_mean() -> None:
-    smoother, kept = Smoother(), kept_share(1 / 30, 0.2)
+    smoother, decay = Smoother(), ema_decay(1 / 30, 0.2)
     expected = noise(0).astype(np.float64)
-    smoother.step(noise(0), STILL, kept)
+    smoother.step(noise(0), STATIC, decay)
     for seed in range(1, 8):
         now = noise(seed)
         for y in range(12):
             for x in range(16):
-                expected[y, x] = kept * expected[y, x] + (1 - kept) * now[y, x]
-        np.testing.assert_allclose(smoother.step(now, STILL, kept), expected, atol=1e-5)
+                expected[y, x] = decay * expected[y, x] + (1 - decay) * now[y, x]
+        np.testing.assert_allclose(smoother.step(now, STATIC, decay), expected, atol=1e-5)
 
 
 def test_smoothing_stops_where_the_picture_moves_and_at_cuts() -> None:
     difference = np.zeros((12, 16), np.float32)
     difference[:, 8:] = 0.5
     smoother = Smoother()
-    smoother.step(np.zeros((12, 16), np.float32), STILL, 0.9)
+    smoother.step(np.zeros((12, 16), np.float32), STATIC, 0.9)
     ones = np.ones((12, 16), np.float32)
     half = smoother.step(ones, Change(difference, is_cut=False), 0.9)
     np.testing.assert_allclose(half[:, :7], 0.1, atol=1e-6)
@@ -160,11 +160,11 @@ def test_holes_stay_holes_and_spread_to_nothing() -> None:
     smoother = Smoother()
     first, second = noise(0), noise(1)
     first[0, 0] = second[1, 1] = np.nan
-    smoother.step(first, STILL, 0.9)
-    smoothed = smoother.step(second, STILL, 0.9)
+    smoother.step(first, STATIC, 0.9)
+    smoothed = smoother.step(second, STATIC, 0.9)
     assert np.isnan(smoothed[1, 1])
     assert smoothed[0, 0] == second[0, 0]
-    assert np.isfinite(smoother.step(noise(2), STILL, 0.9)).all()
+    assert np.isfinite(smoother.step(noise(2), STATIC, 0.9)).all()
 
 
 def test_flicker_is_the_mean_change_of_still_pixels() -> None:
@@ -187,13 +187,13 @@ def test_flicker_is_the_mean_change_of_still_pixels() -> None:
 
 def test_flicker_of_one_frame_is_unknown_and_of_no_unit_is_scaled() -> None:
     meter = FlickerMeter(DepthKind.INVERSE)
-    meter.step(noise(0), STILL)
+    meter.step(noise(0), STATIC)
     assert meter.value is None
     scaled = FlickerMeter(DepthKind.INVERSE)
-    scaled.step(noise(0) * 100, STILL)
+    scaled.step(noise(0) * 100, STATIC)
     for seed in range(3):
-        meter.step(noise(seed), STILL)
-        scaled.step(noise(seed) * 100, STILL)
+        meter.step(noise(seed), STATIC)
+        scaled.step(noise(seed) * 100, STATIC)
     assert meter.value is not None
     assert scaled.value == pytest.approx(meter.value, rel=1e-5)
 
@@ -202,14 +202,14 @@ def test_flicker_of_one_frame_is_unknown_and_of_no_unit_is_scaled() -> None:
 def test_steps_go_there_and_back(kind: DepthKind) -> None:
     values = noise(0) + np.float32(0.1)
     values[0] = np.nan
-    back = from_steps(to_steps(DepthMap(values, kind)), kind)
+    back = from_log(to_log(DepthMap(values, kind)), kind)
     np.testing.assert_allclose(back, values, rtol=1e-6)
 
 
 def test_no_depth_has_no_logarithm() -> None:
     values = np.array([[0, -1, np.inf, np.nan]], np.float32)
     with np.errstate(all="raise"):  # nor a word of it
-        assert np.isnan(to_steps(DepthMap(values))).all()
+        assert np.isnan(to_log(DepthMap(values))).all()
 
 
 def test_a_sample_is_the_middle_of_each_cell() -> None:
@@ -219,14 +219,14 @@ def test_a_sample_is_the_middle_of_each_cell() -> None:
 
 
 def test_the_range_is_an_exponential_mean_of_logarithms() -> None:
-    lock, kept = RangeLock(), 0.8
-    low, high = lock.step(1.0, 10.0, kept)
+    lock, decay = RangeLock(), 0.8
+    low, high = lock.step(1.0, 10.0, decay)
     assert (low, high) == (1, 10)
     for own_low, own_high in [(2.0, 8.0), (0.5, 20.0), (1.0, 9.0)]:
-        expected = low**kept * own_low ** (1 - kept), high**kept * own_high ** (1 - kept)
-        low, high = lock.step(own_low, own_high, kept)
+        expected = low**decay * own_low ** (1 - decay), high**decay * own_high ** (1 - decay)
+        low, high = lock.step(own_low, own_high, decay)
         assert (low, high) == pytest.approx(expected)
-    assert lock.step(3.0, 4.0, kept, is_cut=True) == (3, 4)
+    assert lock.step(3.0, 4.0, decay, is_cut=True) == (3, 4)
 
 
 def test_a_range_that_passes_zero_is_averaged_as_it_is() -> None:
@@ -236,8 +236,8 @@ def test_a_range_that_passes_zero_is_averaged_as_it_is() -> None:
 
 
 def test_without_a_time_constant_nothing_is_kept() -> None:
-    assert kept_share(0.1, 0) == 0
-    assert kept_share(0.1, 0.1) == pytest.approx(math.exp(-1))
+    assert ema_decay(0.1, 0) == 0
+    assert ema_decay(0.1, 0.1) == pytest.approx(math.exp(-1))
     lock = RangeLock()
     lock.step(1.0, 2.0, 0)
     assert lock.step(5.0, 7.0, 0) == pytest.approx((5, 7))

@@ -15,7 +15,7 @@ from depthcli.datasets.training_data import open_training_data
 from depthcli.datasets.unpaired_folder import UnpairedFolder
 from depthcli.errors import DatasetError
 from depthcli.training.config.schema import DataConfig
-from depthcli.training.setup import divide
+from depthcli.training.setup import train_val_split
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -100,7 +100,7 @@ def test_what_training_holds_out_of_the_complete_set_is_the_val_split(tmp_path: 
     rows = [f"{label:04d},scene-{label // 3:03d},train" for label in range(0, 1449, 23)]
     whole = open_nyu(_nyu(tmp_path, rows))
     data = open_training_data(tmp_path, paired=True).dataset
-    train, held_out = divide(data, DataConfig())
+    train, held_out = train_val_split(data, DataConfig())
     split = split_nyu(whole, SplitName.VAL)
     assert [data.ids[i] for i in held_out] == [whole.ids[i] for i in split.test]
     assert [data.ids[i] for i in train] == [whole.ids[i] for i in split.train]

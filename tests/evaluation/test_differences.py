@@ -63,7 +63,7 @@ def test_every_digit_follows_from_the_scores() -> None:
     [(0.1, 0.2, True), (-0.2, -0.1, True), (0.0, 0.2, False), (-0.2, 0.0, False)],
 )
 def test_an_end_at_zero_is_not_clear_of_it(low: float, high: float, clear: bool) -> None:
-    assert Interval(0.1, low, high).clear is clear
+    assert Interval(0.1, low, high).is_significant is clear
 
 
 def test_pictures_of_one_scene_are_no_evidence_of_their_own() -> None:
@@ -78,7 +78,7 @@ def test_pictures_of_one_scene_are_no_evidence_of_their_own() -> None:
 @pytest.mark.parametrize(("shift", "clear"), [(0.5, True), (-0.5, True), (0.0, False)])
 def test_clear_is_what_leaves_zero_outside(shift: float, clear: bool) -> None:
     values = np.linspace(-0.2, 0.2, 60)
-    assert scene_interval(values + shift, SCENES).clear is clear
+    assert scene_interval(values + shift, SCENES).is_significant is clear
 
 
 def test_pictures_without_a_score_are_left_out() -> None:
@@ -86,7 +86,7 @@ def test_pictures_without_a_score_are_left_out() -> None:
     assert scene_interval(values, ["a", "b", "c"]).mean == pytest.approx(0.2)
     none = scene_interval(np.full(3, math.nan), ["a", "b", "c"])
     assert math.isnan(none.mean)
-    assert not none.clear
+    assert not none.is_significant
 
 
 def _row(name: str, abs_rel: list[float], alignment: Alignment = Alignment.NONE) -> ReportRow:

@@ -13,7 +13,7 @@ from depthcli._version import __version__
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.datasets.splits import Split, SplitName
 from depthcli.errors import UsageError
-from depthcli.evaluation.reports.figures import Figure, choose, draw_figures, scene_type
+from depthcli.evaluation.reports.figures import Figure, choose_pictures, draw_figures, scene_type
 from depthcli.evaluation.reports.html import html_page
 from depthcli.evaluation.reports.text import Page
 from depthcli.evaluation.table import EvalTask
@@ -45,28 +45,28 @@ def test_every_type_of_scene_is_shown_before_any_is_shown_twice() -> None:
     scenes = [f"kitchen_{i:04d}" for i in range(9)] + ["living_room_0001a", "office_0003"]
     task = _task(scenes)
     for count in (3, 4, 6):
-        chosen = choose(task, (), count)
+        chosen = choose_pictures(task, (), count)
         assert len(chosen) == count
         assert {scene_type(scenes[i]) for i in chosen} == {"kitchen", "living_room", "office"}
-        assert chosen == choose(task, (), count) == tuple(sorted(chosen))
-    two = choose(task, (), 2)
+        assert chosen == choose_pictures(task, (), count) == tuple(sorted(chosen))
+    two = choose_pictures(task, (), 2)
     assert len({scene_type(scenes[i]) for i in two}) == 2
-    assert choose(task, (), 100) == tuple(range(len(scenes)))
-    assert len(choose(task)) == 6
+    assert choose_pictures(task, (), 100) == tuple(range(len(scenes)))
+    assert len(choose_pictures(task)) == 6
 
 
 def test_of_each_type_the_middle_is_shown_first() -> None:
     task = _task(["a_1", "a_2", "a_3", "b_1", "b_2", "b_3", "b_4", "b_5"])
-    assert [choose(task, (), count) for count in (1, 2, 4)] == [(1,), (1, 5), (0, 1, 4, 5)]
+    assert [choose_pictures(task, (), count) for count in (1, 2, 4)] == [(1,), (1, 5), (0, 1, 4, 5)]
     many = _task([f"{kind}_{i}" for kind in "abcde" for i in range(3)])
-    assert [choose(many, (), count) for count in (2, 3)] == [(1, 13), (1, 7, 13)]
+    assert [choose_pictures(many, (), count) for count in (2, 3)] == [(1, 13), (1, 7, 13)]
 
 
 def test_named_pictures_keep_their_order_and_must_be_compared() -> None:
     task = _task(["a_1", "b_1", "c_1"])
-    assert choose(task, ["0002", "0000"]) == (2, 0)
+    assert choose_pictures(task, ["0002", "0000"]) == (2, 0)
     with pytest.raises(UsageError, match="0009 is not among the 3 pictures"):
-        choose(task, ["0009"])
+        choose_pictures(task, ["0009"])
 
 
 def test_columns_are_input_predictors_and_truth_in_one_range() -> None:

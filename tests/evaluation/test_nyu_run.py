@@ -128,7 +128,7 @@ def test_progress_is_told_after_each_image() -> None:
 
 def test_error_about_the_truth_names_the_pair() -> None:
     dataset = small_set()
-    with pytest.raises(DatasetError, match="0003: the depth is 16×12 but the protocol is about"):
+    with pytest.raises(DatasetError, match="0003: the depth is 16×12 but the protocol needs"):
         evaluate(dataset, (3,), [], EvalProtocol())
 
 

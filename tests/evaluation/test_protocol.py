@@ -55,7 +55,7 @@ def test_raw_depth_of_another_size() -> None:
 
 
 def test_truth_has_to_have_the_full_size() -> None:
-    with pytest.raises(DatasetError, match=r"the depth is 16×12 .* about 640×480"):
+    with pytest.raises(DatasetError, match=r"the depth is 16×12 .* needs 640×480"):
         EvalProtocol().truth(np.ones((HEIGHT, WIDTH), np.float32))
     assert EvalProtocol(full_size_px=None).truth(np.ones((3, 5), np.float32)).valid.all()
 

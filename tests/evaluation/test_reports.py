@@ -31,7 +31,7 @@ MODEL = ReportRow(
     model_sha256="ab12",
     images=(ImageScores("0001", SCORES, EDGES), ImageScores("0002", Scores.of())),
     boundary=EDGES,
-    learned_count=1,
+    train_overlap=1,
 )
 PRINTED = ReportRow("CUT (paper)", Source.PUBLISHED, None, 449, Scores.of(abs_rel=0.345))
 REPORT = EvalReport(

@@ -24,7 +24,7 @@ from depthcli.evaluation.reports.runs_text import runs_page
 from depthcli.evaluation.run import Entry, evaluate
 from depthcli.evaluation.runs_table import evaluate_runs
 from depthcli.evaluation.table import EvalOptions, EvalTask
-from depthcli.evaluation.trained import TrainedModel, grouped, plan_comparison
+from depthcli.evaluation.trained import TrainedModel, group_by_seed, plan_comparison
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
@@ -122,11 +122,11 @@ def test_rows_are_means_over_seeds_in_the_papers_order(
         assert {run.name for run in line.runs} == {m.run.name for m in members[row.name]}
         assert not any(run.images for run in line.runs)
         if len(each) == 1:
-            assert line.spread is None
+            assert line.std is None
         else:
-            assert line.spread is not None
+            assert line.std is not None
             expected = [statistics.stdev(c) for c in columns]
-            assert line.spread.values == pytest.approx(expected, rel=1e-6, abs=1e-12)
+            assert line.std.values == pytest.approx(expected, rel=1e-6, abs=1e-12)
             assert (max(expected) > 0.1) is (row.alignment is NONE)  # no factor is left after it
 
 
@@ -177,8 +177,8 @@ def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[Traine
     known = ["model", "none", "val", "2", PROTOCOL.name]
     costs = ["yes", "1 0", "3 4", "4", "60 80", "2.50 1.23", "1234567", "10.500"]
     (proposed,) = (line for line in report.rows if line.row.name == "proposed")
-    assert proposed.spread is not None
-    numbers = [*proposed.row.scores.values, *proposed.spread.values]
+    assert proposed.std is not None
+    numbers = [*proposed.row.scores.values, *proposed.std.values]
     assert records["proposed"] == ["proposed", *known, *costs, *map(repr, numbers)]
     assert records["cut"][-9:] == [""] * 9
     assert records["CUT (paper)"][:14] == [
@@ -317,9 +317,9 @@ def test_what_cannot_be_compared(runs: Sequence[TrainedRun], problem: str) -> No
 )
 def test_a_group_differs_in_its_seeds_alone(first: TrainedRun, second: TrainedRun) -> None:
     with pytest.raises(UsageError, match="are not seeds of one configuration"):
-        grouped([first, second])
+        group_by_seed([first, second])
     seeds = _run("a-seed1", LONGER)
-    assert grouped([first, seeds, _run("b2")]) == {"a": (first, seeds), "b2": (_run("b2"),)}
+    assert group_by_seed([first, seeds, _run("b2")]) == {"a": (first, seeds), "b2": (_run("b2"),)}
 
 
 def test_pictures_are_read_by_nobody_else(models: list[TrainedModel]) -> None:

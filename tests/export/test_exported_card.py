@@ -11,7 +11,7 @@ from small import write_checkpoint
 
 from depthcli.export.card import card_of, card_path
 from depthcli.export.options import ExportOptions
-from depthcli.inference.preprocess import layout
+from depthcli.inference.preprocess import input_layout
 from depthcli.models.card import ModelCard
 from depthcli.training.checkpoint import Checkpoint
 
@@ -109,7 +109,7 @@ def test_a_card_keeps_the_pixels_that_the_network_learned(
     """Pictures of any aspect were stretched to 48 x 32."""
     spec = _card(tmp_path, aspect=aspect).input
     assert (spec.fit, spec.pixel_aspect) == ("keep-aspect", pytest.approx(pixel_aspect, abs=1e-9))
-    place = layout(spec, round(480 * aspect), 480)
+    place = input_layout(spec, round(480 * aspect), 480)
     assert (place.width, place.height) == (48, 32)
 
 
@@ -130,4 +130,4 @@ def test_what_parity_lets_pass(
 ) -> None:
     pictures = tmp_path if has_pictures else None
     options = ExportOptions(half=half, tolerance=tolerance, int8_pictures=pictures)
-    assert options.allowed == (usual if tolerance is None else tolerance)
+    assert options.max_difference == (usual if tolerance is None else tolerance)

@@ -13,7 +13,7 @@ import torch
 from onnx import TensorProto
 from small import ALL, EFFICIENT, RESNET, small_network
 
-from depthcli.export.graph import build_graph, folded, halve_weights
+from depthcli.export.graph import build_graph, fold_batch_norm, weights_to_float16
 
 if TYPE_CHECKING:
     from depthcli.training.config.schema import GeneratorConfig
@@ -97,7 +97,7 @@ def test_everything_is_in_one_file_that_tells_nothing_of_this_machine() -> None:
 def test_folding_leaves_the_network_as_it_was() -> None:
     network = small_network(EFFICIENT).train()
     before = {name: value.clone() for name, value in network.state_dict().items()}
-    copy = folded(network)
+    copy = fold_batch_norm(network)
     assert network.training
     assert not any(isinstance(m, torch.nn.BatchNorm2d) for m in copy.modules())
     torch.testing.assert_close(dict(network.state_dict()), before, rtol=0, atol=0)
@@ -119,7 +119,7 @@ def test_halved_weights_halve_the_file_and_keep_float32_sums(config: GeneratorCo
     image = _noise(2, 1, 32, 48)
     model = build_graph(small_network(config))
     whole, wanted = _weight_bytes(model), _run(model, image)
-    halve_weights(model)
+    weights_to_float16(model)
     onnx.checker.check_model(model, full_check=True)
     assert _weight_bytes(model) < 0.56 * whole
     found = _run(model, image)
@@ -140,7 +140,7 @@ def test_small_and_whole_numbers_are_not_halved() -> None:
     graph = onnx.helper.make_graph([node], "g", [], [output], [*weights, whole])
     opset = onnx.helper.make_opsetid("", 17)
     model = onnx.helper.make_model(graph, opset_imports=[opset], ir_version=8)
-    halve_weights(model)
+    weights_to_float16(model)
     assert [tensor.name for tensor in model.graph.initializer] == ["a", "b_half", "c"]
     session = onnxruntime.InferenceSession(model.SerializeToString())
     kept, halved = np.split(session.run(None, {})[0], [63])

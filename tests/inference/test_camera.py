@@ -16,7 +16,7 @@ from depthcli.core.choices import Detail
 from depthcli.core.types import CameraSource, Frame, Provenance
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline, load
-from depthcli.inference.preprocess import layout
+from depthcli.inference.preprocess import input_layout
 from depthcli.io.writers.ply import PlyWriter
 from depthcli.models.card import ModelCard
 
@@ -51,7 +51,7 @@ def test_metres_follow_the_focal_length_that_the_network_sees(
 ) -> None:
     pipeline, (width, height) = model(tmp_path, **fit), shape
     depth = pipeline.predict(black(width, height), focal_px=50)
-    place = layout(pipeline.card.input, width, height)
+    place = input_layout(pipeline.card.input, width, height)
     across, down = place.width / width, place.height / height
     seen_px = 50 * (min(across, down) if place.is_padded else math.sqrt(across * down))
     assert depth.values[0, 0] == pytest.approx(seen_px / LEARNED_PX, rel=1e-6)

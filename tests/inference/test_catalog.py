@@ -11,7 +11,7 @@ import pytest
 from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError
-from depthcli.models import catalog, places
+from depthcli.models import catalog, locations
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -83,7 +83,7 @@ def test_the_list_names_each_model_once(tmp_path: Path, monkeypatch: pytest.Monk
         write_model(tmp_path / name)
     (tmp_path / "b" / "no-model").mkdir()
     monkeypatch.setenv("DEPTHCLI_MODELS", f"{tmp_path / 'a'}:{tmp_path / 'b'}:{tmp_path / 'none'}")
-    found = dict(places.list_places())
+    found = dict(locations.list_locations())
     assert found["x"].path == tmp_path / "a" / "x" / "card.json"
     assert found["y"].path == tmp_path / "b" / "y" / "card.json"
     assert "no-model" not in found

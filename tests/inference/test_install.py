@@ -17,10 +17,10 @@ from tiny import card_with, tiny_onnx, write_model
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
 from depthcli.io.storage.atomic_folder import workspace
 from depthcli.jobs.install_model import add_model, remove_model
-from depthcli.models import places
+from depthcli.models import locations
 from depthcli.models.catalog import find_model
+from depthcli.models.locations import list_locations, roots, user_root
 from depthcli.models.onnx_file import versions
-from depthcli.models.places import list_places, roots, user_root
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def test_the_card_is_completed_from_the_file(own: Path, file: Path, tmp_path: Pa
     assert card["onnx"] == {"opset": 17, "ir": 8}
     assert (own / "tiny" / card["file"]).read_bytes() == file.read_bytes()
     assert find_model("tiny").card == model.card
-    assert "tiny" in dict(list_places())
+    assert "tiny" in dict(list_locations())
 
 
 def test_a_card_may_be_called_anything(own: Path, file: Path, tmp_path: Path) -> None:
@@ -230,13 +230,13 @@ def test_a_folder_that_cannot_be_made_is_an_error(
 _KILLED = """
 import os, sys
 from pathlib import Path
-from depthcli.io.storage.atomic_folder import put_folder
+from depthcli.io.storage.atomic_folder import replace_folder
 left = [None] * int(sys.argv[1])
 def hook(event, _):
     if event == "os.rename":
         left.pop() if left else os._exit(9)
 sys.addaudithook(hook)
-put_folder(Path(sys.argv[2]), Path(sys.argv[3]), "card.json")
+replace_folder(Path(sys.argv[2]), Path(sys.argv[3]), "card.json")
 """
 
 
@@ -349,7 +349,7 @@ def test_the_user_s_folder_follows_the_variables(
 
 def test_what_is_half_written_is_not_listed(own: Path) -> None:
     write_model(own / ".depthcli-0123")
-    assert not any(name.startswith(".") for name, _ in list_places())
+    assert not any(name.startswith(".") for name, _ in list_locations())
 
 
 def test_opset_and_ir_are_read_from_the_bytes() -> None:
@@ -362,5 +362,5 @@ def test_opset_and_ir_are_read_from_the_bytes() -> None:
 
 
 def test_a_place_is_a_folder_or_a_file(tmp_path: Path) -> None:
-    assert places.place_at(tmp_path) is None
-    assert places.place_at(write_model(tmp_path / "m")) is not None
+    assert locations.location_at(tmp_path) is None
+    assert locations.location_at(write_model(tmp_path / "m")) is not None

@@ -11,7 +11,7 @@ from depthcli.core.choices import Upsampling
 from depthcli.core.codec import Transform
 from depthcli.core.types import DepthKind, Frame
 from depthcli.inference.postprocess import blends_in_log, coarse_depth, full_size
-from depthcli.inference.preprocess import Layout, layout, prepare
+from depthcli.inference.preprocess import Layout, input_layout, prepare
 from depthcli.models.card_specs import MAX_INPUT_PIXELS, Colour, Fit, InputSpec, OutputSpec
 
 
@@ -88,7 +88,7 @@ def test_any_picture_gives_the_network_s_size(size: tuple[int, int]) -> None:
 )
 def test_a_dynamic_size_is_a_multiple(width: int, height: int, step: int, fit: Fit) -> None:
     dynamic = spec(width=160, height=128, multiple_of=step, fit=fit)
-    place = layout(dynamic, width, height)
+    place = input_layout(dynamic, width, height)
     assert place.width % step == place.height % step == 0
     assert min(place.width, place.height) > 0
     longer = max(width, height) > 2 * min(width, height)
@@ -113,19 +113,19 @@ def test_a_line_of_pixels_has_a_size(
 
 def test_a_line_of_pixels_is_no_larger_than_the_largest_input() -> None:
     bounded = spec(width=4096, height=2048, multiple_of=32, fit=Fit.LOWER_BOUND)
-    place = layout(bounded, 30_000, 1)
+    place = input_layout(bounded, 30_000, 1)
     assert 2**23 < place.width * place.height <= MAX_INPUT_PIXELS
 
 
 def test_a_dynamic_size_keeps_aspect_and_pixel_count() -> None:
-    place = layout(spec(width=160, height=120, fit=Fit.KEEP_ASPECT), 1000, 520)
+    place = input_layout(spec(width=160, height=120, fit=Fit.KEEP_ASPECT), 1000, 520)
     assert place.width / place.height == pytest.approx(1000 / 520, rel=0.02)
     assert place.width * place.height == pytest.approx(160 * 120, rel=0.02)
 
 
 @pytest.mark.parametrize("size", [(30000, 1), (1, 30000), (4000, 500), (1, 1_000_000)])
 def test_a_long_strip_is_padded_to_two_to_one(size: tuple[int, int]) -> None:
-    place = layout(spec(width=192, height=144, multiple_of=4, fit=Fit.KEEP_ASPECT), *size)
+    place = input_layout(spec(width=192, height=144, multiple_of=4, fit=Fit.KEEP_ASPECT), *size)
     long, short = (0, 1) if size[0] > size[1] else (1, 0)
     outer, inner = (place.width, place.height), (place.inner_width, place.inner_height)
     assert (outer[long], outer[short]) == (236, 116)
@@ -135,12 +135,12 @@ def test_a_long_strip_is_padded_to_two_to_one(size: tuple[int, int]) -> None:
 
 def test_a_network_that_learned_longer_pictures_sees_them_so() -> None:
     kitti = spec(width=600, height=100, fit=Fit.KEEP_ASPECT)
-    assert layout(kitti, 1200, 200) == Layout(600, 100, 0, 0, 600, 100)
+    assert input_layout(kitti, 1200, 200) == Layout(600, 100, 0, 0, 600, 100)
 
 
 @given(st.integers(1, 5000), st.integers(1, 5000))
 def test_a_letterbox_lies_inside(width: int, height: int) -> None:
-    place = layout(spec(dynamic=False, fit=Fit.KEEP_ASPECT), width, height)
+    place = input_layout(spec(dynamic=False, fit=Fit.KEEP_ASPECT), width, height)
     assert (place.width, place.height) == (16, 12)
     assert 0 <= place.left <= place.width - place.inner_width
     assert 0 <= place.top <= place.height - place.inner_height
@@ -232,5 +232,5 @@ def test_a_bound_holds_where_rounding_would_cross_it(
     fit: Fit, size: tuple[int, int], seen: tuple[int, int]
 ) -> None:
     width, height = size
-    found = layout(spec(width=width, height=height, multiple_of=5, fit=fit), width, height)
+    found = input_layout(spec(width=width, height=height, multiple_of=5, fit=fit), width, height)
     assert found == Layout(*seen, 0, 0, *seen)

@@ -14,12 +14,12 @@ from onnx import TensorProto, helper, numpy_helper
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline
-from depthcli.inference.preprocess import layout, prepare
+from depthcli.inference.preprocess import input_layout, prepare
 from depthcli.inference.session import Session
 from depthcli.jobs.install_model import add_model
 from depthcli.models.card_specs import Fit
 from depthcli.models.catalog import find_model
-from depthcli.models.preprocessing_check import command_to_check, preprocessing_check
+from depthcli.models.preprocessing_check import check_command, preprocessing_check
 from depthcli.models.ready_cards import ready_card, ready_names
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def test_a_card_says_how_its_preprocessing_was_verified(tmp_path: Path, name: st
     added = add_model(file, name, name="mine").card
     assert preprocessing_check(added) == check
     inverse = added.output.kind is DepthKind.INVERSE
-    assert command_to_check(added).endswith("--model mine" + " --align disparity" * inverse)
+    assert check_command(added).endswith("--model mine" + " --align disparity" * inverse)
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def test_the_midas_release_gets_plain_colours() -> None:
 @pytest.mark.parametrize("size", [(100_000, 1), (1, 5000), (2000, 100)])
 def test_a_long_strip_does_not_fill_the_memory(size: tuple[int, int]) -> None:
     spec = ready_card("depth-anything-v2-small").input
-    place = layout(spec, *size)
+    place = input_layout(spec, *size)
     assert 0 < place.width * place.height <= 16 * spec.width * spec.height
     assert place.width % 14 == place.height % 14 == 0
 

@@ -14,7 +14,7 @@ import pytest
 from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError, ProviderError, UsageError
-from depthcli.inference.providers import available_providers, settled
+from depthcli.inference.providers import available_providers, fallback_warnings
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
 
@@ -130,9 +130,9 @@ def test_loading_prints_nothing_and_only_switches_telemetry_off(model_folder: Pa
 
 def test_a_silent_fall_back_is_an_error_if_the_provider_was_named() -> None:
     with pytest.raises(ProviderError, match="'cuda' does not start here"):
-        settled("cuda", "cuda", "cpu")
+        fallback_warnings("cuda", "cuda", "cpu")
 
 
 def test_a_silent_fall_back_is_a_warning_with_auto() -> None:
-    (warning,) = settled("auto", "cuda", "cpu")
+    (warning,) = fallback_warnings("auto", "cuda", "cpu")
     assert "'cuda' does not start here, running on 'cpu'" in warning

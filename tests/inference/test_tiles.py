@@ -210,7 +210,7 @@ def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_picture_reaches(
 
     joined = refine(spec, predict(frame), frame, 32, predict)
     expected, nearer = (
-        full_size(spec, joined, frame, Upsampling.GUIDED, reach=reach) for reach in (4, 3)
+        full_size(spec, joined, frame, Upsampling.GUIDED, radius=radius) for radius in (4, 3)
     )
     found = pipeline.predict(frame).values
     np.testing.assert_allclose(found, expected, rtol=1e-5)

@@ -20,8 +20,8 @@ from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.opencv_log import WARNINGS, set_log_level
-from depthcli.io.pictures import complaints
-from depthcli.io.pictures.codecs import PICTURE_SUFFIXES, can_code
+from depthcli.io.pictures import decoder_messages
+from depthcli.io.pictures.codecs import PICTURE_SUFFIXES, can_round_trip
 from depthcli.io.pictures.decode import decoded
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.regular import read_regular
@@ -110,10 +110,10 @@ def test_each_thread_hears_of_its_own_picture(name: str, capfd: pytest.CaptureFi
     "name", sorted(BAD.keys() & {"baseline cut at 50 %, closed", "TIFF of damaged LZW"})
 )
 def test_a_new_listener_hears_decoders_too(name: str, capfd: pytest.CaptureFixture[str]) -> None:
-    complaints._stderr.cache_clear()
+    decoder_messages._stderr.cache_clear()
     data = np.frombuffer(BAD[name][0], np.uint8)
     for _ in range(2):
-        with complaints.complaints() as said:
+        with decoder_messages.decoder_messages() as said:
             cv2.imdecode(data, cv2.IMREAD_COLOR)
         assert said
     assert capfd.readouterr().err == ""
@@ -121,8 +121,8 @@ def test_a_new_listener_hears_decoders_too(name: str, capfd: pytest.CaptureFixtu
 
 @pytest.mark.parametrize("suffix", PICTURE_SUFFIXES)
 def test_this_build_knows_every_format(suffix: str) -> None:
-    assert can_code(suffix)
-    assert not can_code(".none")
+    assert can_round_trip(suffix)
+    assert not can_round_trip(".none")
 
 
 def test_a_training_picture_with_lost_pixels_is_refused(tmp_path: Path) -> None:

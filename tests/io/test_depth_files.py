@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth.facts import stated_facts
+from depthcli.io.depth.metadata import read_metadata
 from depthcli.io.depth.read import depth_channel, read_depth
 from depthcli.io.png.encode import encode_png
 from depthcli.io.storage.atomic import atomic_path
@@ -99,7 +99,7 @@ def test_exr_under_a_name_that_is_not_utf_8(tmp_path: Path) -> None:
     ExrWriter().write(DepthMap(DEPTH_M, provenance=Provenance("m", "0" * 64, (1, 1))), path)
     assert [p.name for p in folder.iterdir()] == [path.name]
     np.testing.assert_array_equal(read_depth(path).values, DEPTH_M)
-    assert stated_facts(path)["model"] == "m"
+    assert read_metadata(path)["model"] == "m"
 
 
 def test_exr_on_a_full_disk_is_one_clear_error(tmp_path: Path) -> None:
@@ -210,7 +210,7 @@ def test_what_is_no_depth_file(name: str, content: bytes | None, tmp_path: Path)
     assert "\n" not in str(caught.value)
     if name == "a.exr":
         with pytest.raises(InputError, match=name):
-            stated_facts(tmp_path / name)
+            read_metadata(tmp_path / name)
 
 
 def test_pictures_and_other_suffixes_are_no_depth(tmp_path: Path) -> None:
@@ -235,7 +235,7 @@ def test_damage_is_an_error_or_a_map(name: Format, draw: st.DataObject) -> None:
         path.write_bytes(data[: draw.draw(st.integers(0, len(data)))])
         try:
             assert read_depth(path).values.ndim == 2
-            stated_facts(path)
+            read_metadata(path)
         except InputError:
             return
 
@@ -245,7 +245,7 @@ def test_any_bytes_after_the_signature_can_be_searched_for_text(data: bytes) -> 
     with TemporaryDirectory() as folder:
         path = Path(folder) / "a.png"
         path.write_bytes(b"\x89PNG\r\n\x1a\n" + data)
-        assert isinstance(stated_facts(path), dict)
+        assert isinstance(read_metadata(path), dict)
 
 
 def test_nothing_is_left_of_a_map_that_cannot_be_written(tmp_path: Path) -> None:
@@ -291,5 +291,5 @@ def test_a_focal_length_that_makes_no_sense_is_left_out(text: str, tmp_path: Pat
 def test_a_file_that_is_read_and_written_again_keeps_its_facts(tmp_path: Path) -> None:
     Png16Writer().write(DepthMap(DEPTH_M, provenance=STATED), tmp_path / "a.png")
     ExrWriter().write(read_depth(tmp_path / "a.png"), tmp_path / "b.exr")
-    facts = stated_facts(tmp_path / "b.exr")
+    facts = read_metadata(tmp_path / "b.exr")
     assert (facts["model"], facts["focal_px"]) == ("nyu", "518.75")

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from depthcli.io.pictures.ending import flaw
 from depthcli.io.pictures.exif import read_exif
+from depthcli.io.pictures.integrity import find_problem
 from depthcli.io.pictures.size import picture_size
-from depthcli.io.pictures.tiff import tiff_flaw, tiff_tags
+from depthcli.io.pictures.tiff import tiff_problem, tiff_tags
 from depthcli.io.png.chunks import read_text, text_chunk
 
 if TYPE_CHECKING:
@@ -105,9 +105,9 @@ Zstandard, WebP."""
 
 def test_codings_that_libtiff_knows() -> None:
     tried = {0, 65535, *(coding + d for coding in CODINGS for d in (-1, 0, 1))}
-    known = {c for c in tried if tiff_flaw(tiff("<", False, {259: (3, (c,))})) is None}
+    known = {c for c in tried if tiff_problem(tiff("<", False, {259: (3, (c,))})) is None}
     assert known == CODINGS
-    assert tiff_flaw(tiff("<", False, {})) is None
+    assert tiff_problem(tiff("<", False, {})) is None
 
 
 @pytest.mark.parametrize("parts", [(273, 279), (324, 325)], ids=["strips", "tiles"])
@@ -127,10 +127,10 @@ def test_every_part_is_there_and_whole(parts: tuple[int, int], coding: int) -> N
     damaged = [whole[0], whole[1][:-1] + b"\0"]
     short = [whole[0][:-5], whole[1]]
     for good in (whole, [whole[0] + b"padding", whole[1]]):
-        assert tiff_flaw(data(*good)) is None
-    assert "pixels of the TIFF are missing" in (tiff_flaw(data(*whole, lost=1)) or "")
+        assert tiff_problem(data(*good)) is None
+    assert "pixels of the TIFF are missing" in (tiff_problem(data(*whole, lost=1)) or "")
     for bad in (damaged, short):
-        found = tiff_flaw(data(*bad)) or ""
+        found = tiff_problem(data(*bad)) or ""
         assert ("cannot be inflated" in found) is (coding != 1)
 
 
@@ -241,15 +241,15 @@ def test_a_png_is_whole_up_to_its_end() -> None:
     data = made.png([b"\1\2"], 2, 8, 0, extra)
     first, last = data.index(b"tEXt") - 4, data.index(b"tEXt") - 4 + len(extra)
     end = data.index(b"IEND") - 4
-    assert flaw(data) is None
-    assert flaw(data + b"trailing") is None
+    assert find_problem(data) is None
+    assert find_problem(data + b"trailing") is None
     for cut in range(8, len(data)):
-        assert "has no end" in (flaw(data[:cut]) or ""), cut
+        assert "has no end" in (find_problem(data[:cut]) or ""), cut
     for at in range(8, end):  # a changed length may lead anywhere
-        found = flaw(_flipped(data, at))
+        found = find_problem(_flipped(data, at))
         assert (found is None) is (first + 4 <= at < last), at
     for at in range(end + 8, len(data)):
-        assert "checksum" in (flaw(_flipped(data, at)) or "")
+        assert "checksum" in (find_problem(_flipped(data, at)) or "")
 
 
 def test_texts_of_a_png() -> None:

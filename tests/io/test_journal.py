@@ -22,8 +22,8 @@ from depthcli.io.manifest.row import (
     Row,
     checksum,
     is_intact,
+    output_entry,
     parse_row,
-    written,
 )
 from depthcli.io.manifest.shard import WHOLE, Shard
 
@@ -70,7 +70,7 @@ def test_an_output_is_intact_until_it_changes(tmp_path: Path) -> None:
     path = tmp_path / "hall" / "a.png"
     path.parent.mkdir()
     path.write_bytes(b"depth")
-    file = written(tmp_path, path)
+    file = output_entry(tmp_path, path)
     assert (file.path, file.bytes) == ("hall/a.png", 5)
     assert is_intact(tmp_path, file)
     os.mkfifo(tmp_path / "pipe")
@@ -80,22 +80,22 @@ def test_an_output_is_intact_until_it_changes(tmp_path: Path) -> None:
     path.unlink()
     assert not is_intact(tmp_path, file)
     with pytest.raises(OutputError, match="is gone, or cannot be read"):
-        written(tmp_path, path)
+        output_entry(tmp_path, path)
 
 
 def test_an_output_that_is_removed_meanwhile_is_a_failure(tmp_path: Path) -> None:
     made = row("a")
     path = tmp_path / made.outputs[0].path
     path.touch()
-    assert made.lost(tmp_path) is None
+    assert made.failed_if_missing(tmp_path) is None
     path.unlink()
     error = f"{path} was removed while the batch ran; run it again"
-    assert made.lost(tmp_path) == replace(made, status=FAILED, outputs=(), error=error)
+    assert made.failed_if_missing(tmp_path) == replace(made, status=FAILED, outputs=(), error=error)
 
 
 def test_rows_become_the_manifest_in_the_order_of_the_inputs(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "new" / "out")
-    assert not journal.was_cut_short
+    assert not journal.was_interrupted
     for name in ("c", "a", "b", "a"):
         journal.add(row(name, seconds=0.25))
     journal.add(row("a", seconds=1.5))
@@ -127,7 +127,7 @@ def test_a_killed_batch_leaves_its_rows(tmp_path: Path) -> None:
         file.write(row("b").as_line()[:40])
     assert known_rows(tmp_path).row("a") == row("a")
     again = Journal(tmp_path)
-    assert again.was_cut_short
+    assert again.was_interrupted
     assert (again.row("a"), again.row("b")) == (row("a"), None)
     again.add(row("c"))
     again.finish(["a", "b", "c"])
@@ -204,8 +204,8 @@ def test_what_shards_left_becomes_part_of_the_whole(tmp_path: Path) -> None:
     _finished(tmp_path, "", Shard(1, 2))
     assert _files(tmp_path) == manifests  # those of another shard stay
     whole = Journal(tmp_path)
-    assert whole.is_there
-    assert not whole.was_cut_short
+    assert whole.has_files
+    assert not whole.was_interrupted
     assert [found.input for found in known_rows(tmp_path)] != []
     whole.add(Row("bad", FAILED, ORIGIN))
     whole.finish(None)
@@ -222,8 +222,8 @@ def test_a_shard_or_a_whole_that_was_killed_is_cut_short(tmp_path: Path) -> None
     shard = Journal(tmp_path, Shard(1, 2))
     shard.add(row("x"))
     shard._opened.close()
-    assert not Journal(tmp_path, Shard(1, 2)).was_cut_short  # others may write here
-    assert Journal(tmp_path).was_cut_short
+    assert not Journal(tmp_path, Shard(1, 2)).was_interrupted  # others may write here
+    assert Journal(tmp_path).was_interrupted
 
 
 def test_shards_share_a_folder_with_none_but_shards(tmp_path: Path) -> None:

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.manifest.files import (
     JsonRows,
+    belongs_to,
     is_journal,
-    is_of,
     journal_name,
     manifest_name,
     row_files,
 )
-from depthcli.io.manifest.index import RowIndex, RowPlace
+from depthcli.io.manifest.index import RowIndex, RowLocation
 from depthcli.io.manifest.journal import remove_path
 from depthcli.io.manifest.row import ManifestFormat, Origin, Row
 from depthcli.io.manifest.shard import Shard
@@ -43,7 +43,7 @@ def test_names_tell_whose_rows_are_in_a_file(
     name: str, of_all: bool, of_the_second: bool, journal: bool
 ) -> None:
     path = Path("out") / name
-    assert (is_of(path, Shard()), is_of(path, Shard(2, 3))) == (of_all, of_the_second)
+    assert (belongs_to(path, Shard()), belongs_to(path, Shard(2, 3))) == (of_all, of_the_second)
     assert is_journal(path) == journal
 
 
@@ -93,11 +93,11 @@ def test_lines_that_are_no_rows_are_passed_over(tmp_path: Path) -> None:
 def test_an_index_is_a_dictionary_in_two_orders(added: list[tuple[str, int, int]]) -> None:
     index, expected = RowIndex(), {}
     for name, *place in added:
-        index.add([(name, RowPlace(*place))])
-        expected[name] = RowPlace(*place)
+        index.add([(name, RowLocation(*place))])
+        expected[name] = RowLocation(*place)
     names = sorted(expected, key=lambda name: name.encode("utf-8", "surrogatepass"))
     assert list(index) == [expected[name] for name in names]
-    assert list(index.as_they_stand()) == sorted(expected.values())
+    assert list(index.in_file_order()) == sorted(expected.values())
     for name, place in expected.items():
         assert index.find(name) == place
         index.remove(name)
@@ -109,7 +109,7 @@ def test_an_index_without_room_is_one_clear_error() -> None:
     index = RowIndex()
     index._database.close()
     with pytest.raises(OutputError, match="set SQLITE_TMPDIR to a folder with room"):
-        index.add([("a", RowPlace(0, 0))])
+        index.add([("a", RowLocation(0, 0))])
 
 
 def test_files_and_folders_of_rows_are_removed(tmp_path: Path) -> None:

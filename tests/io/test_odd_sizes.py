@@ -10,7 +10,7 @@ from videos import NTSC
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.writers.preview import PreviewWriter
-from depthcli.video.output import VideoFrame
+from depthcli.video.output import DepthFrame
 from depthcli.video.preview_output import preview_video
 from depthcli.video.rates import Timing
 from depthcli.video.source import VideoSource
@@ -27,7 +27,7 @@ def test_odd_rows_and_columns_are_doubled(width: int, height: int, tmp_path: Pat
     picture = np.zeros((height, width), np.uint8)
     with preview_video(path, Timing(NTSC), writer, ()) as output:
         for time_s in (0, 1 / 30):
-            shot = VideoFrame(Frame(picture, timestamp_s=time_s), depth, (1, 3))
+            shot = DepthFrame(Frame(picture, timestamp_s=time_s), depth, (1, 3))
             output.append(output.encode(shot))
         output.finish()
     with VideoSource(path) as source:

@@ -140,8 +140,8 @@ def test_a_folder_without_tables(tmp_path: Path) -> None:
 
 
 def test_an_error_of_the_disk_stays_one(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="broken"), parquet._reading(tmp_path):
+    with pytest.raises(OSError, match="broken"), parquet._as_usage_error(tmp_path):
         raise OSError(5, "broken")
     line = "is not a complete Parquet file: of two lines; write it again"
-    with pytest.raises(UsageError, match=line), parquet._reading(tmp_path):
+    with pytest.raises(UsageError, match=line), parquet._as_usage_error(tmp_path):
         raise OSError("of two\n  lines")

@@ -21,14 +21,14 @@ from PIL import Image
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
 from depthcli.io.depth import exr
-from depthcli.io.depth.exr import _has_all_rows, _silence, read_exr_channels, write_exr
-from depthcli.io.depth.facts import positive_number, stated_facts
+from depthcli.io.depth.exr import _has_all_rows, _silenced, read_exr_channels, write_exr
+from depthcli.io.depth.metadata import positive_number, read_metadata
+from depthcli.io.depth.quantization import dequantized, quantized
 from depthcli.io.depth.read import read_depth
-from depthcli.io.depth.steps import metres, quantized
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
-from depthcli.io.pictures.any import frame_of
+from depthcli.io.pictures.convert import frame_of
 from depthcli.io.png.encode import encode_png
-from depthcli.io.writers.png16 import Png16Writer, stretched
+from depthcli.io.writers.png16 import Png16Writer, normalized
 from depthcli.io.writers.preview import PreviewWriter, nearness, percentiles
 from depthcli.io.writers.sidecar import SidecarWriter
 
@@ -53,7 +53,7 @@ def test_steps(values: np.ndarray, scale: float) -> None:
         assert found == (min(max(step, 1), 65535) if value > 0 else 0)
     assert saturated == beyond
     np.testing.assert_array_equal(quantized(values.T, scale)[0], steps.T)
-    back = metres(steps, scale)
+    back = dequantized(steps, scale)
     expected = [F32(s) / F32(scale) if s else math.nan for s in steps[0].tolist()]
     np.testing.assert_array_equal(back[0], F32(expected))
 
@@ -61,11 +61,11 @@ def test_steps(values: np.ndarray, scale: float) -> None:
 @settings(max_examples=40)
 @given(MAPS)
 def test_stretched(values: np.ndarray) -> None:
-    steps, low, high = stretched(values)
+    steps, low, high = normalized(values)
     finite = [float(value) for value in values[0] if math.isfinite(value)]
     ends = (min(finite), max(finite)) if finite else (0.0, 0.0)
     assert (low, high) == ends
-    np.testing.assert_array_equal(stretched(values.T)[0], steps.T)
+    np.testing.assert_array_equal(normalized(values.T)[0], steps.T)
     for value, found in zip(values[0].tolist(), steps[0].tolist(), strict=True):
         share = (value - low) / (high - low or 1.0)
         assert found == (np.rint(1 + share * 65534) if math.isfinite(value) else 0)
@@ -82,9 +82,9 @@ def test_a_stretched_png_is_read_with_its_own_ends(tmp_path: Path) -> None:
     metric = DepthMap(F32([[1, 65.535, 66]]))
     assert Png16Writer(png_normalize=True).write(metric, path) == ()
     assert Png16Writer().write(metric, path) == ("2 pixels beyond 65.535 m were saturated",)
-    assert stated_facts(path)["unit"] == "mm"
+    assert read_metadata(path)["unit"] == "mm"
     Png16Writer(png_scale=256).write(metric, path)
-    assert (stated_facts(path)["unit"], stated_facts(path)["scale"]) == ("1/256 m", "256")
+    assert (read_metadata(path)["unit"], read_metadata(path)["scale"]) == ("1/256 m", "256")
 
 
 @pytest.mark.parametrize("kind", DepthKind)
@@ -241,7 +241,7 @@ def test_names_of_channels_have_those_of_parts_only_where_there_are_several(tmp_
 
 
 def test_silence_is_of_one_thread(capsys: pytest.CaptureFixture[str]) -> None:
-    with _silence():
+    with _silenced():
         sys.stdout.write("mine")
         other = threading.Thread(target=sys.stdout.write, args=("another's",))
         other.start()
@@ -330,9 +330,9 @@ def test_facts_are_a_file_s_own_before_its_sidecar_s(
     frame = "a.000012.png"  # of a video, whose sidecar has its name
     for picture in ("a.png", "a.PNG", frame):
         (tmp_path / picture).write_bytes(data)
-        assert stated_facts(tmp_path / picture) == expected
+        assert read_metadata(tmp_path / picture) == expected
     (tmp_path / "a.000012.json").write_text(json.dumps({"software": "depthcli 2"}))
-    assert stated_facts(tmp_path / frame) == {
+    assert read_metadata(tmp_path / frame) == {
         **({} if "model_sha256" in own else {"software": "depthcli 2"}),
         **own,
     }

@@ -16,7 +16,7 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.writers.preview import PreviewWriter, nearness
 from depthcli.visual.colormaps import NAMES, colour_table
-from depthcli.visual.legend import label, value_at, with_legend
+from depthcli.visual.legend import label, tick_value, with_legend
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -92,7 +92,7 @@ def test_the_legend_says_what_the_colours_mean(kind: DepthKind, near: float, far
     if kind is DepthKind.INVERSE:
         near, far = far, near
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        depth = DepthMap(np.array([[value_at(share, near, far, kind)]], np.float32), kind)
+        depth = DepthMap(np.array([[tick_value(share, near, far, kind)]], np.float32), kind)
         if not (kind is DepthKind.METRIC and depth.values[0, 0] == 0):
             assert nearness(depth, near, far)[0, 0] == pytest.approx(share, abs=1e-5)
 

@@ -28,7 +28,7 @@ from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath, join, path_of, safe_name
-from depthcli.io.storage.transfer import local_copy, noted_checksum
+from depthcli.io.storage.transfer import local_copy, object_checksum
 from depthcli.io.writers.by_suffix import write_depth
 
 if TYPE_CHECKING:
@@ -134,11 +134,11 @@ def test_outputs_appear_whole_with_their_checksum(bucket: Bucket, tmp_path: Path
         temporary.write_bytes(b"half")
         raise KeyError
     assert bucket.objects() == {"out/map.npy": large}
-    size, digest = noted_checksum(path) or (0, "")
+    size, digest = object_checksum(path) or (0, "")
     assert size == len(large)
     foreign = remote(bucket.put("foreign", large))
-    assert noted_checksum(foreign) == (size, digest)  # nobody noted it there
-    assert noted_checksum(remote(bucket.uri("none"))) is None
+    assert object_checksum(foreign) == (size, digest)  # nobody noted it there
+    assert object_checksum(remote(bucket.uri("none"))) is None
     with local_copy(path) as copy:
         assert (copy.name, copy.read_bytes()) == ("map.npy", large)
     assert not copy.exists()
@@ -247,7 +247,7 @@ def test_a_list_of_a_bucket_comes_page_by_page(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("MOTO_S3_DEFAULT_MAX_KEYS", "2")  # the server's
-    monkeypatch.setattr(objects, "_PAGE", 2)
+    monkeypatch.setattr(objects, "_PAGE_NAMES", 2)
     names = [f"{number}.jpg" for number in range(7)]
     for name in names:
         bucket.put(name, b"")

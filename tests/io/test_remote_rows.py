@@ -12,7 +12,7 @@ import pytest
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.listing.skipped import Skipped
-from depthcli.io.listing.store import list_objects, walk_order
+from depthcli.io.listing.store import list_objects, walk_sort_key
 from depthcli.io.manifest.rows_folder import RemoteRows, RowsFolder, rows_folder
 from depthcli.io.storage.remote import RemotePath, path_of
 
@@ -71,7 +71,7 @@ def test_rows_are_fetched_and_parts_put_together(bucket: Bucket) -> None:
     }
     for name in ("manifest.jsonl", "manifest-1-of-2.jsonl"):
         assert (rows.path / name).stat().st_mtime == (out / name).stat().st_mtime
-    rows.keep()
+    rows.sync()
     rows.finish()
     assert bucket.objects() == before
     assert not rows.path.exists()
@@ -99,7 +99,7 @@ def test_new_rows_are_sent_now_and_then_as_parts(
         now += passed
         with journal.open("ab") as file:
             file.write(data)
-        rows.keep()
+        rows.sync()
         sent = list(bucket.objects().values())
         assert sent == expected
     assert all(re.fullmatch(PART, name) for name in bucket.names())
@@ -182,6 +182,6 @@ def test_what_cannot_be_listed(bucket: Bucket, faults: Faults) -> None:
 
 def test_the_order_of_a_store_is_that_of_a_walk_of_folders() -> None:
     names = ["a.b", "a/b", "a/b/c", "a/é", "a-b", "a/\udcff", "b", "Z"]
-    assert sorted(names, key=walk_order) == [
+    assert sorted(names, key=walk_sort_key) == [
         *("Z", "a-b", "a.b", "b", "a/b", "a/é", "a/\udcff", "a/b/c"),
     ]

@@ -121,7 +121,7 @@ def test_every_format_keeps_the_contract(name: Format, tmp_path: Path) -> None:
     facts = FORMATS[name]
     assert facts.suffix.startswith(".")
     assert format_of(f"a{facts.suffix}") is name
-    assert facts.ending is None or format_of(f"a{facts.ending}") is name
+    assert facts.file_suffix is None or format_of(f"a{facts.file_suffix}") is name
     path = tmp_path / f"a{facts.suffix}"
     frame = Frame(np.zeros((4, 5, 3), np.uint8))
     options = WriterOptions()

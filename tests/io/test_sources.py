@@ -10,7 +10,7 @@ import pytest
 
 from depthcli.io.listing.folder import is_media, is_video, list_folder, why_skipped
 from depthcli.io.listing.path_list import listed_inputs, parse_list
-from depthcli.io.listing.skipped import Skipped, counted, to_convert
+from depthcli.io.listing.skipped import Skipped, conversion_hint, skip_summary
 from depthcli.io.png.encode import encode_png
 
 if TYPE_CHECKING:
@@ -102,18 +102,18 @@ def test_listed_paths_are_named_from_the_folder() -> None:
 def test_what_is_skipped_is_counted_by_its_reason() -> None:
     reasons = {"hidden": 3, ".heic": 2, "excluded": 2, ".dng": 1, ".a": 1, ".b": 1}
     skipped = [Skipped("x", reason) for reason, count in reasons.items() for _ in range(count)]
-    assert counted(skipped) == (
+    assert skip_summary(skipped) == (
         "10 files skipped (3 hidden, 2 .heic, 2 excluded, 1 .dng, 1 .a, 1 .b)"
     )
     more = [*skipped, Skipped("y", ".c"), Skipped("y", ".d")]
-    assert counted(more).endswith("1 .a, 1 .b, 2 others)")
-    assert counted(skipped[:1]) == "1 file skipped (1 hidden)"
-    assert to_convert(skipped) == (
+    assert skip_summary(more).endswith("1 .a, 1 .b, 2 others)")
+    assert skip_summary(skipped[:1]) == "1 file skipped (1 hidden)"
+    assert conversion_hint(skipped) == (
         "3 pictures of a format that is not read (.dng, .heic) skipped; "
         "convert to JPEG, PNG or TIFF"
     )
-    assert (to_convert(skipped[3:4]) or "").startswith("1 picture of a format")
-    assert to_convert(skipped[:3]) is None
+    assert (conversion_hint(skipped[3:4]) or "").startswith("1 picture of a format")
+    assert conversion_hint(skipped[:3]) is None
 
 
 @pytest.mark.parametrize(

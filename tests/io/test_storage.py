@@ -16,7 +16,12 @@ import pytest
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage import regular, temporaries
 from depthcli.io.storage.atomic import append_whole, atomic_path, write_text
-from depthcli.io.storage.atomic_folder import folder_in_place, put_back, put_folder, workspace
+from depthcli.io.storage.atomic_folder import (
+    atomic_folder,
+    replace_folder,
+    restore_folder,
+    workspace,
+)
 from depthcli.io.storage.lock import folder_lock, open_locked
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.temporary_folder import temporary_folder
@@ -93,14 +98,14 @@ def test_only_files_are_locked(tmp_path: Path) -> None:
 def test_a_folder_that_a_killed_process_moved_away_is_put_back(tmp_path: Path) -> None:
     target = tmp_path / "rows"
     for name in ("one", "two"):
-        with folder_in_place(target) as made:
+        with atomic_folder(target) as made:
             (made / name).touch()
         assert [path.name for path in target.iterdir()] == [name]
     assert [path.name for path in tmp_path.iterdir()] == ["rows"]
     target.rename(tmp_path / ".depthcli-old-rows")
-    put_back(target)
+    restore_folder(target)
     assert [path.name for path in target.iterdir()] == ["two"]
-    with pytest.raises(OutputError), folder_in_place(target) as made:
+    with pytest.raises(OutputError), atomic_folder(target) as made:
         raise OutputError("full")
     assert [path.name for path in target.iterdir()] == ["two"]
     assert [path.name for path in tmp_path.iterdir()] == ["rows"]
@@ -143,7 +148,7 @@ def test_a_workspace_is_empty_and_gone_afterwards(tmp_path: Path) -> None:
 def test_a_folder_appears_whole_in_place_of_another(tmp_path: Path) -> None:
     target = tmp_path / "new" / "rows"
     for names in (["a", "b"], ["b"]):
-        with folder_in_place(target) as made:
+        with atomic_folder(target) as made:
             assert list(made.iterdir()) == []
             for name in names:
                 (made / name).touch()
@@ -152,7 +157,7 @@ def test_a_folder_appears_whole_in_place_of_another(tmp_path: Path) -> None:
         killed = target.with_name(".depthcli-new-rows")
         killed.mkdir()
         (killed / "left").touch()
-    with pytest.raises(OutputError, match=f"cannot write {target}: full"), folder_in_place(target):
+    with pytest.raises(OutputError, match=f"cannot write {target}: full"), atomic_folder(target):
         raise OSError(28, "full")
     assert [path.name for path in target.iterdir()] == ["b"]
     assert [path.name for path in target.parent.iterdir()] == ["rows"]
@@ -168,14 +173,14 @@ def test_a_folder_s_files_take_others_places_and_the_one_that_counts_last(
             (folder / name).write_text(folder.name)
     real = os.replace
     monkeypatch.setattr(os, "replace", lambda a, b: (moved.append(a.name), real(a, b)))
-    put_folder(made, target, last="b")
+    replace_folder(made, target, last="b")
     assert sorted(moved) == ["a", "b", "c"]
     assert moved[-1] == "b"
     assert {path.name: path.read_text() for path in target.iterdir()} == dict.fromkeys(
         "abc", "made"
     )
     assert {path.name: path.read_text() for path in made.iterdir()} == {"d": "target"}
-    put_folder(target, tmp_path / "other", last="b")
+    replace_folder(target, tmp_path / "other", last="b")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "other"]
 
 

@@ -19,7 +19,7 @@ from depthcli.io.manifest.journal import Journal
 from depthcli.io.manifest.row import OK, Origin, Row
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.suspects import check_picture, check_video, suspected
+from depthcli.jobs.batch.suspects import check_picture, check_video, mark_suspects
 from depthcli.jobs.batch.task import Task
 
 _CRASHING = """
@@ -136,7 +136,7 @@ def test_the_first_inputs_without_a_row_are_suspects(tmp_path: Path) -> None:
     journal.add(Row("b", OK, Origin("0" * 64, "tiny", "1" * 64, "1.0")))
     tasks = [Task(InputFile(n, n), {Format.PNG16: Path(n)}) for n in "abcdefg"]
     for count, names in ((0, ""), (1, "a"), (3, "acd"), (9, "acdefg")):
-        found = list(suspected(tasks, journal, count))
+        found = list(mark_suspects(tasks, journal, count))
         assert [task.input for task in found] == [task.input for task in tasks]
         assert "".join(task.input.name for task in found if task.is_suspect) == names
     journal.finish(None)

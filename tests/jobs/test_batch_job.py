@@ -19,11 +19,11 @@ from depthcli.core.choices import Detail, Upsampling
 from depthcli.errors import ModelError, UsageError
 from depthcli.io.listing.globs import NameFilter
 from depthcli.io.manifest.journal import known_rows
-from depthcli.io.manifest.row import FAILED, OK, Origin, Row, written
+from depthcli.io.manifest.row import FAILED, OK, Origin, Row, output_entry
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.engines.threads import ThreadEngine
-from depthcli.jobs.batch.forecast import forecast
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.plan import plan_files, plan_folder
@@ -108,7 +108,7 @@ def test_a_batch_that_is_left_goes_on(tmp_path: Path) -> None:
     with closing(Batch(request(tmp_path))) as batch:
         first = next(batch)
     told = {first.row.input, *(result.row.input for result in batch.late)}
-    assert batch.tally.passed == len(told)
+    assert batch.tally.completed == len(told)
     again = list(Batch(request(tmp_path)))
     assert {result.row.input for result in again if result.is_kept} == told
     assert [result.row.input for result in again] == list(NAMES)
@@ -195,11 +195,11 @@ def test_a_forecast_writes_nothing(tmp_path: Path) -> None:
     pictures(tmp_path)
     found = request(tmp_path)
     session = found.model.load()
-    assert {one.would for one in forecast(found, session)} == {"do"}
+    assert {one.would for one in dry_run(found, session)} == {"do"}
     assert not (tmp_path / "out").exists()
     list(Batch(found, session))
     (tmp_path / "in" / "z.png").write_bytes(b"")
-    assert [one.would for one in forecast(found, session)] == ["keep", "fail", "keep"]
+    assert [one.would for one in dry_run(found, session)] == ["keep", "fail", "keep"]
 
 
 @pytest.mark.parametrize(
@@ -252,12 +252,12 @@ ORIGIN = Origin("0" * 64, "tiny", "1" * 64, "1.0")
 def test_what_an_earlier_row_holds_for(tmp_path: Path) -> None:
     path = tmp_path / "a.depth.png"
     path.write_bytes(b"depth")
-    row = Row("a.png", OK, ORIGIN, (written(tmp_path, path),), 0.5, "3" * 64)
+    row = Row("a.png", OK, ORIGIN, (output_entry(tmp_path, path),), 0.5, "3" * 64)
     (tmp_path / "a.png").write_bytes(b"")
     (file,) = plan_files(["a.png"], "mine", str(tmp_path), str(tmp_path / "out")).inputs
 
     def kept(earlier: Row | None, sha256: str = "3" * 64, origin: Origin = ORIGIN) -> Row | None:
-        return Task(file, {Format.PNG16: path}, earlier).kept(tmp_path, sha256, origin)
+        return Task(file, {Format.PNG16: path}, earlier).reusable_row(tmp_path, sha256, origin)
 
     assert kept(row) is row
     assert kept(None) is None
@@ -278,7 +278,7 @@ def test_a_listed_input_is_never_replaced_wherever_the_working_directory_was(
         monkeypatch.chdir(tmp_path / name)
         plan = plan_files(["a.jpg", "a.depth.png"], "mine", "in", "in")
         with pytest.raises(UsageError, match=r"a\.depth\.png, the output for a\.jpg, is an input"):
-            OutputMap(plan, (Format.PNG16,)).check_apart()
+            OutputMap(plan, (Format.PNG16,)).check_conflicts()
 
 
 def test_a_folder_and_its_outputs_may_be_file_uris(tmp_path: Path) -> None:

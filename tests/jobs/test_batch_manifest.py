@@ -15,7 +15,14 @@ from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import FAILED, OK, ManifestFormat, Origin, OutputFile, Row
 from depthcli.io.manifest.shard import Shard
 from depthcli.io.parquet import Table, write_table
-from depthcli.jobs.batch.account import ModelInputs, Summary, failed_rows, merge, rows_of, summarize
+from depthcli.jobs.batch.manifests import (
+    ModelInputs,
+    Summary,
+    failed_rows,
+    merge_manifests,
+    read_rows,
+    summarize,
+)
 from depthcli.jobs.batch.run import Batch
 
 if TYPE_CHECKING:
@@ -62,7 +69,7 @@ def test_rows_come_back_from_either_format(tmp_path: Path, form: ManifestFormat)
     rows = [row("b"), bad(STRANGE), row(f"hall/{STRANGE}"), row("é")]
     filled(tmp_path, *rows, form=form)
     assert [path.name for path in tmp_path.iterdir()] == [f"manifest.{form}"]
-    assert list(rows_of(tmp_path)) == list(rows_of(tmp_path / f"manifest.{form}")) == rows
+    assert list(read_rows(tmp_path)) == list(read_rows(tmp_path / f"manifest.{form}")) == rows
     again = Journal(tmp_path)  # in the same format
     again.add(row("b", seconds=2.0))
     again.finish(["b"])
@@ -75,7 +82,7 @@ def test_a_manifest_changes_its_format(tmp_path: Path) -> None:
     for form in ("jsonl", "parquet", "jsonl"):
         filled(tmp_path, row("a"), row("b"), form=form)
         assert [path.name for path in tmp_path.iterdir()] == [f"manifest.{form}"]
-        assert list(rows_of(tmp_path)) == [row("a"), row("b")]
+        assert list(read_rows(tmp_path)) == [row("a"), row("b")]
 
 
 def test_parts_of_shards_are_summed_up_and_merged(tmp_path: Path) -> None:
@@ -87,35 +94,35 @@ def test_parts_of_shards_are_summed_up_and_merged(tmp_path: Path) -> None:
         filled(tmp_path, *held, shard=shard, form=form)
     (tmp_path / ".depthcli-batch-2-of-4.jsonl").write_bytes(row("0", 9.0).as_line())
     for _ in range(2):
-        found = rows_of(tmp_path)
+        found = read_rows(tmp_path)
         counted = summarize(found)
         assert counted == Summary(22, 2, 20, 240, 18.5, (ModelInputs("tiny", "1" * 64, "1.0", 22),))
         assert {one.input for one in failed_rows(found)} == {"x", "y"}
-        assert merge(tmp_path, ManifestFormat.PARQUET) == tmp_path / "manifest.parquet"
+        assert merge_manifests(tmp_path, ManifestFormat.PARQUET) == tmp_path / "manifest.parquet"
         assert [path.name for path in tmp_path.iterdir()] == ["manifest.parquet"]
-    names = [one.input for one in rows_of(tmp_path)]
+    names = [one.input for one in read_rows(tmp_path)]
     assert names == sorted(one.input for one in rows)
     others = pq.read_table(tmp_path / "manifest.parquet", columns=["input", "error"])
     assert others["input"].to_pylist() == names
 
 
 def test_what_has_no_manifest(tmp_path: Path) -> None:
-    for call in (rows_of, merge):
+    for call in (read_rows, merge_manifests):
         with pytest.raises(UsageError, match="no manifest in"):
             call(tmp_path)
     with pytest.raises(UsageError, match=r"cannot read the manifest .*No such file"):
-        rows_of(tmp_path / "manifest.jsonl")
+        read_rows(tmp_path / "manifest.jsonl")
     (tmp_path / "manifest.parquet").mkdir()
     (tmp_path / "manifest.parquet" / "part-00000.parquet").write_bytes(b"PAR1")
     with pytest.raises(UsageError, match="is not a complete Parquet file"):
-        rows_of(tmp_path)
+        read_rows(tmp_path)
 
 
 def test_merging_waits_for_no_batch_at_work(tmp_path: Path) -> None:
     filled(tmp_path, row("a"))
     shard = Journal(tmp_path, Shard(1, 2))
     with pytest.raises(UsageError, match="another batch is writing"):
-        merge(tmp_path)
+        merge_manifests(tmp_path)
     shard.finish([])
 
 
@@ -127,7 +134,7 @@ def test_a_manifest_that_cannot_be_written_loses_nothing(tmp_path: Path) -> None
     with pytest.raises(OutputError, match="cannot write"):
         journal.finish(["b"])
     journal._opened.close()
-    assert list(rows_of(tmp_path)) == [row("a"), row("b")]
+    assert list(read_rows(tmp_path)) == [row("a"), row("b")]
 
 
 def test_a_batch_with_a_manifest_in_parquet_goes_on(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from depthcli.core.camera import Camera
 from depthcli.core.choices import GPU_BATCH, Detail, Upsampling
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
-from depthcli.jobs.batch.forecast import forecast
+from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.predict.request import PredictRequest
@@ -55,7 +55,7 @@ def test_what_is_too_large_is_refused_beforehand_and_then(tmp_path: Path) -> Non
     pictures(tmp_path)
     write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99]))
     asked = request(tmp_path, options=BatchOptions(max_pixels=24 * 32))
-    would = {one.input: one.error for one in forecast(asked, asked.model.load())}
+    would = {one.input: one.error for one in dry_run(asked, asked.model.load())}
     became = {result.row.input: result.row.error for result in Batch(asked)}
     assert [name for name in NAMES if would[name] is None] == ["a.png"]
     assert {name: would[name] for name in NAMES} == {name: became[name] for name in NAMES}

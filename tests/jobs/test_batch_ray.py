@@ -20,8 +20,8 @@ from videos import write_mp4
 
 from depthcli.errors import EngineError, ModelError, UsageError
 from depthcli.io.manifest.row import FAILED, OK
-from depthcli.jobs.batch.account import rows_of
-from depthcli.jobs.batch.engines.ray import LOCAL, RayEngine
+from depthcli.jobs.batch.engines.ray import LOCAL_CLUSTER, RayEngine
+from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.pictures import PictureWorker
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.worker_spec import WorkerSpec
@@ -43,7 +43,7 @@ def cluster() -> Iterator[str]:
     """The address of a cluster of two cores."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     before = signal.getsignal(signal.SIGTERM)
-    context = ray.init("local", num_cpus=2, log_to_driver=False, **LOCAL)
+    context = ray.init("local", num_cpus=2, log_to_driver=False, **LOCAL_CLUSTER)
     ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers do not see the tests
     yield context.address_info["gcs_address"]
     ray.shutdown()
@@ -89,7 +89,7 @@ def assert_same(folder: Path, results: Sequence[Result]) -> None:
     assert names == Counter(result.row.input for result in alone)
     assert outputs(folder / "out") == outputs(folder / "alone")
     rows, own = (
-        [replace(row, seconds=0) for row in rows_of(folder / out)] for out in ("alone", "out")
+        [replace(row, seconds=0) for row in read_rows(folder / out)] for out in ("alone", "out")
     )
     assert own == rows
     assert [row.input for row in own if row.status == FAILED] == ["bad.png"]

@@ -20,7 +20,7 @@ from depthcli.io.manifest.row import FAILED, OK, ManifestFormat
 from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
-from depthcli.jobs.batch.forecast import forecast
+from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch
 
@@ -185,7 +185,7 @@ def test_what_cannot_be_listed_fails_with_its_reason(tmp_path: Path) -> None:
     asked = request(tmp_path)
     closed = InputFile("hall", f"{tmp_path}/in/hall", "in/hall cannot be listed: closed")
     asked = replace(asked, plan=replace(asked.plan, inputs=(*asked.plan.inputs, closed)))
-    would = {one.input: one.error for one in forecast(asked, asked.model.load())}
+    would = {one.input: one.error for one in dry_run(asked, asked.model.load())}
     became = {result.row.input: result.row.error for result in Batch(asked)}
     assert would == became == dict.fromkeys(NAMES) | {"hall": closed.problem}
 

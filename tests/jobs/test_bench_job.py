@@ -38,7 +38,7 @@ class Slow(Pipeline):
 def test_each_picture_takes_at_least_its_time(model_folder: Path) -> None:
     plain = load(model_folder, provider="cpu", threads=1)
     slow = Slow(plain.session)
-    found = speed.measure_speed(slow, plain, speed.made_picture(64, 48), workers=2, seconds=0)
+    found = speed.measure_speed(slow, plain, speed.synthetic_picture(64, 48), workers=2, seconds=0)
     assert found.end_to_end.min_ms >= 1e3 * SLEEP_S
     assert found.end_to_end.min_ms <= found.end_to_end.median_ms
     assert found.end_to_end.runs == found.network.runs == 5
@@ -47,7 +47,7 @@ def test_each_picture_takes_at_least_its_time(model_folder: Path) -> None:
 
 def test_workers_take_turns_with_a_few_files(model_folder: Path, tmp_path: Path) -> None:
     slow = Slow(load(model_folder, provider="cpu", threads=1).session)
-    picture, folder = speed.made_picture(64, 48), tmp_path / "speed"
+    picture, folder = speed.synthetic_picture(64, 48), tmp_path / "speed"
     folder.mkdir()
     pictures_per_s = speed._throughput(slow, picture, folder, workers=2, seconds=0)
     assert slow.count == 9
@@ -59,7 +59,9 @@ def test_workers_take_turns_with_a_few_files(model_folder: Path, tmp_path: Path)
 def test_measuring_lasts_as_long_as_asked(model_folder: Path) -> None:
     pipeline = load(model_folder, provider="cpu", threads=1)
     start_s = time.perf_counter()
-    speed.measure_speed(pipeline, pipeline, speed.made_picture(64, 48), workers=1, seconds=0.05)
+    speed.measure_speed(
+        pipeline, pipeline, speed.synthetic_picture(64, 48), workers=1, seconds=0.05
+    )
     assert time.perf_counter() - start_s > 3 * 0.05
 
 
@@ -71,10 +73,10 @@ def test_peak_memory_is_what_the_system_says() -> None:
 
 @pytest.mark.parametrize("size", [(640, 480), (1, 1), (301, 7)])
 def test_the_made_picture_weighs_what_photographs_do(size: tuple[int, int]) -> None:
-    data = speed.made_picture(*size)
+    data = speed.synthetic_picture(*size)
     frame = read_image(None, data)
     assert (frame.width, frame.height) == size
-    assert data == speed.made_picture(*size)
+    assert data == speed.synthetic_picture(*size)
     if size == (640, 480):
         assert 50_000 < len(data) < 150_000
         detail = cv2.Laplacian(frame.pixels.astype(np.float32), cv2.CV_32F)
@@ -85,7 +87,7 @@ def test_the_made_picture_weighs_what_photographs_do(size: tuple[int, int]) -> N
 
 def test_the_figures_belong_to_a_model_and_a_provider(model_folder: Path) -> None:
     loader = SessionLoader(model_folder, "cpu")
-    done = speed.run_bench(speed.BenchRequest(loader, made_px=(64, 48), workers=2, seconds=0))
+    done = speed.run_bench(speed.BenchRequest(loader, synthetic_px=(64, 48), workers=2, seconds=0))
     assert (done.model, done.provider, done.workers) == ("tiny", "cpu", 2)
     assert done.model_sha256 == find_model(model_folder).sha256
     for latency in (done.speed.network, done.speed.end_to_end):
@@ -106,7 +108,7 @@ def test_what_a_model_settled_for_is_said(
     monkeypatch.setattr(SessionLoader, "load", settled)
     said: list[str] = []
     loader = SessionLoader(model_folder, "cpu", 3)
-    asked = speed.BenchRequest(loader, made_px=(64, 48), workers=2, seconds=0)
+    asked = speed.BenchRequest(loader, synthetic_px=(64, 48), workers=2, seconds=0)
     speed.run_bench(asked, said.append)
     assert said == ["3 threads"]
 

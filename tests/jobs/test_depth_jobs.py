@@ -17,9 +17,9 @@ from depthcli.io.writers.formats import Format
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, target_format
-from depthcli.jobs.inspect import MapFacts, VideoFacts, depth_at, inspect_file, read_map
+from depthcli.jobs.inspect import DepthMapInfo, DepthVideoInfo, depth_at, inspect_file, read_map
 from depthcli.video.depth_output import depth_video
-from depthcli.video.output import VideoFrame
+from depthcli.video.output import DepthFrame
 from depthcli.video.rates import Timing
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def depth_npy(tmp_path: Path) -> Path:
 
 def test_a_file_s_facts_are_values(depth_npy: Path) -> None:
     facts = inspect_file(str(depth_npy))
-    assert isinstance(facts, MapFacts)
+    assert isinstance(facts, DepthMapInfo)
     assert (facts.kind, facts.unit, facts.width, facts.height) == ("metric", "m", 4, 1)
     assert (facts.valid, facts.min, facts.median, facts.max) == (3, VALUES_M[0, 0], 2, 70)
     with pytest.raises(UsageError, match="a scale is for PNG"):
@@ -62,7 +62,7 @@ def depth_mkv(tmp_path: Path) -> Path:
     with depth_video(path, Timing(NTSC), 100, ()) as output:
         for number, values in enumerate(FRAMES_M):
             frame = Frame(np.zeros((2, 4), np.uint8), timestamp_s=float(number / NTSC))
-            output.append(output.encode(VideoFrame(frame, DepthMap(values), (0, 1))))
+            output.append(output.encode(DepthFrame(frame, DepthMap(values), (0, 1))))
         output.finish()
     return path
 
@@ -72,9 +72,9 @@ def test_a_depth_video_s_facts_are_values(
     depth_mkv: Path, scale: float | None, unit_m: float
 ) -> None:
     facts = inspect_file(str(depth_mkv), scale)
-    assert isinstance(facts, VideoFacts)
+    assert isinstance(facts, DepthVideoInfo)
     assert facts.metadata["scale"] == "100"
-    assert replace(facts, metadata={}) == VideoFacts(
+    assert replace(facts, metadata={}) == DepthVideoInfo(
         input=str(depth_mkv),
         kind="metric",
         unit="m",
@@ -95,7 +95,7 @@ def test_a_depth_video_s_facts_are_values(
 def test_a_depth_video_without_depth_has_no_range(tmp_path: Path) -> None:
     with depth_video(tmp_path / "d.MKV", Timing(NTSC), 100, ()) as output:
         frame = Frame(np.zeros((2, 4), np.uint8), timestamp_s=0.0)
-        output.append(output.encode(VideoFrame(frame, DepthMap(FRAMES_M[1]), (0, 1))))
+        output.append(output.encode(DepthFrame(frame, DepthMap(FRAMES_M[1]), (0, 1))))
         output.finish()
     facts = inspect_file(str(tmp_path / "d.MKV"))
     assert (facts.valid, facts.min, facts.max) == (0, None, None)
@@ -115,7 +115,7 @@ def test_a_scale_is_one_of_steps(tmp_path: Path, depth_npy: Path) -> None:
     Png16Writer(100).write(DepthMap(FRAMES_M[0]), path)
     for scale, unit_m in ((None, 1), (50, 2)):
         facts = inspect_file(str(path), scale)
-        assert isinstance(facts, MapFacts)
+        assert isinstance(facts, DepthMapInfo)
         found = (facts.valid, facts.min, facts.median, facts.max)
         assert found == pytest.approx((6, unit_m, 2 * unit_m, 3 * unit_m))
         found_m = read_map(path, scale=scale).values
@@ -153,7 +153,7 @@ def test_a_target_without_suffix_gets_the_format_s(depth_npy: Path) -> None:
 
 @pytest.mark.parametrize("wanted", Format)
 def test_a_target_s_own_suffix_matches(tmp_path: Path, wanted: Format) -> None:
-    for name in (f"a{wanted.facts.suffix}", f"a{wanted.facts.ending or '.png'}", "a.dat"):
+    for name in (f"a{wanted.facts.suffix}", f"a{wanted.facts.file_suffix or '.png'}", "a.dat"):
         assert target_format(str(tmp_path / name), wanted) is wanted
 
 

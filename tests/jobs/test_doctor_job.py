@@ -16,7 +16,7 @@ from depthcli.inference import providers
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.pictures import codecs
 from depthcli.jobs.doctor import check_installation
-from depthcli.jobs.doctor_packages import Check, check_families, check_modules, check_versions
+from depthcli.jobs.doctor_packages import Check, check_conflicts, check_modules, check_versions
 from depthcli.jobs.verify_models import verify_models
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def test_an_error_that_nobody_foresaw_hides_no_finding(monkeypatch: pytest.Monke
     def broken(_suffix: str) -> bool:
         raise ValueError("of two\nlines")
 
-    monkeypatch.setattr(codecs, "can_code", broken)
+    monkeypatch.setattr(codecs, "can_round_trip", broken)
     found = by_name(check_installation())
     assert found["codecs"] == Check("codecs", "failed", "ValueError: of two lines")
     assert found["codec .exr"].status == "ok"
@@ -80,7 +80,7 @@ def test_two_packages_of_one_module_are_a_conflict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...], title: str
 ) -> None:
     seem_installed(tmp_path, monkeypatch, *names)
-    conflict = by_name(check_families())[title]
+    conflict = by_name(check_conflicts())[title]
     assert conflict.status == "failed"
     assert ", ".join(name.replace("_", "-") for name in names) in conflict.detail
 
@@ -89,7 +89,7 @@ def test_add_ons_of_onnxruntime_are_no_conflict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seem_installed(tmp_path, monkeypatch, "onnxruntime_extensions", "onnxruntime_genai")
-    assert by_name(check_families())["onnxruntime packages"].status == "ok"
+    assert by_name(check_conflicts())["onnxruntime packages"].status == "ok"
 
 
 def test_only_what_is_needed_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,7 +125,7 @@ def test_a_module_that_is_not_whole_says_what_to_install(monkeypatch: pytest.Mon
 @pytest.mark.filterwarnings("ignore:Specified provider")
 def test_what_works_only_in_part_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(providers, "available_providers", lambda: ("tensorrt", "rocm", "cpu"))
-    monkeypatch.setattr(codecs, "can_code", lambda suffix: suffix != ".webp")
+    monkeypatch.setattr(codecs, "can_round_trip", lambda suffix: suffix != ".webp")
     load = SessionLoader.load
 
     def settled(self: SessionLoader) -> Session:

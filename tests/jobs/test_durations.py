@@ -20,7 +20,7 @@ from depthcli.jobs.batch import videos as batch_videos
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.task import Result
 from depthcli.jobs.predict import pictures as predict_pictures
-from depthcli.jobs.predict.pictures import Done
+from depthcli.jobs.predict.pictures import PictureResult
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
 from depthcli.jobs.video import write as video_write
@@ -64,7 +64,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     for place, name, seconds in (
         (batch_pictures, "read_image", READ_S),
         (batch_pictures, "write_output", WRITE_S),
-        (batch_videos, "checked_video", READ_S),
+        (batch_videos, "video_checksum", READ_S),
         (predict_pictures, "read_image", READ_S),
         (predict_pictures, "write_output", WRITE_S),
         (Pipeline, "predict_many", PREDICT_S),
@@ -105,7 +105,7 @@ def test_a_picture_alone_takes_what_all_its_outputs_took(tmp_path: Path) -> None
     name = str(write_picture(tmp_path / "a.png"))
     asked = PredictRequest((name, name), f"{tmp_path}/o/", (Format.NPY, Format.JSON), model=loader)
     (done,) = predict(replace(asked, pictures=(name,)))
-    assert isinstance(done, Done)
+    assert isinstance(done, PictureResult)
     assert done.seconds == READ_S + PREDICT_S + 2 * WRITE_S
 
 
@@ -116,4 +116,4 @@ def test_what_is_kept_takes_no_time_of_the_rate(clock: Clock) -> None:
     for one in (result, result, result, replace(result, is_kept=True)):
         found.add(one)
     clock.now_s += 6
-    assert (found.elapsed_s, found.rate, found.passed) == (6, 0.5, 4)
+    assert (found.elapsed_s, found.rate, found.completed) == (6, 0.5, 4)

@@ -52,7 +52,7 @@ def test_the_first_failure_beyond_the_budget_stops(tmp_path: Path, budget: str) 
     assert batch.stopped.startswith(f"more than {budget} ")
     lines = (tmp_path / "out" / "manifest.jsonl").read_bytes().splitlines()
     rows = [row for row in map(parse_row, lines) if row]
-    assert len(rows) == batch.tally.passed <= 2 + 4 + AHEAD
+    assert len(rows) == batch.tally.completed <= 2 + 4 + AHEAD
     done = {row.input for row in rows if row.status == OK}
     assert {"a.png", "b.png"} <= done  # and what a worker was at
     again = ended(tmp_path, budget)
@@ -62,7 +62,7 @@ def test_the_first_failure_beyond_the_budget_stops(tmp_path: Path, budget: str) 
         path.unlink()
     last = ended(tmp_path, budget)
     assert last.tally.kept >= len(done)
-    assert (last.tally.passed, last.tally.failures, last.stopped) == (5, [], None)
+    assert (last.tally.completed, last.tally.failures, last.stopped) == (5, [], None)
 
 
 @pytest.mark.parametrize("budget", [str(BAD), "100%", None])
@@ -70,7 +70,7 @@ def test_what_is_within_the_budget_goes_on(tmp_path: Path, budget: str | None) -
     half_good(tmp_path)
     batch = ended(tmp_path, budget)
     assert batch.stopped is None
-    assert (batch.tally.passed, len(batch.tally.failures)) == (batch.tally.total, BAD)
+    assert (batch.tally.completed, len(batch.tally.failures)) == (batch.tally.total, BAD)
 
 
 def test_nothing_is_stopped_by_the_last_input(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_nothing_is_stopped_by_the_last_input(tmp_path: Path) -> None:
         write_picture(tmp_path / "in" / f"{name}.png")
     (tmp_path / "in" / "c.png").touch()
     batch = ended(tmp_path, "0")
-    assert (batch.stopped, batch.tally.passed, len(batch.tally.failures)) == (None, 3, 1)
+    assert (batch.stopped, batch.tally.completed, len(batch.tally.failures)) == (None, 3, 1)
 
 
 def test_a_share_is_one_of_the_last_hundred_that_were_worked_on() -> None:

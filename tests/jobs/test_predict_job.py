@@ -21,8 +21,8 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
-from depthcli.jobs.failed import Failed
-from depthcli.jobs.predict.pictures import Done
+from depthcli.jobs.failed import FailedInput
+from depthcli.jobs.predict.pictures import PictureResult
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
 
@@ -44,12 +44,12 @@ def test_every_picture_has_its_result_in_its_turn(
     pictures = (names[0], str(damaged), "", names[1])
     results = predict(PredictRequest(pictures, formats=(Format.NPY,), model=loader))
     first = next(results)
-    assert isinstance(first, Done)
+    assert isinstance(first, PictureResult)
     assert first.outputs == (str(tmp_path / "a.depth.npy"),)
     assert (first.provider, first.warnings) == ("cpu", ())
     assert not (tmp_path / "b.depth.npy").exists()
     *failed, last = results
-    assert all(isinstance(one, Failed) and isinstance(one.error, InputError) for one in failed)
+    assert all(isinstance(one, FailedInput) and isinstance(one.error, InputError) for one in failed)
     assert [one.name for one in (*failed, last)] == list(pictures[1:])
     np.testing.assert_array_equal(read_depth(tmp_path / "b.depth.npy"), first.depth)
     assert capfd.readouterr() == ("", "")
@@ -67,7 +67,7 @@ def test_streams_are_those_of_the_request(tmp_path: Path, loader: SessionLoader)
         stdout=written,
     )
     (done,) = predict(request)
-    assert isinstance(done, Done)
+    assert isinstance(done, PictureResult)
     assert done.outputs == ("-",)
     steps = cv2.imdecode(np.frombuffer(written.getvalue(), np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_allclose(steps / 256, done.depth, atol=1 / 256)
@@ -85,7 +85,7 @@ def test_without_streams_there_is_nothing_to_read_or_write(
     tmp_path: Path, loader: SessionLoader
 ) -> None:
     (failed,) = predict(PredictRequest(("-",), str(tmp_path / "d.png"), model=loader))
-    assert isinstance(failed, Failed)
+    assert isinstance(failed, FailedInput)
     name = str(write_picture(tmp_path / "a.png"))
     with pytest.raises(UsageError, match="can be read once; give it once"):
         predict(PredictRequest(("-", "-"), f"{tmp_path}/", model=loader))
@@ -120,13 +120,13 @@ def test_a_stream_that_fails_is_one_line(
 ) -> None:
     request = PredictRequest(("-",), str(tmp_path / "d.png"), model=loader, stdin=Broken(error))
     (failed,) = predict(request)
-    assert isinstance(failed, Failed)
+    assert isinstance(failed, FailedInput)
     assert isinstance(failed.error, InputError)
     assert re.search(reason, str(failed.error))
     if isinstance(error, OSError):
         name = str(write_picture(tmp_path / "a.png"))
         (failed,) = predict(PredictRequest((name,), "-", model=loader, stdout=Broken(error)))
-        assert isinstance(failed, Failed)
+        assert isinstance(failed, FailedInput)
         assert isinstance(failed.error, OutputError)
         assert re.search(reason, str(failed.error))
 
@@ -170,7 +170,7 @@ def test_outputs_are_named_before_anything_is_read(tmp_path: Path) -> None:
 def test_a_model_that_is_not_there_ends_it(tmp_path: Path) -> None:
     missing = SessionLoader(tmp_path / "missing")
     results = predict(PredictRequest((str(tmp_path / "no.png"),), model=missing))
-    assert isinstance(next(results), Failed)
+    assert isinstance(next(results), FailedInput)
     with pytest.raises(ModelError):
         next(results)
 
@@ -183,8 +183,8 @@ def test_anchors_that_miss_a_picture_fail_it_alone(tmp_path: Path, loader: Sessi
         (str(small), str(large)), formats=(Format.NPY,), model=loader, camera=camera
     )
     failed, done = predict(request)
-    assert isinstance(failed, Failed)
-    assert isinstance(done, Done)
+    assert isinstance(failed, FailedInput)
+    assert isinstance(done, PictureResult)
     assert done.depth.values[30, 40] == pytest.approx(2)
 
 
@@ -194,6 +194,6 @@ def test_a_picture_is_never_its_own_output(tmp_path: Path, loader: SessionLoader
     link = tmp_path / "link.png"
     link.symlink_to(picture)
     (failed,) = predict(PredictRequest((str(picture),), str(link), model=loader))
-    assert isinstance(failed, Failed)
+    assert isinstance(failed, FailedInput)
     assert isinstance(failed.error, OutputError)
     assert picture.read_bytes() == before

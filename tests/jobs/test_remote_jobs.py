@@ -16,7 +16,7 @@ from batches import outputs, pictures
 from tiny import write_model, write_picture
 from videos import flat_frames, write_video
 
-from depthcli.core.ending import prepare_to_end
+from depthcli.core.exit_hooks import run_exit_hooks
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.listing.path_list import read_list
@@ -24,14 +24,14 @@ from depthcli.io.manifest.rows_folder import rows_folder
 from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format
-from depthcli.jobs.batch.account import merge, rows_of, summarize
-from depthcli.jobs.batch.forecast import forecast
+from depthcli.jobs.batch.dry_run import dry_run
+from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.failed import Failed
+from depthcli.jobs.failed import FailedInput
 from depthcli.jobs.install_model import add_model
-from depthcli.jobs.predict.pictures import Done
+from depthcli.jobs.predict.pictures import PictureResult
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
 from depthcli.jobs.video.request import VideoRequest
@@ -57,7 +57,7 @@ def test_pictures_go_from_bucket_to_bucket(
 ) -> None:
     picture = write_picture(tmp_path / "a ü.png")
     (here,) = predict(PredictRequest((str(picture),), f"{tmp_path}/", FORMATS, model=loader))
-    assert isinstance(here, Done)
+    assert isinstance(here, PictureResult)
     uri = bucket.put("in/a ü.png", picture.read_bytes())
     bucket.put("in/a ü.jpg", b"another of that name")
     faults = once_each()
@@ -65,8 +65,8 @@ def test_pictures_go_from_bucket_to_bucket(
     done, failed = predict(
         PredictRequest((uri, missing), bucket.uri("out/"), FORMATS, model=loader)
     )
-    assert isinstance(done, Done)
-    assert isinstance(failed, Failed)
+    assert isinstance(done, PictureResult)
+    assert isinstance(failed, FailedInput)
     assert isinstance(failed.error, InputError)
     assert str(failed.error) == f"{missing} cannot be read: no such object"
     found = {k: v for k, v in bucket.objects().items() if k.startswith("out/")}
@@ -86,7 +86,7 @@ def test_without_output_results_lie_beside_the_object(
 ) -> None:
     uri = bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
     (done,) = predict(PredictRequest((uri,), formats=(Format.NPY,), model=loader))
-    assert isinstance(done, Done)
+    assert isinstance(done, PictureResult)
     assert set(bucket.objects()) == {"in/a.png", "in/a.depth.npy"}
     with pytest.raises(UsageError, match="is behind HTTP, where nothing is written"):
         predict(PredictRequest(("http://127.0.0.1:9/a.png",), model=loader))
@@ -183,7 +183,7 @@ import os, signal, sys
 from pathlib import Path
 from depthcli.io.manifest import rows_folder
 from test_remote_jobs import Batch, batch
-rows_folder._SEND_EVERY_S = 0
+rows_folder._UPLOAD_INTERVAL_S = 0
 job = Batch(batch(Path(sys.argv[1]), sys.argv[2], sys.argv[3]))
 for _ in range(3):
     next(job)
@@ -232,7 +232,7 @@ def test_a_model_is_fetched_from_a_bucket(
 def test_rows_reach_the_bucket_while_a_batch_runs(
     tmp_path: Path, bucket: Bucket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("depthcli.io.manifest.rows_folder._SEND_EVERY_S", 0)
+    monkeypatch.setattr("depthcli.io.manifest.rows_folder._UPLOAD_INTERVAL_S", 0)
     bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
     job = Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("out")))
     next(job)
@@ -248,13 +248,13 @@ def test_shards_into_a_bucket_become_one_manifest(
     for number in (1, 2):
         list(Batch(batch(tmp_path, source, out, Shard(number, 2))))
     assert {"manifest-1-of-2.jsonl", "manifest-2-of-2.jsonl"} <= results_in(bucket).keys()
-    assert summarize(rows_of(path_of(out))).inputs == 5
-    assert str(merge(path_of(out))) == f"{out}/manifest.jsonl"
+    assert summarize(read_rows(path_of(out))).inputs == 5
+    assert str(merge_manifests(path_of(out))) == f"{out}/manifest.jsonl"
     found = results_in(bucket)
     assert len(rows(found.pop("manifest.jsonl"))) == 5
     assert found == tree
     request = batch(tmp_path, source, out)
-    would = {one.input: one.would for one in forecast(request, request.model.load())}
+    would = {one.input: one.would for one in dry_run(request, request.model.load())}
     assert would == dict.fromkeys(("a.png", "z.png", "hall/b.png", "hall/clip.avi"), "keep") | {
         "bad.jpg": "fail"
     }
@@ -276,7 +276,7 @@ def test_lists_name_objects(tmp_path: Path, bucket: Bucket, tree: dict[str, byte
         list(read_list(bucket.uri("none.txt")))
 
 
-@pytest.mark.parametrize("end", [prepare_to_end, gc.collect])
+@pytest.mark.parametrize("end", [run_exit_hooks, gc.collect])
 def test_a_batch_that_does_not_finish_leaves_no_copy_of_its_rows(
     bucket: Bucket, end: Callable[[], object]
 ) -> None:

@@ -15,25 +15,25 @@ from command_line import Cli
 from depthcli.cli.shell import run
 from depthcli.core.types import Frame
 from depthcli.datasets.paired_folder import open_paired_folder
-from depthcli.datasets.rooms.pair import VERSION, Recipe, render_pair, room_focal_px
+from depthcli.datasets.rooms.pair import VERSION, RoomSettings, render_pair, room_focal_px
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError
 from depthcli.inference.camera import camera_of
-from depthcli.inference.preprocess import layout
+from depthcli.inference.preprocess import input_layout
 from depthcli.jobs.render import RenderRequest, render
 from depthcli.models.catalog import find_model
 from depthcli.training.config.schema import DataConfig
 from depthcli.training.data.pair_store import PairStore
 
 ROOT = Path(__file__).parents[2]
-RECIPE = Recipe(seed=4, size=(32, 24))
+SETTINGS = RoomSettings(seed=4, size=(32, 24))
 COUNT = 4
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("rendered") / "rooms"
-    render(RenderRequest(out, COUNT, RECIPE))
+    render(RenderRequest(out, COUNT, SETTINGS))
     return out
 
 
@@ -44,11 +44,11 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_workers_count_and_interruptions_change_no_byte(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "again"
-    assert render(RenderRequest(out, 1, RECIPE)).made == 1
-    assert render(RenderRequest(out, COUNT, RECIPE, workers=2)).made == COUNT - 1
+    assert render(RenderRequest(out, 1, SETTINGS)).rendered == 1
+    assert render(RenderRequest(out, COUNT, SETTINGS, workers=2)).rendered == COUNT - 1
     (out / "depth/0000/000002.png").unlink()
-    assert render(RenderRequest(out, COUNT, RECIPE)).made == 1
-    assert render(RenderRequest(out, 2, RECIPE)).made == 0
+    assert render(RenderRequest(out, COUNT, SETTINGS)).rendered == 1
+    assert render(RenderRequest(out, 2, SETTINGS)).rendered == 0
     assert contents(out) == contents(folder)
 
 
@@ -77,29 +77,31 @@ def test_a_folder_holds_a_hundred_rooms_and_those_that_are_missing_are_told(
             told.append(what)
             return told.append
 
-    (tmp_path / "rooms.json").write_text(json.dumps({"version": VERSION, **RECIPE._asdict()}))
-    done = render(RenderRequest(tmp_path, 102, RECIPE), Told())  # type: ignore[arg-type]
-    assert (done.count, done.made, told) == (102, 2, [("", 2, "rooms"), 1, 1])
+    (tmp_path / "rooms.json").write_text(json.dumps({"version": VERSION, **SETTINGS._asdict()}))
+    done = render(RenderRequest(tmp_path, 102, SETTINGS), Told())  # type: ignore[arg-type]
+    assert (done.count, done.rendered, told) == (102, 2, [("", 2, "rooms"), 1, 1])
     assert {path.stem for path in tmp_path.glob("*/0001/*")} == {"000100", "000101"}
 
 
 def test_files_hold_what_was_rendered(folder: Path) -> None:
-    pair, pairs = render_pair(RECIPE, 3), open_paired_folder(folder)
+    pair, pairs = render_pair(SETTINGS, 3), open_paired_folder(folder)
     assert pairs.ids == tuple(f"0000/{i:06}" for i in range(COUNT))
     np.testing.assert_allclose(pairs.depth_m(3), pair.depth_m, atol=0.00051)
     assert np.abs(pairs.image(3).astype(int) - pair.rgb).mean() < 6
-    assert pairs.focal_px == pytest.approx([room_focal_px(RECIPE, i) for i in range(COUNT)])
+    assert pairs.focal_px == pytest.approx([room_focal_px(SETTINGS, i) for i in range(COUNT)])
 
 
 @pytest.mark.parametrize(
     ("other", "named"),
     [
-        (RECIPE._replace(seed=5), f"--seed {RECIPE.seed}"),
-        (RECIPE._replace(size=(16, 12)), "--size {}x{}".format(*RECIPE.size)),
-        (RECIPE._replace(hfov_deg=(20.0, 20.5)), "--hfov {:g}-{:g}".format(*RECIPE.hfov_deg)),
+        (SETTINGS._replace(seed=5), f"--seed {SETTINGS.seed}"),
+        (SETTINGS._replace(size=(16, 12)), "--size {}x{}".format(*SETTINGS.size)),
+        (SETTINGS._replace(hfov_deg=(20.0, 20.5)), "--hfov {:g}-{:g}".format(*SETTINGS.hfov_deg)),
     ],
 )
-def test_rooms_of_other_options_are_not_mixed(folder: Path, other: Recipe, named: str) -> None:
+def test_rooms_of_other_options_are_not_mixed(
+    folder: Path, other: RoomSettings, named: str
+) -> None:
     before = contents(folder)
     with pytest.raises(UsageError, match=f"holds rooms made with {named}; give the same options"):
         render(RenderRequest(folder, COUNT, other))
@@ -110,13 +112,13 @@ def test_rooms_of_other_options_are_not_mixed(folder: Path, other: Recipe, named
 def test_rooms_of_another_version_are_not_mixed(tmp_path: Path, held: str) -> None:
     (tmp_path / "rooms.json").write_text(held)
     with pytest.raises(UsageError, match="rooms made with another version of depthcli"):
-        render(RenderRequest(tmp_path, 1, RECIPE))
+        render(RenderRequest(tmp_path, 1, SETTINGS))
 
 
 def test_other_pictures_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "rgb").mkdir()
     with pytest.raises(UsageError, match="holds other pictures"):
-        render(RenderRequest(tmp_path, 1, RECIPE))
+        render(RenderRequest(tmp_path, 1, SETTINGS))
 
 
 def test_a_model_that_learns_the_rooms_gives_their_metres(folder: Path) -> None:
@@ -126,7 +128,7 @@ def test_a_model_that_learns_the_rooms_gives_their_metres(folder: Path) -> None:
     truth = open_paired_folder(folder)
     assert card.camera is not None
     assert data.hfov_deg == card.camera.hfov_deg
-    place = layout(card.input, *RECIPE.size)
+    place = input_layout(card.input, *SETTINGS.size)
     for i in range(COUNT):
         camera = camera_of(card, Frame(truth.image(i)), place, truth.focal_px[i], None)
         assert camera is not None
@@ -217,5 +219,5 @@ def test_a_recipe_that_is_damaged_is_named(
 def test_cameras_that_are_damaged_are_named_again(folder: Path, tmp_path: Path) -> None:
     out = shutil.copytree(folder, tmp_path / "rooms")
     (out / "cameras.csv").write_bytes(b"\xff\xfe\n")
-    render(RenderRequest(out, COUNT, RECIPE))
+    render(RenderRequest(out, COUNT, SETTINGS))
     assert contents(out) == contents(folder)

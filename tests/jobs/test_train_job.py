@@ -12,27 +12,27 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import EFFICIENT, write_rooms
 
-from depthcli.errors import DatasetError
+from depthcli.errors import DatasetError, ModelError
 from depthcli.jobs.train.run import TrainRequest, train
+from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
+    from depthcli.training.callbacks import TrainStart
     from depthcli.training.checkpoint import RunProgress
-    from depthcli.training.watchers import TrainStart
 
 
-class Notes(Watcher):
+class Notes(Callback):
     """Remembers what it is told."""
 
     def __init__(self) -> None:
         self.starts: list[TrainStart] = []
         self.epochs: list[int] = []
 
-    def begin(self, start: TrainStart) -> None:
+    def on_train_start(self, start: TrainStart) -> None:
         self.starts.append(start)
 
-    def epoch(self, progress: RunProgress) -> None:
+    def on_epoch_end(self, progress: RunProgress) -> None:
         self.epochs.append(progress.epoch)
 
 
@@ -48,7 +48,7 @@ def test_a_run_stops_goes_on_and_tells_of_it(
     write_rooms(tmp_path / "data")
     notes = Notes()
     stopped = train(_request(tmp_path, minutes=0), notes)
-    assert (stopped.progress.step, stopped.signal_number, stopped.is_first) == (1, None, True)
+    assert (stopped.progress.step, stopped.signal_number, stopped.is_global_zero) == (1, None, True)
     done = train(_request(tmp_path), notes)
     assert done.progress == Checkpoint.load(tmp_path / "run" / "last.ckpt").progress
     assert (done.progress.step, notes.epochs) == (6, [1, 2, 3])
@@ -89,3 +89,11 @@ def test_errors_are_raised_before_anything_is_written(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="data does not exist"):
         train(_request(tmp_path), Notes())
     assert not (tmp_path / "run").exists()
+
+
+def test_an_unknown_model_to_start_from_is_told_before_the_data_set_is_opened(
+    tmp_path: Path,
+) -> None:
+    request = replace(_request(tmp_path), start=(Path("nope"),))
+    with pytest.raises(ModelError, match="no model named 'nope'"):
+        train(request, Callback())

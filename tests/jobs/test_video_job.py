@@ -31,7 +31,7 @@ from depthcli.video.codecs import PreviewCodec
 from depthcli.video.depth import DepthVideo
 from depthcli.video.depth_output import depth_video
 from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat
-from depthcli.video.output import VideoFrame
+from depthcli.video.output import DepthFrame
 from depthcli.video.partial import partial_video
 from depthcli.video.rates import Timing
 from depthcli.video.source import VideoSource
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from depthcli.jobs.video.result import VideoDone
+    from depthcli.jobs.video.result import VideoResult
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def clip(tmp_path: Path) -> Path:
     return write_mp4(tmp_path / "clip.mp4", pictures)
 
 
-def run(path: Path, output: Path | str, loader: SessionLoader, **settings: Any) -> VideoDone:
+def run(path: Path, output: Path | str, loader: SessionLoader, **settings: Any) -> VideoResult:
     return video(
         VideoRequest(str(path), str(output), model=loader, settings=VideoSettings(**settings))
     )
@@ -245,7 +245,9 @@ def test_outputs_of_standard_input_are_named_so(
     assert files(tmp_path / "out") == {f"stdin.{suffix}" for suffix in suffixes}
 
 
-@pytest.mark.parametrize("which", [f for f in VideoFormat if VIDEO_FORMATS[f].ending != ".json"])
+@pytest.mark.parametrize(
+    "which", [f for f in VideoFormat if VIDEO_FORMATS[f].file_suffix != ".json"]
+)
 def test_standard_output_takes_the_frames_of_a_file(
     clip: Path, tmp_path: Path, loader: SessionLoader, which: VideoFormat
 ) -> None:
@@ -307,7 +309,7 @@ def test_the_sound_of_a_pipe_is_missed_in_words(tmp_path: Path, loader: SessionL
     path = with_sound(tmp_path / "a.mkv", seconds=0.4)
     request = VideoRequest("-", f"{tmp_path}/a.mp4", model=loader, stdin=Stream(path.read_bytes()))
     assert "audio of standard input" in " ".join(video(request).warnings)
-    silent = dataclasses.replace(request, has_sound=False, stdin=Stream(path.read_bytes()))
+    silent = dataclasses.replace(request, has_audio=False, stdin=Stream(path.read_bytes()))
     assert video(silent).warnings == ()
 
 
@@ -429,7 +431,7 @@ def test_depth_of_an_unfinished_video_is_not_predicted_again(
         for index in range(22):
             depth = DepthMap(np.full((48, 64), 7.25, np.float32))
             frame = Frame(np.zeros((48, 64), np.uint8), timestamp_s=float(index / NTSC))
-            output.append(output.encode(VideoFrame(frame, depth, (1.0, 2.0))))
+            output.append(output.encode(DepthFrame(frame, depth, (1.0, 2.0))))
         output.finish()
     data = (tmp_path / "other.mkv").read_bytes()
     part.write_bytes(data[: int(len(data) * keep)])

@@ -27,8 +27,8 @@ from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row
 from depthcli.io.writers.formats import Format
-from depthcli.jobs.batch.engines.pool import Pool
-from depthcli.jobs.batch.engines.ray import LOCAL, _Actors, _connect, _room
+from depthcli.jobs.batch.engines.pool import WorkerPool
+from depthcli.jobs.batch.engines.ray import LOCAL_CLUSTER, _Actors, _connect, _worker_capacity
 from depthcli.jobs.batch.engines.remote_worker import Call, RemoteWorker
 from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.run import Batch
@@ -49,30 +49,30 @@ class Machines:
         self.deaths, self.false_starts = deaths, false_starts
         self.numbers = count()
         self.loads: dict[int, deque[tuple[int, Call]]] = {}
-        self.starting: dict[int, int] = {}  # flight -> worker
+        self.starting: dict[int, int] = {}  # future -> worker
         self.landing: dict[int, object] = {}
         self.begun = self.most = self.lost = 0
         self.ended: list[Hashable] = []
         self.waited: list[Sequence[Hashable]] = []
 
-    def begin(self) -> tuple[int, int]:
+    def start_worker(self) -> tuple[int, int]:
         self.begun += 1
-        worker, flight = next(self.numbers), next(self.numbers)
-        self.starting[flight] = worker
-        return worker, flight
+        worker, future = next(self.numbers), next(self.numbers)
+        self.starting[future] = worker
+        return worker, future
 
-    def send(self, worker: Hashable, call: Call) -> int:
+    def submit(self, worker: Hashable, call: Call) -> int:
         assert isinstance(worker, int)
-        flight, load = next(self.numbers), self.loads[worker]
+        future, load = next(self.numbers), self.loads[worker]
         others = [one for _, one in load]
-        assert not others or not (call.losses or others[0].losses), "suspects are alone"
-        load.append((flight, call))
+        assert not others or not (call.lost_workers or others[0].lost_workers), "suspects are alone"
+        load.append((future, call))
         self.most = max(self.most, len(load))
-        return flight
+        return future
 
-    def first(self, flights: Sequence[Hashable]) -> Hashable:
-        under_way = {flight for load in self.loads.values() for flight, _ in load}
-        assert set(flights) == under_way | self.starting.keys() | self.landing.keys()
+    def wait_any(self, futures: Sequence[Hashable]) -> Hashable:
+        under_way = {future for load in self.loads.values() for future, _ in load}
+        assert set(futures) == under_way | self.starting.keys() | self.landing.keys()
         busy = [worker for worker, load in self.loads.items() if load]
         chosen = self.random.choice([*self.landing, *self.starting, *busy])
         if chosen in self.starting:
@@ -90,7 +90,7 @@ class Machines:
         return ORIGIN
 
     def _work(self, worker: int) -> int:
-        flight, call = self.loads[worker][0]
+        future, call = self.loads[worker][0]
         tasks = [task for chunk in call.chunks for task in chunk]
         dies = any(task.input.name in self.poison for task in tasks)
         if not dies and self.deaths and self.random.random() < 0.5:
@@ -99,21 +99,21 @@ class Machines:
         if dies:
             self.lost += 1
             died = self.loads.pop(worker)
-            self.landing |= {flight: OSError("the worker died") for flight, _ in died}
+            self.landing |= {future: OSError("the worker died") for future, _ in died}
         else:
             self.loads[worker].popleft()
-            self.landing[flight] = [Result(Row(t.input.name, OK, ORIGIN)) for t in tasks]
-        return flight
+            self.landing[future] = [Result(Row(t.input.name, OK, ORIGIN)) for t in tasks]
+        return future
 
-    def landed(self, flight: Hashable) -> object:
-        assert isinstance(flight, int)
-        return self.landing.pop(flight)
+    def result(self, future: Hashable) -> object:
+        assert isinstance(future, int)
+        return self.landing.pop(future)
 
-    def end(self, worker: Hashable) -> None:
+    def kill(self, worker: Hashable) -> None:
         self.ended.append(worker)
 
-    def wait(self, flights: Sequence[Hashable]) -> None:
-        self.waited.append(flights)
+    def wait_all(self, futures: Sequence[Hashable]) -> None:
+        self.waited.append(futures)
 
 
 def calls(names: Sequence[str], size: int = 1) -> Iterator[Call]:
@@ -143,7 +143,7 @@ def test_each_input_has_one_result_and_no_bystander_fails(
     names = [str(number) for number in range(inputs)]
     deadly = {name for name in names if int(name) in poison}
     machines = Machines(seed, deadly, deaths, false_starts)
-    pool = Pool(machines)
+    pool = WorkerPool(machines)
     results = [one.row for many in pool.results(calls(names, size), workers) for one in many]
     assert Counter(row.input for row in results) == Counter(names)
     assert {row.input for row in results if row.status == FAILED} == deadly
@@ -162,20 +162,20 @@ def test_each_input_has_one_result_and_no_bystander_fails(
 
 def test_a_worker_has_one_call_at_work_and_one_on_its_way() -> None:
     machines = Machines(0, set())
-    assert len(list(Pool(machines).results(calls([str(n) for n in range(20)]), 3))) == 20
+    assert len(list(WorkerPool(machines).results(calls([str(n) for n in range(20)]), 3))) == 20
     assert (machines.begun, machines.most) == (3, 2)
 
 
 def test_a_pool_that_is_closed_ends_its_workers_and_waits_for_what_they_did() -> None:
     machines = Machines(0, set())
-    pool = Pool(machines)
+    pool = WorkerPool(machines)
     results = pool.results(calls([str(n) for n in range(20)]), 2)
     next(results)
     pool.close()
     assert sorted(map(str, machines.ended)) == sorted(
         map(str, [*machines.loads, *machines.starting.values()])
     )
-    under_way = {flight for load in machines.loads.values() for flight, _ in load}
+    under_way = {future for load in machines.loads.values() for future, _ in load}
     (waited,) = machines.waited
     assert under_way
     assert set(waited) == under_way
@@ -184,7 +184,7 @@ def test_a_pool_that_is_closed_ends_its_workers_and_waits_for_what_they_did() ->
 def test_workers_that_never_begin_are_given_up() -> None:
     machines = Machines(0, set(), false_starts=9)
     with pytest.raises(EngineError, match=r"workers exit before they start \(no such module\)"):
-        list(Pool(machines).results(calls(["a"]), 1))
+        list(WorkerPool(machines).results(calls(["a"]), 1))
     assert machines.begun == 3
 
 
@@ -220,7 +220,7 @@ def test_a_worker_elsewhere_gives_what_one_here_does(
         replace(row, seconds=0) for row in here
     ]
     assert outputs(tmp_path / "there") == outputs(tmp_path / "here")
-    assert list(Call(video=video, losses=1).alone()) == [Call(video=video, losses=2)]
+    assert list(Call(video=video, lost_workers=1).split()) == [Call(video=video, lost_workers=2)]
     assert (Call(tuple(chunks)).task, Call(video=video).task) == (chunks[0][0], video)
 
 
@@ -234,7 +234,7 @@ def test_how_many_workers_have_room(cpus: float, gpus: float, workers: int) -> N
         {"Alive": False, "Resources": {"CPU": 64.0, "GPU": 8.0}},
         {"Alive": True, "Resources": {}},
     ]
-    assert _room(SimpleNamespace(nodes=lambda: nodes), cpus, gpus) == workers
+    assert _worker_capacity(SimpleNamespace(nodes=lambda: nodes), cpus, gpus) == workers
 
 
 def test_a_cluster_of_this_machine_alone_is_told_to_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -252,8 +252,11 @@ def test_a_cluster_of_this_machine_alone_is_told_to_nobody(monkeypatch: pytest.M
         assert signal.getsignal(signal.SIGTERM) == before
     assert os.environ["RAY_USAGE_STATS_ENABLED"] == "0"
     quiet = {"log_to_driver": False, "logging_level": logging.ERROR}
-    assert asked == {"127.0.0.1:6379": quiet, "local": quiet | LOCAL}
-    assert (LOCAL["include_dashboard"], LOCAL["_node_ip_address"]) == (False, "127.0.0.1")
+    assert asked == {"127.0.0.1:6379": quiet, "local": quiet | LOCAL_CLUSTER}
+    assert (LOCAL_CLUSTER["include_dashboard"], LOCAL_CLUSTER["_node_ip_address"]) == (
+        False,
+        "127.0.0.1",
+    )
 
 
 class LostError(Exception):
@@ -292,27 +295,27 @@ def test_what_a_worker_raised_is_raised_and_a_lost_one_is_not() -> None:
     kinds = SimpleNamespace(RayTaskError=RaisedError, RayError=LostError)
     actors = _Actors(SimpleNamespace(get=get, exceptions=kinds), list, print)
     lost = LostError()
-    assert actors.landed(lost) is lost
+    assert actors.result(lost) is lost
     with pytest.raises(ModelError, match="no model"):
-        actors.landed(RaisedError(ModelError("no model")))
+        actors.result(RaisedError(ModelError("no model")))
     with pytest.raises(EngineError, match="a worker of the Ray cluster failed: TypeError: why not"):
-        actors.landed(RaisedError(TypeError("why not")))
+        actors.result(RaisedError(TypeError("why not")))
 
 
 def test_who_waits_for_a_cluster_is_asked_whether_to_go_on() -> None:
     waits, asked = [((), "f"), ((), "f"), (("f",), ())], []
 
-    def wait(flights: Sequence[str], *, num_returns: int, timeout: float) -> object:
-        awaited.append((flights, num_returns))
+    def wait(futures: Sequence[str], *, num_returns: int, timeout: float) -> object:
+        awaited.append((futures, num_returns))
         return waits.pop(0) if timeout < 1 else None
 
     awaited: list[object] = []
     actors = _Actors(SimpleNamespace(wait=wait), list, asked.append)
-    assert actors.first(["f", "g"]) == "f"
+    assert actors.wait_any(["f", "g"]) == "f"
     assert asked == [0, 0]
     assert awaited == [(["f", "g"], 1)] * 3
-    actors.wait([])  # nothing is under way
-    actors.wait(["f", "g"])
+    actors.wait_all([])  # nothing is under way
+    actors.wait_all(["f", "g"])
     assert awaited[3:] == [(["f", "g"], 2)]
 
 

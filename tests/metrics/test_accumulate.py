@@ -87,4 +87,4 @@ def test_sums_of_parts_are_those_of_the_whole(name: str) -> None:
     pixels = DepthPixels.of(truth, truth * rng.lognormal(0.1, 0.3, truth.size))
     assert [len(part) for part in pixels.parts()][-1] < len(pixels)
     assert sum(len(part) for part in pixels.parts()) == len(pixels)
-    assert PixelSums.over(pixels).scores()[name] == pytest.approx(METRICS[name](pixels), rel=1e-12)
+    assert PixelSums.of(pixels).scores()[name] == pytest.approx(METRICS[name](pixels), rel=1e-12)

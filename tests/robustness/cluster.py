@@ -31,7 +31,7 @@ from stores import KEYS, REGION, Bucket, Faults, s3_server
 from tiny import synthetic_picture, write_model, write_picture
 from videos import flat_frames, write_video
 
-from depthcli.jobs.batch.engines.ray import LOCAL
+from depthcli.jobs.batch.engines.ray import LOCAL_CLUSTER
 
 MANIFEST = "manifest.jsonl"
 
@@ -159,7 +159,7 @@ def main() -> int:
         proxy.fault = fault
         os.environ.update(KEYS, AWS_DEFAULT_REGION=REGION, AWS_ENDPOINT_URL=proxy.endpoint)
         os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-        address = ray.init("local", num_cpus=2, log_to_driver=False, **LOCAL).address_info[
+        address = ray.init("local", num_cpus=2, log_to_driver=False, **LOCAL_CLUSTER).address_info[
             "gcs_address"
         ]
         command = batch(folder, bucket.uri("in"), bucket.uri("out"), "--engine", "ray")

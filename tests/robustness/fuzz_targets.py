@@ -29,7 +29,7 @@ from depthcli.datasets.files import read_depth_m, read_image_rgb
 from depthcli.datasets.nyu import read_index
 from depthcli.datasets.nyu_mat import open_mat
 from depthcli.inference.trial import try_model
-from depthcli.io.depth.facts import stated_facts
+from depthcli.io.depth.metadata import read_metadata
 from depthcli.io.depth.read import read_depth
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.path_list import listed_inputs, parse_list
@@ -37,8 +37,8 @@ from depthcli.io.manifest.files import TableRows
 from depthcli.io.manifest.row import parse_row
 from depthcli.io.manifest.table import write_rows
 from depthcli.io.parquet import column_texts
-from depthcli.io.pictures.ending import flaw
 from depthcli.io.pictures.exif import read_exif
+from depthcli.io.pictures.integrity import find_problem
 from depthcli.io.pictures.read import read_image
 from depthcli.io.pictures.size import picture_size
 from depthcli.io.writers.exr import ExrWriter
@@ -48,11 +48,11 @@ from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
 from depthcli.training import metrics_log
 from depthcli.training.checkpoint import Checkpoint, RunProgress
-from depthcli.training.config.changes import resolve
+from depthcli.training.config.overrides import apply_overrides
 from depthcli.training.config.schema import TrainConfig
 from depthcli.video.depth import DepthVideo
 from depthcli.video.frame_journal import FrameJournal
-from depthcli.video.integrity import slices_are_whole
+from depthcli.video.integrity import has_valid_slices
 from depthcli.video.source import VideoSource
 
 UNEXPECTED = re.compile(r"unexpected [A-Z]\w+:|Traceback")
@@ -192,7 +192,7 @@ def _sidecars() -> list[bytes]:
 def _read_sidecar(path: Path) -> None:
     np.save(path.with_suffix(".npy"), _depth().values)
     read_depth(path.with_suffix(".npy"))
-    stated_facts(path.with_suffix(".npy"))
+    read_metadata(path.with_suffix(".npy"))
 
 
 def _cards() -> list[bytes]:
@@ -376,7 +376,7 @@ def _read_list(path: Path) -> None:
 
 
 def _read_setting(path: Path) -> None:
-    resolve(TrainConfig(), [], [path.read_bytes().decode("utf-8", "surrogateescape")])
+    apply_overrides(TrainConfig(), [], [path.read_bytes().decode("utf-8", "surrogateescape")])
 
 
 def _read_headers(path: Path) -> None:
@@ -385,7 +385,7 @@ def _read_headers(path: Path) -> None:
     picture_size(data)
     with_struct = struct.error
     try:
-        flaw(data)
+        find_problem(data)
     except with_struct:
         if picture_size(data) is not None:  # which is asked first
             raise
@@ -397,7 +397,7 @@ def _read_journal(path: Path) -> None:
 
 
 def _read_slices(path: Path) -> None:
-    slices_are_whole(path.read_bytes())
+    has_valid_slices(path.read_bytes())
 
 
 def _picture(path: Path) -> None:
@@ -410,7 +410,7 @@ def _all_pictures() -> list[bytes]:
 
 
 def _exr_or_facts(path: Path) -> None:
-    stated_facts(path)
+    read_metadata(path)
     read_depth(path)
 
 
@@ -441,12 +441,12 @@ TARGETS: dict[str, Target] = {
     "metrics": Target(
         "metrics.jsonl",
         lambda: [b'{"epoch": 1, "step": 10, "scores": {"a": 1}}\n{"epoch": 2, "step": 20}\n'],
-        lambda path: metrics_log.cut(path, 10),
+        lambda path: metrics_log.truncate(path, 10),
     ),
     "configuration": Target(
         "a.toml",
         lambda: [b"seed = 3\n[data]\nwidth = 64\nzoom = 1.5\n[optim]\nlearning_rate = 1e-4\n"],
-        lambda path: resolve(TrainConfig(), [path], []),
+        lambda path: apply_overrides(TrainConfig(), [path], []),
     ),
     "setting": Target("a.txt", lambda: [b"optim.epochs_decay=3", b"data.width=64"], _read_setting),
     "profile": Target(

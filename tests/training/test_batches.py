@@ -12,7 +12,7 @@ from rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 from depthcli.errors import DatasetError, UsageError
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore, _stored_size, whole_pictures
-from depthcli.training.setup import divide
+from depthcli.training.setup import train_val_split
 
 CPU = torch.device("cpu")
 DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2, brightness=0.2, noise=0.02)
@@ -165,10 +165,12 @@ def test_whole_pictures_are_not_augmented() -> None:
 
 def test_whole_scenes_are_held_out() -> None:
     dataset = rooms()
-    assert divide(dataset, DATA) == (TRAIN, HELD_OUT)
-    assert divide(dataset, replace(DATA, holdout_every=0)) == (list(range(6)), [])
+    assert train_val_split(dataset, DATA) == (TRAIN, HELD_OUT)
+    assert train_val_split(dataset, replace(DATA, holdout_every=0)) == (list(range(6)), [])
     for offset in range(4):
-        train, held_out = divide(dataset, replace(DATA, holdout_every=2, holdout_offset=offset))
+        train, held_out = train_val_split(
+            dataset, replace(DATA, holdout_every=2, holdout_offset=offset)
+        )
         assert sorted(train + held_out) == list(range(6))
         scenes = [{dataset.scenes[i] for i in rows} for rows in (train, held_out)]
         assert not scenes[0] & scenes[1]

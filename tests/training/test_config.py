@@ -16,11 +16,11 @@ import pytest
 import torch
 
 from depthcli.core.codec import DepthCodec
-from depthcli.core.foreign import FieldError, built
+from depthcli.core.validation import FieldError, validated
 from depthcli.errors import UsageError
 from depthcli.training.config import rules
-from depthcli.training.config.changes import resolve, updated
 from depthcli.training.config.objective import LossConfig
+from depthcli.training.config.overrides import apply_overrides, updated
 from depthcli.training.config.presets import FOLDER, preset_file
 from depthcli.training.config.schema import OutputConfig, TrainConfig
 from depthcli.training.methods.registry import DEFAULTS, default_config
@@ -64,8 +64,8 @@ def test_defaults_never_change() -> None:
         (rules.Positive, 1, None),
         (rules.Amount, 0.0, None),
         (rules.Share, 0.0, math.nextafter(1, 0)),
-        (rules.WholeShare, 0.0, 1.0),
-        (rules.Small, 0.001, None),
+        (rules.UnitInterval, 0.0, 1.0),
+        (rules.PositiveFloat, 0.001, None),
         (rules.Zoom, 1.0, None),
         (rules.Aspect, 0.25, 4.0),
         (rules.Side, 32, None),
@@ -77,17 +77,17 @@ def test_ranges_hold_their_ends(rule: Any, least: float, most: float | None) -> 
     for end, beyond in ((least, -math.inf), (most, math.inf)):
         if end is None:
             continue
-        assert built(rule, end) == end
+        assert validated(rule, end) == end
         step = math.copysign(1, beyond)
         with pytest.raises(FieldError):
-            built(rule, end + step if type(end) is int else math.nextafter(end, beyond))
+            validated(rule, end + step if type(end) is int else math.nextafter(end, beyond))
 
 
 def test_later_changes_win(tmp_path: Path) -> None:
     first, second = tmp_path / "a.toml", tmp_path / "b.toml"
     first.write_text("seed = 1\n[optim]\nbatch_size = 4\nepochs_decay = 7\n")
     second.write_text("[optim]\nbatch_size = 8\n")
-    config = resolve(TrainConfig(), [first, second], ["seed=2", "data.zoom=2"])
+    config = apply_overrides(TrainConfig(), [first, second], ["seed=2", "data.zoom=2"])
     assert (config.seed, config.data.zoom) == (2, 2.0)
     assert (config.optim.batch_size, config.optim.epochs_decay) == (8, 7)
     assert config.generator == TrainConfig().generator
@@ -105,13 +105,15 @@ def test_later_changes_win(tmp_path: Path) -> None:
     ],
 )
 def test_settings_are_read_by_type(setting: str, group: str, name: str, wanted: object) -> None:
-    found = getattr(getattr(resolve(TrainConfig(), [], ["loss.l1=0", setting]), group), name)
+    found = getattr(
+        getattr(apply_overrides(TrainConfig(), [], ["loss.l1=0", setting]), group), name
+    )
     assert found == wanted
     assert type(found) is type(wanted)
 
 
 def test_precision_is_text_though_it_begins_with_a_number() -> None:
-    assert resolve(TrainConfig(), [], ["precision=16-mixed"]).precision == "16-mixed"
+    assert apply_overrides(TrainConfig(), [], ["precision=16-mixed"]).precision == "16-mixed"
 
 
 @pytest.mark.parametrize(
@@ -138,7 +140,7 @@ def test_precision_is_text_though_it_begins_with_a_number() -> None:
 )
 def test_nonsense_is_refused_in_one_line(setting: str, reason: str) -> None:
     with pytest.raises(UsageError) as caught:
-        resolve(TrainConfig(), [], [setting])
+        apply_overrides(TrainConfig(), [], [setting])
     assert reason in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -176,7 +178,7 @@ def test_nonsense_is_refused_in_one_line(setting: str, reason: str) -> None:
 )
 def test_values_out_of_range_are_refused(setting: str) -> None:
     with pytest.raises(UsageError, match=setting.partition("=")[0].rpartition(".")[2]):
-        resolve(TrainConfig(), [], [setting])
+        apply_overrides(TrainConfig(), [], [setting])
 
 
 @pytest.mark.parametrize(
@@ -188,13 +190,13 @@ def test_values_out_of_range_are_refused(setting: str) -> None:
 )
 def test_efficient_needs_every_level(setting: str) -> None:
     with pytest.raises(UsageError, match=setting.partition("=")[0]):
-        resolve(TrainConfig(), [], ["generator.name=efficient", f"generator.{setting}"])
+        apply_overrides(TrainConfig(), [], ["generator.name=efficient", f"generator.{setting}"])
 
 
 def test_resnet_needs_multiples_of_four() -> None:
     with pytest.raises(UsageError, match="multiple of 4"):
-        resolve(TrainConfig(), [], ["data.width=66"])
-    resolve(TrainConfig(), [], ["data.width=66", "generator.name=efficient"])
+        apply_overrides(TrainConfig(), [], ["data.width=66"])
+    apply_overrides(TrainConfig(), [], ["data.width=66", "generator.name=efficient"])
 
 
 @pytest.mark.parametrize("size", [(32, 32, 1), (33, 32, 1), (32, 33, 1), (32, 32, 2)])
@@ -205,12 +207,12 @@ def test_efficient_needs_two_values_to_normalise(size: tuple[int, int, int]) -> 
     settings += ["generator.decoder=[4,4,4,4]"]
     pictures = torch.rand(batch_size, 1, height, width)
     if size != (32, 32, 1):
-        generator = build_generator(resolve(TrainConfig(), [], settings).generator)
+        generator = build_generator(apply_overrides(TrainConfig(), [], settings).generator)
         assert generator.train()(pictures).isfinite().all()
         return
     with pytest.raises(UsageError, match=r"raise data\.width, data\.height or optim\.batch_size"):
-        resolve(TrainConfig(), [], settings)
-    resolve(TrainConfig(), [], [*settings, "generator.name=resnet"])
+        apply_overrides(TrainConfig(), [], settings)
+    apply_overrides(TrainConfig(), [], [*settings, "generator.name=resnet"])
 
 
 UNPAIRED = ("data.paired=false", "loss.l1=0")
@@ -221,12 +223,12 @@ UNPAIRED = ("data.paired=false", "loss.l1=0")
 )
 def test_losses_against_the_truth_need_pairs(setting: str) -> None:
     loss = f"loss.{setting}"
-    resolve(TrainConfig(), [], [loss])
+    apply_overrides(TrainConfig(), [], [loss])
     if setting == "contrast=cut":
-        assert not resolve(TrainConfig(), [], [*UNPAIRED, loss]).data.paired
+        assert not apply_overrides(TrainConfig(), [], [*UNPAIRED, loss]).data.paired
         return
     with pytest.raises(UsageError, match=rf"^loss\.{setting.partition('=')[0]}.*data\.paired=true"):
-        resolve(TrainConfig(), [], [*UNPAIRED, loss])
+        apply_overrides(TrainConfig(), [], [*UNPAIRED, loss])
 
 
 @pytest.mark.parametrize(
@@ -246,7 +248,7 @@ def test_losses_against_the_truth_need_pairs(setting: str) -> None:
 )
 def test_what_would_do_nothing_is_refused(settings: list[str], reason: str) -> None:
     with pytest.raises(UsageError, match=re.escape(reason)):
-        resolve(TrainConfig(), [], settings)
+        apply_overrides(TrainConfig(), [], settings)
 
 
 @pytest.mark.parametrize(
@@ -263,7 +265,7 @@ def test_what_would_do_nothing_is_refused(settings: list[str], reason: str) -> N
     ],
 )
 def test_what_is_just_possible_is_taken(settings: list[str]) -> None:
-    resolve(TrainConfig(), [], settings)
+    apply_overrides(TrainConfig(), [], settings)
 
 
 @pytest.mark.parametrize("content", [b"seed = ", b"\xff\xfe", None])
@@ -272,7 +274,7 @@ def test_bad_files_are_refused(tmp_path: Path, content: bytes | None) -> None:
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(UsageError, match=r"run\.toml"):
-        resolve(TrainConfig(), [path], [])
+        apply_overrides(TrainConfig(), [path], [])
 
 
 @pytest.mark.parametrize(
@@ -304,7 +306,7 @@ def test_a_bad_value_names_its_file(tmp_path: Path, content: str, reason: str) -
     file = tmp_path / "a.toml"
     file.write_text(content)
     with pytest.raises(UsageError, match=r"a\.toml.*") as caught:
-        resolve(TrainConfig(), [file], [])
+        apply_overrides(TrainConfig(), [file], [])
     assert reason in str(caught.value)
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 1000
@@ -313,21 +315,21 @@ def test_a_bad_value_names_its_file(tmp_path: Path, content: str, reason: str) -
 def test_a_file_is_read_up_to_a_mebibyte(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_bytes(b"seed = 4\n#".ljust(2**20, b"x"))
-    assert resolve(TrainConfig(), [file], []).seed == 4
+    assert apply_overrides(TrainConfig(), [file], []).seed == 4
     file.write_bytes(b"seed = 4\n#".ljust(2**20 + 1, b"x"))
     with pytest.raises(UsageError, match=r"a\.toml"):
-        resolve(TrainConfig(), [file], [])
+        apply_overrides(TrainConfig(), [file], [])
 
 
 def test_a_pipe_is_no_configuration(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.toml")
     with pytest.raises(UsageError, match=r"a\.toml: it is a pipe"):
-        resolve(TrainConfig(), [tmp_path / "a.toml"], [])
+        apply_overrides(TrainConfig(), [tmp_path / "a.toml"], [])
 
 
 @pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda p: p.stem)
 def test_presets_resolve(file: Path) -> None:
-    config = resolve(TrainConfig(), [preset_file(file.stem)], [])
+    config = apply_overrides(TrainConfig(), [preset_file(file.stem)], [])
     wanted = tomllib.loads(file.read_text())
     assert updated(config, wanted) == config
     assert config != TrainConfig()
@@ -363,7 +365,9 @@ def test_unknown_preset_names_the_known() -> None:
 
 
 def test_a_checkpoints_dictionary_gives_the_configuration_back() -> None:
-    config = resolve(TrainConfig(), [preset_file("default")], ["generator.depths=[1,1,1,2]"])
+    config = apply_overrides(
+        TrainConfig(), [preset_file("default")], ["generator.depths=[1,1,1,2]"]
+    )
     assert updated(TrainConfig(), dataclasses.asdict(config)) == config
 
 

@@ -15,16 +15,16 @@ from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
+from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.config.objective import LossConfig
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT
-from depthcli.training.initial import start_from
+from depthcli.training.initial_weights import start_from
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.proposed import Proposed
 from depthcli.training.networks.build import build_generator
-from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,7 +48,7 @@ def _train(config: TrainConfig, folder: Path, start: Path | None = None, extra: 
         data = data._replace(extra=open_paired_folder(extra))
     fabric = Fabric(accelerator="cpu", devices=1)
     return fit(
-        config, data, folder, fabric, Watcher(), Limits(steps=2), start=[start] if start else ()
+        config, data, folder, fabric, Callback(), Limits(steps=2), start=[start] if start else ()
     )
 
 
@@ -122,7 +122,7 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
     torch.testing.assert_close(generator(gray), taught(gray), atol=1e-4, rtol=1e-4)
     apart = tmp_path / "apart.onnx"
     onnx.save(onnx.load(model), apart, save_as_external_data=True, size_threshold=0)
-    with pytest.raises(CheckpointError, match=r"apart\.onnx is not a whole ONNX file in itself"):
+    with pytest.raises(CheckpointError, match=r"apart\.onnx is not a complete ONNX file with"):
         start_from(generator, [apart])
 
     extra = write_rooms(tmp_path / "extra")
@@ -177,7 +177,7 @@ def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match=r"no weights for fusions\.3\.0\.weight"):
         start_from(build_generator(wider), [tmp_path / CHECKPOINT])
     (tmp_path / "broken.onnx").write_bytes(b"no graph")
-    with pytest.raises(CheckpointError, match=r"broken\.onnx is not a whole ONNX file"):
+    with pytest.raises(CheckpointError, match=r"broken\.onnx is not a complete ONNX file"):
         start_from(build_generator(BARE.generator), [tmp_path / "broken.onnx"])
 
 

@@ -16,7 +16,7 @@ from rooms import PAPER, TRAIN, rooms
 from depthcli.errors import DatasetError
 from depthcli.training.data.augment import augment
 from depthcli.training.data.batches import Batches
-from depthcli.training.data.holes import shrink
+from depthcli.training.data.holes import downsample
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.losses.gradient import gradient_loss
 from depthcli.training.losses.regularised_l1 import regularised_l1
@@ -35,7 +35,7 @@ def _holed(share: float = 0.2, value: float = 0.0, seed: int = 0) -> Any:
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -1.0])
 def test_resizing_takes_the_mean_of_what_was_measured(value: float) -> None:
     depth_m = np.float32([[2, 4, 3, value], [value, 6, value, value]])
-    (small_m,), (known,) = shrink(depth_m, (2, 1))
+    (small_m,), (known,) = downsample(depth_m, (2, 1))
     assert small_m.tolist() == [4.0, 4.0]  # the hole takes its neighbour's, not half of 3
     assert known.tolist() == [True, False]
 
@@ -44,19 +44,19 @@ def test_resizing_takes_the_mean_of_what_was_measured(value: float) -> None:
 def test_a_pixel_is_measured_from_exactly_half_of_its_area_on(width: int, columns: int) -> None:
     half_m = np.zeros((2, width), np.float32)
     half_m[0] = 3.0
-    shrunk = shrink(half_m, (columns, 1))
+    shrunk = downsample(half_m, (columns, 1))
     assert shrunk is not None
     assert shrunk.known is None
     np.testing.assert_allclose(shrunk.depth_m, 3.0, rtol=1e-5)
     less_m = np.zeros((5, width), np.float32)
     less_m[:2] = 3.0
-    assert shrink(less_m, (columns, 1)) is None
+    assert downsample(less_m, (columns, 1)) is None
 
 
 def test_holes_take_the_nearest_measurement() -> None:
     depth_m = np.zeros((5, 9), np.float32)
     depth_m[2, 0], depth_m[2, 8] = 1.0, 7.0
-    filled_m, known = shrink(depth_m, (9, 5))
+    filled_m, known = downsample(depth_m, (9, 5))
     assert (filled_m[:, :4] == 1).all()
     assert (filled_m[:, 5:] == 7).all()
     assert int(known.sum()) == 2
@@ -64,13 +64,13 @@ def test_holes_take_the_nearest_measurement() -> None:
 
 def test_without_holes_nothing_changes() -> None:
     depth_m = rooms().depths_m[0]
-    small_m, known = shrink(depth_m, (32, 24))
+    small_m, known = downsample(depth_m, (32, 24))
     assert known is None
     assert np.array_equal(small_m, cv2.resize(depth_m, (32, 24), interpolation=cv2.INTER_AREA))
 
 
 def test_without_a_measurement_there_is_nothing() -> None:
-    assert shrink(np.zeros((4, 4), np.float32), (2, 2)) is None
+    assert downsample(np.zeros((4, 4), np.float32), (2, 2)) is None
     dataset = rooms()
     empty = replace(
         dataset, depths_m=dataset.depths_m * np.float32([1, 1, 1, 0, 1, 1])[:, None, None]
@@ -83,7 +83,7 @@ def test_without_a_measurement_there_is_nothing() -> None:
 @given(seed=st.integers(0, 999), share=st.floats(0.05, 0.9), factor=st.sampled_from([1, 2, 3]))
 def test_no_value_is_outside_of_what_was_measured(seed: int, share: float, factor: int) -> None:
     depth_m = _holed(share, seed=seed).depths_m[0]
-    shrunk = shrink(depth_m, (64 // factor, 48 // factor))
+    shrunk = downsample(depth_m, (64 // factor, 48 // factor))
     if shrunk is not None:
         measured_m = depth_m[depth_m > 0]
         assert shrunk.depth_m.min() >= measured_m.min() - 1e-5

@@ -51,7 +51,7 @@ class _Others(SimpleNamespace):
 
 @pytest.fixture
 def others(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.setattr(launch, "_GRACE_S", 30.0)
+    monkeypatch.setattr(launch, "_GRACE_PERIOD_S", 30.0)
     made: list[_Others] = []
 
     def make(*programs: str, rank: int = 0) -> _Others:
@@ -93,7 +93,7 @@ def test_another_that_ended_early_is_told(others: Any) -> None:
 def test_an_error_of_the_connection_alone_stays_what_it_is(
     others: Any, rank: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(launch, "_GRACE_S", 0.05)
+    monkeypatch.setattr(launch, "_GRACE_PERIOD_S", 0.05)
     fabric = others(ENDLESS if not rank else "", rank=rank)
     with pytest.raises(RuntimeError, match="no memory"), launched(fabric):
         raise RuntimeError("no memory")

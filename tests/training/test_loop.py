@@ -24,7 +24,7 @@ from depthcli.training.finite import finite_losses
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG
 from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
-from depthcli.training.schedule import factor
+from depthcli.training.schedule import lr_factor
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ RECIPES = {"paper": PAPER, "efficient": EFFICIENT, "clipped": CLIPPED}
 
 
 class Notes:
-    """A watcher that remembers, and may fail on purpose."""
+    """A callback that remembers, and may fail on purpose."""
 
     def __init__(self, fail_at: int | None = None) -> None:
         self.steps: list[int] = []
@@ -45,14 +45,14 @@ class Notes:
         self.epochs: list[RunProgress] = []
         self.fail_at = fail_at
 
-    def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
+    def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         assert steps >= progress.step
         self.steps.append(progress.step)
         self.losses.append(losses)
         if progress.step == self.fail_at:
             raise KeyboardInterrupt
 
-    def epoch(self, progress: RunProgress) -> None:
+    def on_epoch_end(self, progress: RunProgress) -> None:
         self.epochs.append(progress)
 
 
@@ -139,8 +139,8 @@ def test_validation_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
 
 def test_checkpoint_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
     class SavedSteps(Notes):
-        def epoch(self, progress: RunProgress) -> None:
-            super().epoch(progress)
+        def on_epoch_end(self, progress: RunProgress) -> None:
+            super().on_epoch_end(progress)
             saved.append(Checkpoint.load(path).progress.epoch if path.exists() else None)
 
     path, saved = tmp_path / CHECKPOINT, list[int | None]()
@@ -216,7 +216,7 @@ def test_rate_follows_the_schedule() -> None:
     for step in (0, 5, 9):
         run.progress = RunProgress(step=step)
         run.step(batch)
-        wanted = 2e-4 * factor(PAPER.optim, step, 5)
+        wanted = 2e-4 * lr_factor(PAPER.optim, step, 5)
         rates = {g["lr"] for o in run.optimizers.values() for g in o.param_groups}
         assert rates == {wanted}
 

@@ -15,11 +15,11 @@ from lightning_fabric import Fabric
 from rooms import EFFICIENT, room_data
 
 from depthcli.training import metrics_log
+from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG
 from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
-from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,7 +35,7 @@ def test_a_link_does_not_lead_the_log_elsewhere(tmp_path: Path, content: str | N
     if content is not None:
         elsewhere.write_text(content)
     path.symlink_to(elsewhere)
-    metrics_log.cut(path, 0)
+    metrics_log.truncate(path, 0)
     metrics_log.append(path, RunProgress(step=2), {"l1": 0.5})
     assert _steps(path) == [2]
     assert (elsewhere.read_text() if elsewhere.exists() else None) == content
@@ -43,12 +43,12 @@ def test_a_link_does_not_lead_the_log_elsewhere(tmp_path: Path, content: str | N
 
 def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
     path = tmp_path / METRICS_LOG
-    metrics_log.cut(path, 0)
+    metrics_log.truncate(path, 0)
     assert not path.exists()
     for step in (2, 4, 6):
         metrics_log.append(path, RunProgress(step=step), {"l1": 0.5})
     for step, kept in ((9, [2, 4, 6]), (6, [2, 4, 6]), (5, [2, 4]), (0, [])):
-        metrics_log.cut(path, step)
+        metrics_log.truncate(path, step)
         assert _steps(path) == kept
     assert [p.name for p in tmp_path.iterdir()] == [METRICS_LOG]
 
@@ -56,7 +56,7 @@ def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
 def test_a_pipe_in_the_place_of_the_log_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / METRICS_LOG)
     with pytest.raises(OSError, match="it is a pipe or a device"):
-        metrics_log.cut(tmp_path / METRICS_LOG, 0)
+        metrics_log.truncate(tmp_path / METRICS_LOG, 0)
 
 
 def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
         "scores": {"rmse": 0.5, "d1": None},
     }
     path.write_bytes(b'[4]\n{"epoch": 1}\n{"step": "4"}\n' + path.read_bytes())
-    metrics_log.cut(path, 4)
+    metrics_log.truncate(path, 4)
     assert _steps(path) == [4]
 
 
@@ -97,7 +97,7 @@ def test_torn_line_is_dropped_and_the_next_is_whole(
     metrics_log.append(path, RunProgress(step=2), {"l1": 0.5})
     whole = path.read_bytes()
     path.write_bytes(whole + whole[: int(share * (len(whole) - 1))])
-    metrics_log.cut(path, 2)
+    metrics_log.truncate(path, 2)
     metrics_log.append(path, RunProgress(step=4), {"l1": 0.5})
     assert _steps(path)[0] == 2
     assert _steps(path)[-1] == 4
@@ -113,7 +113,7 @@ def test_crash_between_line_and_checkpoint_does_not_repeat_the_epoch(
 
     def go_on() -> None:
         fabric = Fabric(accelerator="cpu", devices=1)
-        fit(EFFICIENT, room_data(), tmp_path, fabric, Watcher(), Limits(steps=5))
+        fit(EFFICIENT, room_data(), tmp_path, fabric, Callback(), Limits(steps=5))
 
     save = Run.save
     with monkeypatch.context() as patch:

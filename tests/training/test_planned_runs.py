@@ -13,9 +13,9 @@ from lightning_fabric import Fabric
 from rooms import EFFICIENT, PAPER, room_data
 
 from depthcli.errors import CheckpointError
+from depthcli.training.callbacks import Callback
 from depthcli.training.loop import Limits, fit
 from depthcli.training.planned_runs import PlannedRun, fair_shares_s, next_share_s, plan_runs
-from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -62,10 +62,10 @@ def test_progress_of_a_folder(tmp_path: Path) -> None:
     assert run.progress().step == 0
     assert not run.is_finished(run.progress())
     fabric = Fabric(accelerator="cpu", devices=1)
-    fit(EFFICIENT, room_data(), run.folder, fabric, Watcher(), Limits(steps=3))
+    fit(EFFICIENT, room_data(), run.folder, fabric, Callback(), Limits(steps=3))
     assert (run.progress().step, run.is_finished(run.progress())) == (3, False)
-    fit(EFFICIENT, room_data(), run.folder, fabric, Watcher())
+    fit(EFFICIENT, room_data(), run.folder, fabric, Callback())
     assert (run.progress().step, run.is_finished(run.progress())) == (6, True)
     other = PlannedRun(replace(EFFICIENT, seed=9), run.folder)
-    with pytest.raises(CheckpointError, match="another run: seed is 3 there, 9 here; give"):
+    with pytest.raises(CheckpointError, match="another run: seed is 3 there, 9 here; to continue"):
         other.progress()

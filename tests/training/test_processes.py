@@ -12,19 +12,19 @@ from rooms import EFFICIENT, room_data
 from runs import same
 
 from depthcli.errors import CheckpointError
+from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.devices import (
     AveragingStrategy,
     any_process,
     average_gradients,
-    first_process_first,
-    of_others,
+    gather_states,
+    rank_zero_first,
 )
 from depthcli.training.finite import finite_losses
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG
 from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
-from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -60,14 +60,14 @@ def _exchange(fabric: Fabric, folder: Path) -> dict[str, Any]:
     average_gradients(fabric, [weights[0], unused])
     weights[1].grad = torch.arange(4.0) * (1 - 2 * rank)
     average_gradients(fabric, weights)
-    with first_process_first(fabric):
+    with rank_zero_first(fabric):
         order = sorted(path.name for path in folder.glob("been-*"))
         (folder / f"been-{rank}").touch()
     return {
         "gradients": [weight.grad for weight in weights],
         "losses": finite_losses({"l1": torch.tensor(1.0 + rank)}, fabric),
         "votes": [any_process(fabric, said) for said in (False, rank == 1, True)],
-        "others": of_others(fabric, {"rank": rank}),
+        "others": gather_states(fabric, {"rank": rank}),
         "order": order,
         "chance": (Run(CONFIG, fabric, 2).method.state_dict(), torch.rand(3)),
     }
@@ -93,16 +93,16 @@ def test_one_process_keeps_all_as_it_is() -> None:
     average_gradients(fabric, [weight])
     assert torch.equal(weight.grad, torch.ones(2))
     assert [any_process(fabric, said) for said in (False, True)] == [False, True]
-    assert of_others(fabric, {"rng": 1}) == []
+    assert gather_states(fabric, {"rng": 1}) == []
 
 
 def _learn(fabric: Fabric, folder: Path) -> list[tuple[int, dict[str, float]]]:
     notes = list[tuple[int, dict[str, float]]]()
-    watcher = Watcher()
-    watcher.step = lambda progress, _, losses: notes.append((progress.step, losses))  # type: ignore[method-assign]
+    callback = Callback()
+    callback.on_step_end = lambda progress, _, losses: notes.append((progress.step, losses))  # type: ignore[method-assign]
     for out, limits in (("whole", (2,)), ("parts", (1, 1))):
         for steps in limits:
-            fit(CONFIG, room_data(), folder / out, fabric, watcher, Limits(steps=steps))
+            fit(CONFIG, room_data(), folder / out, fabric, callback, Limits(steps=steps))
     return notes
 
 
@@ -120,4 +120,4 @@ def test_two_processes_learn_as_one_and_go_on_exactly(folder: Path) -> None:
     assert len((folder / "parts" / METRICS_LOG).read_text().splitlines()) == 2
     alone = Fabric(accelerator="cpu", devices=1)
     with pytest.raises(CheckpointError, match="a run on 2 devices: give --devices 2"):
-        fit(CONFIG, room_data(), folder / "whole", alone, Watcher())
+        fit(CONFIG, room_data(), folder / "whole", alone, Callback())

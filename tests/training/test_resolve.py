@@ -12,7 +12,7 @@ from rooms import EFFICIENT
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.methods.registry import default_config
-from depthcli.training.resolve import resolve_config, saved_run
+from depthcli.training.resolve import resolve_config, saved_checkpoint
 from depthcli.training.run import Run
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def test_method_preset_files_and_settings_count_in_this_order(tmp_path: Path) ->
     assert (config.seed, config.save_every, config.validate_every) == (3, 4, 3)
     assert (config.method, config.generator.name) == ("proposed", "efficient")
     assert resolve_config("cut") == default_config("cut")
-    assert saved_run(tmp_path) is None
+    assert saved_checkpoint(tmp_path) is None
 
 
 def test_what_a_method_does_not_have_is_refused() -> None:
@@ -40,7 +40,7 @@ def test_what_a_method_does_not_have_is_refused() -> None:
 def test_a_folder_s_run_keeps_its_own(tmp_path: Path) -> None:
     config = replace(EFFICIENT, seed=8)
     Run(config, Fabric(accelerator="cpu", devices=1), 2).save(tmp_path / CHECKPOINT)
-    saved = saved_run(tmp_path)
+    saved = saved_checkpoint(tmp_path)
     assert saved is not None
     assert saved.config == config
     for settings in ((), ("seed=8", "optim.ema=0.9")):

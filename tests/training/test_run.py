@@ -11,13 +11,13 @@ from lightning_fabric import Fabric
 from lightning_fabric.plugins.precision.amp import MixedPrecision
 from rooms import EFFICIENT, PAPER, room_data
 
+from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.config.changes import updated
+from depthcli.training.config.overrides import updated
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
-from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -82,7 +82,7 @@ def _half(config: TrainConfig) -> Fabric:
 def test_half_precision_resumes_with_its_scale(tmp_path: Path) -> None:
     config = replace(EFFICIENT, precision="16-mixed")
     for steps, out in ((4, "whole"), (2, "parts"), (2, "parts")):
-        fit(config, room_data(), tmp_path / out, _half(config), Watcher(), Limits(steps=steps))
+        fit(config, room_data(), tmp_path / out, _half(config), Callback(), Limits(steps=steps))
     whole, parts = (Checkpoint.load(tmp_path / out / CHECKPOINT) for out in ("whole", "parts"))
     assert whole.precision["scale"] == 64 * 2**4
     assert parts.precision == whole.precision
@@ -99,7 +99,7 @@ def test_checkpoint_of_before_is_continued(tmp_path: Path) -> None:
             del content["precision"], content["others"]
             torch.save(content, path)
         fabric = Fabric(accelerator="cpu", devices=1)
-        fit(EFFICIENT, room_data(), tmp_path / out, fabric, Watcher(), Limits(steps=steps))
+        fit(EFFICIENT, room_data(), tmp_path / out, fabric, Callback(), Limits(steps=steps))
     whole, parts = (Checkpoint.load(tmp_path / out / CHECKPOINT) for out in ("whole", "parts"))
     assert parts.progress.step == 4
     for name, weight in whole.method.items():

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from depthcli.training.config.objective import OptimConfig
-from depthcli.training.schedule import cosine_factor, factor, linear_factor
+from depthcli.training.schedule import cosine_factor, linear_factor, lr_factor
 
 
 def test_linear_of_the_paper() -> None:
@@ -21,7 +21,7 @@ def test_linear_of_the_paper() -> None:
 
 def test_linear_is_constant_within_an_epoch() -> None:
     optim = OptimConfig(epochs_constant=1, epochs_decay=3)
-    found = [factor(optim, step, steps_per_epoch=2) for step in range(8)]
+    found = [lr_factor(optim, step, steps_per_epoch=2) for step in range(8)]
     assert found == pytest.approx([1, 1, 0.75, 0.75, 0.5, 0.5, 0.25, 0.25])
 
 
@@ -29,7 +29,7 @@ def test_cosine_with_warm_up() -> None:
     optim = OptimConfig(epochs_constant=0, epochs_decay=5, schedule="cosine", warmup_steps=4)
     for step in range(20):
         wanted = min(1, (step + 1) / 4) * (1 + math.cos(math.pi * step / 20)) / 2
-        assert factor(optim, step, steps_per_epoch=4) == pytest.approx(wanted)
+        assert lr_factor(optim, step, steps_per_epoch=4) == pytest.approx(wanted)
 
 
 def test_cosine_goes_from_one_to_zero() -> None:

@@ -57,7 +57,7 @@ def test_scores_are_means_over_the_pairs_at_the_truths_size(config: Any) -> None
         depth_m = torch.from_numpy(config.output.codec.decode(raw.numpy()))
         grown_m = F.interpolate(depth_m, (48, 64), mode="bilinear", align_corners=False)[0, 0]
         pixels = DepthPixels.of(dataset.depth_m(position), grown_m.numpy())
-        each.append(dict(PixelSums.over(pixels).scores().items()))
+        each.append(dict(PixelSums.of(pixels).scores().items()))
     for name, value in found.items():
         wanted = np.mean([scores[name] for scores in each])
         assert value == pytest.approx(wanted, rel=1e-4), name

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from depthcli.training.config.changes import updated
+from depthcli.training.config.overrides import updated
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.methods.registry import build_method, default_config
 

@@ -28,15 +28,15 @@ from depthcli.core.colour import value_channel
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.io.writers.preview import PreviewWriter
+from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import Codec, preview_codec
 from depthcli.video.depth import DepthVideo
-from depthcli.video.depth_output import depth_video, within
-from depthcli.video.integrity import is_cut, matroska_end
-from depthcli.video.output import VideoFrame
+from depthcli.video.depth_output import depth_video, normalized_to_range
+from depthcli.video.integrity import is_incomplete, matroska_end
+from depthcli.video.output import DepthFrame
 from depthcli.video.pipes import InputPipe
 from depthcli.video.preview_output import preview_video
 from depthcli.video.rates import Timing, exact_rate, rate_text
-from depthcli.video.sound import Sound
 from depthcli.video.source import VideoSource
 from depthcli.video.spans import Point, Span
 
@@ -54,9 +54,9 @@ TURN = tuple(range(0, 256, 3))
 
 def shot(
     values: np.ndarray[Any, Any], kind: DepthKind = DepthKind.METRIC, time_s: float = 0.0
-) -> VideoFrame:
+) -> DepthFrame:
     frame = Frame(np.zeros(values.shape, np.uint8), timestamp_s=time_s)
-    return VideoFrame(frame, DepthMap(values, kind), (0.0, 1.0))
+    return DepthFrame(frame, DepthMap(values, kind), (0.0, 1.0))
 
 
 def write_depth(
@@ -228,7 +228,7 @@ def test_depth_without_a_unit_is_normalized_and_says_so(tmp_path: Path) -> None:
     assert (video.scale, video.kind) == (None, DepthKind.INVERSE)
     expected = [[0, 0.5, 1, np.nan, 1, 0]]
     np.testing.assert_allclose(next(iter(video)).values, expected, atol=1e-5)
-    assert within(values, 3, 3).tolist() == [[1, 1, 1, 0, 1, 1]]
+    assert normalized_to_range(values, 3, 3).tolist() == [[1, 1, 1, 0, 1, 1]]
 
 
 def test_a_colour_video_is_no_depth(tmp_path: Path) -> None:
@@ -412,7 +412,7 @@ def cut_mp4(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("make", [cut_mkv, cut_avi, cut_mp4])
 def test_a_cut_video_gives_what_there_is_and_says_so(make: Any, tmp_path: Path) -> None:
     path = make(tmp_path)
-    assert is_cut(path)
+    assert is_incomplete(path)
     with VideoSource(path) as source:
         frames = list(source.frames())
         assert 5 < len(frames) < 60
@@ -452,7 +452,7 @@ def test_a_whole_video_has_no_problem(tmp_path: Path) -> None:
     write_mp4(tmp_path / "a.mp4", flat_frames(range(20)))
     write_video(tmp_path / "a.avi", flat_frames(range(20)))
     for path in tmp_path.iterdir():
-        assert not is_cut(path)
+        assert not is_incomplete(path)
         with VideoSource(path) as source:
             assert len(list(source.frames())) == 20
             assert source.problem is None
@@ -807,10 +807,10 @@ def test_the_sound_comes_along_and_stays_in_time(
     path = with_sound(tmp_path / source, codec, begin_s=begin_s)
     out = tmp_path / preview
     with VideoSource(path) as video:
-        sound = Sound(path, video.start_s)
+        audio = AudioTrack(path, video.start_s)
     which = preview_codec(out.suffix, None)
     with preview_video(
-        out, Timing(Fraction(25)), PreviewWriter(), (), codec=which, sound=sound
+        out, Timing(Fraction(25)), PreviewWriter(), (), codec=which, audio=audio
     ) as output:
         for i in range(50):
             values = np.ones((16, 16), np.float32)
@@ -824,8 +824,8 @@ def test_the_sound_comes_along_and_stays_in_time(
 
 def test_a_silent_video_has_a_silent_preview(tmp_path: Path) -> None:
     path = write_mp4(tmp_path / "a.mp4", flat_frames(range(3)))
-    sound = Sound(path, Fraction(0))
-    with preview_video(tmp_path / "b.mp4", Timing(NTSC), PreviewWriter(), (), sound=sound) as out:
+    audio = AudioTrack(path, Fraction(0))
+    with preview_video(tmp_path / "b.mp4", Timing(NTSC), PreviewWriter(), (), audio=audio) as out:
         out.append(out.encode(shot(np.ones((16, 16), np.float32))))
         assert out.finish() == ()
     with av.open(str(tmp_path / "b.mp4")) as container:

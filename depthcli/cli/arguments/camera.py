@@ -1,4 +1,4 @@
-"""Cameras, and points of a picture, as the command line has them."""
+"""Parsing cameras, pixels and points of known depth."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ _PARTS = 3
 def choose_camera(
     focal_px: float | None, hfov_deg: float | None, anchors: Sequence[str] | None
 ) -> Camera:
-    """The camera that the options describe.
+    """The camera of the options.
 
     Raises:
         UsageError: they contradict each other, or an anchor is not X,Y,METRES.
@@ -24,10 +24,10 @@ def choose_camera(
 
 
 def parse_pixel(word: str) -> tuple[int, int]:
-    """Read ``X,Y``.
+    """Parse ``X,Y``.
 
     Raises:
-        UsageError: the word is not two whole numbers from 0 up.
+        UsageError: it is not two integers of at least 0.
     """
     try:
         x, y = (int(part) for part in word.split(","))
@@ -41,10 +41,10 @@ def parse_pixel(word: str) -> tuple[int, int]:
 
 
 def parse_centre(word: str) -> tuple[float, float]:
-    """Read ``CX,CY``, which calibrations give in parts of pixels.
+    """Parse ``CX,CY``, in pixels with decimals.
 
     Raises:
-        UsageError: the word is not two finite numbers.
+        UsageError: it is not two finite numbers.
     """
     try:
         x, y = (float(part) for part in word.split(","))

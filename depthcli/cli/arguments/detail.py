@@ -1,16 +1,15 @@
-"""How a network's depth becomes that of a full-size picture, as the command line says it."""
+"""Upsampling, tiles and memory limit from the command line."""
 
 import re
 from collections.abc import Iterable
 
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
-from depthcli.core.text import shown
+from depthcli.core.text import short_repr
 from depthcli.errors import UsageError
 
-# Bytes a pixel beside picture and depth, measured with some to spare; the least is for the numbers
-# that are printed.
-_LEAST_USE_BYTES = 10
-_PICTURE_BESIDE_BYTES = 18
+# Bytes per pixel besides picture and depth, measured with a margin; the first is the minimum.
+_MIN_USE_BYTES = 10
+_SIDE_BY_SIDE_BYTES = 18
 _UNITS = {"": 1, "K": 1_000, "M": 1_000_000, "G": 1_000_000_000}
 _SIZE = r"(?ia)(\d{1,18}(?:\.\d{1,18})?) ?([KMG]?)B?"
 _WIDTH = r"0*[1-9][0-9]{0,8}"
@@ -24,16 +23,16 @@ def choose_detail(
     *,
     side_by_side: bool = False,
 ) -> Detail:
-    """What the options describe.
+    """Parse the options.
 
-    A tile is ``auto`` or a width in pixels, memory a number of bytes, or one with K, M or G.
-    ``use_bytes`` is what each format takes; side by side, previews show the picture as well.
+    ``tile`` is ``auto`` or a width in pixels, ``max_memory`` a number of bytes, or one with K, M or
+    G. ``use_bytes`` is the memory per pixel of each format.
 
     Raises:
-        UsageError: an option is no number.
+        UsageError: an option is not of this form.
     """
-    most = max(use_bytes, default=0) + (_PICTURE_BESIDE_BYTES if side_by_side else 0)
-    return Detail(upsampling, _tile_px(tile), _bytes(max_memory), max(_LEAST_USE_BYTES, most))
+    most = max(use_bytes, default=0) + (_SIDE_BY_SIDE_BYTES if side_by_side else 0)
+    return Detail(upsampling, _tile_px(tile), _bytes(max_memory), max(_MIN_USE_BYTES, most))
 
 
 def _tile_px(text: str | None) -> int | None:
@@ -42,7 +41,7 @@ def _tile_px(text: str | None) -> int | None:
     if text == "auto":
         return AUTO_TILE
     if not re.fullmatch(_WIDTH, text):
-        raise UsageError(f"--tile is auto or a width in pixels, not {shown(text)}")
+        raise UsageError(f"--tile is auto or a width in pixels, not {short_repr(text)}")
     return int(text)
 
 
@@ -51,5 +50,7 @@ def _bytes(text: str | None) -> int | None:
         return None
     match = re.fullmatch(_SIZE, text.strip())
     if match is None:
-        raise UsageError(f"--max-memory is a number of bytes such as 800M or 2G, not {shown(text)}")
+        raise UsageError(
+            f"--max-memory is a number of bytes such as 800M or 2G, not {short_repr(text)}"
+        )
     return int(float(match[1]) * _UNITS[match[2].upper()])

@@ -1,4 +1,4 @@
-"""Where a batch runs: in the threads of this process, or on a cluster."""
+"""The engine of a batch: threads of this process, or a Ray cluster."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -9,7 +9,7 @@ from depthcli.core.progress import Progress
 from depthcli.errors import UsageError
 from depthcli.jobs.batch.engines.engine import Engine
 
-_OF_RAY = {
+_RAY_OPTIONS = {
     "ray_address": "--ray-address",
     "cpus_per_worker": "--cpus-per-worker",
     "gpus_per_worker": "--gpus-per-worker",
@@ -17,26 +17,26 @@ _OF_RAY = {
 
 
 class EngineName(StrEnum):
-    """What processes the inputs of a batch."""
+    """Names of the engines."""
 
     THREADS = "threads"
     RAY = "ray"
 
 
 @contextmanager
-def chosen_engine(given: Mapping[str, Any], progress: Progress) -> Iterator[Engine | None]:
-    """The engine that options ask for, as long as it is needed; None for threads.
+def open_engine(given: Mapping[str, Any], progress: Progress) -> Iterator[Engine | None]:
+    """The engine of the options, closed after the block; None for threads.
 
     Args:
-        given: values of the options by the names of their parameters.
-        progress: asked now and then whether to go on, while a cluster works.
+        given: values of the options by parameter name.
+        progress: called with 0 while a cluster works, so that it can stop the work by raising.
 
     Raises:
         UsageError: an option is for another engine, or Ray is not installed.
         EngineError: there is no cluster, or it cannot be used.
     """
     if given["engine"] != EngineName.RAY:
-        for name, word in _OF_RAY.items():
+        for name, word in _RAY_OPTIONS.items():
             if given[name] is not None:
                 raise UsageError(f"{word} is for --engine ray; add that, or leave it out")
         yield None

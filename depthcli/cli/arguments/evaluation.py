@@ -98,10 +98,10 @@ QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Do not show pr
 
 
 def shown_ids(ids: str | None, figures: Path | None, html: Path | None) -> tuple[str, ...] | None:
-    """Pictures to draw: those named, none for some of every type, None for no figures at all.
+    """Ids of pictures for the figures; empty for some of each scene type, None for no figures.
 
     Raises:
-        UsageError: some are named, but nothing is drawn.
+        UsageError: there are ids, but no figures are requested.
     """
     if ids and not (figures or html):
         raise UsageError("--ids needs --figures DIR or --html FILE")
@@ -111,7 +111,7 @@ def shown_ids(ids: str | None, figures: Path | None, html: Path | None) -> tuple
 
 
 def parse_kind(name: str | None) -> "DepthKind | None":
-    """What depth files of another tool mean; None to believe them.
+    """The depth kind of another tool's files; None if they state it.
 
     Raises:
         UsageError: there is no such kind.

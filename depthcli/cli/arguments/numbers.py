@@ -1,4 +1,4 @@
-"""Numbers of the command line that have to lie in a range."""
+"""Range checks and parsers of numeric options."""
 
 import math
 import re
@@ -6,7 +6,7 @@ import re
 import typer
 
 from depthcli.core.camera import FOCAL_PX, HFOV_DEG
-from depthcli.core.text import shown
+from depthcli.core.text import short_repr
 from depthcli.errors import UsageError
 
 _PNG_SCALES = (1e-3, 1e6)
@@ -15,56 +15,56 @@ _LARGEST_PX = 20_000
 
 
 def finite(value: float | None) -> float | None:
-    """Refuse not-a-number, and what is no depth in any unit."""
+    """Refuse NaN and numbers beyond ±1e9."""
     if value is not None and not abs(value) <= _LARGEST_M:
         raise typer.BadParameter("must be a number up to 1e9")
     return value
 
 
 def positive(value: float | None) -> float | None:
-    """Refuse what is not a number above 0."""
+    """Refuse numbers that are not finite and above 0."""
     if value is not None and not 0 < value < math.inf:
         raise typer.BadParameter("must be greater than 0")
     return value
 
 
 def png_scale_range(value: float | None) -> float | None:
-    """Refuse a scale with which a map would have one step, or none."""
+    """Refuse a PNG scale outside of 0.001 to 1000000 units per metre."""
     if value is not None and not _PNG_SCALES[0] <= value <= _PNG_SCALES[1]:
         raise typer.BadParameter("must be from 0.001 to 1000000")
     return value
 
 
 def not_negative(value: float | None) -> float | None:
-    """Refuse what is not a number from 0 up."""
+    """Refuse numbers that are not finite and at least 0."""
     if value is not None and not 0 <= value < math.inf:
         raise typer.BadParameter("must be 0 or greater")
     return value
 
 
 def focal_length(value: float | None) -> float | None:
-    """Refuse a focal length in pixels that no picture has."""
+    """Refuse a focal length in pixels that is out of range."""
     if value is not None and not FOCAL_PX.holds(value):
         raise typer.BadParameter(f"must be {FOCAL_PX.what}")
     return value
 
 
 def field_of_view(value: float | None) -> float | None:
-    """Refuse an angle that no picture has."""
+    """Refuse a field of view in degrees that is out of range."""
     if value is not None and not HFOV_DEG.holds(value):
         raise typer.BadParameter(f"must be {HFOV_DEG.what}")
     return value
 
 
 def parse_size(word: str) -> tuple[int, int]:
-    """Width and height of ``640x480``.
+    """Parse a width and height such as ``640x480``.
 
     Raises:
-        UsageError: it is not like that, or too large.
+        UsageError: it is not of this form, or too large.
     """
     sides = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", word)
     if not sides:
-        raise UsageError(f"--size {shown(word)} is not WIDTHxHEIGHT; for example 640x480")
+        raise UsageError(f"--size {short_repr(word)} is not WIDTHxHEIGHT; for example 640x480")
     width, height = map(int, sides.groups())
     if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
         raise UsageError(f"--size {word!r}: each side is 1 to {_LARGEST_PX} pixels")
@@ -72,10 +72,10 @@ def parse_size(word: str) -> tuple[int, int]:
 
 
 def parse_hfov_range(word: str) -> tuple[float, float]:
-    """Narrowest and widest of ``30-110``, or twice the same of ``63.3``, degrees.
+    """Parse a range of degrees such as ``30-110``, or one value such as ``63.3``.
 
     Raises:
-        UsageError: it is not like that, or no angle that a picture has.
+        UsageError: it is not of this form, or out of range.
     """
     low, dash, high = word.partition("-")
     try:

@@ -1,4 +1,4 @@
-"""Options that several commands have: declared once, so that they mean the same everywhere."""
+"""Options that several commands share."""
 
 from enum import StrEnum
 from typing import Annotated
@@ -12,7 +12,7 @@ from depthcli.io.writers.formats import Format
 
 
 class ExrChannel(StrEnum):
-    """Channel names that other programs look for."""
+    """EXR channel names that other programs expect."""
 
     Z = "Z"
     Y = "Y"
@@ -21,7 +21,7 @@ class ExrChannel(StrEnum):
 
 
 class Colormap(StrEnum):
-    """Colours of a preview."""
+    """Colormaps of a preview."""
 
     INFERNO = "inferno"
     TURBO = "turbo"
@@ -32,7 +32,7 @@ class Colormap(StrEnum):
 
 
 class Near(StrEnum):
-    """What near looks like."""
+    """Colour of near depth."""
 
     WARM = "warm"
     WHITE = "white"
@@ -42,7 +42,7 @@ class Near(StrEnum):
 ModelOption = Annotated[
     str | None,
     typer.Option(
-        "--model",  # typer 0.27 takes a metavar of the same word for the name
+        "--model",  # typer 0.27 would take the metavar for the name
         metavar="MODEL",
         autocompletion=completion.models,
         help="Name ('depthcli models list'), .onnx file, or folder with a card.json.",

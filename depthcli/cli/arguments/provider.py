@@ -1,4 +1,4 @@
-"""Options of a provider, as the command line has them."""
+"""Model, provider and provider options from the command line."""
 
 from collections.abc import Sequence
 
@@ -9,19 +9,19 @@ from depthcli.inference.loading import SessionLoader
 def session_loader(
     model: str | None, provider: str, threads: int | None, words: Sequence[str] | None
 ) -> SessionLoader:
-    """The model that ``--model``, ``--provider`` and ``--provider-option`` name, and what runs it.
+    """The loader for ``--model``, ``--provider``, ``--threads`` and ``--provider-option``.
 
     Raises:
-        UsageError: an option of the provider is none.
+        UsageError: a provider option is not ``KEY=VALUE``.
     """
     return SessionLoader(model, provider, threads, provider_options(words or ()))
 
 
 def provider_options(words: Sequence[str]) -> dict[str, str]:
-    """Settings of a provider by their keys, of the words ``KEY=VALUE``.
+    """Parse provider options ``KEY=VALUE``.
 
     Raises:
-        UsageError: a word is none.
+        UsageError: one is not ``KEY=VALUE``.
     """
     pairs = [word.partition("=") for word in words]
     for (key, equals, _), word in zip(pairs, words, strict=True):

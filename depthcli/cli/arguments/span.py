@@ -1,9 +1,9 @@
-"""The part of a video that ``depthcli video`` takes, in words."""
+"""Parsing the part of a video to process, and its frame rate."""
 
 import re
 from fractions import Fraction
 
-from depthcli.core.text import shown
+from depthcli.core.text import short_repr
 from depthcli.errors import UsageError
 from depthcli.io.storage.remote import safe_name
 from depthcli.video.frame_source import is_sequence
@@ -13,15 +13,15 @@ from depthcli.video.spans import Point, Span
 _POINT = re.compile(r"(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)", re.ASCII)
 _RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)
 _MINUTE = 60
-_LONGEST = 40
-"""More digits than any time has."""
+_MAX_LENGTH = 40
+"""Longest text that is parsed as a time."""
 
 
 def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
-    """The part of a video that ``--start``, ``--end`` and ``--every`` describe.
+    """Parse ``--start``, ``--end`` and ``--every``.
 
     Raises:
-        UsageError: one is no such place, or the span is empty.
+        UsageError: one is not a time or frame number, or the span is empty.
     """
     first = parse_point(start or "0", "--start")
     last = None if end is None else parse_point(end, "--end")
@@ -34,10 +34,10 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
 
 
 def parse_fps(word: str | None, file: str) -> Fraction | None:
-    """The rate that ``--fps`` gives an image sequence.
+    """Parse ``--fps`` of an image sequence.
 
     Raises:
-        UsageError: it is no rate, or the input is a video, which has its own.
+        UsageError: it is not a frame rate, or the input is a video, which has its own.
     """
     if word is None:
         return None
@@ -55,18 +55,18 @@ def parse_fps(word: str | None, file: str) -> Fraction | None:
 
 
 def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
-    """Read ``12.5``, ``12.5s``, ``1:02.5``, ``1:00:00`` or ``300f``, of an option.
+    """Parse ``12.5``, ``12.5s``, ``1:02.5``, ``1:00:00`` or ``300f`` of an option.
 
-    A number without a letter is in seconds, unless bare ones are frames.
+    A number without a unit is in seconds, or in frames with ``bare_is_frames``.
 
     Raises:
-        UsageError: the word is none of these.
+        UsageError: it is none of these.
     """
     match = _POINT.fullmatch(word.strip())
-    if match is None or len(word) > _LONGEST:
+    if match is None or len(word) > _MAX_LENGTH:
         raise UsageError(
-            f"{option} {shown(word)} is not a time or frame number; give seconds (12.5s), minutes "
-            f"(1:02.5) or "
+            f"{option} {short_repr(word)} is not a time or frame number; give seconds (12.5s), "
+            "minutes (1:02.5) or "
             "a frame number (300f)"
         )
     outer, inner, number, letter = match.groups()

@@ -1,4 +1,4 @@
-"""Options that nothing of what is written would use."""
+"""Refusing options that none of the output formats uses."""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
@@ -7,7 +7,7 @@ from depthcli.errors import UsageError
 from depthcli.io.writers.formats import FORMATS
 
 PICTURE_OPTIONS = {str(name): facts.options for name, facts in FORMATS.items()}
-"""The options that a format uses, by the names of their parameters."""
+"""The options that each format uses, by parameter name."""
 
 
 def refuse_unused(
@@ -15,9 +15,9 @@ def refuse_unused(
     formats: Collection[str],
     used_by: Mapping[str, Collection[str]],
 ) -> None:
-    """Refuse an option of the command line which no format that is written uses.
+    """Refuse an option on the command line that no output format uses.
 
-    A profile's options are for many runs, so that it may hold more than one of them uses.
+    Options of a profile, which serves several runs, may be unused.
 
     Raises:
         UsageError: there is such an option.
@@ -37,7 +37,7 @@ def _alternatives(names: Sequence[str]) -> str:
 
 
 def given_options(context: Any) -> dict[str, str]:  # noqa: ANN401 - typer's own
-    """The options that stand on the command line: parameter's name -> option."""
+    """The options given on the command line: parameter name -> option."""
     parameters = {str(parameter.name): parameter.opts for parameter in context.command.params}
     return {
         name: max(words, key=len) for name, words in parameters.items() if is_given(context, name)
@@ -45,6 +45,6 @@ def given_options(context: Any) -> dict[str, str]:  # noqa: ANN401 - typer's own
 
 
 def is_given(context: Any, name: str) -> bool:  # noqa: ANN401 - typer's own
-    """Whether a parameter stands on the command line, not only in a profile."""
+    """Whether a parameter is given on the command line, not only in a profile."""
     source = context.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"

@@ -1,4 +1,4 @@
-"""How outputs are written, as the command line says it."""
+"""The writers' options from the command line."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -11,9 +11,9 @@ from depthcli.io.writers.options import WriterOptions
 
 
 def writer_options(parameters: Mapping[str, Any]) -> WriterOptions:
-    """The writers' options among a command's parameters, which have the same names.
+    """The writers' options from a command's parameters of the same names.
 
-    Those that are missing or None have their defaults.
+    Those that are missing or None get their defaults.
 
     Raises:
         UsageError: they contradict each other.

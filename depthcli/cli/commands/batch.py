@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from depthcli.cli.arguments import options
-from depthcli.cli.arguments.engine import EngineName, chosen_engine
+from depthcli.cli.arguments.engine import EngineName, open_engine
 from depthcli.cli.arguments.numbers import not_negative
 from depthcli.core.choices import GPU_BATCH, MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, UsageError
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 app = typer.Typer(rich_markup_mode=None)
 
-_PATIENCE_S = 10.0
-"""After a signal, pictures that are read or written may come to their end."""
+_GRACE_PERIOD_S = 10.0
+"""Time to finish the current pictures after a signal."""
 
-STANDARD = "-"
+STDIO = "-"
 
 
 @app.command()
@@ -203,36 +203,36 @@ def batch(
     else:
         workers, threads = share_cores(workers, threads)
     loader = session_loader(model, provider, threads, provider_option)
-    # The machine that a cluster is asked from need not have the GPUs that its workers have.
+    # The driver of a cluster need not have the workers' GPUs.
     here = session_loader(model, "cpu", threads, None) if engine == EngineName.RAY else loader
     loading = here.start()
-    from depthcli.cli.screen.batch import Report, Stopping, print_forecasts
-    from depthcli.cli.signals import finishing
+    from depthcli.cli.screen.batch import BatchScreen, StopOnSignal, print_dry_run
+    from depthcli.cli.signals import graceful_shutdown
     from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 
     wanted = BatchOptions(tuple(dict.fromkeys(chosen)), writing, camera, detail, max_pixels)
     request = BatchRequest(plan, wanted, loader, workers, batch_size, manifest, budget)
     if dry_run:
-        from depthcli.jobs.batch.forecast import forecast
+        from depthcli.jobs.batch.dry_run import dry_run as run_dry
 
-        print_forecasts(forecast(request, loading.result()), plan, as_json=as_json)
+        print_dry_run(run_dry(request, loading.result()), plan, as_json=as_json)
         return ExitCode.OK
     from depthcli.jobs.batch.run import Batch
 
     session = loading.result()
-    with finishing(_PATIENCE_S, session.stop) as interrupt:
-        stopping = Stopping(interrupt)
-        with chosen_engine(context.params, stopping) as chosen_one:
-            job = Batch(request, session, chosen_one, progress=stopping)
-            Report(as_json=as_json, quiet=quiet).follow(job, plan, stopping)
+    with graceful_shutdown(_GRACE_PERIOD_S, session.stop) as interrupt:
+        stop = StopOnSignal(interrupt)
+        with open_engine(context.params, stop) as engine_in_use:
+            job = Batch(request, session, engine_in_use, progress=stop)
+            BatchScreen(as_json=as_json, quiet=quiet).run(job, plan, stop)
     return ExitCode.SOME_FAILED if job.tally.failures else ExitCode.OK
 
 
 def _plan(given: Mapping[str, Any]) -> Plan:
-    """The plan that options ask for.
+    """The plan of the options.
 
     Args:
-        given: values of the options by the names of their parameters.
+        given: values of the options by parameter name.
     """
     from depthcli.io.listing.globs import NameFilter
     from depthcli.io.listing.path_list import parse_list, read_list
@@ -244,10 +244,10 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     if not out:
         raise UsageError("name the folder for outputs: --out OUT")
     wanted = NameFilter.of(given["include"] or (), given["exclude"] or ())
-    if column is not None and files in (None, STANDARD):
+    if column is not None and files in (None, STDIO):
         raise UsageError("--column is for a Parquet or CSV file; name it with --files")
     if files is not None:
-        words = parse_list(_stdin()) if files == STANDARD else read_list(files, column)
+        words = parse_list(_stdin()) if files == STDIO else read_list(files, column)
         return plan_files(words, files, folder or ".", out, wanted, shard)
     if folder is None:
         raise UsageError("name a folder, or give --files with a list")

@@ -1,4 +1,4 @@
-"""``depthcli bench``: how fast a model is on this machine."""
+"""``depthcli bench``: speed of a model on this machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``depthcli convert``: a depth file in another format, and what that costs."""
+"""``depthcli convert``: converting a depth file, and the round-trip error."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import options
-from depthcli.cli.arguments.frame import FrameOption
+from depthcli.cli.arguments.depth_file import FrameOption
 from depthcli.cli.arguments.numbers import field_of_view, focal_length, png_scale_range
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
@@ -16,11 +16,11 @@ from depthcli.errors import ExitCode
 from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
-    from depthcli.jobs.convert import Converted
+    from depthcli.jobs.convert import ConvertResult
 
 app = typer.Typer(rich_markup_mode=None)
 
-# Unlike those of predict, they scale no metres.
+# Unlike those of predict, they do not scale depth.
 _CLOUD_OPTIONS = ("cloud_focal_px", "cloud_hfov", "centre_px", "picture")
 _NOT_READ_BACK = {"max_error": None, "mean_error": None, "lost": None}
 
@@ -102,7 +102,7 @@ def convert(
     return ExitCode.OK
 
 
-def _print_conversion_json(done: Converted) -> None:
+def _print_conversion_json(done: ConvertResult) -> None:
     console.out_json(
         {
             "input": done.source,
@@ -114,7 +114,7 @@ def _print_conversion_json(done: Converted) -> None:
     )
 
 
-def _print_conversion(done: Converted) -> None:
+def _print_conversion(done: ConvertResult) -> None:
     """One line, and the warnings."""
     line, trip = f"{done.source} -> {done.target}", done.round_trip
     if trip is not None:
@@ -123,6 +123,6 @@ def _print_conversion(done: Converted) -> None:
             f"  round trip: max error {trip.max_error:.3g}{unit}, "
             f"mean {trip.mean_error:.3g}{unit}, {trip.lost} pixels lost"
         )
-    console.say(one_line(line))
+    console.report(one_line(line))
     for warning in done.warnings:
         console.warn(warning)

@@ -1,4 +1,4 @@
-"""``depthcli doctor``: what works on this machine, and what does not."""
+"""``depthcli doctor``: checking the installation."""
 
 import dataclasses
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""``depthcli export-onnx``: a checkpoint to one ONNX file and its card."""
+"""``depthcli export-onnx``: exporting a checkpoint to an ONNX file with its card."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from depthcli.core.choices import Weights
 from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from depthcli.export.onnx import Exported
+    from depthcli.export.onnx import ExportResult
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -129,16 +129,16 @@ def _export_path(checkpoint: Path, output: Path | None) -> Path:
     return output if output.suffix == ".onnx" else output / "model.onnx"
 
 
-def _print_export(done: Exported) -> None:
+def _print_export(done: ExportResult) -> None:
     card, parity = done.card, done.parity
-    console.say(
+    console.report(
         f"{done.path}  {(card.size_bytes or 0) / 1e6:.1f} MB  sha256 {card.sha256}\n"
         f"parity over {len(parity.cases)} sizes: max {parity.max_abs:.2g}, "
         f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"
     )
 
 
-def _print_export_json(done: Exported) -> None:
+def _print_export_json(done: ExportResult) -> None:
     parity = done.parity
     console.out_json(
         {

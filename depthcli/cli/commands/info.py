@@ -1,10 +1,10 @@
-"""``depthcli info``: what the numbers of a depth file mean."""
+"""``depthcli info``: unit, scale, size and range of a depth file."""
 
 from typing import Annotated, Any
 
 import typer
 
-from depthcli.cli.arguments.frame import FileArgument, ScaleOption
+from depthcli.cli.arguments.depth_file import FileArgument, ScaleOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode

@@ -1,4 +1,4 @@
-"""``depthcli manifest``: what became of the inputs of a batch."""
+"""``depthcli manifest``: summing up, searching and merging the manifests of a batch."""
 
 from dataclasses import asdict
 from typing import Annotated
@@ -26,9 +26,9 @@ _Manifest = Annotated[
 def show_summary(out: _Manifest, as_json: _Json = False) -> int:
     """Count inputs, failures and outputs, of all shards together."""
     from depthcli.io.storage.remote import path_of
-    from depthcli.jobs.batch.account import rows_of, summarize
+    from depthcli.jobs.batch.manifests import read_rows, summarize
 
-    found = summarize(rows_of(path_of(out)))
+    found = summarize(read_rows(path_of(out)))
     if as_json:
         console.out_json(asdict(found))
         return ExitCode.OK
@@ -45,9 +45,9 @@ def show_summary(out: _Manifest, as_json: _Json = False) -> int:
 def list_failed(out: _Manifest, as_json: _Json = False) -> int:
     """List the inputs that failed, each with the reason."""
     from depthcli.io.storage.remote import path_of
-    from depthcli.jobs.batch.account import failed_rows, rows_of
+    from depthcli.jobs.batch.manifests import failed_rows, read_rows
 
-    for row in failed_rows(rows_of(path_of(out))):
+    for row in failed_rows(read_rows(path_of(out))):
         if as_json:
             console.out_json(row.as_json())
         else:
@@ -69,11 +69,11 @@ def merge_parts(
 ) -> int:
     """Merge the manifests of all shards into one, and remove them."""
     from depthcli.io.storage.remote import path_of
-    from depthcli.jobs.batch.account import merge
+    from depthcli.jobs.batch.manifests import merge_manifests
 
-    path = str(merge(path_of(out), form))
+    path = str(merge_manifests(path_of(out), form))
     if as_json:
         console.out_json({"manifest": path})
     else:
-        console.say(one_line(f"manifest: {path}"))
+        console.report(one_line(f"manifest: {path}"))
     return ExitCode.OK

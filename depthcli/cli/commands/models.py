@@ -1,4 +1,4 @@
-"""``depthcli models``: what is here, its card, its checksum; models of your own."""
+"""``depthcli models``: listing, inspecting, verifying, adding and removing models."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import completion
-from depthcli.cli.commands import models_own
+from depthcli.cli.commands import models_added
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import DepthcliError, ExitCode
@@ -16,7 +16,7 @@ from depthcli.errors import DepthcliError, ExitCode
 if TYPE_CHECKING:
     from depthcli.jobs.verify_models import ModelCheck
     from depthcli.models.card import ModelCard
-    from depthcli.models.places import Place
+    from depthcli.models.locations import ModelLocation
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -35,9 +35,9 @@ _Name = Annotated[
 ]
 
 
-app.command("add")(models_own.add_own)
-app.command("remove")(models_own.remove_models)
-app.command("cards")(models_own.list_cards)
+app.command("add")(models_added.add_model_file)
+app.command("remove")(models_added.remove_models)
+app.command("cards")(models_added.list_cards)
 
 
 @app.callback()
@@ -54,9 +54,9 @@ def list_models(as_json: _Json = False) -> int:
     Search order: folders in DEPTHCLI_MODELS, models added with 'depthcli models add', bundled
     models.
     """
-    from depthcli.models.places import list_places
+    from depthcli.models.locations import list_locations
 
-    found = [(name, place, _card_or_error(place)) for name, place in list_places()]
+    found = [(name, place, _card_or_error(place)) for name, place in list_locations()]
     if as_json:
         for name, place, card in found:
             console.out_json(_model_json(name, place, card))
@@ -71,10 +71,10 @@ def list_models(as_json: _Json = False) -> int:
 def show_model(model: _Name = "default") -> int:
     """Show a model's card, or a ready card, as JSON."""
     from depthcli.models.catalog import find_model
-    from depthcli.models.places import list_places
+    from depthcli.models.locations import list_locations
     from depthcli.models.ready_cards import ready_fields, ready_names
 
-    if model in ready_names() and model not in dict(list_places()):
+    if model in ready_names() and model not in dict(list_locations()):
         console.out(json.dumps(ready_fields(model), indent=2, ensure_ascii=False))
     else:
         console.out(find_model(model).card.to_json().rstrip())
@@ -116,7 +116,7 @@ def _print_check(check: ModelCheck, *, as_json: bool) -> None:
         console.out(f"{one_line(name)}: ok, sha256 {found.sha256}")
 
 
-def _card_or_error(place: Place) -> ModelCard | DepthcliError:
+def _card_or_error(place: ModelLocation) -> ModelCard | DepthcliError:
     from depthcli.models.catalog import read_model
 
     try:
@@ -125,7 +125,9 @@ def _card_or_error(place: Place) -> ModelCard | DepthcliError:
         return error
 
 
-def _model_json(name: str, place: Place, card: ModelCard | DepthcliError) -> dict[str, object]:
+def _model_json(
+    name: str, place: ModelLocation, card: ModelCard | DepthcliError
+) -> dict[str, object]:
     if isinstance(card, DepthcliError):
         return {"name": name, "path": str(place.path), "status": "failed", "error": str(card)}
     return {
@@ -141,7 +143,7 @@ def _model_json(name: str, place: Place, card: ModelCard | DepthcliError) -> dic
     }
 
 
-def _model_row(name: str, place: Place, card: ModelCard | DepthcliError) -> tuple[str, ...]:
+def _model_row(name: str, place: ModelLocation, card: ModelCard | DepthcliError) -> tuple[str, ...]:
     if isinstance(card, DepthcliError):
         return (name, "", "damaged", "", str(card), str(place.path))
     size = "" if card.size_bytes is None else f"{card.size_bytes / 1e6:.1f} MB"

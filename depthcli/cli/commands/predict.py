@@ -74,12 +74,12 @@ def predict(
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.io.storage.remote import safe_name
     from depthcli.jobs.predict import run as job
-    from depthcli.jobs.predict.plan import STANDARD, picture_formats, pictures_among
+    from depthcli.jobs.predict.plan import STDIO, picture_formats, split_own_outputs
     from depthcli.jobs.predict.request import PredictRequest
 
-    to_stdout = output == STANDARD
+    to_stdout = output == STDIO
     if as_json and to_stdout:
-        raise UsageError("-o - and --json both want stdout; name a file with -o")
+        raise UsageError("-o - and --json both write to stdout; name a file with -o")
     writing = writer_options(context.params)
     camera = choose_camera(focal_px, hfov, anchor)
     chosen = picture_formats(output, formats or ())
@@ -87,7 +87,7 @@ def predict(
     refuse_unused(context, written, PICTURE_OPTIONS)
     use_bytes = [which.facts.use_bytes for which in chosen]
     detail = choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side)
-    pictures, own = pictures_among(images)
+    pictures, own = split_own_outputs(images)
     results = job.predict(
         PredictRequest(
             pictures=tuple(pictures),
@@ -99,19 +99,19 @@ def predict(
             writing=writing,
             detail=detail,
             max_pixels=max_pixels,
-            stdin=sys.stdin.buffer if STANDARD in pictures else None,
+            stdin=sys.stdin.buffer if STDIO in pictures else None,
             stdout=sys.stdout.buffer if to_stdout else None,
         )
     )
     for name in () if quiet else own:
         console.warn(f"{safe_name(name)} was written by depthcli; skipped")
     from depthcli.cli.screen.predict import print_picture
-    from depthcli.jobs.failed import Failed
+    from depthcli.jobs.failed import FailedInput
 
     failed = []
     for result in results:
         print_picture(result, as_json=as_json, quiet=quiet, to_stderr=to_stdout)
-        if isinstance(result, Failed):
+        if isinstance(result, FailedInput):
             failed.append(one_line(result.name) or "''")
     if failed and len(pictures) > 1:
         console.note(f"{len(failed)} of {len(pictures)} inputs failed: {', '.join(failed)}")

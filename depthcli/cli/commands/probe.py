@@ -1,11 +1,11 @@
-"""``depthcli probe``: depth at a pixel."""
+"""``depthcli probe``: depth at given pixels."""
 
 from typing import Annotated
 
 import typer
 
 from depthcli.cli.arguments.camera import parse_pixel
-from depthcli.cli.arguments.frame import FileArgument, FrameOption, ScaleOption
+from depthcli.cli.arguments.depth_file import FileArgument, FrameOption, ScaleOption
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode
 
@@ -37,9 +37,9 @@ def probe(
         if as_json:
             console.out_json({"x": x, "y": y, "depth": value, "unit": unit})
         else:
-            console.out(f"{x},{y}  {'no depth' if value is None else _text(value, unit)}")
+            console.out(f"{x},{y}  {'no depth' if value is None else _depth_text(value, unit)}")
     return ExitCode.OK
 
 
-def _text(value: float, unit: str | None) -> str:
+def _depth_text(value: float, unit: str | None) -> str:
     return f"{value:.4g} {unit}" if unit else f"{value:.6g} (no unit)"

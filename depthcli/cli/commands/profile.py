@@ -1,4 +1,4 @@
-"""``depthcli profile``: options that are saved under a name and used again."""
+"""``depthcli profile``: options saved under a name."""
 
 import copy
 import os
@@ -22,7 +22,7 @@ app = typer.Typer(
     help="Save options under a name, for --profile.",
 )
 
-_GIVEN = "depthcli.profile"
+_META_KEY = "depthcli.profile"
 _Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 _Name = Annotated[
     str, typer.Argument(metavar="NAME", autocompletion=completion.profiles, help="Profile name.")
@@ -31,7 +31,7 @@ _Name = Annotated[
 
 @app.callback()
 def _profile_group(context: typer.Context) -> None:
-    """Options that are saved under a name; without a command, their list."""
+    """Options saved under a name; without a command, their list."""
     if context.invoked_subcommand is None:
         list_profiles()
 
@@ -48,14 +48,14 @@ def save(
 
     Takes the options of predict, batch and video, such as --hfov 81 --png-scale 256.
     """
-    values: dict[str, Value] = context.meta.get(_GIVEN, {})
+    values: dict[str, Value] = context.meta.get(_META_KEY, {})
     if not values:
         raise UsageError("give the options to save, such as --hfov 81 --png-scale 256")
     from depthcli.cli.profiles.check import check_together
 
     check_together(values)
     path = profile_files.write_profile(name, values, force=force)
-    console.say(f"saved {one_line(str(path))}")
+    console.report(f"saved {one_line(str(path))}")
     return ExitCode.OK
 
 
@@ -94,12 +94,12 @@ def remove_profiles(
 ) -> int:
     """Delete profiles."""
     for name in profiles:
-        console.say(f"removed {one_line(str(profile_files.remove_profile(name)))}")
+        console.report(f"removed {one_line(str(profile_files.remove_profile(name)))}")
     return ExitCode.OK
 
 
 def add_options(group: Any) -> None:  # noqa: ANN401 - typer's own types
-    """Give ``save`` the options of every command that takes profiles."""
+    """Add the options of every command that accepts profiles to ``save``."""
     from depthcli.cli.profiles.values import options_of, profiled_commands
 
     command = group.commands["save"]
@@ -110,17 +110,17 @@ def add_options(group: Any) -> None:  # noqa: ANN401 - typer's own types
             found.setdefault(key, []).append(parameter)
     for key, variants in found.items():
         if known.isdisjoint(variants[0].opts):
-            command.params.append(_saved(key, variants))
+            command.params.append(_recording_option(key, variants))
             known.update(variants[0].opts)
 
 
 class _AnyType:
-    """The type of an option that commands have with other choices: what suits one of them."""
+    """The type of an option whose choices differ between commands: accepts those of any."""
 
     def __init__(self, variants: list[Any]) -> None:
         self._types = [parameter.type for parameter in variants]
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever the first type has
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - an attribute of the first type
         return getattr(self._types[0], name)
 
     def __call__(self, value: Any, **place: Any) -> Any:  # noqa: ANN401 - as typer's types have it
@@ -132,33 +132,33 @@ class _AnyType:
         return self._types[0](value, **place)
 
 
-def _saved(key: str, variants: list[Any]) -> Any:  # noqa: ANN401 - typer's own types
-    """A copy of an option that remembers what it was given."""
+def _recording_option(key: str, variants: list[Any]) -> Any:  # noqa: ANN401 - typer's own types
+    """A copy of an option that records its value if it is given."""
     option, check = copy.copy(variants[0]), variants[0].callback
     option.type = _AnyType(variants)
 
-    def remember(context: Any, used: Any, value: Any) -> Any:  # noqa: ANN401 - typer's own types
+    def record(context: Any, used: Any, value: Any) -> Any:  # noqa: ANN401 - typer's own types
         value = check(context, used, value) if check else value
         source = context.get_parameter_source(used.name)
         if source is not None and source.name == "COMMANDLINE":
-            context.meta.setdefault(_GIVEN, {})[key] = _toml_value(key, value)
+            context.meta.setdefault(_META_KEY, {})[key] = _toml_value(key, value)
         return value
 
-    option.callback, option.expose_value, option.required = remember, False, False
+    option.callback, option.expose_value, option.required = record, False, False
     return option
 
 
-def _toml_value(key: str, value: Any) -> Value:  # noqa: ANN401 - whatever an option converts to
+def _toml_value(key: str, value: Any) -> Value:  # noqa: ANN401 - any option value
     if isinstance(value, list | tuple):
         return [_toml_scalar(part) for part in value]
     word = _toml_scalar(value)
     is_path = isinstance(word, str) and (os.sep in word or word.endswith(".onnx"))
     if key == "model" and is_path and Path(str(word)).exists():
-        return str(Path(str(word)).resolve())  # so that it is found from every folder
+        return str(Path(str(word)).resolve())  # so that it works from every folder
     return word
 
 
-def _toml_scalar(value: Any) -> Scalar:  # noqa: ANN401 - whatever an option converts to
+def _toml_scalar(value: Any) -> Scalar:  # noqa: ANN401 - any option value
     if isinstance(value, Enum):
         value = value.value
     return value if isinstance(value, bool | int | float) else str(value)

@@ -1,4 +1,4 @@
-"""``depthcli render``: training data that is made here."""
+"""``depthcli render``: rendering training data."""
 
 from pathlib import Path
 from typing import Annotated
@@ -54,17 +54,17 @@ def rooms(
     same command again to resume.
     """
     from depthcli.cli.screen import console
-    from depthcli.cli.screen.progress import drawn
+    from depthcli.cli.screen.progress import show_progress
     from depthcli.core.parallel.cores import share_cores
-    from depthcli.datasets.rooms.pair import Recipe
+    from depthcli.datasets.rooms.pair import RoomSettings
     from depthcli.jobs.render import RenderRequest, render
 
-    recipe = Recipe(seed, parse_size(size), parse_hfov_range(hfov), sensor)
-    request = RenderRequest(out, count, recipe, share_cores(workers)[0])
-    with drawn(silent=quiet or as_json) as progress:
+    settings = RoomSettings(seed, parse_size(size), parse_hfov_range(hfov), sensor)
+    request = RenderRequest(out, count, settings, share_cores(workers)[0])
+    with show_progress(silent=quiet or as_json) as progress:
         done = render(request, progress)
     if as_json:
-        console.out_json({"out": str(done.out), "rooms": done.count, "rendered": done.made})
+        console.out_json({"out": str(done.out), "rooms": done.count, "rendered": done.rendered})
     elif not quiet:
-        console.say(f"{done.out}: {done.count} rooms, {done.made} rendered now")
+        console.report(f"{done.out}: {done.count} rooms, {done.rendered} rendered now")
     return ExitCode.OK

@@ -1,4 +1,4 @@
-"""``depthcli train``: a method on a folder of pairs."""
+"""``depthcli train``: training a method on a folder of pairs."""
 
 import math
 from pathlib import Path
@@ -70,8 +70,8 @@ def train(
     init: Annotated[
         list[Path] | None,
         typer.Option(
-            metavar="FILE",
-            help="Start from the weights of an exported model (.onnx) or a checkpoint. "
+            metavar="MODEL|CKPT",
+            help="Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
             "Repeatable: from the mean of their weights.",
         ),
     ] = None,
@@ -168,9 +168,9 @@ def train(
         tensorboard=tensorboard,
         signals=ending_signals(),
     )
-    with screen.watcher_for(as_json=as_json, quiet=quiet) as watcher:
-        result = run.train(request, watcher)
-    if not result.is_first:
+    with screen.callback_for(as_json=as_json, quiet=quiet) as callback:
+        result = run.train(request, callback)
+    if not result.is_global_zero:
         return ExitCode.OK
     if not quiet and not as_json:
         screen.print_result(result, out)

@@ -1,4 +1,4 @@
-"""``depthcli train --all``: several methods and seeds, one after another."""
+"""``depthcli train --all``: training several methods and seeds, one after another."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
     from depthcli.jobs.train.queue import QueueRequest
 
-_OF_THE_QUEUE = {
+_QUEUE_OPTIONS = {
     *("method", "every_method", "methods", "seeds", "data", "out", "preset", "config", "settings"),
     *("show_config", "max_minutes", "as_json"),
 }
-"""Options that are not handed on as they are."""
+"""Options that are not forwarded to the runs unchanged."""
 
 
 def train_all(context: typer.Context) -> int:
-    """Train what the options of ``depthcli train`` name; run again to continue."""
+    """Train several runs, or resume them."""
     options = context.params
     if options["method"]:
         raise UsageError("give a METHOD, or --all or --methods, not both")
@@ -31,20 +31,20 @@ def train_all(context: typer.Context) -> int:
     if options["data"] is None:
         raise UsageError("give the data set with --data")
     from depthcli.cli.screen.training_queue import QueueScreen
-    from depthcli.jobs.train.queue import Queue
+    from depthcli.jobs.train.queue import TrainingQueue
 
-    queue = Queue(_request(context))
+    queue = TrainingQueue(_queue_request(context))
     screen = QueueScreen(as_json=options["as_json"], quiet=options["quiet"])
     for event in queue:
         screen.print_event(event)
-    screen.print_summary(queue.sittings)
+    screen.print_summary(queue.statuses)
     if queue.signal_number is not None:
         return SIGNAL_BASE + queue.signal_number
-    failed = any(sitting.state == "failed" for sitting in queue.sittings)
+    failed = any(status.state == "failed" for status in queue.statuses)
     return ExitCode.SOME_FAILED if failed else ExitCode.OK
 
 
-def _request(context: typer.Context) -> QueueRequest:
+def _queue_request(context: typer.Context) -> QueueRequest:
     from depthcli.jobs.train.queue import QueueRequest
 
     options = context.params
@@ -58,14 +58,14 @@ def _request(context: typer.Context) -> QueueRequest:
         files=tuple(Path(file) for file in options["config"] or ()),
         settings=tuple(options["settings"] or ()),
         minutes=math.inf if minutes is None else minutes,
-        options=tuple(_handed_on(context)),
-        tells_epochs=options["as_json"],
+        options=tuple(_forwarded_options(context)),
+        report_epochs=options["as_json"],
         signals=ending_signals(),
     )
 
 
 def _split_list(text: str) -> tuple[str, ...]:
-    """Words between commas, each once."""
+    """Items of a comma-separated list, without duplicates."""
     words = tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
     if not words:
         raise UsageError("--methods and --seeds take a list, such as cut,proposed or 0,1")
@@ -78,12 +78,12 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _handed_on(context: typer.Context) -> list[str]:
-    """The words for the options that each run gets as they were given."""
+def _forwarded_options(context: typer.Context) -> list[str]:
+    """The command-line arguments of the options that are forwarded to each run."""
     words: list[str] = []
     for parameter in context.command.params:
         value = context.params.get(parameter.name or "")
-        if parameter.name in _OF_THE_QUEUE or value in (None, False):
+        if parameter.name in _QUEUE_OPTIONS or value in (None, False):
             continue
         flag = max(parameter.opts, key=len)
         given = value if isinstance(value, list | tuple) else [value]

@@ -15,7 +15,7 @@ from depthcli.video.codecs import PreviewCodec
 from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:
-    from depthcli.jobs.video.result import VideoDone
+    from depthcli.jobs.video.result import VideoResult
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -157,16 +157,16 @@ def video(
     from depthcli.cli.arguments.span import parse_fps, parse_span
     from depthcli.cli.arguments.unused import refuse_unused
     from depthcli.cli.arguments.writing import writer_options
-    from depthcli.cli.screen.progress import drawn
+    from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.remote import safe_name
-    from depthcli.jobs.failed import Failed
+    from depthcli.jobs.failed import FailedInput
     from depthcli.jobs.video import run as job
-    from depthcli.jobs.video.plan import STANDARD, video_formats
+    from depthcli.jobs.video.plan import STDIO, video_formats
     from depthcli.jobs.video.request import VideoRequest, VideoSettings
 
-    to_stdout = output == STANDARD
+    to_stdout = output == STDIO
     if as_json and to_stdout:
-        raise UsageError("-o - and --json both want stdout; name a file with -o")
+        raise UsageError("-o - and --json both write to stdout; name a file with -o")
     writing = writer_options(context.params)
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
@@ -179,7 +179,7 @@ def video(
         formats=chosen,
         sidecar=sidecar,
         codec=codec,
-        has_sound=audio,
+        has_audio=audio,
         model=session_loader(model, provider, threads, provider_option),
         settings=VideoSettings(
             writing=writing,
@@ -193,17 +193,17 @@ def video(
             start_number=start_number,
         ),
         workers=workers,
-        stdin=sys.stdin.buffer if file == STANDARD and sys.stdin else None,
+        stdin=sys.stdin.buffer if file == STDIO and sys.stdin else None,
         stdout=sys.stdout.buffer if to_stdout and sys.stdout else None,
     )
-    result: VideoDone | Failed
+    result: VideoResult | FailedInput
     try:
-        with drawn(silent=quiet or as_json) as progress:
+        with show_progress(silent=quiet or as_json) as progress:
             result = job.video(request, progress)
     except (InputError, OutputError) as error:
-        result = Failed(safe_name(file), error)
-    from depthcli.cli.screen.video import print_video  # what it needs is there by now
+        result = FailedInput(safe_name(file), error)
+    from depthcli.cli.screen.video import print_video  # its imports are loaded by now
 
     print_video(result, as_json=as_json, quiet=quiet, to_stderr=to_stdout)
-    is_whole = not isinstance(result, Failed) and result.problem is None
+    is_whole = not isinstance(result, FailedInput) and result.problem is None
     return ExitCode.OK if is_whole else ExitCode.SOME_FAILED

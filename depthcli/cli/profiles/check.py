@@ -1,4 +1,4 @@
-"""Options of a profile that each are right, but mean nothing or not together."""
+"""Checking a profile's options together."""
 
 from collections.abc import Mapping
 
@@ -12,12 +12,12 @@ from depthcli.core.choices import Upsampling
 
 
 def check_together(values: Mapping[str, Value]) -> None:
-    """Refuse what ``predict``, ``batch`` or ``video`` would refuse before they read anything.
+    """Run the checks that ``predict``, ``batch`` and ``video`` run before they read anything.
 
-    Options have their names without dashes in front.
+    Keys are option names without leading dashes.
 
     Raises:
-        UsageError: as these commands.
+        UsageError: an option is invalid, or options contradict each other.
     """
 
     def words(key: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""A profile's options as defaults of a command: what is given on the command line wins."""
+"""A profile's options as defaults of a command; the command line overrides them."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -7,24 +7,23 @@ from depthcli.cli import profile_files
 from depthcli.cli.arguments.unused import is_given
 from depthcli.cli.loading import plain_command, suggestion
 from depthcli.cli.profile_files import Value
-from depthcli.cli.table import COMMANDS, PROFILED
+from depthcli.cli.table import COMMANDS, PROFILE_COMMANDS
 from depthcli.errors import UsageError
 from depthcli.io.writers.formats import format_of
 from depthcli.jobs.naming import is_folder
 from depthcli.video.formats import video_format_of
 
-_NEVER = frozenset({"help", "debug", "profile", "output", "out"})
-"""Options that belong to one run, or to the command line itself."""
+_NOT_SAVED = frozenset({"help", "debug", "profile", "output", "out"})
+"""Options that profiles do not hold: those of one run or of the command line itself."""
 _ALTERNATIVES = (("focal_px", "hfov"), ("png_scale", "png_normalize"), ("colormap", "near"))
 _FORMATS, _OUTPUT = "formats", "output"
 _FOLDERS_ONLY = "batch"
 
 
 class Defaults(dict[str, Any]):
-    """Values by parameter name, left out where the command line says something that excludes them.
+    """Defaults by parameter name, ignored if an option on the command line excludes them.
 
-    Given options are processed before those that are not, so what is given is known when a
-    default is asked for.
+    Options on the command line are processed first, so they are known when a default is looked up.
     """
 
     def __init__(self, context: Any, values: dict[str, Any]) -> None:  # noqa: ANN401 - typer's own
@@ -32,10 +31,10 @@ class Defaults(dict[str, Any]):
         self._context = context
 
     def get(self, name: str, default: Any = None) -> Any:  # noqa: ANN401 - as dict has it
-        """The value for a parameter that was not given."""
-        return default if self._is_overruled(name) else super().get(name, default)
+        """The default of a parameter that is not on the command line."""
+        return default if self._is_overridden(name) else super().get(name, default)
 
-    def _is_overruled(self, name: str) -> bool:
+    def _is_overridden(self, name: str) -> bool:
         others = {other for pair in _ALTERNATIVES if name in pair for other in pair} - {name}
         if any(is_given(self._context, other) for other in others):
             return True
@@ -47,10 +46,10 @@ class Defaults(dict[str, Any]):
 
 
 def apply(context: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
-    """Make a profile's options the defaults of the command at hand.
+    """Set a profile's options as the defaults of the current command.
 
     Raises:
-        UsageError: there is no such profile, or an option or value of it that does not exist.
+        UsageError: there is no such profile, or one of its options or values is invalid.
     """
     if name is None or context.resilient_parsing:
         return
@@ -58,7 +57,7 @@ def apply(context: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN
     defaults: dict[str, Any] = {}
     for key, value in profile_files.read_profile(name).items():
         if key in own:
-            defaults[str(own[key].name)] = _checked(context, name, key, own[key], value)
+            defaults[str(own[key].name)] = _check_value(context, name, key, own[key], value)
         elif key not in _all_keys():
             meant = suggestion(key, _all_keys(), "depthcli profile save")
             raise UsageError(f"profile {name!r}: no option named {key!r}{meant}")
@@ -66,37 +65,39 @@ def apply(context: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN
 
 
 def options_of(command: Any) -> dict[str, Any]:  # noqa: ANN401 - typer's own types
-    """A command's options that a profile may hold, by their names without dashes in front."""
+    """A command's options that a profile may hold, by name without leading dashes."""
     found = {}
     for parameter in command.params:
         long = max((word for word in parameter.opts if word.startswith("--")), key=len, default="")
-        if long and long[2:] not in _NEVER:
+        if long and long[2:] not in _NOT_SAVED:
             found[long[2:]] = parameter
     return found
 
 
 def profiled_commands() -> Iterable[Any]:
-    """The commands that take profiles."""
-    return (plain_command(name) for name in COMMANDS if name in PROFILED)
+    """The commands that accept profiles."""
+    return (plain_command(name) for name in COMMANDS if name in PROFILE_COMMANDS)
 
 
 def _all_keys() -> set[str]:
     return {key for command in profiled_commands() for key in options_of(command)}
 
 
-def _checked(
+def _check_value(
     context: Any,  # noqa: ANN401 - typer's own types
     name: str,
     key: str,
     parameter: Any,  # noqa: ANN401 - typer's own types
     value: Value,
 ) -> Value:
-    """A value in the form in which the command line would give it."""
+    """A value as the command line would give it, after checking it."""
     if parameter.multiple and not isinstance(value, list):
         value = [value]
     try:
         parameter.process_value(context, value)
     except Exception as error:
-        told = getattr(error, "message", None) or str(error)
-        raise UsageError(f"profile {name!r}: {key} = {value!r}: {str(told).rstrip('.')}") from error
+        message = getattr(error, "message", None) or str(error)
+        raise UsageError(
+            f"profile {name!r}: {key} = {value!r}: {str(message).rstrip('.')}"
+        ) from error
     return value

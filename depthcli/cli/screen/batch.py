@@ -1,17 +1,17 @@
-"""What a batch says: of each input, and at its end."""
+"""Output of a batch: for each input, and a summary."""
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
 from depthcli.cli.screen import console
-from depthcli.cli.screen.progress import drawn
+from depthcli.cli.screen.progress import show_progress
 from depthcli.cli.signals import SIGNAL_BASE
 from depthcli.core.interrupt import Interrupt
 from depthcli.core.text import one_line
 from depthcli.errors import ModelError
-from depthcli.io.listing.skipped import counted
-from depthcli.jobs.batch.forecast import Forecast
+from depthcli.io.listing.skipped import skip_summary
+from depthcli.jobs.batch.dry_run import DryRunResult
 from depthcli.jobs.batch.plan import Plan
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.tally import Tally
@@ -19,13 +19,13 @@ from depthcli.jobs.batch.task import Result
 
 
 @dataclass(frozen=True, slots=True)
-class Stopping:
-    """A :class:`depthcli.core.progress.Progress` that ends the work when a signal came."""
+class StopOnSignal:
+    """A :class:`depthcli.core.progress.Progress` that ends the work after a signal."""
 
-    interrupt: Interrupt  #: notes the signal
+    interrupt: Interrupt  #: records the signal
 
     def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
-        """A stage that is asked after each unit."""
+        """A stage that checks for a signal after each unit."""
         del what, total, unit
         return lambda _count: self.check()
 
@@ -36,32 +36,32 @@ class Stopping:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """What is said, and where."""
+class BatchScreen:
+    """Prints the results of a batch."""
 
-    as_json: bool  #: one JSON object a line for each input, on standard output
-    quiet: bool  #: errors only
+    as_json: bool  #: print one JSON object per input
+    quiet: bool  #: print errors only
 
-    def follow(self, batch: Batch, plan: Plan, stopping: Stopping) -> None:
-        """Let a batch work, and tell what becomes of its inputs."""
+    def run(self, batch: Batch, plan: Plan, stop: StopOnSignal) -> None:
+        """Run a batch, and print its results."""
         for warning in () if self.quiet else batch.warnings:
             console.warn(warning)
         try:
-            with drawn(silent=self.quiet or self.as_json) as progress, closing(batch):
+            with show_progress(silent=self.quiet or self.as_json) as progress, closing(batch):
                 stage = progress.begin("", batch.tally.total, "inputs")
                 for result in batch:
                     self._print(result)
                     failed = len(batch.tally.failures)
                     stage.note = f"{failed} failed" if failed else ""
                     (stage.skip if result.is_kept else stage)(1)
-                    stopping.check()
+                    stop.check()
         except ModelError:
-            stopping.check()  # the network was stopped
+            stop.check()  # the network was stopped
             raise
         finally:
             for result in batch.late:
                 self._print(result)
-            self._sum_up(plan, batch)
+            self._print_summary(plan, batch)
 
     def _print(self, result: Result) -> None:
         if self.as_json:
@@ -70,8 +70,8 @@ class Report:
             for warning in result.row.warnings:
                 console.warn(f"{result.row.input}: {warning}")
 
-    def _sum_up(self, plan: Plan, batch: Batch) -> None:
-        """The failures, then what was done."""
+    def _print_summary(self, plan: Plan, batch: Batch) -> None:
+        """Print the failures, then the counts."""
         tally = batch.tally
         for name, reason in tally.failures:
             console.error(reason if name in reason else f"{name}: {reason}")
@@ -83,45 +83,45 @@ class Report:
             return
         for loop in plan.loops:
             console.warn(f"{loop} is a link to a folder above it; skipped")
-        say = console.note if self.as_json else console.say
+        say = console.note if self.as_json else console.report
         speed = f"{tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s"
-        say(f"{', '.join(_account(plan, tally))}; {speed}")
-        if tally.passed < tally.total and not batch.stopped:
+        say(f"{', '.join(_counts(plan, tally))}; {speed}")
+        if tally.completed < tally.total and not batch.stopped:
             console.note("stopped early; run the same command again to resume")
         if batch.manifest.exists():  # the disk may have been too full for it
             say(one_line(f"manifest: {batch.manifest}"))
 
 
-def _account(plan: Plan, tally: Tally) -> list[str]:
+def _counts(plan: Plan, tally: Tally) -> list[str]:
     parts = [f"{tally.done - len(tally.failures)} of {tally.total} inputs done"]
     if tally.kept:
         parts.append(f"{tally.kept} already done")
     if tally.failures:
         parts.append(f"{len(tally.failures)} failed")
     if plan.skipped:
-        parts.append(counted(plan.skipped))
+        parts.append(skip_summary(plan.skipped))
     return parts
 
 
-def print_forecasts(forecasts: Iterable[Forecast], plan: Plan, *, as_json: bool) -> None:
-    """What would become of each input, and how many of each."""
+def print_dry_run(results: Iterable[DryRunResult], plan: Plan, *, as_json: bool) -> None:
+    """Print what would be done for each input, and the counts."""
     for warning in plan.warnings:
         console.warn(warning)
     counts = {"do": 0, "keep": 0, "fail": 0}
-    for one in forecasts:
+    for one in results:
         counts[one.would] += 1
         paths = [str(path) for path in one.outputs]
-        _print_forecast(one.would, one.input, paths, one.error, as_json=as_json)
+        _print_dry_run_result(one.would, one.input, paths, one.error, as_json=as_json)
     for file in plan.skipped:
-        _print_forecast("skip", file.name, [], file.reason, as_json=as_json)
-    rest = f"; {counted(plan.skipped)}" if plan.skipped else ""
+        _print_dry_run_result("skip", file.name, [], file.reason, as_json=as_json)
+    rest = f"; {skip_summary(plan.skipped)}" if plan.skipped else ""
     console.note(
         f"would process {counts['do']}, keep {counts['keep']} already done, fail "
         f"{counts['fail']}{rest}"
     )
 
 
-def _print_forecast(
+def _print_dry_run_result(
     what: str, name: str, outputs: Sequence[str], problem: str | None, *, as_json: bool
 ) -> None:
     if as_json:

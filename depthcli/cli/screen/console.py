@@ -1,4 +1,4 @@
-"""The only place that prints."""
+"""Printing to standard output and standard error; no other module prints."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
-from depthcli.core.ending import before_ending
+from depthcli.core.exit_hooks import exit_hook
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
 
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class State:
-    """What a run of the command line remembers for its end."""
+    """State of one run of the command line."""
 
     debug: bool = False  #: whether an error shows its traceback
 
 
 _CONTROL = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]"
-"""What is neither a character nor the end of a line or a cell; names and cards may hold any."""
+"""Control and bidirectional formatting characters, except tab and newline."""
 _GAP = 2  # between columns
-_told: set[str] = set()
-"""What standard output got: results, accounts of files."""
+_printed: set[str] = set()
+"""Kinds of lines printed to standard output: "results", "files"."""
 _bars: list[Progress] = []
-"""The progress bar on the terminal, if there is one."""
+"""The active progress bar, if there is one."""
 
 
 @contextmanager
-def bar(*columns: ProgressColumn) -> Iterator[Progress]:
-    """A progress bar on standard error; lines that are written meanwhile stand above it.
+def progress_bar(*columns: ProgressColumn) -> Iterator[Progress]:
+    """A progress bar on standard error; other lines are printed above it.
 
-    It is drawn when it is told to: a thread that redraws would take turns from the workers.
+    It has no refresh thread, which would slow the workers down.
     """
     from rich.console import Console
     from rich.progress import Progress
@@ -52,89 +52,89 @@ def bar(*columns: ProgressColumn) -> Iterator[Progress]:
         console=Console(stderr=True),
         auto_refresh=False,
         transient=True,
-        redirect_stdout=False,  # else results that go into a file would go to the terminal
+        redirect_stdout=False,  # else redirected results would go to the terminal
     ) as shown:
         _bars.append(shown)
         try:
-            with before_ending(_clear_bar):
+            with exit_hook(_clear_bar):
                 yield shown
         finally:
             _bars.remove(shown)
 
 
 def _clear_bar() -> None:
-    """Leave the terminal with an empty line and its cursor, without waiting for Rich's lock."""
+    """Clear the line and show the cursor, without waiting for Rich's lock."""
     os.write(sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")
 
 
 def out(text: str) -> None:
-    """A line of results, to standard output."""
-    _told.add("results")
+    """Print a line of results to standard output."""
+    _printed.add("results")
     _write_line(sys.stdout, text)
 
 
-def say(text: str) -> None:
-    """A line about files that were written, to standard output."""
-    _told.add("files")
+def report(text: str) -> None:
+    """Print a line about written files to standard output."""
+    _printed.add("files")
     _write_line(sys.stdout, text)
 
 
 def out_json(values: Mapping[str, object]) -> None:
-    """One JSON object on one line, at once, so that a reader can follow."""
-    _told.add("results")
+    """Print a JSON object as one line to standard output, and flush."""
+    _printed.add("results")
     sys.stdout.write(json.dumps(values, ensure_ascii=True, allow_nan=False) + "\n")
     sys.stdout.flush()
 
 
 def note(text: str) -> None:
-    """A line about the run, to standard error."""
+    """Print a line about the run to standard error."""
     _write_line(sys.stderr, text)
 
 
 def warn(text: str) -> None:
-    """A warning, one line on standard error."""
+    """Print a warning as one line to standard error."""
     _write_line(sys.stderr, f"depthcli: warning: {one_line(text)}")
 
 
 def error(text: str) -> None:
-    """An error, one line on standard error."""
+    """Print an error as one line to standard error."""
     _write_line(sys.stderr, f"depthcli: error: {one_line(text)}")
 
 
-def untold(problem: OSError, code: int) -> int:
-    """Say that standard output did not take all; it is an error if it was to have results.
+def report_lost_output(problem: OSError, code: int) -> int:
+    """Report that standard output could not be written; an error if results were lost.
 
     Args:
-        problem: why.
-        code: the exit code of the command but for that.
+        problem: the reason.
+        code: the exit code of the command so far.
 
     Returns:
         The exit code.
     """
-    if code and not _told:  # an error of its own, which was told
+    if code and not _printed:  # another error, which was printed
         return code
     is_closed = problem.errno == errno.EBADF
     reason = "it is closed" if is_closed else problem.strerror or str(problem)
-    if _told != {"files"}:
+    if _printed != {"files"}:
         error(f"cannot write standard output: {reason}")
         return code or ExitCode.SOME_FAILED
-    if not is_closed:  # on purpose
+    if not is_closed:  # closed streams are intended
         warn(f"cannot write standard output: {reason}")
     return code
 
 
-def trace(problem: BaseException) -> None:
-    """The traceback behind an error, to standard error."""
+def print_traceback(problem: BaseException) -> None:
+    """Print the traceback of an error to standard error."""
     import traceback
 
     traceback.print_exception(problem, file=sys.stderr)
 
 
 def _write_line(stream: TextIO, text: str) -> None:
-    """A line, with escapes for what a terminal would obey or the encoding does not have."""
+    """Write a line; control characters, and those that cannot be encoded, are escaped."""
     text = re.sub(_CONTROL, lambda found: one_line(found[0]), text)
     if _bars and stream.isatty():
-        # Standard error is Rich's own now: it has no encoding, and wraps lines.
+        # Standard error is replaced by Rich, which has no encoding and wraps lines.
         shown = _bars[-1].console
         text = _encodable(text, cast("TextIO", shown.file))
         shown.print(text, markup=False, highlight=False, emoji=False, soft_wrap=True)
@@ -148,10 +148,10 @@ def _encodable(text: str, stream: TextIO) -> str:
 
 
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on standard output: in columns on a terminal, tab-separated elsewhere.
+    """Print a table to standard output: in columns on a terminal, tab-separated elsewhere.
 
-    Nothing is cut short or folded, so that names and paths can be copied: where a terminal is too
-    narrow for the columns, each row becomes a paragraph.
+    Cells are neither truncated nor wrapped, so that names and paths can be copied; if the terminal
+    is too narrow, each row is printed as a paragraph.
     """
     lines = [[one_line(cell) for cell in row] for row in (header, *rows)]
     if not sys.stdout.isatty():
@@ -164,15 +164,15 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
     widths = [max(map(cell_len, column)) for column in zip(*lines, strict=True)]
     if sum(widths) + _GAP * (len(widths) - 1) > get_terminal_size().columns:
-        _paragraphs(lines[0], lines[1:])
+        _print_paragraphs(lines[0], lines[1:])
         return
     for line in lines:
         cells = (set_cell_size(cell, width) for cell, width in zip(line, widths, strict=True))
         out((" " * _GAP).join(cells).rstrip())
 
 
-def _paragraphs(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Each row as a heading and a line for each other column."""
+def _print_paragraphs(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print each row as a heading and one line per further column."""
     width = max(map(len, header)) + _GAP
     for heading, *cells in rows:
         out(heading)

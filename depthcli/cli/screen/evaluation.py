@@ -1,4 +1,4 @@
-"""How the table of an evaluation is shown, and the files that it leaves."""
+"""Printing the table of an evaluation and writing its files."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ def print_report(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """The table as JSON or text on standard output, then the names of its figures."""
+    """Print the table as JSON or text, write the files, and print the names of the figures."""
     console.out(report.to_json() if as_json else page.to_text())
     for path in files.write(page, report.to_csv(), figures):
         if not (quiet or as_json):

@@ -1,4 +1,4 @@
-"""How long work is shown: a bar with rate and time to go on a terminal, lines elsewhere."""
+"""Progress display: a bar with rate and remaining time on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _BAR_EVERY_S = 0.2
 
 
 class Stage:
-    """Work of one kind, which nobody looks at.
+    """A stage of the work; this class counts and shows nothing.
 
     Attributes:
-        note: what is said behind rate and time to go.
+        note: text after rate and remaining time.
     """
 
     def __init__(self, what: str, total: int | None, unit: str) -> None:
@@ -35,16 +35,16 @@ class Stage:
         self._start_s = self._shown_s = time.monotonic()
 
     def __call__(self, count: int) -> None:
-        """So many units more are done."""
+        """Advance by ``count`` units."""
         self._done += count
 
     def skip(self, count: int) -> None:
-        """So many are done that took no time, and say nothing of the others."""
+        """Advance by ``count`` units that took no time and do not count for the rate."""
         self._skipped += count
         self(count)
 
     def _is_due(self, every_s: float) -> bool:
-        """Whether it was not shown for so long; then it counts as shown."""
+        """Whether ``every_s`` have passed since this last returned True."""
         now_s = time.monotonic()
         if now_s - self._shown_s < every_s:
             return False
@@ -52,7 +52,7 @@ class Stage:
         return True
 
     def _speed(self) -> str:
-        """Units a second, the time that the rest will take, and the note."""
+        """Units per second, remaining time, and the note."""
         worked = self._done - self._skipped
         rate = worked / max(time.monotonic() - self._start_s, 1e-9)
         parts = [f"{rate:.1f}{self._per_second}"]
@@ -74,7 +74,7 @@ class _Line(Stage):
 
 
 class _Bar(Stage):
-    """One bar among those on the terminal."""
+    """A progress bar on the terminal."""
 
     def __init__(self, bars: Bars, what: str, total: int | None, unit: str) -> None:
         super().__init__(what, total, unit)
@@ -88,31 +88,31 @@ class _Bar(Stage):
             self._bars.update(self._task, completed=self._done, speed=self._speed(), refresh=True)
 
 
-class Drawing:
+class ProgressDisplay:
     """A :class:`depthcli.core.progress.Progress` on standard error."""
 
-    def __init__(self, bars: Bars | None, *, silent: bool, announces: bool) -> None:
-        self._bars, self._silent, self._announces = bars, silent, announces
+    def __init__(self, bars: Bars | None, *, silent: bool, announce: bool) -> None:
+        self._bars, self._silent, self._announce = bars, silent, announce
 
     def begin(self, what: str, total: int | None, unit: str = "") -> Stage:
-        """Announce a stage, which is to be told of each unit that is done."""
+        """Begin a stage, which is called with the number of units that are done."""
         if self._silent:
             return Stage(what, total, unit)
         if self._bars is not None:
             return _Bar(self._bars, what, total, unit)
-        if self._announces:
+        if self._announce:
             console.note(what if total is None else f"{what}: {total}")
         return _Line(what, total, unit)
 
 
 @contextmanager
-def drawn(*, silent: bool, announces: bool = False) -> Iterator[Drawing]:
-    """Progress for as long as the work takes; nothing if it is silent.
+def show_progress(*, silent: bool, announce: bool = False) -> Iterator[ProgressDisplay]:
+    """Show progress during the block, unless ``silent``.
 
-    Where there is no terminal, it may also announce each stage in a line at its beginning.
+    With ``announce``, and without a terminal, a line is printed at the start of each stage.
     """
     if silent or not sys.stderr.isatty():
-        yield Drawing(None, silent=silent, announces=announces)
+        yield ProgressDisplay(None, silent=silent, announce=announce)
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
@@ -122,5 +122,5 @@ def drawn(*, silent: bool, announces: bool = False) -> Iterator[Drawing]:
         MofNCompleteColumn(),
         TextColumn("{task.fields[speed]}", markup=False),
     )
-    with console.bar(*columns) as bars:
-        yield Drawing(bars, silent=False, announces=False)
+    with console.progress_bar(*columns) as bars:
+        yield ProgressDisplay(bars, silent=False, announce=False)

@@ -1,4 +1,4 @@
-"""How a training run is shown: a bar on a terminal, a line per epoch elsewhere, or JSON."""
+"""Output of a training run: a bar on a terminal, a line per epoch elsewhere, or JSON."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
-from depthcli.cli.screen.progress import drawn
+from depthcli.cli.screen.progress import show_progress
+from depthcli.training.callbacks import Callback
 from depthcli.training.metrics_log import finite_or_none
-from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from depthcli.cli.screen.progress import Drawing, Stage
+    from depthcli.cli.screen.progress import ProgressDisplay, Stage
     from depthcli.jobs.train.run import TrainResult
+    from depthcli.training.callbacks import TrainStart
     from depthcli.training.checkpoint import RunProgress
     from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.watchers import TrainStart
 
 _SHOWN = ("abs_rel", "rmse", "d1")
 
 
 @contextmanager
-def watcher_for(*, as_json: bool, quiet: bool) -> Iterator[Watcher]:
-    """The watcher that fits options and terminal."""
+def callback_for(*, as_json: bool, quiet: bool) -> Iterator[Callback]:
+    """The callback for the options and the terminal."""
     with ExitStack() as stack:
-        yield Watcher() if quiet else JsonLines() if as_json else Lines(stack)
+        yield Callback() if quiet else JsonCallback() if as_json else TextCallback(stack)
 
 
 def show_config(config: TrainConfig) -> None:
-    """A configuration as TOML, on standard output."""
+    """Print a configuration as TOML."""
     values = dataclasses.asdict(config)
     groups = {name: group for name, group in values.items() if isinstance(group, dict)}
     _assignments({name: value for name, value in values.items() if name not in groups})
@@ -50,73 +50,73 @@ def _assignments(values: dict[str, object]) -> None:
 
 
 def print_result(result: TrainResult, out: Path) -> None:
-    """How far the run has come, for people."""
+    """Print steps, time and checkpoint."""
     done = result.progress
     console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")
 
 
-class JsonLines(Watcher):
-    """One JSON object an epoch on standard output."""
+class JsonCallback(Callback):
+    """Prints one JSON object per epoch to standard output."""
 
     def __init__(self) -> None:
         self._losses: dict[str, float] = {}
 
-    def begin(self, start: TrainStart) -> None:
+    def on_train_start(self, start: TrainStart) -> None:
         """Warn if nothing will be validated."""
         if start.lacks_scenes:
             console.warn("too few scenes to hold one out, so nothing is validated")
 
-    def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
-        """Keep the losses until the epoch ends."""
+    def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
+        """Store the losses for the end of the epoch."""
         del progress, steps
         self._losses = losses
 
-    def epoch(self, progress: RunProgress) -> None:
-        """Step, seconds, scores, and the losses of the last step."""
+    def on_epoch_end(self, progress: RunProgress) -> None:
+        """Print step, seconds, scores, and the losses of the last step."""
         values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
         del values["train_ids"], values["held_out_ids"]
         values["losses"] = self._losses
         console.out_json(values)
 
 
-class Lines(JsonLines):
-    """One line an epoch on standard error, under a bar on a terminal, which ``stack`` closes."""
+class TextCallback(JsonCallback):
+    """Prints one line per epoch, and on a terminal a progress bar, which ``stack`` closes."""
 
     def __init__(self, stack: ExitStack) -> None:
         super().__init__()
         self._stack = stack
-        self._drawing: Drawing | None = None
+        self._display: ProgressDisplay | None = None
         self._stage: Stage | None = None
         self._started_s = time.monotonic()
         self._first_step: int | None = None
         self._steps = 0
 
-    def begin(self, start: TrainStart) -> None:
-        """Say on how many threads, and show the bar."""
+    def on_train_start(self, start: TrainStart) -> None:
+        """Print the number of threads, and show the bar."""
         threads = start.threads
         if threads.timed and threads.count < threads.cores:
             console.note(
                 f"training on {threads.count} of {threads.cores} CPU cores, as fast as more of "
                 "them in a short trial; --threads sets the number"
             )
-        super().begin(start)
+        super().on_train_start(start)
         if sys.stderr.isatty():
-            self._drawing = self._stack.enter_context(drawn(silent=False))
+            self._display = self._stack.enter_context(show_progress(silent=False))
         self._started_s = time.monotonic()
 
-    def step(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
-        """Move the bar."""
+    def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
+        """Advance the bar."""
         if self._first_step is None:
             self._first_step = progress.step - 1
-            if self._drawing:
-                self._stage = self._drawing.begin("training", steps, "steps")
+            if self._display:
+                self._stage = self._display.begin("training", steps, "steps")
                 self._stage.skip(self._first_step)
         self._steps, self._losses = steps, losses
         if self._stage:
             self._stage(1)
 
-    def epoch(self, progress: RunProgress) -> None:
-        """Losses, scores, rate and time to go."""
+    def on_epoch_end(self, progress: RunProgress) -> None:
+        """Print losses, scores, rate and remaining time."""
         elapsed_s = time.monotonic() - self._started_s
         rate = (progress.step - (self._first_step or 0)) / elapsed_s
         to_go_min = (self._steps - progress.step) / rate / 60

@@ -1,10 +1,10 @@
-"""What ``depthcli train --all`` says of its runs."""
+"""Output of ``depthcli train --all``."""
 
 import math
 from collections.abc import Sequence
 
 from depthcli.cli.screen import console
-from depthcli.jobs.train.sitting import Epoch, Sitting, Turn
+from depthcli.jobs.train.run_status import EpochDone, RunStarted, RunStatus
 
 
 class QueueScreen:
@@ -13,52 +13,52 @@ class QueueScreen:
     def __init__(self, *, as_json: bool, quiet: bool) -> None:
         self._as_json, self._quiet = as_json, quiet
 
-    def print_event(self, event: Turn | Epoch | Sitting) -> None:
-        """A run begins, has an epoch more, was finished before, or ends for now."""
+    def print_event(self, event: RunStarted | EpochDone | RunStatus) -> None:
+        """Print the start, an epoch or the status of a run."""
         if self._quiet:
             return
-        if isinstance(event, Epoch):
+        if isinstance(event, EpochDone):
             console.out_json({"run": event.run.name, **event.line})
-        elif isinstance(event, Turn):
-            self._print_turn(event)
+        elif isinstance(event, RunStarted):
+            self._print_started(event)
         elif self._as_json:
             console.out_json(_values(event))
         else:
-            console.note(_sitting_line(event))
+            console.note(_status_line(event))
 
-    def _print_turn(self, turn: Turn) -> None:
+    def _print_started(self, started: RunStarted) -> None:
         if not self._as_json:
-            finite = math.isfinite(turn.share_s)
-            limit = f"for {turn.share_s / 60:.1f} min" if finite else "to its end"
-            console.note(f"{turn.run.name}: training {limit}")
+            finite = math.isfinite(started.share_s)
+            limit = f"for {started.share_s / 60:.1f} min" if finite else "to its end"
+            console.note(f"{started.run.name}: training {limit}")
 
-    def print_summary(self, sittings: Sequence[Sitting]) -> None:
-        """How many are done; those that failed, even if quiet."""
-        failed = [f"{s.run.name} ({s.reason})" for s in sittings if s.state == "failed"]
-        finished = sum(s.state == "finished" for s in sittings)
+    def print_summary(self, statuses: Sequence[RunStatus]) -> None:
+        """Print how many runs are finished, and those that failed, even if quiet."""
+        failed = [f"{s.run.name} ({s.reason})" for s in statuses if s.state == "failed"]
+        finished = sum(s.state == "finished" for s in statuses)
         if not self._quiet and not self._as_json:
-            rest = len(sittings) - finished - len(failed)
+            rest = len(statuses) - finished - len(failed)
             more = f", {rest} to continue: run the same command again" if rest else ""
-            console.note(f"{finished} of {len(sittings)} runs finished{more}")
+            console.note(f"{finished} of {len(statuses)} runs finished{more}")
         if failed:
-            console.error(f"{len(failed)} of {len(sittings)} runs failed: {'; '.join(failed)}")
+            console.error(f"{len(failed)} of {len(statuses)} runs failed: {'; '.join(failed)}")
 
 
-def _values(sitting: Sitting) -> dict[str, object]:
-    progress = sitting.progress
+def _values(status: RunStatus) -> dict[str, object]:
+    progress = status.progress
     return {
-        "run": sitting.run.name,
-        "state": sitting.state,
+        "run": status.run.name,
+        "state": status.state,
         "epoch": progress.epoch,
-        "epochs": sitting.run.config.optim.epochs,
+        "epochs": status.run.config.optim.epochs,
         "step": progress.step,
         "minutes": round(progress.seconds / 60, 2),
-        "reason": sitting.reason or None,
+        "reason": status.reason or None,
     }
 
 
-def _sitting_line(sitting: Sitting) -> str:
-    progress, run = sitting.progress, sitting.run
-    reason = f" ({sitting.reason})" if sitting.reason else ""
+def _status_line(status: RunStatus) -> str:
+    progress, run = status.progress, status.run
+    reason = f" ({status.reason})" if status.reason else ""
     epochs = f"epoch {progress.epoch} of {run.config.optim.epochs}"
-    return f"{run.name}: {sitting.state}{reason}, {epochs}, {progress.seconds / 60:.1f} min"
+    return f"{run.name}: {status.state}{reason}, {epochs}, {progress.seconds / 60:.1f} min"

@@ -1,4 +1,4 @@
-"""Work that goes on while the main thread does something else."""
+"""A function that runs in a background thread."""
 
 import threading
 from collections.abc import Callable
@@ -8,10 +8,9 @@ _Result = TypeVar("_Result")
 
 
 class Background(Generic[_Result]):
-    """One function, started at once in a thread of its own.
+    """One function, started at once in its own thread.
 
-    The standard library's executors would do the same, but importing them takes longer than what
-    is saved here.
+    The standard library's executors do the same, but importing them takes longer than is saved.
     """
 
     def __init__(self, function: Callable[[], _Result]) -> None:
@@ -23,7 +22,7 @@ class Background(Generic[_Result]):
         self._thread.start()
 
     def result(self) -> _Result:
-        """What the function returned, once it has; what it raised is raised here."""
+        """Wait for the function; return what it returned, or raise what it raised."""
         self._thread.join()
         if self._error is not None:
             raise self._error

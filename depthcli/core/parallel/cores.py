@@ -1,4 +1,4 @@
-"""How many cores there are to use."""
+"""The number of usable CPU cores."""
 
 import os
 
@@ -11,9 +11,9 @@ def usable_cores() -> int:
 
 
 def share_cores(workers: int | None = None, threads: int | None = None) -> tuple[int, int]:
-    """How many work at the same time, and how many threads each of them has.
+    """Number of workers, and of threads for each of them.
 
-    None is for one worker a core, and for each worker's share of the cores.
+    None stands for one worker a core, and for each worker's share of the cores.
     """
     cores = usable_cores()
     workers = workers or cores

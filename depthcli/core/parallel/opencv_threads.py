@@ -1,4 +1,4 @@
-"""OpenCV's own threads, which are in the way where whole pictures are shared out among threads."""
+"""Limiting OpenCV's own threads where each worker thread processes a whole picture."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ import cv2
 
 @contextmanager
 def one_thread_each(workers: int) -> Iterator[None]:
-    """Let OpenCV work in the calling thread alone while two workers or more call it."""
+    """Let OpenCV use the calling thread alone while there are two workers or more."""
     threads = cv2.getNumThreads()
     if workers > 1:
         cv2.setNumThreads(1)

@@ -21,9 +21,9 @@ def process_map(
     """``map`` by processes: results come in the order of the items.
 
     Args:
-        function: it, its items and its results can be pickled.
+        function: can be pickled, as can its items and results.
         items: of any length; a few for each worker are in memory at a time.
-        workers: processes; fewer than two work in this one.
+        workers: processes; with fewer than two, the calling process does the work.
 
     Yields:
         One result for each item, as :func:`~depthcli.core.parallel.ordered_map.ordered_map` does.
@@ -31,22 +31,22 @@ def process_map(
     if workers <= 1:
         yield from map(function, items)
         return
-    # A signal ends this process at once; that semaphores of the pool go after it is no news.
+    # A signal ends this process at once; the resource tracker then warns of the pool's semaphores.
     sys.warnoptions.append("ignore:resource_tracker:UserWarning")
-    context = multiprocessing.get_context("spawn")  # a fork would copy the locks of our threads
-    with ProcessPoolExecutor(workers, context, initializer=_begin) as pool:
+    context = multiprocessing.get_context("spawn")  # a fork would copy locks held by threads
+    with ProcessPoolExecutor(workers, context, initializer=_start_worker) as pool:
         yield from ordered_map(
             lambda item: pool.submit(function, item).result(), items, workers=2 * workers
         )
 
 
-def _begin() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started us ends us
-    Thread(target=_leave_with_parent, daemon=True).start()
+def _start_worker() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends its workers
+    Thread(target=_exit_with_parent, daemon=True).start()
 
 
-def _leave_with_parent() -> None:
-    """Else workers of a killed process would wait for work for ever."""
+def _exit_with_parent() -> None:
+    """Exit when the parent was killed; the worker would wait for work for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

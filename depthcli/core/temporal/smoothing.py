@@ -1,4 +1,4 @@
-"""Depth over time: smoothing it, and measuring how it flickers."""
+"""Temporal smoothing of depth, and a measure of its flicker."""
 
 import math
 
@@ -10,10 +10,10 @@ from depthcli.core.temporal.changes import Change
 from depthcli.core.types import DepthKind, DepthMap
 
 
-def to_steps(depth: DepthMap) -> npt.NDArray[np.float32]:
-    """Values whose differences mean the same near and far: the logarithm of metres.
+def to_log(depth: DepthMap) -> npt.NDArray[np.float32]:
+    """The logarithm of metres, whose differences mean the same near and far.
 
-    Values without a unit stay as they are. (H, W) float32, NaN where there is no depth.
+    Values without a unit are returned as they are. (H, W) float32, NaN where there is no depth.
     """
     if depth.kind is not DepthKind.METRIC:
         return depth.values
@@ -22,52 +22,57 @@ def to_steps(depth: DepthMap) -> npt.NDArray[np.float32]:
     return np.where(np.isfinite(logs), logs, np.float32(np.nan))
 
 
-def from_steps(steps: npt.NDArray[np.float32], kind: DepthKind) -> npt.NDArray[np.float32]:
-    """Inverse of :func:`to_steps`; (H, W) float32 in and out."""
-    return np.exp(steps) if kind is DepthKind.METRIC else steps
+def from_log(values: npt.NDArray[np.float32], kind: DepthKind) -> npt.NDArray[np.float32]:
+    """Inverse of :func:`to_log`; (H, W) float32 in and out."""
+    return np.exp(values) if kind is DepthKind.METRIC else values
 
 
-def kept_share(interval_s: float, time_constant_s: float) -> float:
-    """Share of the past in an exponential mean: exp(-interval / time constant); 0 without one."""
+def ema_decay(interval_s: float, time_constant_s: float) -> float:
+    """Decay of an exponential moving average: exp(-interval / time constant); 0 if that is 0."""
     return math.exp(-interval_s / time_constant_s) if time_constant_s > 0 else 0.0
 
 
 class Smoother:
-    """An exponential mean of log depth over time that moving things do not smear.
+    """An exponential moving average of log depth that does not smear moving objects.
 
-    The past's share is ``kept * stillness``: less where the picture changes, none where it
-    changes much, and none at a cut.
+    The weight of the past is ``decay * static_weight``: less where the picture changes, none where
+    it changes much, and none at a cut.
     """
 
     def __init__(self) -> None:
         self._before: npt.NDArray[np.float32] | None = None
 
     def step(
-        self, values: npt.NDArray[np.float32], change: Change, kept: float
+        self, values: npt.NDArray[np.float32], change: Change, decay: float
     ) -> npt.NDArray[np.float32]:
-        """The smoothed values (H, W) float32 of the next frame, both as of :func:`to_steps`.
+        """Smooth the next frame.
 
-        NaN where there is no depth stays so. ``kept``, of :func:`kept_share`, is the past's share
-        where nothing moves, 0 to 1.
+        Args:
+            values: (H, W) float32 of :func:`to_log`.
+            change: of the picture against the one before.
+            decay: weight of the past where nothing moves, 0 to 1; see :func:`ema_decay`.
+
+        Returns:
+            (H, W) float32; NaN where ``values`` are NaN.
         """
         before = self._before
         if before is None or change.is_cut or before.shape != values.shape:
             self._before = values
             return values
-        share = resize_bilinear(change.stillness, values.shape[1], values.shape[0])
-        pull = (before - values) * share * np.float32(kept)
-        pull[np.isnan(pull)] = 0  # nothing before, or nothing now
-        self._before = values + pull
+        share = resize_bilinear(change.static_weight, values.shape[1], values.shape[0])
+        correction = (before - values) * share * np.float32(decay)
+        correction[np.isnan(correction)] = 0  # nothing before, or nothing now
+        self._before = values + correction
         return self._before
 
 
 class FlickerMeter:
-    """How much depth changes from frame to frame where the picture hardly does.
+    """How much depth changes from frame to frame where the picture hardly changes.
 
-    The figure is the mean absolute change of log depth against the frame before, over all pixels
-    whose brightness changed by less than 2 %, over all frames but the first of each scene: 0.01 is
-    a change of one percent a frame. Of values without a unit, the change is divided by the range
-    of the frame in place of the logarithm.
+    The value is the mean absolute change of log depth against the frame before, over all pixels
+    whose brightness changed by less than 2 % and all frames but the first of each scene: 0.01 is a
+    change of one percent a frame. The change of values without a unit is divided by the range of
+    the frame instead.
     """
 
     def __init__(self, kind: DepthKind) -> None:
@@ -77,17 +82,17 @@ class FlickerMeter:
         self._count = 0
 
     def step(self, values: npt.NDArray[np.float32], change: Change) -> None:
-        """Count a frame: (h, w) float32 of :func:`to_steps`, at the size of the guide."""
+        """Add a frame: (h, w) float32 of :func:`to_log`, at the size of the thumbnail."""
         before, self._before = self._before, values
         if before is None or change.is_cut:
             return
-        changed = np.abs(values - before)[change.is_still] / self._unit(values)
+        changed = np.abs(values - before)[change.is_static] / self._unit(values)
         changed = changed[np.isfinite(changed)]
         self._sum += float(changed.sum(dtype=np.float64))
         self._count += changed.size
 
     def _unit(self, values: npt.NDArray[np.float32]) -> np.float32:
-        """What a change is measured in."""
+        """The divisor of changes."""
         finite = values[np.isfinite(values)]
         if self._kind is DepthKind.METRIC or not finite.size:
             return np.float32(1)
@@ -95,7 +100,7 @@ class FlickerMeter:
 
     @property
     def value(self) -> float | None:
-        """The figure so far; None if no pixel could be compared."""
+        """The value so far; None if no pixel could be compared."""
         return self._sum / self._count if self._count else None
 
 

@@ -1,4 +1,4 @@
-"""Cameras: where they stand in a room, and their rays."""
+"""Camera poses in a room, and camera rays."""
 
 import math
 from typing import NamedTuple
@@ -9,19 +9,19 @@ from depthcli.datasets.rooms.furnish import Room
 from depthcli.datasets.rooms.patterns import Floats
 from depthcli.datasets.rooms.solids import Solids, Vector, rotation
 
-_CLOSE_SHARE = 0.2
+_CLOSE_UP_SHARE = 0.2
 _TRIES = 60
-_LOOK = (16, 12)  # rays of a first look
-_LEAST_M, _FREE_M = 0.3, 0.15
-_TOO_NEAR = 20.0
-_ENOUGH = 5
+_PROBE_SIZE = (16, 12)  # rays that score a view
+_MIN_DISTANCE_M, _CLEARANCE_M = 0.3, 0.15
+_NEAR_PENALTY = 20.0
+_MAX_CANDIDATES = 5
 
 
 class PinholeCamera(NamedTuple):
     """A pinhole camera."""
 
     eye: Vector  #: metres
-    turn: Floats  #: (3, 3) from its frame (x right, y up, z ahead) to the room's
+    orientation: Floats  #: (3, 3) from its frame (x right, y up, z ahead) to the room's
     focal_px: float  #: focal length in pixels of the picture
     width: int  #: columns
     height: int  #: rows
@@ -32,7 +32,7 @@ class PinholeCamera(NamedTuple):
         y = (np.arange(self.height) + 0.5 - self.height / 2 + shift_px[1]) / self.focal_px
         columns, rows = np.meshgrid(x, -y)
         ahead = np.stack([columns.ravel(), rows.ravel(), np.ones(columns.size)])
-        turned: Floats = np.einsum("ij,jn->in", self.turn, ahead)
+        turned: Floats = np.einsum("ij,jn->in", self.orientation, ahead)
         return turned.astype(np.float32)
 
     @property
@@ -44,32 +44,32 @@ class PinholeCamera(NamedTuple):
 def place_camera(
     random: np.random.Generator, room: Room, solids: Solids, focal_px: float, size: tuple[int, int]
 ) -> PinholeCamera:
-    """The best of a few cameras that somebody might hold there."""
+    """The best of a few random hand-held camera poses."""
     middle = (room.shell.width * 0.45, 1.6, room.shell.depth * 0.45)
-    best, score, seen = PinholeCamera(middle, _turn(0, 8, 0), focal_px, *size), -math.inf, 0
-    close = bool(room.tops) and random.random() < _CLOSE_SHARE
+    best, score, seen = PinholeCamera(middle, _orientation(0, 8, 0), focal_px, *size), -math.inf, 0
+    close = bool(room.tabletops) and random.random() < _CLOSE_UP_SHARE
     for _ in range(_TRIES):
         eye, yaw, pitch = _at_table(random, room) if close else _standing(random, room)
         roll = random.normal(0, random.choice([1.0, 5.0]))
-        camera = PinholeCamera(eye, _turn(yaw, pitch, roll), focal_px, *size)
+        camera = PinholeCamera(eye, _orientation(yaw, pitch, roll), focal_px, *size)
         if not _is_free(camera, room, solids):
             continue
         found = _view_score(camera, solids, close=close)
         if found > score:
             best, score = camera, found
         seen += 1
-        if seen == _ENOUGH:
+        if seen == _MAX_CANDIDATES:
             break
     return best
 
 
-def _turn(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Floats:
-    turn = rotation(yaw_deg, 1) @ rotation(pitch_deg, 0) @ rotation(roll_deg, 2)
-    return turn.astype(np.float32)
+def _orientation(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Floats:
+    orientation = rotation(yaw_deg, 1) @ rotation(pitch_deg, 0) @ rotation(roll_deg, 2)
+    return orientation.astype(np.float32)
 
 
 def _standing(random: np.random.Generator, room: Room) -> tuple[Vector, float, float]:
-    """Mostly with the back to a wall, facing the room."""
+    """A random pose, mostly with the back to a wall, facing the room."""
     shell = room.shell
     height = min(random.triangular(0.5, 1.45, 2.2), shell.height - 0.2)
     x, z = np.array([shell.width, shell.depth]) * random.beta(0.6, 0.6, 2)
@@ -78,8 +78,8 @@ def _standing(random: np.random.Generator, room: Room) -> tuple[Vector, float, f
 
 
 def _at_table(random: np.random.Generator, room: Room) -> tuple[Vector, float, float]:
-    """Near a surface with things on it, looking down at it."""
-    x, y, z = room.tops[random.integers(len(room.tops))]
+    """A random pose near a table, looking down at it."""
+    x, y, z = room.tabletops[random.integers(len(room.tabletops))]
     yaw, pitch, away = random.uniform(0, 360), random.uniform(12, 55), random.uniform(0.5, 1.4)
     across, down = away * math.cos(math.radians(pitch)), away * math.sin(math.radians(pitch))
     eye = (
@@ -91,26 +91,26 @@ def _at_table(random: np.random.Generator, room: Room) -> tuple[Vector, float, f
 
 
 def _is_free(camera: PinholeCamera, room: Room, solids: Solids) -> bool:
-    """Whether the eye is in the room, and nothing touches it."""
+    """Whether the camera is inside the room, and away from all solids."""
     x, _, z = camera.eye
     shell = room.shell
     inside = 0 < x < shell.width and 0 < z < shell.depth
     if not inside or (shell.corner and x > shell.corner[0] and z > shell.corner[1]):
         return False
     around = np.hstack([np.eye(3), -np.eye(3)]).astype(np.float32)
-    return bool(solids.cast(camera.origin, around, _FREE_M).solid.max() < 0)
+    return bool(solids.cast(camera.origin, around, _CLEARANCE_M).solid.max() < 0)
 
 
 def _view_score(camera: PinholeCamera, solids: Solids, *, close: bool) -> float:
-    """Higher for many things in view, some way off, and nothing right before the lens."""
-    focal_px = camera.focal_px * _LOOK[0] / camera.width
-    small = camera._replace(width=_LOOK[0], height=_LOOK[1], focal_px=focal_px)
+    """Higher for many solids in view, at some distance, and none close to the camera."""
+    focal_px = camera.focal_px * _PROBE_SIZE[0] / camera.width
+    small = camera._replace(width=_PROBE_SIZE[0], height=_PROBE_SIZE[1], focal_px=focal_px)
     hits = solids.cast(camera.origin, small.rays())
     seen_m = hits.distance[hits.solid >= 0]
-    if not seen_m.size or seen_m.min() < _LEAST_M:
-        return -_TOO_NEAR
+    if not seen_m.size or seen_m.min() < _MIN_DISTANCE_M:
+        return -_NEAR_PENALTY
     near_share = float((seen_m < (0.4 if close else 0.8)).mean())
     things = min(len(np.unique(hits.solid)), 20) / 8
     way_m = 0.0 if close else min(float(np.median(seen_m)), 3.0) / 1.5
     lost_share = 1 - seen_m.size / hits.solid.size
-    return things + way_m - _TOO_NEAR * max(0.0, near_share - 0.05) - 3 * lost_share
+    return things + way_m - _NEAR_PENALTY * max(0.0, near_share - 0.05) - 3 * lost_share

@@ -1,22 +1,24 @@
-"""Small things on tables, desks and shelves."""
+"""Small objects on tables, desks and shelves."""
 
 import numpy as np
 
 from depthcli.datasets.rooms.materials import Material, Materials
-from depthcli.datasets.rooms.solids import BALL, UPRIGHT, Part, box, wide
+from depthcli.datasets.rooms.solids import CYLINDER_Y, SPHERE, Part, box, centred_box
 
-_MOST = 9
+_MAX_OBJECTS = 9
 
 
-def scattered(
+def small_objects(
     random: np.random.Generator, materials: Materials, size: tuple[float, float], top: float
 ) -> list[Part]:
     """Cups, bottles, books, papers, boxes, bowls, lamps on a surface (width, depth) at a height."""
     parts: list[Part] = []
-    for _ in range(random.integers(0, _MOST)):
+    for _ in range(random.integers(0, _MAX_OBJECTS)):
         x = random.uniform(-0.5, 0.5) * max(size[0] - 0.24, 0)
         place = (x, top, random.uniform(0.12, max(0.13, size[1] - 0.12)))
-        parts += [part.moved(place, random.uniform(0, 360)) for part in _thing(random, materials)]
+        parts += [
+            part.moved(place, random.uniform(0, 360)) for part in _small_object(random, materials)
+        ]
     return parts
 
 
@@ -27,7 +29,7 @@ def books(
     y: float,
     height: float,
 ) -> list[Part]:
-    """A board (width, depth) partly full of books, something else at its end."""
+    """A shelf board (width, depth) partly full of books, with another object at its end."""
     parts, x, right = [], -size[0] / 2, size[0] / 2
     end = right * random.uniform(-0.6, 1.0)
     while x < end:
@@ -38,7 +40,7 @@ def books(
         x += thick + (random.random() < 0.08) * 0.06
     if right - x > 0.2:
         place = ((x + right) / 2, y, size[1] / 2)
-        low = [part for part in _thing(random, materials) if part.half[1] < height / 2]
+        low = [part for part in _small_object(random, materials) if part.half[1] < height / 2]
         parts += [part.moved(place) for part in low]
     return parts
 
@@ -52,18 +54,18 @@ def computer(
     image = black if random.random() < 0.3 else materials.art(2 * half)._replace(emission=1.0)
     if random.random() < 0.3:
         parts = [
-            wide(0.17, (0.01, 0.23), (-0.005, 0.0), black).tilted(-15, 0),
-            wide(0.16, (0.02, 0.22), (0.002, 0.004), image).tilted(-15, 0),
-            wide(0.17, (0, 0.018), (0.02, 0.25), materials.metal),
+            centred_box(0.17, (0.01, 0.23), (-0.005, 0.0), black).tilted(-15, 0),
+            centred_box(0.16, (0.02, 0.22), (0.002, 0.004), image).tilted(-15, 0),
+            centred_box(0.17, (0, 0.018), (0.02, 0.25), materials.metal),
         ]
     else:
         parts = [
-            wide(0.1, (0, 0.012), (-0.08, 0.08), black),
-            wide(0.02, (0, 0.2), (-0.03, -0.01), black),
-            wide(half, (0.1, 0.12 + half * 1.2), (-0.01, 0.02), black),
-            wide(half - 0.012, (0.112, 0.108 + half * 1.2), (0.02, 0.022), image),
-            wide(0.22, (0, 0.02), (0.2, 0.34), grey),
-            Part((0.3, 0.015, 0.28), (0.03, 0.018, 0.05), grey, BALL),
+            centred_box(0.1, (0, 0.012), (-0.08, 0.08), black),
+            centred_box(0.02, (0, 0.2), (-0.03, -0.01), black),
+            centred_box(half, (0.1, 0.12 + half * 1.2), (-0.01, 0.02), black),
+            centred_box(half - 0.012, (0.112, 0.108 + half * 1.2), (0.02, 0.022), image),
+            centred_box(0.22, (0, 0.02), (0.2, 0.34), grey),
+            Part((0.3, 0.015, 0.28), (0.03, 0.018, 0.05), grey, SPHERE),
         ]
     yaw = random.uniform(-20, 20)
     return [part.moved((x, top, depth * 0.35), yaw) for part in parts]
@@ -73,21 +75,21 @@ def _cover(random: np.random.Generator, materials: Materials, size_m: float) -> 
     return materials.any() if random.random() < 0.65 else materials.art(size_m)
 
 
-def _thing(random: np.random.Generator, materials: Materials) -> list[Part]:
-    """Something small, on y = 0 around x = z = 0."""
+def _small_object(random: np.random.Generator, materials: Materials) -> list[Part]:
+    """A small object, on y = 0 around x = z = 0."""
     a, b, c = random.uniform(0.03, 0.12, 3)
     material = materials.any()
     match random.integers(11):
         case 0 | 1:  # a cup
-            return [Part((0, b / 2 + 0.02, 0), (0.04, b / 2 + 0.02, 0.04), material, UPRIGHT)]
+            return [Part((0, b / 2 + 0.02, 0), (0.04, b / 2 + 0.02, 0.04), material, CYLINDER_Y)]
         case 2:  # a bottle
-            neck = Part((0, 0.24, 0), (0.012, 0.05, 0.012), material, UPRIGHT)
-            return [Part((0, 0.1, 0), (0.035, 0.1, 0.035), material, UPRIGHT), neck]
+            neck = Part((0, 0.24, 0), (0.012, 0.05, 0.012), material, CYLINDER_Y)
+            return [Part((0, 0.1, 0), (0.035, 0.1, 0.035), material, CYLINDER_Y), neck]
         case 3:  # a bowl of fruit
             fruit = [
-                Part((x, 0.07, 0.05), (0.04, 0.04, 0.04), materials.any(), BALL) for x in (-a, a)
+                Part((x, 0.07, 0.05), (0.04, 0.04, 0.04), materials.any(), SPHERE) for x in (-a, a)
             ]
-            return [Part((0, 0.03, 0), (0.05 + a, 0.03, 0.05 + a), material, UPRIGHT), *fruit]
+            return [Part((0, 0.03, 0), (0.05 + a, 0.03, 0.05 + a), material, CYLINDER_Y), *fruit]
         case 4 | 5:  # books on each other
             size, covers = (a + 0.03, b / 6, c + 0.06), range(random.integers(1, 5))
             heap = [
@@ -103,6 +105,6 @@ def _thing(random: np.random.Generator, materials: Materials) -> list[Part]:
             return [part.tilted(random.uniform(-30, 30), 1) for part in heap]
         case 8 | 9:  # a box
             return [Part((0, b, 0), (a, b, c), _cover(random, materials, 2 * a))]
-    shade = Part((0, 0.4, 0), (0.11, 0.08, 0.11), materials.lamp._replace(emission=1.2), UPRIGHT)
+    shade = Part((0, 0.4, 0), (0.11, 0.08, 0.11), materials.lamp._replace(emission=1.2), CYLINDER_Y)
     foot, post = ((0, 0.01, 0), (0.07, 0.01, 0.07)), ((0, 0.17, 0), (0.01, 0.17, 0.01))
-    return [shade, *(Part(*place, materials.metal, UPRIGHT) for place in (foot, post))]
+    return [shade, *(Part(*place, materials.metal, CYLINDER_Y) for place in (foot, post))]

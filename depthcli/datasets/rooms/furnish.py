@@ -1,50 +1,58 @@
-"""Where furniture and pictures go in a room."""
+"""Placing furniture and pictures in a room."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from depthcli.datasets.rooms.furniture import PIECES
-from depthcli.datasets.rooms.layout import KINDS, Shell, build_shell
+from depthcli.datasets.rooms.layout import ROOM_TYPES, Shell, build_shell
 from depthcli.datasets.rooms.lighting import Light, ceiling_lamps, daylight
 from depthcli.datasets.rooms.materials import Materials
 from depthcli.datasets.rooms.piece import Piece
-from depthcli.datasets.rooms.solids import ALONG_Z, UPRIGHT, Part, Solids, Vector, rotation, wide
+from depthcli.datasets.rooms.solids import (
+    CYLINDER_Y,
+    CYLINDER_Z,
+    Part,
+    Solids,
+    Vector,
+    centred_box,
+    rotation,
+)
 
 _TRIES = 20
-_SEATS = {"desk": "office_chair", "table": "chair", "round_table": "chair"}
+_CHAIRS = {"desk": "office_chair", "table": "chair", "round_table": "chair"}
 
 
 @dataclass(slots=True)
 class Room:
     """A furnished room."""
 
-    kind: str  #: its sort, of :data:`~depthcli.datasets.rooms.layout.KINDS`
+    kind: str  #: its type, of :data:`~depthcli.datasets.rooms.layout.ROOM_TYPES`
     shell: Shell
     materials: Materials
-    is_day: bool  #: it is bright outdoors
+    is_day: bool  #: whether it is bright outdoors
     names: list[str] = field(default_factory=list)  #: pieces of furniture in it
     groups: list[list[Part]] = field(default_factory=list)  #: their solids
-    tops: list[Vector] = field(default_factory=list)  #: middles of surfaces with things on them
+    tabletops: list[Vector] = field(default_factory=list)  #: centres of surfaces with objects
     lights: list[Light] = field(default_factory=list)
-    #: (low x, high x, low z, high z) of what stands on the floor, metres
-    taken: list[tuple[float, float, float, float]] = field(default_factory=list)
+    #: (low x, high x, low z, high z) of furniture on the floor, metres
+    occupied: list[tuple[float, float, float, float]] = field(default_factory=list)
 
     @property
     def solids(self) -> Solids:
-        """Everything, ready to be searched."""
+        """All solids of the room, for ray casting."""
         return Solids([*self.shell.groups, *self.groups])
 
 
 def make_room(random: np.random.Generator, kind: str = "") -> Room:
-    """A room of a sort; of any sort if none is named."""
+    """A room of a type; of a random type if none is given."""
     materials = Materials(random)
-    kind = kind or str(random.choice(list(KINDS)))
+    kind = kind or str(random.choice(list(ROOM_TYPES)))
     shell = build_shell(random, materials, kind)
     room = Room(kind, shell, materials, is_day=bool(random.random() < 0.75))
-    for wish in shell.kind.wishes.split():
+    for name in shell.kind.furniture.split():
         if random.random() < 0.95:
-            _place_piece(random, room, wish)
+            _place_piece(random, room, name)
     _hang_pictures(random, room)
     if room.is_day:
         room.lights += [daylight(random, wall, hole) for wall, hole in shell.windows]
@@ -58,16 +66,16 @@ def make_room(random: np.random.Generator, kind: str = "") -> Room:
 
 
 def _place_piece(random: np.random.Generator, room: Room, name: str) -> None:
-    """A piece with its chairs, on the floor or against a wall, where there is room."""
+    """Place a piece with its chairs, free on the floor or against a wall, if there is room."""
     piece = PIECES[name](random, room.materials)
     is_free = name.endswith("chair") or (name.endswith("table") and random.random() < 0.7)
     for _ in range(_TRIES):
         place = (_on_the_floor if is_free else _at_a_wall)(random, room, piece)
         if place is not None:
             room.names.append(name)
-            if name in _SEATS and piece.top > 0.6:
+            if name in _CHAIRS and piece.top > 0.6:
                 sides = (0, 90, 180, 270) if is_free else (0,)
-                _seat(random, room, piece, place, _SEATS[name], sides)
+                _place_chairs(random, room, piece, place, _CHAIRS[name], sides)
             return
 
 
@@ -76,7 +84,7 @@ def _on_the_floor(
 ) -> tuple[Vector, float] | None:
     x, z = (random.uniform(0.5, side - 0.5) for side in (room.shell.width, room.shell.depth))
     yaw_deg = 90 * random.integers(4) + random.normal(0, 8)
-    return ((x, 0.0, z), yaw_deg) if _stand(room, piece, (x, 0.0, z), yaw_deg) else None
+    return ((x, 0.0, z), yaw_deg) if _place_if_free(room, piece, (x, 0.0, z), yaw_deg) else None
 
 
 def _at_a_wall(
@@ -84,17 +92,17 @@ def _at_a_wall(
 ) -> tuple[Vector, float] | None:
     wall, half = room.shell.walls[random.integers(len(room.shell.walls))], piece.width / 2
     s = random.uniform(-1, 1) * max(0.0, wall.length / 2 - half)
-    if not wall.take(s - half, s + half, 0.0, piece.height):
+    if not wall.reserve(s - half, s + half, 0.0, piece.height):
         return None
     x, y, z = rotation(wall.yaw_deg, 1) @ np.array([s, 0.0, 0.02]) + wall.middle
-    if _stand(room, piece, (x, y, z), wall.yaw_deg):
+    if _place_if_free(room, piece, (x, y, z), wall.yaw_deg):
         return (x, y, z), wall.yaw_deg
-    wall.taken.pop()
+    wall.occupied.pop()
     return None
 
 
-def _stand(room: Room, piece: Piece, at: Vector, yaw_deg: float, gap: float = 0.0) -> bool:
-    """Put a piece there unless something else or a wall is in its way, by more than a gap."""
+def _place_if_free(room: Room, piece: Piece, at: Vector, yaw_deg: float, gap: float = 0.0) -> bool:
+    """Place a piece unless it would overlap another one or a wall by more than a gap."""
     half, shell = piece.width / 2, room.shell
     corners = np.array([[-half, half, half, -half], [0] * 4, [0, 0, piece.depth, piece.depth]])
     x, _, z = rotation(yaw_deg, 1) @ corners + np.array(at)[:, None]
@@ -102,15 +110,15 @@ def _stand(room: Room, piece: Piece, at: Vector, yaw_deg: float, gap: float = 0.
     outside = low_x < 0 or low_z < 0 or high_x > shell.width or high_z > shell.depth
     if outside or (shell.corner and high_x > shell.corner[0] and high_z > shell.corner[1]):
         return False
-    if any(low_x < b and high_x > a and low_z < d and high_z > c for a, b, c, d in room.taken):
+    if any(low_x < b and high_x > a and low_z < d and high_z > c for a, b, c, d in room.occupied):
         return False
-    room.taken.append((low_x, high_x, low_z, high_z))
+    room.occupied.append((low_x, high_x, low_z, high_z))
     room.groups.append([part.moved(at, yaw_deg) for part in piece.parts])
-    room.tops += [(x.mean(), piece.top, z.mean())] if piece.top else []
+    room.tabletops += [(x.mean(), piece.top, z.mean())] if piece.top else []
     return True
 
 
-def _seat(
+def _place_chairs(
     random: np.random.Generator,
     room: Room,
     piece: Piece,
@@ -118,7 +126,7 @@ def _seat(
     name: str,
     sides: tuple[int, ...],
 ) -> None:
-    """Chairs at some sides of a table, each turned towards it, not quite straight."""
+    """Place chairs at some sides of a table, facing it approximately."""
     at, yaw_deg = place
     for side in sides:
         chair = PIECES[name](random, room.materials)
@@ -128,18 +136,18 @@ def _seat(
         back[2] += piece.depth / 2
         x, y, z = rotation(yaw_deg, 1) @ back + at
         yaw = yaw_deg + side + 180 + random.normal(0, 12)
-        if random.random() < 0.7 and _stand(room, chair, (x, y, z), yaw, gap=0.15):
+        if random.random() < 0.7 and _place_if_free(room, chair, (x, y, z), yaw, gap=0.15):
             room.names.append(name)
 
 
 def _hang_pictures(random: np.random.Generator, room: Room) -> None:
-    """Pictures, boards, mirrors, clocks, on free parts of the walls."""
+    """Hang pictures, boards, mirrors and clocks on free parts of the walls."""
     materials, parts = room.materials, []
     for wall in room.shell.walls:
         for _ in range(random.integers(0, 5)):
             half, tall = random.uniform(0.12, 0.6), random.uniform(0.15, 0.45)
             s, y = random.uniform(-0.5, 0.5) * wall.length, random.uniform(1.35, 1.8)
-            if not wall.take(s - half, s + half, y - tall, y + tall):
+            if not wall.reserve(s - half, s + half, y - tall, y + tall):
                 continue
             deep, edge = random.uniform(0.01, 0.04), random.uniform(0.01, 0.05)
             frame = materials.pick([materials.black, materials.white, *materials.woods])
@@ -148,11 +156,13 @@ def _hang_pictures(random: np.random.Generator, room: Room) -> None:
             )
             hung = [
                 Part((0, y, deep / 2), (half, tall, deep / 2), frame),
-                wide(half - edge, (y - tall + edge, y + tall - edge), (0, deep + 0.002), inside),
+                centred_box(
+                    half - edge, (y - tall + edge, y + tall - edge), (0, deep + 0.002), inside
+                ),
             ]
             if random.random() < 0.1:
-                hung = [Part((0, y, deep), (0.15, 0.15, deep), materials.white, ALONG_Z)]
-            parts += wall.put([part.moved((s, 0, 0)) for part in hung])
+                hung = [Part((0, y, deep), (0.15, 0.15, deep), materials.white, CYLINDER_Z)]
+            parts += wall.to_room([part.moved((s, 0, 0)) for part in hung])
     room.groups.append(parts)
 
 
@@ -164,6 +174,6 @@ def _lay_rug(random: np.random.Generator, room: Room) -> None:
     )
     is_round = random.random() < 0.2
     rug = Part(
-        (x, 0.005, z), (half[0], 0.005, half[1]), material, UPRIGHT if is_round else (0, 0, 0)
+        (x, 0.005, z), (half[0], 0.005, half[1]), material, CYLINDER_Y if is_round else (0, 0, 0)
     )
     room.groups.append([rug.tilted(random.normal(0, 10), 1)])

@@ -7,8 +7,8 @@ import numpy as np
 from depthcli.datasets.rooms import clutter
 from depthcli.datasets.rooms.fittings import basin, bathtub, counter, fridge, toilet
 from depthcli.datasets.rooms.materials import Material, Materials
-from depthcli.datasets.rooms.piece import Piece, on_both_sides
-from depthcli.datasets.rooms.solids import BALL, UPRIGHT, Part, wide
+from depthcli.datasets.rooms.piece import Piece, left_and_right
+from depthcli.datasets.rooms.solids import CYLINDER_Y, SPHERE, Part, centred_box
 
 _FRUSTUM = tuple((x, 0.35, z) for x, z in ((0.9, 0.0), (-0.9, 0.0), (0.0, 0.9), (0.0, -0.9)))
 _SOFT = (0.4, 0.4, 0.4)  # a cushion: a box with its corners off
@@ -19,8 +19,8 @@ def table(random: np.random.Generator, materials: Materials) -> Piece:
     top, width, depth = random.choice([0.42, 0.73, 0.76]), random.uniform(0.7, 1.8), 0.8
     wood = materials.pick([*materials.woods, materials.white])
     parts = _legs(width, depth, top, materials.pick([wood, materials.metal, materials.black]), 0.03)
-    parts.append(wide(width / 2, (top - 0.035, top), (0, depth), wood))
-    parts += clutter.scattered(random, materials, (width, depth), top)
+    parts.append(centred_box(width / 2, (top - 0.035, top), (0, depth), wood))
+    parts += clutter.small_objects(random, materials, (width, depth), top)
     return Piece(parts, width, depth, top, top)
 
 
@@ -32,12 +32,12 @@ def round_table(random: np.random.Generator, materials: Materials) -> Piece:
             (0, top - 0.02, radius),
             (radius, 0.02, radius),
             materials.pick(materials.woods),
-            UPRIGHT,
+            CYLINDER_Y,
         ),
-        Part((0, top / 2, radius), (0.04, top / 2, 0.04), materials.metal, UPRIGHT),
-        Part((0, 0.015, radius), (radius / 2, 0.015, radius / 2), materials.metal, UPRIGHT),
+        Part((0, top / 2, radius), (0.04, top / 2, 0.04), materials.metal, CYLINDER_Y),
+        Part((0, 0.015, radius), (radius / 2, 0.015, radius / 2), materials.metal, CYLINDER_Y),
     ]
-    parts += clutter.scattered(random, materials, (radius, 2 * radius), top)
+    parts += clutter.small_objects(random, materials, (radius, 2 * radius), top)
     return Piece(parts, 2 * radius, 2 * radius, top, top)
 
 
@@ -45,14 +45,16 @@ def desk(random: np.random.Generator, materials: Materials) -> Piece:
     """Drawers at one side, a screen, a keyboard, clutter."""
     width, depth, top = random.uniform(1.0, 1.7), random.uniform(0.6, 0.8), 0.74
     wood = materials.pick([*materials.woods, materials.white])
-    parts = [wide(width / 2, (top - 0.03, top), (0, depth), wood)]
+    parts = [centred_box(width / 2, (top - 0.03, top), (0, depth), wood)]
     parts += _legs(width, depth, top, materials.metal, 0.025)
-    drawers = [wide(0.21, (0.1, top - 0.03), (0.02, depth - 0.03), wood)]
-    drawers += [wide(0.19, (y, y + 0.18), (0.1, depth - 0.015), wood) for y in (0.12, 0.32, 0.51)]
+    drawers = [centred_box(0.21, (0.1, top - 0.03), (0.02, depth - 0.03), wood)]
+    drawers += [
+        centred_box(0.19, (y, y + 0.18), (0.1, depth - 0.015), wood) for y in (0.12, 0.32, 0.51)
+    ]
     aside = random.choice([-1, 1]) * (width / 2 - 0.21)
     parts += [part.moved((aside, 0, 0)) for part in drawers]
     parts += clutter.computer(random, materials, random.uniform(-0.2, 0.2), top, depth)
-    parts += clutter.scattered(random, materials, (width, depth), top)
+    parts += clutter.small_objects(random, materials, (width, depth), top)
     return Piece(parts, width, depth, top, top)
 
 
@@ -63,13 +65,13 @@ def chair(random: np.random.Generator, materials: Materials) -> Piece:
     cover = materials.pick(materials.woods + materials.fabrics)
     half, depth = width / 2, 0.45
     parts = _legs(width, depth, seat, frame, 0.018)
-    parts.append(wide(half, (seat, seat + 0.05), (0, depth), cover))
-    parts += on_both_sides(half - 0.018, 0.018, (seat, top), (0, 0.036), frame)
+    parts.append(centred_box(half, (seat, seat + 0.05), (0, depth), cover))
+    parts += left_and_right(half - 0.018, 0.018, (seat, top), (0, 0.036), frame)
     if random.random() < 0.5:
-        parts.append(wide(half, (seat + 0.15, top), (0, 0.04), cover).tilted(-6, 0))
+        parts.append(centred_box(half, (seat + 0.15, top), (0, 0.04), cover).tilted(-6, 0))
     else:
         slats = (seat + 0.2, top - 0.07)
-        parts += [wide(half, (y, y + 0.06), (0.005, 0.03), frame) for y in slats]
+        parts += [centred_box(half, (y, y + 0.06), (0.005, 0.03), frame) for y in slats]
     return Piece(parts, width, depth, top)
 
 
@@ -79,11 +81,11 @@ def office_chair(random: np.random.Generator, materials: Materials) -> Piece:
     foot = Part((0, 0.06, 0.16), (0.025, 0.025, 0.15), materials.black)
     parts = [foot.moved((0, 0, 0.28), 72 * i) for i in range(5)]
     parts += [
-        Part((0, seat / 2, 0.28), (0.03, seat / 2, 0.03), materials.metal, UPRIGHT),
+        Part((0, seat / 2, 0.28), (0.03, seat / 2, 0.03), materials.metal, CYLINDER_Y),
         Part((0, seat, 0.28), (0.25, 0.045, 0.24), cover, _SOFT),
         Part((0, seat + 0.35, 0.05), (0.22, 0.28, 0.05), cover, _SOFT).tilted(-8, 0),
     ]
-    parts += on_both_sides(0.27, 0.03, (seat + 0.18, seat + 0.21), (0.12, 0.4), materials.black)
+    parts += left_and_right(0.27, 0.03, (seat + 0.18, seat + 0.21), (0.12, 0.4), materials.black)
     return Piece(parts, 0.6, 0.58, seat + 0.6)
 
 
@@ -93,9 +95,9 @@ def sofa(random: np.random.Generator, materials: Materials) -> Piece:
     depth, seat, back = random.uniform(0.8, 0.95), random.uniform(0.38, 0.46), 0.8
     cover, half = materials.pick(materials.fabrics), seats * step / 2 + arm
     parts = [
-        wide(half, (0.05, seat - 0.12), (0, depth), cover),
-        wide(half, (0.05, back), (0, 0.2), cover).tilted(-4, 0),
-        *on_both_sides(half - arm / 2, arm / 2, (0.05, seat + 0.2), (0, depth), cover),
+        centred_box(half, (0.05, seat - 0.12), (0, depth), cover),
+        centred_box(half, (0.05, back), (0, 0.2), cover).tilted(-4, 0),
+        *left_and_right(half - arm / 2, arm / 2, (0.05, seat + 0.2), (0, depth), cover),
     ]
     for i in range(seats):
         x, size = arm - half + (i + 0.5) * step, (step / 2 - 0.008, 0.08, depth / 2 - 0.1)
@@ -112,10 +114,12 @@ def bed(random: np.random.Generator, materials: Materials) -> Piece:
     width, length, top = random.choice([0.9, 1.4, 1.6]), 2.05, random.uniform(0.38, 0.55)
     wood, half = materials.pick(materials.woods), width / 2
     parts = [
-        wide(half, (0.08, top - 0.2), (0, length), wood),
-        wide(half, (0, random.uniform(0.7, 1.2)), (0, 0.05), wood),
-        wide(half - 0.02, (top - 0.2, top), (0.05, length - 0.03), materials.white),
-        wide(half, (top - 0.25, top + 0.03), (0.75, length), materials.pick(materials.fabrics)),
+        centred_box(half, (0.08, top - 0.2), (0, length), wood),
+        centred_box(half, (0, random.uniform(0.7, 1.2)), (0, 0.05), wood),
+        centred_box(half - 0.02, (top - 0.2, top), (0.05, length - 0.03), materials.white),
+        centred_box(
+            half, (top - 0.25, top + 0.03), (0.75, length), materials.pick(materials.fabrics)
+        ),
     ]
     for x in (0.0,) if width < 1 else (-width / 4, width / 4):
         material = materials.pick([materials.white, *materials.fabrics])
@@ -129,11 +133,11 @@ def shelf(random: np.random.Generator, materials: Materials) -> Piece:
     half, depth = random.uniform(0.3, 0.8), random.uniform(0.25, 0.4)
     rows, step = int(random.integers(2, 7)), random.uniform(0.28, 0.38)
     wood, height = materials.pick([*materials.woods, materials.white]), rows * step + 0.05
-    parts = [*on_both_sides(half - 0.01, 0.01, (0, height), (0, depth), wood)]
-    parts.append(wide(half, (0, height), (0, 0.01), wood))
+    parts = [*left_and_right(half - 0.01, 0.01, (0, height), (0, depth), wood)]
+    parts.append(centred_box(half, (0, height), (0, 0.01), wood))
     for row in range(rows + 1):
         y, size = row * step + 0.05, (2 * half - 0.06, depth)
-        parts.append(wide(half, (y - 0.02, y), (0, depth), wood))
+        parts.append(centred_box(half, (y - 0.02, y), (0, depth), wood))
         parts += clutter.books(random, materials, size, y, step - 0.03) if row < rows else []
     return Piece(parts, 2 * half, depth, height, height)
 
@@ -144,18 +148,18 @@ def cupboard(random: np.random.Generator, materials: Materials) -> Piece:
     height = random.choice([0.55, 0.8, 0.95, 1.4, 1.95, 2.1])
     front = materials.pick([*materials.woods, materials.white, materials.any()])
     is_chest = height < 1.2
-    parts = [wide(width / 2, (0.0, height), (0, depth - 0.02), front)]
+    parts = [centred_box(width / 2, (0.0, height), (0, depth - 0.02), front)]
     across = max(1, round(width / random.uniform(0.4, 0.9)))
     down = int(random.integers(2, 5)) if is_chest else 1
     w, h = width / across / 2, (height - 0.08) / down
     for i in range(across * down):
         x, y = -width / 2 + (2 * (i % across) + 1) * w, 0.07 + i // across * h
-        door = wide(w - 0.006, (y, y + h - 0.012), (0.1, depth), front)
+        door = centred_box(w - 0.006, (y, y + h - 0.012), (0.1, depth), front)
         knob = (0.0, y + h * 0.75) if is_chest else (w * 0.8, y + h / 2)
         size = (0.012, 0.012 if is_chest else 0.07, 0.012)
         handle = Part((*knob, depth + 0.012), size, materials.metal)
         parts += [part.moved((x, 0, 0)) for part in (door, handle)]
-    parts += clutter.scattered(random, materials, (width, depth), height) if is_chest else []
+    parts += clutter.small_objects(random, materials, (width, depth), height) if is_chest else []
     return Piece(parts, width, depth, height, height if is_chest else 0.0)
 
 
@@ -163,9 +167,9 @@ def floor_lamp(random: np.random.Generator, materials: Materials) -> Piece:
     """Foot, post, shade that glows."""
     height, shade = random.uniform(1.3, 1.8), materials.lamp._replace(emission=1.2)
     parts = [
-        Part((0, 0.015, 0.2), (0.14, 0.015, 0.14), materials.metal, UPRIGHT),
-        Part((0, height / 2, 0.2), (0.012, height / 2, 0.012), materials.metal, UPRIGHT),
-        Part((0, height, 0.2), (0.2, 0.14, 0.2), shade, UPRIGHT, _FRUSTUM),
+        Part((0, 0.015, 0.2), (0.14, 0.015, 0.14), materials.metal, CYLINDER_Y),
+        Part((0, height / 2, 0.2), (0.012, height / 2, 0.012), materials.metal, CYLINDER_Y),
+        Part((0, height, 0.2), (0.2, 0.14, 0.2), shade, CYLINDER_Y, _FRUSTUM),
     ]
     return Piece(parts, 0.4, 0.4, height + 0.15)
 
@@ -174,12 +178,12 @@ def plant(random: np.random.Generator, materials: Materials) -> Piece:
     """A pot and leaves."""
     height, z = random.uniform(0.5, 1.5), 0.35
     shade = random.uniform(0.03, 0.15), random.uniform(0.12, 0.3), 0.04
-    parts = [Part((0, 0.15, z), (0.15, 0.15, 0.15), materials.any(), UPRIGHT)]
+    parts = [Part((0, 0.15, z), (0.15, 0.15, 0.15), materials.any(), CYLINDER_Y)]
     for _ in range(14):
         tilt, length = random.uniform(5, 60), height * random.uniform(0.25, 0.4)
-        length *= 1 - 0.009 * tilt  # what hangs over is shorter
+        length *= 1 - 0.009 * tilt  # leaves that lean are shorter
         size, green = (0.05, length, 0.012), materials.of("plaster", shade, 0.6, 0.2)
-        leaf = Part((0, 0, 0), size, green, BALL).tilted(tilt, 0)
+        leaf = Part((0, 0, 0), size, green, SPHERE).tilted(tilt, 0)
         x, y, ahead = leaf.axes[1] * length * 0.9
         hanging = leaf._replace(centre=(x, y + 0.3, ahead))
         parts.append(hanging.moved((0, 0, z), random.uniform(0, 360)))
@@ -193,10 +197,14 @@ def television(random: np.random.Generator, materials: Materials) -> Piece:
         materials.black if random.random() < 0.5 else materials.art(size * 2)._replace(emission=0.8)
     )
     parts = [
-        wide(half, (0.05, 0.48), (0, 0.42), materials.pick([*materials.woods, materials.white])),
-        wide(0.15, (0.48, 0.5), (0.12, 0.32), materials.black),
-        wide(size + 0.02, (0.53, 0.57 + size * 1.13), (0.19, 0.24), materials.black),
-        wide(size, (0.55, 0.55 + size * 1.13), (0.24, 0.242), screen._replace(specular=0.06)),
+        centred_box(
+            half, (0.05, 0.48), (0, 0.42), materials.pick([*materials.woods, materials.white])
+        ),
+        centred_box(0.15, (0.48, 0.5), (0.12, 0.32), materials.black),
+        centred_box(size + 0.02, (0.53, 0.57 + size * 1.13), (0.19, 0.24), materials.black),
+        centred_box(
+            size, (0.55, 0.55 + size * 1.13), (0.24, 0.242), screen._replace(specular=0.06)
+        ),
     ]
     return Piece(parts, 2 * half, 0.45, 1.1)
 
@@ -204,10 +212,10 @@ def television(random: np.random.Generator, materials: Materials) -> Piece:
 def bin_or_box(random: np.random.Generator, materials: Materials) -> Piece:
     """A bin, or one box or two."""
     half, height, material = random.uniform(0.12, 0.3), random.uniform(0.2, 0.6), materials.any()
-    parts = [Part((0, height / 2, half), (half, height / 2, half), material, UPRIGHT)]
+    parts = [Part((0, height / 2, half), (half, height / 2, half), material, CYLINDER_Y)]
     if random.random() < 0.5:
-        upper = wide(half * 0.8, (height, height * 1.6), (0.05, half * 1.7), materials.any())
-        parts = [parts[0]._replace(round=(0, 0, 0)), upper.tilted(random.uniform(-8, 8), 1)]
+        upper = centred_box(half * 0.8, (height, height * 1.6), (0.05, half * 1.7), materials.any())
+        parts = [parts[0]._replace(quadric=(0, 0, 0)), upper.tilted(random.uniform(-8, 8), 1)]
     return Piece(parts, 2 * half, 2 * half, height * 1.6)
 
 
@@ -226,4 +234,4 @@ _MAKERS = (
 PIECES: dict[str, Callable[[np.random.Generator, Materials], Piece]] = {
     make.__name__: make for make in _MAKERS
 }
-"""What a room may be furnished with."""
+"""The functions that make furniture, by name."""

@@ -1,4 +1,4 @@
-"""The light that falls on points: from lamps and windows, and from all around."""
+"""Irradiance of points: direct light of lamps and windows, and ambient light."""
 
 from itertools import product
 
@@ -9,11 +9,11 @@ from depthcli.datasets.rooms.furnish import Room
 from depthcli.datasets.rooms.lighting import Light
 from depthcli.datasets.rooms.patterns import Floats
 from depthcli.datasets.rooms.solids import Solids
-from depthcli.datasets.rooms.surface import STEP_M, Points
+from depthcli.datasets.rooms.surface import RAY_OFFSET_M, SurfacePoints
 
 _STRATA = 4  # 4 × 4 pixels share the samples of a light, each with one
-_BOUNCED, _DIRECT = 0.3, 0.6  # of a lamp's power: in the light all around, and on its way
-_OPEN_M = 0.9  # how far away something still dims the light from all around
+_INDIRECT, _DIRECT = 0.3, 0.6  # shares of a lamp's power in ambient and in direct light
+_OCCLUSION_RANGE_M = 0.9  # of ambient occlusion
 
 
 class Illumination:
@@ -21,9 +21,9 @@ class Illumination:
 
     Args:
         room: has the lamps.
-        solids: throw the shadows.
+        solids: cast the shadows.
         size: width and height of the picture, px.
-        random: chance of the samples.
+        random: generator of the samples.
     """
 
     def __init__(
@@ -32,51 +32,51 @@ class Illumination:
         self._room, self._solids, self._size, self._random = room, solids, size, random
         self._lights = room.lights
 
-    def on(self, points: Points) -> Floats:
-        """(3, N) light that falls on points: one shadow ray each, and one for what is near."""
-        start = points.at + points.normal * STEP_M
+    def irradiance(self, points: SurfacePoints) -> Floats:
+        """(3, N) light that falls on points: one shadow ray and one occlusion ray for each."""
+        start = points.at + points.normal * RAY_OFFSET_M
         count = start.shape[1]
-        # Directions spread as the cosine: on a sphere that touches the surface.
-        height, azimuth = self._strata(count)
+        # Cosine-weighted directions: points on a sphere that touches the surface.
+        height, azimuth = self._stratified(count)
         ring = np.sqrt(1 - height * height)
         away = np.stack([ring * np.cos(np.pi * azimuth), height, ring * np.sin(np.pi * azimuth)])
         away = points.normal + np.float32(0.98) * away
-        near = self._solids.cast(start, away, _OPEN_M).distance / _OPEN_M
+        near = self._solids.cast(start, away, _OCCLUSION_RANGE_M).distance / _OCCLUSION_RANGE_M
         around = self.ambient() * (0.8 + 0.2 * points.normal[1]) * (0.15 + 0.85 * near)
         lights = self._lights
         if not lights:
             return np.asarray(around, np.float32)
-        strength = np.stack([_unblocked(light, points) for light in lights])
+        strength = np.stack([_unoccluded(light, points) for light in lights])
         tint = np.array([light.tint for light in lights], np.float32)
         direct = np.einsum("ln,lc->cn", strength, tint)
-        # One lamp of several, each as often as it matters, tells whether they all are seen.
+        # One lamp, sampled in proportion to its light, decides the visibility of all of them.
         total = np.cumsum(strength, 0)
-        turn = (self._strata(count) + 1) / 2
+        turn = (self._stratified(count) + 1) / 2
         share = (turn[0] + np.floor(turn[1] * _STRATA)) / _STRATA
         chosen = (share * total[-1] > total[:-1]).sum(0)
         seen = np.flatnonzero((total[-1] > 1e-3) & (points.hits.solid >= 0))
-        to = self._on_lamp(chosen)[:, seen] - start[:, seen]
+        to = self._lamp_points(chosen)[:, seen] - start[:, seen]
         blocked = self._solids.cast(start.take(seen, 1), to, 1.0).solid >= 0
         direct[:, seen[blocked]] = 0
         return np.asarray(around + direct, np.float32)
 
-    def _on_lamp(self, chosen: npt.NDArray[np.int64]) -> Floats:
-        """A point (3, N) of each of the lamps."""
+    def _lamp_points(self, chosen: npt.NDArray[np.int64]) -> Floats:
+        """A random point (3, N) on each of the chosen lamps."""
         lights = self._lights
         centre = np.array([light.centre for light in lights], np.float32)[chosen]
         across = np.array([light.across for light in lights], np.float32)[chosen]
-        on = centre.T + np.einsum("kn,nkc->cn", self._strata(len(chosen)), across)
+        on = centre.T + np.einsum("kn,nkc->cn", self._stratified(len(chosen)), across)
         return np.asarray(on, np.float32)
 
     def ambient(self) -> Floats:
-        """(3, 1) light from all around, which walls have sent on."""
+        """(3, 1) ambient light, reflected by walls."""
         shell = self._room.shell
         area = shell.width * shell.depth + (shell.width + shell.depth) * shell.height
         power = sum((np.array(light.tint) * light.power for light in self._lights), np.zeros(3))
-        return (_BOUNCED * power / area + 0.02).astype(np.float32)[:, None]
+        return (_INDIRECT * power / area + 0.02).astype(np.float32)[:, None]
 
-    def _strata(self, count: int) -> Floats:
-        """Points (2, N) in [-1, 1], each in its own cell of a grid, by its pixel."""
+    def _stratified(self, count: int) -> Floats:
+        """Stratified samples (2, N) in [-1, 1], each in the cell of a grid given by its pixel."""
         jitter = self._random.random((2, count), np.float32)
         if count == self._size[0] * self._size[1]:
             y, x = np.divmod(np.arange(count), self._size[0])
@@ -84,7 +84,7 @@ class Illumination:
             jitter /= _STRATA
         return (2 * jitter - 1).astype(np.float32)
 
-    def smoothed(self, light: Floats, face: npt.NDArray[np.int64]) -> Floats:
+    def denoised(self, light: Floats, face: npt.NDArray[np.int64]) -> Floats:
         """The mean of the light around each pixel on the same face: 4 × 4, then a wider 3 × 3."""
         shape = self._size[::-1]
         face, grid = face.reshape(shape), light.reshape(3, *shape)
@@ -98,8 +98,8 @@ class Illumination:
         return grid.reshape(3, -1)
 
 
-def _unblocked(light: Light, points: Points) -> Floats:
-    """Light (N) that a lamp's middle would send to points if nothing were in the way."""
+def _unoccluded(light: Light, points: SurfacePoints) -> Floats:
+    """Light (N) of a lamp's centre at points, without occlusion."""
     to = np.array(light.centre, np.float32)[:, None] - points.at
     square = (to * to).sum(0)
     cos = (points.normal * to).sum(0) / np.sqrt(square)

@@ -7,72 +7,74 @@ import numpy as np
 
 from depthcli.datasets.rooms import openings
 from depthcli.datasets.rooms.materials import Material, Materials
-from depthcli.datasets.rooms.openings import DOOR_M, THICK_M, Opening
-from depthcli.datasets.rooms.solids import Part, Vector, box, wide
+from depthcli.datasets.rooms.openings import DOOR_SIZE_M, WALL_THICKNESS_M, Opening
+from depthcli.datasets.rooms.solids import Part, Vector, box, centred_box
 
 
-class Kind(NamedTuple):
-    """What a sort of room is like."""
+class RoomType(NamedTuple):
+    """Size, furniture and shape of a type of room."""
 
-    sides_m: tuple[tuple[float, float], tuple[float, float]]  #: least and most of both
-    wishes: str  #: pieces of furniture, most important first
+    sides_m: tuple[tuple[float, float], tuple[float, float]]  #: range of width and of depth
+    furniture: str  #: pieces of furniture, most important first
     shape: Literal["", "L", "open"] = ""  #: ``L`` may lack a corner; ``open`` has pillars
 
 
-KINDS = {
-    "living": Kind(
+ROOM_TYPES = {
+    "living": RoomType(
         ((2.8, 5.5), (3.5, 8)),
         "sofa television sofa table shelf round_table cupboard plant floor_lamp chair bin_or_box",
         "L",
     ),
-    "bedroom": Kind(
+    "bedroom": RoomType(
         ((2.5, 4.5), (3, 5.5)), "bed cupboard desk shelf chair floor_lamp cupboard plant", "L"
     ),
-    "kitchen": Kind(
+    "kitchen": RoomType(
         ((2, 4.5), (2.6, 6)), "counter fridge counter table round_table cupboard chair bin_or_box"
     ),
-    "bathroom": Kind(((2, 2.8), (2, 4)), "bathtub basin toilet fridge bin_or_box cupboard plant"),
-    "office": Kind(
+    "bathroom": RoomType(
+        ((2, 2.8), (2, 4)), "bathtub basin toilet fridge bin_or_box cupboard plant"
+    ),
+    "office": RoomType(
         ((2.8, 7), (3.5, 10)),
         "desk desk shelf desk cupboard desk shelf office_chair plant table bin_or_box bin_or_box",
         "L",
     ),
-    "study": Kind(
+    "study": RoomType(
         ((2.2, 4), (2.5, 5)), "desk shelf shelf sofa office_chair bin_or_box floor_lamp", "L"
     ),
-    "corridor": Kind(((1.3, 2.4), (4, 12)), "cupboard plant bin_or_box chair"),
-    "hall": Kind(
+    "corridor": RoomType(((1.3, 2.4), (4, 12)), "cupboard plant bin_or_box chair"),
+    "hall": RoomType(
         ((5, 9), (6, 12)),
         "table table round_table table sofa shelf television sofa cupboard plant plant bin_or_box",
         "open",
     ),
-    "library": Kind(
+    "library": RoomType(
         ((3, 7), (4, 11)), "shelf shelf shelf shelf table shelf shelf desk shelf sofa chair", "L"
     ),
 }
-"""Sorts of rooms."""
+"""Types of rooms by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wall:
     """One wall, seen from inside."""
 
-    middle: Vector  #: where its middle stands, metres
+    middle: Vector  #: its centre on the floor, metres
     yaw_deg: float  #: direction into the room, from z towards x
     length: float  #: metres
-    #: (left, right, low, high) of what hangs on it, stands before it or opens it, metres
-    taken: list[tuple[float, float, float, float]] = field(default_factory=list)
+    #: (left, right, low, high) of objects on it, furniture before it and openings, metres
+    occupied: list[tuple[float, float, float, float]] = field(default_factory=list)
 
-    def put(self, parts: list[Part]) -> list[Part]:
-        """Parts in the wall's frame (x along it, z into the room), in the room's."""
+    def to_room(self, parts: list[Part]) -> list[Part]:
+        """Parts from the wall's frame (x along it, z into the room) to the room's."""
         return [part.moved(self.middle, self.yaw_deg) for part in parts]
 
-    def take(self, left: float, right: float, low: float, high: float) -> bool:
-        """Reserve a rectangle of it, if that is inside and free."""
+    def reserve(self, left: float, right: float, low: float, high: float) -> bool:
+        """Reserve a rectangle of the wall, if it is inside and free."""
         inside = -self.length / 2 <= left and right <= self.length / 2
-        free = all(right <= a or left >= b or high <= c or low >= d for a, b, c, d in self.taken)
+        free = all(right <= a or left >= b or high <= c or low >= d for a, b, c, d in self.occupied)
         if inside and free:
-            self.taken.append((left, right, low, high))
+            self.occupied.append((left, right, low, high))
         return inside and free
 
 
@@ -80,34 +82,40 @@ class Wall:
 class Shell:
     """An empty room, from (0, 0, 0) to (width, height, depth) metres."""
 
-    kind: Kind
+    kind: RoomType
     width: float
     height: float
     depth: float
-    corner: tuple[float, float] | None  #: (x, z) from which on a corner is cut out
+    corner: tuple[float, float] | None  #: (x, z) beyond which a corner is cut out
     walls: list[Wall]
     groups: list[list[Part]] = field(default_factory=list)  #: its solids
     windows: list[tuple[Wall, Opening]] = field(default_factory=list)  #: and the walls they are in
 
 
 def build_shell(random: np.random.Generator, materials: Materials, name: str) -> Shell:
-    """A room of a sort, with windows and doors."""
-    kind = KINDS[name]
+    """A room of a type, with windows and doors."""
+    kind = ROOM_TYPES[name]
     width, depth = (random.uniform(*side) for side in kind.sides_m)
     height = random.uniform(2.3, 2.9) if random.random() < 0.8 else random.uniform(2.9, 4.2)
     corner = None
     if kind.shape == "L" and random.random() < 0.35 and min(width, depth) > 2.6:
         corner = (width * random.uniform(0.5, 0.75), depth * random.uniform(0.5, 0.75))
     shell = Shell(kind, width, height, depth, corner, _walls(width, depth, corner))
-    x, z = (-THICK_M, width + THICK_M), (-THICK_M, depth + THICK_M)
+    x, z = (
+        (-WALL_THICKNESS_M, width + WALL_THICKNESS_M),
+        (-WALL_THICKNESS_M, depth + WALL_THICKNESS_M),
+    )
     ceiling = materials.white if random.random() < 0.9 else materials.pick(materials.woods)
-    slabs = box(x, (-THICK_M, 0), z, materials.floor()), box(x, (height, height + 0.2), z, ceiling)
+    slabs = (
+        box(x, (-WALL_THICKNESS_M, 0), z, materials.floor()),
+        box(x, (height, height + 0.2), z, ceiling),
+    )
     shell.groups.append([*slabs])
     common, trim = materials.wall(), materials.pick([materials.white, *materials.woods])
     if corner is not None:
         shell.groups.append([box((corner[0], x[1]), (0, height), (corner[1], z[1]), common)])
     if kind.shape == "open":
-        pillars = [wide(0.2, (0, height), (-0.2, 0.2), common) for _ in range(2)]
+        pillars = [centred_box(0.2, (0, height), (-0.2, 0.2), common) for _ in range(2)]
         places = ((width * share, 0.0, depth / 2) for share in (0.33, 0.67))
         shell.groups.append([p.moved(at) for p, at in zip(pillars, places, strict=True)])
     doorway = random.integers(4)
@@ -131,22 +139,24 @@ def _build_wall(
     size = (wall.length, shell.height)
     holes = openings.doorway(random, size) if what == "door" else openings.windows(random, size)
     for hole in holes:
-        wall.take(*hole[:4])
+        wall.reserve(*hole[:4])
         make = openings.next_room if hole.is_door else openings.window
-        shell.groups.append(wall.put(make(random, materials, hole, shell.height, trim)))
+        shell.groups.append(wall.to_room(make(random, materials, hole, shell.height, trim)))
         shell.windows.extend([] if hole.is_door else [(wall, hole)])
         s = (hole.left + hole.right) / 2
-        if random.random() < 0.5 and wall.take(s - 0.5, s + 0.5, 0.0, 0.75):
+        if random.random() < 0.5 and wall.reserve(s - 0.5, s + 0.5, 0.0, 0.75):
             shell.groups.append(
-                wall.put([part.moved((s, 0, 0)) for part in openings.radiator(materials)])
+                wall.to_room([part.moved((s, 0, 0)) for part in openings.radiator(materials)])
             )
-    pieces = openings.pieces(size, holes, material)
-    shell.groups.append(wall.put([*pieces, wide(wall.length / 2, (0, 0.08), (0, 0.012), trim)]))
-    s = random.uniform(-0.5, 0.5) * (wall.length - DOOR_M[0])
-    half = DOOR_M[0] / 2
-    if (not holes or random.random() < 0.3) and wall.take(s - half, s + half, 0, DOOR_M[1]):
+    pieces = openings.wall_parts(size, holes, material)
+    shell.groups.append(
+        wall.to_room([*pieces, centred_box(wall.length / 2, (0, 0.08), (0, 0.012), trim)])
+    )
+    s = random.uniform(-0.5, 0.5) * (wall.length - DOOR_SIZE_M[0])
+    half = DOOR_SIZE_M[0] / 2
+    if (not holes or random.random() < 0.3) and wall.reserve(s - half, s + half, 0, DOOR_SIZE_M[1]):
         door = openings.closed_door(random, materials, trim)
-        shell.groups.append(wall.put([part.moved((s, 0, 0)) for part in door]))
+        shell.groups.append(wall.to_room([part.moved((s, 0, 0)) for part in door]))
 
 
 def _walls(width: float, depth: float, corner: tuple[float, float] | None) -> list[Wall]:

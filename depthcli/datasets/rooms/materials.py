@@ -1,4 +1,4 @@
-"""Materials of surfaces: two colours, mixed by a pattern that repeats."""
+"""Materials of surfaces: two colours, mixed by a repeating pattern."""
 
 import colorsys
 from typing import NamedTuple
@@ -11,13 +11,13 @@ Colour = tuple[float, float, float]
 
 
 class Material(NamedTuple):
-    """Of one solid."""
+    """The material of a solid."""
 
     pattern: int  #: index of its pattern
     dark: Colour  #: linear RGB in [0, 1] where the pattern is 0
     light: Colour  #: the same where it is 1
     tile_m: float = 1.0  #: size of one repetition, metres
-    is_once: bool = False  #: the pattern lies in the middle, where it is as large as the solid
+    is_once: bool = False  #: whether the pattern is centred, for a tile as large as the solid
     emission: float = 0.0  #: light that it gives off itself, as a multiple of its colour
     specular: float = 0.0  #: share of a mirror's reflection, [0, 1]
 
@@ -26,7 +26,7 @@ _INDEX = {name: i for i, name in enumerate(PATTERNS)}
 
 
 class Materials:
-    """Those of one room: its patterns, and materials that its furniture shares.
+    """The materials of one room: its patterns, and materials that its furniture shares.
 
     Attributes:
         tiles: (number of patterns, 128, 128) float32 in [0, 1].
@@ -49,7 +49,7 @@ class Materials:
         return materials[self._random.integers(len(materials))]
 
     def of(self, pattern: str, colour: Colour, contrast: float, tile_m: float) -> Material:
-        """A material around one colour: contrast 0 is plain, 1 goes down to black."""
+        """A material of one colour, with darker parts: contrast 0 is plain, 1 has black."""
         dark = (colour[0] * (1 - contrast), colour[1] * (1 - contrast), colour[2] * (1 - contrast))
         return Material(_INDEX[pattern], dark, colour, tile_m)
 
@@ -58,7 +58,7 @@ class Materials:
         return colorsys.hsv_to_rgb(self._random.random(), saturation, value)
 
     def paint(self, saturation: float, value: float) -> Material:
-        """Almost plain."""
+        """A nearly plain paint of a random hue."""
         return self.of("plaster", self.colour(saturation, value), 0.08, 0.9)
 
     def any(self) -> Material:
@@ -83,7 +83,7 @@ class Materials:
     def floor(self) -> Material:
         """Planks, tiles, carpet, stone."""
         random = self._random
-        name = ("planks", "planks", "tiles", "weave", "plaster", "flecks", "checks")[
+        name = ("planks", "planks", "tiles", "weave", "plaster", "terrazzo", "checks")[
             random.integers(7)
         ]
         if name == "planks":

@@ -1,14 +1,14 @@
-"""Windows and doors, in the frame of their wall: x along it from its middle, z into the room."""
+"""Windows and doors, in their wall's frame: x along it from its middle, z into the room."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from depthcli.datasets.rooms.materials import Material, Materials
-from depthcli.datasets.rooms.solids import Part, box, wide
+from depthcli.datasets.rooms.solids import Part, box, centred_box
 
-THICK_M = 0.2
-DOOR_M = (0.9, 2.05)
+WALL_THICKNESS_M = 0.2
+DOOR_SIZE_M = (0.9, 2.05)
 
 
 class Opening(NamedTuple):
@@ -22,14 +22,14 @@ class Opening(NamedTuple):
 
 
 def doorway(random: np.random.Generator, size: tuple[float, float]) -> list[Opening]:
-    """One, or none, in a wall of a length and a height."""
-    s, half = random.uniform(-0.4, 0.4) * (size[0] - 1.1), DOOR_M[0] / 2
-    hole = Opening(s - half, s + half, 0, DOOR_M[1], is_door=True)
+    """One doorway, or none, in a wall of (length, height)."""
+    s, half = random.uniform(-0.4, 0.4) * (size[0] - 1.1), DOOR_SIZE_M[0] / 2
+    hole = Opening(s - half, s + half, 0, DOOR_SIZE_M[1], is_door=True)
     return [hole] if random.random() < 0.6 else []
 
 
 def windows(random: np.random.Generator, size: tuple[float, float]) -> list[Opening]:
-    """Up to three of one sort."""
+    """Up to three equal windows, in a wall of (length, height)."""
     count = int(random.integers(1, 4))
     step, low = size[0] / count, random.choice([0.1, 0.85, 0.95, 1.2])
     half = min(random.uniform(0.35, 1.0), step / 2 - 0.15)
@@ -40,16 +40,16 @@ def windows(random: np.random.Generator, size: tuple[float, float]) -> list[Open
     return [Opening(s - half, s + half, low, high, is_door=False) for s in middles]
 
 
-def pieces(size: tuple[float, float], holes: list[Opening], material: Material) -> list[Part]:
-    """What is left of a wall around its holes."""
-    thick, parts, at = (-THICK_M, 0.0), [], -size[0] / 2 - THICK_M
+def wall_parts(size: tuple[float, float], holes: list[Opening], material: Material) -> list[Part]:
+    """The parts of a wall around its openings."""
+    thick, parts, at = (-WALL_THICKNESS_M, 0.0), [], -size[0] / 2 - WALL_THICKNESS_M
     for hole in holes:
         across = (hole.left, hole.right)
         parts.append(box((at, hole.left), (0, size[1]), thick, material))
         parts.append(box(across, (hole.high, size[1]), thick, material))
         parts += [box(across, (0, hole.low), thick, material)] if hole.low else []
         at = hole.right
-    return [*parts, box((at, size[0] / 2 + THICK_M), (0, size[1]), thick, material)]
+    return [*parts, box((at, size[0] / 2 + WALL_THICKNESS_M), (0, size[1]), thick, material)]
 
 
 def window(
@@ -58,18 +58,18 @@ def window(
     """Frame, bars, sill; curtains or a blind."""
     half, low, high, z = (hole.right - hole.left) / 2, hole.low, hole.high, (-0.12, -0.07)
     parts = [box((x, x + 0.05), (low, high), z, trim) for x in (-half, -0.025, half - 0.05)]
-    parts += [wide(half, (y, y + 0.05), z, trim) for y in (low, high - 0.05)]
-    parts.append(wide(half + 0.05, (low - 0.03, low), (-0.1, 0.12), trim))
+    parts += [centred_box(half, (y, y + 0.05), z, trim) for y in (low, high - 0.05)]
+    parts.append(centred_box(half + 0.05, (low - 0.03, low), (-0.1, 0.12), trim))
     cloth, dress = materials.pick([materials.white, *materials.fabrics]), random.random()
     if dress < 0.35:
         folds = (0.02 if random.random() < 0.6 else low - 0.1, min(high + 0.1, height))
         for i, x in enumerate(np.arange(half - 0.15, half + 0.15, 0.07)):
             for side in (-x, x):
-                fold = wide(0.04, folds, (0.13, 0.15 + 0.02 * (i % 2)), cloth)
+                fold = centred_box(0.04, folds, (0.13, 0.15 + 0.02 * (i % 2)), cloth)
                 parts.append(fold.moved((side, 0, 0)))
     elif dress < 0.5:
         slats = np.arange(random.uniform(low, high), high, 0.05)
-        parts += [wide(half, (y, y + 0.04), (-0.05, -0.04), cloth) for y in slats]
+        parts += [centred_box(half, (y, y + 0.04), (-0.05, -0.04), cloth) for y in slats]
     return [part.moved(((hole.left + hole.right) / 2, 0, 0)) for part in parts]
 
 
@@ -82,10 +82,10 @@ def radiator(materials: Materials) -> list[Part]:
 def next_room(
     random: np.random.Generator, materials: Materials, hole: Opening, height: float, trim: Material
 ) -> list[Part]:
-    """What is seen through a doorway, and the door, open."""
+    """The part of the next room that is seen through a doorway, and the open door."""
     a, b = hole.left - random.uniform(0.1, 1.5), hole.right + random.uniform(0.1, 1.5)
     far, up, wall = -random.uniform(1.0, 4.5), (0.0, height), materials.wall()
-    z = (far, -THICK_M)
+    z = (far, -WALL_THICKNESS_M)
     parts = [
         box((a, b), (-0.1, 0), z, materials.floor()),
         box((a, b), (height, height + 0.1), z, materials.white),
@@ -96,23 +96,25 @@ def next_room(
     if random.random() < 0.6:
         leaf = box((0, hole.right - hole.left), (0.01, hole.high), (-0.02, 0.02), trim)
         turned = leaf.moved((0, 0, 0), random.uniform(60, 120))
-        parts.append(turned.moved((hole.left, 0, -THICK_M - 0.02)))
+        parts.append(turned.moved((hole.left, 0, -WALL_THICKNESS_M - 0.02)))
     middle = ((hole.left + hole.right) / 2, 0, 0)
     return parts + [part.moved(middle) for part in _door_frame(trim)]
 
 
 def closed_door(random: np.random.Generator, materials: Materials, trim: Material) -> list[Part]:
     """A leaf with or without panels, its handle and its frame, around x = 0."""
-    material, (width, high) = materials.pick([trim, materials.white, *materials.woods]), DOOR_M
+    material, (width, high) = materials.pick([trim, materials.white, *materials.woods]), DOOR_SIZE_M
     half, y = width / 2, (1.03, 1.06)
-    parts = [wide(half, (0.01, high), (0, 0.02), material), *_door_frame(trim)]
+    parts = [centred_box(half, (0.01, high), (0, 0.02), material), *_door_frame(trim)]
     if random.random() < 0.6:
-        parts += [wide(half - 0.15, (low, low + 0.7), (0.02, 0.03), material) for low in (0.2, 1.1)]
+        parts += [
+            centred_box(half - 0.15, (low, low + 0.7), (0.02, 0.03), material) for low in (0.2, 1.1)
+        ]
     parts.append(box((half - 0.2, half - 0.06), y, (0.06, 0.08), materials.metal))
     return [*parts, box((half - 0.09, half - 0.06), y, (0.02, 0.08), materials.metal)]
 
 
 def _door_frame(material: Material) -> list[Part]:
-    half, high, z = DOOR_M[0] / 2, DOOR_M[1], (-0.01, 0.03)
+    half, high, z = DOOR_SIZE_M[0] / 2, DOOR_SIZE_M[1], (-0.01, 0.03)
     posts = [box((x, x + 0.07), (0, high + 0.07), z, material) for x in (-half - 0.07, half)]
-    return [*posts, wide(half + 0.07, (high, high + 0.07), z, material)]
+    return [*posts, centred_box(half + 0.07, (high, high + 0.07), z, material)]

@@ -1,4 +1,4 @@
-"""Picture and depth of one rendered room: the same for the same recipe and number, anywhere."""
+"""Picture and depth of one rendered room, reproducible from its settings and number."""
 
 from typing import NamedTuple
 
@@ -13,12 +13,12 @@ from depthcli.datasets.rooms.render import Renderer
 from depthcli.datasets.rooms.sensor import kinect, photograph
 
 VERSION = 1
-"""Goes up when the same recipe gives other pictures."""
-USUAL_HFOV_DEG = 63.0
+"""Increases when the same settings give other pictures."""
+TYPICAL_HFOV_DEG = 63.0
 
 
-class Recipe(NamedTuple):
-    """What rooms follow from."""
+class RoomSettings(NamedTuple):
+    """The settings that all rooms of a data set depend on."""
 
     seed: int = 0
     size: tuple[int, int] = (256, 192)  #: width and height, px
@@ -33,30 +33,30 @@ class Pair(NamedTuple):
     depth_m: npt.NDArray[np.float32]  #: (H, W) metres along the camera axis, 0 where there is none
 
 
-def room_focal_px(recipe: Recipe, index: int) -> float:
-    """Focal length of a room's camera in pixels, known without rendering."""
-    low, high = recipe.hfov_deg
-    usual = min(max(USUAL_HFOV_DEG, low), high)
-    random = _random(recipe, index, 0)
-    hfov_deg = random.triangular(low, usual, high) if low < high else low
-    return scaling.focal_px_of_hfov(hfov_deg, recipe.size[0])
+def room_focal_px(settings: RoomSettings, index: int) -> float:
+    """Focal length of a room's camera in pixels, without rendering."""
+    low, high = settings.hfov_deg
+    typical = min(max(TYPICAL_HFOV_DEG, low), high)
+    random = _random(settings, index, 0)
+    hfov_deg = random.triangular(low, typical, high) if low < high else low
+    return scaling.focal_px_of_hfov(hfov_deg, settings.size[0])
 
 
-def render_pair(recipe: Recipe, index: int) -> Pair:
-    """Build, furnish, light and photograph a room.
+def render_pair(settings: RoomSettings, index: int) -> Pair:
+    """Build, furnish, light and render a room.
 
     Args:
-        recipe: what all rooms have in common.
-        index: which room, from 0.
+        settings: of all rooms.
+        index: number of the room, from 0.
     """
-    random = _random(recipe, index, 1)
+    random = _random(settings, index, 1)
     room = make_room(random)
     solids = room.solids
-    camera = place_camera(random, room, solids, room_focal_px(recipe, index), recipe.size)
+    camera = place_camera(random, room, solids, room_focal_px(settings, index), settings.size)
     view = Renderer(room, solids, camera, random).view()
     rgb = photograph(view.light, random)
-    return Pair(rgb, kinect(view, random) if recipe.sensor is Sensor.KINECT else view.depth_m)
+    return Pair(rgb, kinect(view, random) if settings.sensor is Sensor.KINECT else view.depth_m)
 
 
-def _random(recipe: Recipe, index: int, purpose: int) -> np.random.Generator:
-    return np.random.default_rng([recipe.seed, index, purpose])
+def _random(settings: RoomSettings, index: int, purpose: int) -> np.random.Generator:
+    return np.random.default_rng([settings.seed, index, purpose])

@@ -1,4 +1,4 @@
-"""Patterns that repeat, between 0 and 1: wood, tiles, fabrics, prints."""
+"""Repeating patterns, between 0 and 1: wood, tiles, fabrics, prints."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +12,7 @@ TILE_PX = 128
 
 
 def _noise(random: np.random.Generator, across: int, down: int) -> Floats:
-    """Smooth noise in [0, 1] with so many bumps along each side, which repeats."""
+    """Smooth repeating noise in [0, 1], from a grid of ``across`` x ``down`` random values."""
     coarse = random.random((down, across), np.float32)
     coarse = np.pad(coarse, 2, mode="wrap")
     step_x, step_y = TILE_PX / across, TILE_PX / down
@@ -107,7 +107,7 @@ def _lines(random: np.random.Generator) -> Floats:
     return tile
 
 
-def _flecks(random: np.random.Generator) -> Floats:
+def _terrazzo(random: np.random.Generator) -> Floats:
     """Terrazzo, granite, linoleum."""
     return (_noise(random, 40, 40) > 0.62) * 0.6 + 0.4 * _clouds(random)
 
@@ -124,19 +124,19 @@ PATTERNS: dict[str, Callable[[np.random.Generator], Floats]] = {
     "print": _print,
     "print2": _print,
     "lines": _lines,
-    "flecks": _flecks,
+    "terrazzo": _terrazzo,
 }
-"""Name -> what draws it, (128, 128)."""
+"""Name -> function that draws it, (128, 128)."""
 
 
 def draw_all(random: np.random.Generator) -> Floats:
-    """One of each, in the order of their names: (number, 128, 128) float32."""
+    """One of each pattern, in the order of the table: (number, 128, 128) float32."""
     drawn = np.stack([draw(random) for draw in PATTERNS.values()])
     return np.clip(drawn, 0, 1).astype(np.float32)
 
 
 def sample_pattern(tiles: Floats, pattern: npt.NDArray[np.int64], x: Floats, y: Floats) -> Floats:
-    """Patterns at coordinates (N), counted in repetitions, between their pixels."""
+    """Bilinear samples of patterns at coordinates (N), in repetitions."""
     flat = tiles.ravel()
     left, top = np.floor(x * TILE_PX).astype(np.int64), np.floor(y * TILE_PX).astype(np.int64)
     part_x = (x * TILE_PX - left).astype(np.float32)

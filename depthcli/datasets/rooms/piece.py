@@ -1,12 +1,12 @@
-"""A piece of furniture, and what several are made of.
+"""A piece of furniture, and parts that several of them share.
 
-Each piece stands on y = 0, is centred on x = 0, has its back at z = 0 and looks along z.
+Each piece stands on y = 0, is centred on x = 0, has its back at z = 0 and faces along z.
 """
 
 from typing import NamedTuple
 
 from depthcli.datasets.rooms.materials import Material
-from depthcli.datasets.rooms.solids import Part, wide
+from depthcli.datasets.rooms.solids import Part, centred_box
 
 
 class Piece(NamedTuple):
@@ -16,11 +16,11 @@ class Piece(NamedTuple):
     width: float  #: along the wall, metres
     depth: float  #: from the wall, metres
     height: float  #: metres
-    top: float = 0.0  #: height of a surface with things on it, metres; 0 for none
+    top: float = 0.0  #: height of a surface with objects on it, metres; 0 for none
 
 
-def on_both_sides(
+def left_and_right(
     x: float, half: float, y: tuple[float, float], z: tuple[float, float], material: Material
 ) -> list[Part]:
-    """The same at the left and at the right."""
-    return [wide(half, y, z, material).moved((side, 0, 0)) for side in (-x, x)]
+    """The same box at the left and at the right."""
+    return [centred_box(half, y, z, material).moved((side, 0, 0)) for side in (-x, x)]

@@ -1,4 +1,4 @@
-"""What a camera sees: colours and exact depth."""
+"""Rendering a room: colours and exact depth."""
 
 from typing import NamedTuple
 
@@ -10,28 +10,28 @@ from depthcli.datasets.rooms.furnish import Room
 from depthcli.datasets.rooms.illumination import Illumination
 from depthcli.datasets.rooms.patterns import TILE_PX, Floats, sample_pattern
 from depthcli.datasets.rooms.solids import Solids
-from depthcli.datasets.rooms.surface import STEP_M, Points, meet
+from depthcli.datasets.rooms.surface import RAY_OFFSET_M, SurfacePoints, intersect
 
-_WHITE = 1.5  # what is brighter counts as this at edges, which else would be jagged
+_WHITE = 1.5  # brighter samples are clipped to this at edges, which would look jagged otherwise
 
 
 class View(NamedTuple):
-    """A picture before any sensor."""
+    """A rendered picture, before the sensors are simulated."""
 
     light: Floats  #: (H, W, 3) linear RGB, 1 for white under the room's usual light
-    depth_m: Floats  #: (H, W) metres along the camera axis, 0 where nothing is met
+    depth_m: Floats  #: (H, W) metres along the camera axis, 0 where no solid is hit
     specular: Floats  #: (H, W) share of a mirror's reflection, [0, 1]
     slant: Floats  #: (H, W) absolute cosine of the angle between ray and normal
 
 
 class Renderer:
-    """One room, seen by one camera.
+    """Renders one room for one camera.
 
     Args:
-        room: what is seen.
+        room: the room.
         solids: its solids.
-        camera: who sees.
-        random: chance of the samples of lights.
+        camera: the camera.
+        random: generator of the samples of lights.
     """
 
     def __init__(
@@ -51,14 +51,14 @@ class Renderer:
         self._ground = (random.uniform(0.3, 1.0) + random.uniform(-0.1, 0.1, 3)).astype(np.float32)
 
     def view(self) -> View:
-        """The picture, with the edges of things smoothed."""
+        """The picture, with antialiased edges."""
         camera = self._camera
         rays = camera.rays()
-        points = meet(self._solids, camera.origin, rays)
+        points = intersect(self._solids, camera.origin, rays)
         hits = points.hits
-        lit = self._illumination.smoothed(self._illumination.on(points), points.face)
+        lit = self._illumination.denoised(self._illumination.irradiance(points), points.face)
         colour = self._colour(points, rays, lit)
-        self._soften(colour, lit, points)
+        self._antialias(colour, lit, points)
         mirrored = np.flatnonzero((hits.solid >= 0) & (self._specular[hits.solid] > 0))
         if mirrored.size:
             self._reflect(colour, points, rays, mirrored)
@@ -72,8 +72,8 @@ class Renderer:
             np.abs((points.normal * rays).sum(0) / length).reshape(shape),
         )
 
-    def _colour(self, points: Points, rays: Floats, lit: Floats) -> Floats:
-        """(3, N) light that comes from points towards the camera."""
+    def _colour(self, points: SurfacePoints, rays: Floats, lit: Floats) -> Floats:
+        """(3, N) light that points reflect and emit towards the camera."""
         solid = np.maximum(points.hits.solid, 0)
         amount = self._texture(points, rays, solid)
         dark = self._dark.take(solid, 1)
@@ -83,8 +83,8 @@ class Renderer:
         colour[:, out] = self._outdoors(rays[:, out])
         return colour
 
-    def _texture(self, points: Points, rays: Floats, solid: npt.NDArray[np.int32]) -> Floats:
-        """Where between dark and light (N) the pattern is, faded where it is finer than pixels."""
+    def _texture(self, points: SurfacePoints, rays: Floats, solid: npt.NDArray[np.int32]) -> Floats:
+        """Values (N) of the pattern from dark to light, faded where it is finer than pixels."""
         tile_m, pattern = self._tile_m[solid], self._pattern[solid]
         x, y = points.across / tile_m + self._shift.take(solid, 1)
         slant = np.abs((points.normal * rays).sum(0)) / np.linalg.norm(rays, axis=0)
@@ -95,7 +95,7 @@ class Renderer:
         return np.asarray(mean + (sample_pattern(tiles, pattern, x, y) - mean) * fade, np.float32)
 
     def _outdoors(self, rays: Floats) -> Floats:
-        """(3, N) sky, and below it what stands and grows before a house, a few times as bright."""
+        """(3, N) colours of the sky and the ground outdoors, a few times as bright as indoors."""
         if not self._room.is_day:
             return np.full((3, rays.shape[1]), 0.01, np.float32)
         up = rays[1] / np.linalg.norm(rays, axis=0)
@@ -108,21 +108,21 @@ class Renderer:
         return np.asarray(bright * (4 * self._illumination.ambient() + 0.3), np.float32)
 
     def _reflect(
-        self, colour: Floats, points: Points, rays: Floats, some: npt.NDArray[np.int64]
+        self, colour: Floats, points: SurfacePoints, rays: Floats, some: npt.NDArray[np.int64]
     ) -> None:
-        """Mix in what is seen in mirrors, and faintly on screens and metal."""
+        """Add reflections in mirrors, and faint ones on screens and metal."""
         normal = points.normal[:, some]
         away = rays[:, some] - 2 * (rays[:, some] * normal).sum(0) * normal
-        seen = meet(self._solids, points.at[:, some] + normal * STEP_M, away)
+        seen = intersect(self._solids, points.at[:, some] + normal * RAY_OFFSET_M, away)
         specular = self._specular[points.hits.solid[some]]
         face, lit = np.full(rays.shape[1], -1), np.zeros_like(colour)
-        face[some], lit[:, some] = seen.face, self._illumination.on(seen)
-        lit = self._illumination.smoothed(lit, face)
+        face[some], lit[:, some] = seen.face, self._illumination.irradiance(seen)
+        lit = self._illumination.denoised(lit, face)
         mirrored = self._colour(seen, away, lit[:, some])
         colour[:, some] += (mirrored - colour[:, some]) * specular
 
-    def _soften(self, colour: Floats, lit: Floats, points: Points) -> None:
-        """Three more rays through pixels at edges, in the light of the nearest of the same face."""
+    def _antialias(self, colour: Floats, lit: Floats, points: SurfacePoints) -> None:
+        """Three more rays through pixels at edges, lit as a neighbour on the same face."""
         camera, face = self._camera, points.face
         index = np.arange(face.size).reshape(camera.height, camera.width)
         index = np.pad(index, 1, mode="edge")
@@ -133,7 +133,7 @@ class Renderer:
         total = np.minimum(colour[:, some], _WHITE)
         for shift in ((-0.3, 0.35), (0.35, 0.3), (0.1, -0.35)):
             rays = camera.rays(shift)[:, some]
-            found = meet(self._solids, camera.origin, rays)
+            found = intersect(self._solids, camera.origin, rays)
             alike = (face[near] == found.face).argmax(0)
             light = lit[:, near[alike, np.arange(some.size)]]
             total += np.minimum(self._colour(found, rays, light), _WHITE)

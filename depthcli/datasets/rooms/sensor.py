@@ -1,4 +1,4 @@
-"""What a camera makes of light, and a Kinect of depth."""
+"""Simulated sensors: a camera for light, and a Kinect for depth."""
 
 import cv2
 import numpy as np
@@ -27,7 +27,7 @@ def photograph(light: Floats, random: np.random.Generator) -> npt.NDArray[np.uin
     grain = random.exponential(0.012)
     noise = random.standard_normal(exposed.shape, np.float32)
     exposed += noise * grain * np.sqrt(np.maximum(exposed, 0) * 0.6 + 0.02)
-    # Film and phones bend bright light rather than cut it off.
+    # Film and phone cameras compress highlights instead of clipping them.
     knee = np.clip(exposed, 0, None)
     knee = np.where(knee > 0.7, 0.7 + 0.3 * np.tanh((knee - 0.7) / 0.3), knee)
     encoded = knee ** (1 / gamma)
@@ -36,11 +36,11 @@ def photograph(light: Floats, random: np.random.Generator) -> npt.NDArray[np.uin
 
 
 def kinect(view: View, random: np.random.Generator) -> Floats:
-    """Depth (H, W) in metres as a structured-light sensor gives it, 0 where it measures nothing.
+    """Depth (H, W) in metres of a simulated structured-light sensor, 0 where it measures nothing.
 
-    Noise grows with the square of the distance, distance is in steps of disparity, edges fray, and
-    nothing is known beside near things (the projector stands 7.5 cm aside), of mirrors, black
-    screens, grazing surfaces, and out of range. Source: Khoshelham and Elberink, Sensors 2012.
+    Noise increases with the square of the distance, disparity is quantized, edges are ragged, and
+    there are holes in the projector's shadow (its baseline is 7.5 cm), on mirrors, black screens
+    and grazing surfaces, and out of range. Source: Khoshelham and Elberink, Sensors 2012.
     """
     height, width = view.depth_m.shape
     rows, columns = np.mgrid[:height, :width]
@@ -55,7 +55,7 @@ def kinect(view: View, random: np.random.Generator) -> Floats:
         )
         step = width / 640 / 8
         measured = _BASELINE_M * focal_px / (np.round(disparity / step) * step)
-    # A point is in shadow if the projector has one further right on its left.
+    # A point is in shadow if, for the projector, one from further right is on its left.
     position = columns - _BASELINE_M * focal_px / np.maximum(view.depth_m, 0.1)
     leftmost = np.minimum.accumulate(position[:, ::-1], axis=1)[:, ::-1]
     shadow = leftmost < position - 0.5

@@ -1,6 +1,6 @@
-"""Convex solids, and where rays meet them.
+"""Convex solids, and ray casting.
 
-A solid is a box in its own frame, which may be rounded (a quadric) or cut by planes: cylinders,
+A solid is a box in its own frame, optionally intersected with a quadric or with planes: cylinders,
 ellipsoids, wedges, frustums. Directions: x right, y up, z ahead, in metres.
 """
 
@@ -16,15 +16,15 @@ from depthcli.datasets.rooms.patterns import Floats
 
 Vector = tuple[float, float, float]
 
-_AT_ONCE = 1 << 14  # rays whose working arrays stay in a core's cache
-_TOGETHER = 16  # at most so many parts are searched at once
-_NOT_QUITE_ZERO = np.float32(1e-20)  # zero times its infinite inverse would be no number
-_UNROUNDED: Vector = (0.0, 0.0, 0.0)
-UPRIGHT: Vector = (1.0, 0.0, 1.0)
-"""Quadric of a cylinder that stands: x² + z² ≤ 1 in its own frame."""
-ALONG_X: Vector = (0.0, 1.0, 1.0)
-ALONG_Z: Vector = (1.0, 1.0, 0.0)
-BALL: Vector = (1.0, 1.0, 1.0)
+_CHUNK_RAYS = 1 << 14  # rays whose working arrays stay in a core's cache
+_MAX_GROUP_PARTS = 16  # parts with a common bounding sphere
+_TINY = np.float32(1e-20)  # in place of 0, whose product with its infinite inverse is NaN
+_NO_QUADRIC: Vector = (0.0, 0.0, 0.0)
+CYLINDER_Y: Vector = (1.0, 0.0, 1.0)
+"""Quadric of an upright cylinder: x² + z² ≤ 1 in its own frame."""
+CYLINDER_X: Vector = (0.0, 1.0, 1.0)
+CYLINDER_Z: Vector = (1.0, 1.0, 0.0)
+SPHERE: Vector = (1.0, 1.0, 1.0)
 MAX_CUTS = 4
 
 
@@ -34,18 +34,18 @@ class Part(NamedTuple):
     centre: Vector  #: its middle, metres
     half: Vector  #: half of its size along its own axes, metres
     material: Material  #: what it is made of
-    round: Vector = _UNROUNDED  #: weights w of the quadric Σ w q² ≤ 1; zeros for none
+    quadric: Vector = _NO_QUADRIC  #: weights w of the quadric Σ w q² ≤ 1; zeros for none
     cuts: tuple[Vector, ...] = ()  #: planes n of n · q ≤ 1, at most four
     axes: npt.NDArray[np.float64] = np.eye(3)  #: its own axes as rows, orthonormal
 
     def moved(self, at: Vector, yaw_deg: float = 0.0) -> Self:
-        """Turned about the vertical through the origin, then shifted."""
+        """Rotated about the vertical axis through the origin, then translated."""
         turn = rotation(yaw_deg, 1)
         x, y, z = turn @ np.array(self.centre) + at
         return self._replace(centre=(x, y, z), axes=self.axes @ turn.T)
 
     def tilted(self, deg: float, axis: int) -> Self:
-        """Turned about its own middle."""
+        """Rotated about its own centre."""
         return self._replace(axes=self.axes @ rotation(deg, axis).T)
 
 
@@ -56,8 +56,8 @@ def box(x: Sequence[float], y: Sequence[float], z: Sequence[float], material: Ma
     return Part(tuple(centre), tuple(half), material)
 
 
-def wide(half: float, y: Sequence[float], z: Sequence[float], material: Material) -> Part:
-    """A box that reaches as far to the left as to the right."""
+def centred_box(half: float, y: Sequence[float], z: Sequence[float], material: Material) -> Part:
+    """A box that is centred on x = 0."""
     return box((-half, half), y, z, material)
 
 
@@ -71,14 +71,14 @@ def rotation(deg: float, axis: int) -> npt.NDArray[np.float64]:
 
 
 class Hits(NamedTuple):
-    """What rays meet first."""
+    """The first hits of rays."""
 
-    distance: Floats  #: (N,) in lengths of the ray; the reach where nothing is met
-    solid: npt.NDArray[np.int32]  #: (N,) index; -1 where nothing is met
+    distance: Floats  #: (N,) in lengths of the ray; ``reach`` where nothing is hit
+    solid: npt.NDArray[np.int32]  #: (N,) index; -1 where nothing is hit
 
 
 class Solids:
-    """Groups of parts that are searched one group at a time.
+    """Parts in groups with bounding volumes, for ray casting.
 
     Attributes:
         parts: all parts, in the order of their index.
@@ -95,20 +95,24 @@ class Solids:
         self.matrix = matrix.astype(np.float32)
         self.offset = -np.einsum("sij,sj->si", matrix, centre).astype(np.float32)
         self.half = half.astype(np.float32)
-        self.round = np.array([part.round for part in self.parts], np.float32)
+        self.quadric = np.array([part.quadric for part in self.parts], np.float32)
         self.cuts = np.zeros((len(self.parts), MAX_CUTS, 3), np.float32)
         for i, part in enumerate(self.parts):
             self.cuts[i, : len(part.cuts)] = np.reshape(part.cuts, (-1, 3))
         reach = np.einsum("sij,si->sj", np.abs(axes), half)
-        # Parts that follow each other are near each other: a row of books, the legs of a table.
-        lengths = [min(_TOGETHER, len(g) - i) for g in groups for i in range(0, len(g), _TOGETHER)]
+        # Consecutive parts are near each other: a row of books, the legs of a table.
+        lengths = [
+            min(_MAX_GROUP_PARTS, len(g) - i)
+            for g in groups
+            for i in range(0, len(g), _MAX_GROUP_PARTS)
+        ]
         starts = np.cumsum([0, *lengths])
         self._members = [slice(a, b) for a, b in pairwise(starts.tolist())]
         self._low = np.minimum.reduceat(centre - reach, starts[:-1]).astype(np.float32)
         self._high = np.maximum.reduceat(centre + reach, starts[:-1]).astype(np.float32)
 
     def cast(self, origin: Floats, rays: Floats, reach: float = np.inf) -> Hits:
-        """The first solid that each ray enters; a solid that holds the origin is not seen.
+        """The first solid that each ray enters; a solid that contains the origin is not hit.
 
         Args:
             origin: (3, N) or (3, 1) metres.
@@ -117,22 +121,22 @@ class Solids:
         """
         count = rays.shape[1]
         hits = Hits(np.full(count, reach, np.float32), np.full(count, -1, np.int32))
-        rays = np.where(rays == 0, _NOT_QUITE_ZERO, rays)
+        rays = np.where(rays == 0, _TINY, rays)
         with np.errstate(divide="ignore", invalid="ignore"):
-            for first in range(0, count, _AT_ONCE):
-                some = slice(first, first + _AT_ONCE)
+            for first in range(0, count, _CHUNK_RAYS):
+                some = slice(first, first + _CHUNK_RAYS)
                 part = origin if origin.shape[1] == 1 else origin[:, some]
                 self._cast(part, rays[:, some], Hits(hits[0][some], hits[1][some]))
         return hits
 
     def _cast(self, origin: Floats, rays: Floats, hits: Hits) -> None:
-        for group, passes in enumerate(self._passes(origin, rays, hits.distance)):
-            near = np.flatnonzero(passes)
+        for group, in_bounds in enumerate(self._hits_bounds(origin, rays, hits.distance)):
+            near = np.flatnonzero(in_bounds)
             start, along = _take_columns(origin, near), rays.take(near, 1)
             inverse = 1 / along
             a = (self._low[group][:, None] - start) * inverse
             b = (self._high[group][:, None] - start) * inverse
-            enter, leave = _latest(np.minimum(a, b)), _earliest(np.maximum(a, b))
+            enter, leave = _max_of_rows(np.minimum(a, b)), _min_of_rows(np.maximum(a, b))
             inside = (leave >= np.maximum(enter, 0)) & (enter < hits.distance[near])
             if not inside.all():
                 keep = np.flatnonzero(inside)
@@ -143,35 +147,37 @@ class Solids:
                 hits.distance[near[closer]] = distance[closer]
                 hits.solid[near[closer]] = solid[closer]
 
-    def _passes(self, origin: Floats, rays: Floats, reach: Floats) -> npt.NDArray[np.bool_]:
-        """Which rays (G, N) come into the sphere around each group, all groups at once."""
+    def _hits_bounds(self, origin: Floats, rays: Floats, reach: Floats) -> npt.NDArray[np.bool_]:
+        """Which rays (G, N) hit the bounding sphere of each group."""
         middle = (self._low + self._high) / 2
         radius = np.linalg.norm(self._high - self._low, axis=1)[:, None] * 0.505
         length = (rays * rays).sum(0)
-        along = _times(middle, rays) - (origin * rays).sum(0)
-        away = (middle * middle).sum(1)[:, None] - 2 * _times(middle, origin)
+        along = _matmul(middle, rays) - (origin * rays).sum(0)
+        away = (middle * middle).sum(1)[:, None] - 2 * _matmul(middle, origin)
         away += (origin * origin).sum(0)
         beyond = away - radius * radius
         ahead = (along > 0) & (along * along >= beyond * length)
-        passes: npt.NDArray[np.bool_] = (beyond < 0) | ahead
+        in_bounds: npt.NDArray[np.bool_] = (beyond < 0) | ahead
         if np.isfinite(reach[0]):
-            passes &= np.sqrt(np.maximum(away, 0)) - radius < reach * np.sqrt(length)
-        return passes
+            in_bounds &= np.sqrt(np.maximum(away, 0)) - radius < reach * np.sqrt(length)
+        return in_bounds
 
     def _nearest(self, members: slice, origin: Floats, rays: Floats) -> Hits:
         matrix = self.matrix[members].reshape(-1, 3)
-        start = _times(matrix, origin) + self.offset[members].reshape(-1, 1)
+        start = _matmul(matrix, origin) + self.offset[members].reshape(-1, 1)
         start = start.reshape(-1, 3, origin.shape[1])
-        step = _times(matrix, rays).reshape(-1, 3, rays.shape[1])
+        step = _matmul(matrix, rays).reshape(-1, 3, rays.shape[1])
         inverse = 1 / step
         behind = start * inverse
         np.abs(inverse, out=inverse)
-        enter = -_earliest(np.moveaxis(behind + inverse, 1, 0))
-        leave = -_latest(np.moveaxis(behind - inverse, 1, 0))
+        enter = -_min_of_rows(np.moveaxis(behind + inverse, 1, 0))
+        leave = -_max_of_rows(np.moveaxis(behind - inverse, 1, 0))
         for i, solid in enumerate(range(members.start, members.stop)):
-            if self.parts[solid].round != _UNROUNDED or self.parts[solid].cuts:
+            if self.parts[solid].quadric != _NO_QUADRIC or self.parts[solid].cuts:
                 some = np.flatnonzero(enter[i] < leave[i])
-                interval = self._inside(solid, _take_columns(start[i], some), step[i].take(some, 1))
+                interval = self._interval(
+                    solid, _take_columns(start[i], some), step[i].take(some, 1)
+                )
                 enter[i, some] = np.maximum(enter[i, some], interval[0])
                 leave[i, some] = np.minimum(leave[i, some], interval[1])
         enter[~((enter < leave) & (enter > 0))] = np.inf
@@ -179,9 +185,9 @@ class Solids:
         best = (enter == distance).argmax(0)  # argmin over so few rows takes twice as long
         return Hits(distance, (best + members.start).astype(np.int32))
 
-    def _inside(self, solid: int, start: Floats, step: Floats) -> tuple[Floats, Floats]:
-        """From where to where rays (3, N) of the solid's frame are inside its quadric and cuts."""
-        weight = self.round[solid][:, None]
+    def _interval(self, solid: int, start: Floats, step: Floats) -> tuple[Floats, Floats]:
+        """Intervals of rays (3, N) in the solid's frame that are inside its quadric and cuts."""
+        weight = self.quadric[solid][:, None]
         a = (weight * step * step).sum(0)
         b = (weight * start * step).sum(0)
         c = (weight * start * start).sum(0) - 1
@@ -191,30 +197,30 @@ class Solids:
         leave = np.where(along, np.inf, (-b + root) / a)
         for plane in self.parts[solid].cuts:
             normal = np.array(plane, np.float32)
-            towards = _times(normal[None], step)[0]
-            at = (1 - _times(normal[None], start)[0]) / towards
+            towards = _matmul(normal[None], step)[0]
+            at = (1 - _matmul(normal[None], start)[0]) / towards
             enter = np.where(towards < 0, np.maximum(enter, at), enter)
             leave = np.where(towards > 0, np.minimum(leave, at), leave)
         return enter.astype(np.float32), leave.astype(np.float32)
 
 
 def _take_columns(vectors: Floats, index: npt.NDArray[np.int64]) -> Floats:
-    """Columns of vectors (3, N); of (3, 1) the one that stands for all."""
+    """Columns of vectors (3, N); (3, 1) is returned unchanged, for broadcasting."""
     return vectors if vectors.shape[1] == 1 else vectors.take(index, 1)
 
 
-def _latest(of_axes: Floats) -> Floats:
-    """The largest of three rows, several times as fast as a reduction."""
-    latest: Floats = np.maximum(np.maximum(of_axes[0], of_axes[1]), of_axes[2])
-    return latest
+def _max_of_rows(rows: Floats) -> Floats:
+    """The maximum of three rows, several times as fast as a reduction."""
+    largest: Floats = np.maximum(np.maximum(rows[0], rows[1]), rows[2])
+    return largest
 
 
-def _earliest(of_axes: Floats) -> Floats:
-    earliest: Floats = np.minimum(np.minimum(of_axes[0], of_axes[1]), of_axes[2])
-    return earliest
+def _min_of_rows(rows: Floats) -> Floats:
+    smallest: Floats = np.minimum(np.minimum(rows[0], rows[1]), rows[2])
+    return smallest
 
 
-def _times(matrix: Floats, vectors: Floats) -> Floats:
-    """Product (P, N) without BLAS, whose threads would be in each other's way and change digits."""
+def _matmul(matrix: Floats, vectors: Floats) -> Floats:
+    """Product (P, N) without BLAS, whose threads would compete and change rounding."""
     product: Floats = np.einsum("pk,kn->pn", matrix, vectors)
     return product

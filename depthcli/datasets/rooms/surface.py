@@ -1,4 +1,4 @@
-"""Where rays meet solids: points, normals, and coordinates for patterns."""
+"""Intersections of rays and solids: points, normals, and texture coordinates."""
 
 from typing import NamedTuple
 
@@ -8,12 +8,12 @@ import numpy.typing as npt
 from depthcli.datasets.rooms.patterns import Floats
 from depthcli.datasets.rooms.solids import Hits, Solids
 
-STEP_M = 1e-3
-"""How far above a surface a ray starts, so that it does not meet that again."""
+RAY_OFFSET_M = 1e-3
+"""Distance from a surface at which a ray starts, so that it does not hit that again."""
 
 
-class Points(NamedTuple):
-    """What some rays have met."""
+class SurfacePoints(NamedTuple):
+    """The points that rays hit."""
 
     at: Floats  #: (3, N) metres
     normal: Floats  #: (3, N) outward, of length 1
@@ -22,23 +22,23 @@ class Points(NamedTuple):
 
     @property
     def face(self) -> npt.NDArray[np.int64]:
-        """(N) number of the solid's side, which is lit alike."""
+        """(N) number of the solid's face, on which light is denoised."""
         axis: npt.NDArray[np.int64] = np.abs(self.normal).argmax(0)
         return 3 * self.hits.solid + axis
 
 
-def meet(solids: Solids, origin: Floats, rays: Floats) -> Points:
-    """What rays (3, N) meet first; where it is nothing, the rest of the point means nothing."""
+def intersect(solids: Solids, origin: Floats, rays: Floats) -> SurfacePoints:
+    """The first intersections of rays (3, N); where nothing is hit, only ``hits`` is valid."""
     hits = solids.cast(origin, rays)
     at = origin + rays * np.where(hits.solid >= 0, hits.distance, 0)
-    return Points(at, *_surface(solids, at, np.maximum(hits.solid, 0)), hits)
+    return SurfacePoints(at, *_surface(solids, at, np.maximum(hits.solid, 0)), hits)
 
 
 def _surface(solids: Solids, points: Floats, solid: npt.NDArray[np.int32]) -> tuple[Floats, Floats]:
     """Outward normals (3, N) and coordinates on the surface (2, N), metres, of points on it."""
     matrix = solids.matrix[solid]
     q = np.einsum("nij,jn->ni", matrix, points) + solids.offset[solid]
-    quadric = np.sqrt((solids.round[solid] * q * q).sum(1))
+    quadric = np.sqrt((solids.quadric[solid] * q * q).sum(1))
     cuts = np.einsum("nkj,nj->nk", solids.cuts[solid], q)
     values = np.concatenate([np.abs(q), quadric[:, None], cuts], 1)
     active = values.argmax(1)  # the bound on which a point lies has the value 1
@@ -47,7 +47,7 @@ def _surface(solids: Solids, points: Floats, solid: npt.NDArray[np.int32]) -> tu
     normal = np.zeros_like(q)
     normal[every, axis] = np.sign(q[every, axis])
     curved = active == 3
-    normal[curved] = (solids.round[solid] * q)[curved]
+    normal[curved] = (solids.quadric[solid] * q)[curved]
     cut = np.flatnonzero(active > 3)
     normal[cut] = solids.cuts[solid[cut], active[cut] - 4]
     axis[curved | (active > 3)] = np.abs(normal[curved | (active > 3)]).argmax(1)

@@ -1,4 +1,4 @@
-"""Whatever gives one depth map per image: a model, the files of another tool, a trivial guess."""
+"""The interface of predictors, which give one depth map per image."""
 
 from functools import cached_property
 from typing import Protocol
@@ -9,12 +9,12 @@ from depthcli.evaluation.choices import Source
 
 
 class Sample:
-    """One image of a data set, decoded only if somebody looks, and only once.
+    """One image of a data set, decoded on first access.
 
     Attributes:
         id: its name in the data set.
-        focal_px: focal length of the picture in its own pixels; None if it is not known.
-        hfov_deg: in its place the horizontal field of view in degrees, if that is known.
+        focal_px: focal length in pixels of the picture; None if unknown.
+        hfov_deg: horizontal field of view of the data set's camera in degrees; None if unknown.
     """
 
     def __init__(self, dataset: DepthDataset, position: int) -> None:
@@ -32,21 +32,21 @@ class Sample:
 
 
 class Predictor(Protocol):
-    """One row of the table, or several with different alignments."""
+    """Predicts depth for one row of the table, or for several with different alignments."""
 
     @property
     def name(self) -> str:
-        """What the row is called."""
+        """Name of the row."""
         ...
 
     @property
     def source(self) -> Source:
-        """Where its numbers come from."""
+        """Origin of its predictions."""
         ...
 
     @property
     def kind(self) -> DepthKind:
-        """What its predictions mean."""
+        """Kind of its depth."""
         ...
 
     @property
@@ -58,6 +58,6 @@ class Predictor(Protocol):
         """Depth of one image, any size.
 
         Raises:
-            DepthcliError: there is none.
+            DepthcliError: the prediction fails.
         """
         ...

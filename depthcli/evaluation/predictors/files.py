@@ -11,16 +11,16 @@ from depthcli.evaluation.predictors.base import Sample
 from depthcli.io.depth.read import read_depth
 
 SUFFIXES = (".npy", ".depth.npy", ".exr", ".depth.exr", ".png", ".depth.png")
-"""Best precision first: the first that is there is taken. ``.depth`` is how predict names files."""
+"""In order of precision; the first that exists is read. Names with ``.depth`` are of predict."""
 
 
 @dataclass(frozen=True, slots=True)
 class FilePredictor:
     """A folder of depth files named by id."""
 
-    folder: Path  #: where they are
-    suffix: str  #: which of the formats is read
-    kind: DepthKind  #: what they mean
+    folder: Path  #: the folder
+    suffix: str  #: suffix of the files that are read
+    kind: DepthKind  #: kind of their depth
     source: Source = Source.FILES  #: always files
     model_sha256: str | None = None  #: always None
 
@@ -43,7 +43,7 @@ def open_predictions(
 ) -> FilePredictor:
     """Check that a folder has ``ID.npy``, ``ID.exr`` or ``ID.png`` for every image.
 
-    The same with ``.depth`` in between will do. Without a kind, the first file is believed.
+    ``ID.depth.npy`` and so on are accepted, too. Without a kind, that of the first file is used.
 
     Raises:
         DatasetError: the folder or a prediction is missing, or the first file is damaged.

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from depthcli.core.choices import PLAIN, Detail
+from depthcli.core.choices import DEFAULT_DETAIL, Detail
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.evaluation.choices import Source
 from depthcli.evaluation.predictors.base import Sample
@@ -15,13 +15,13 @@ from depthcli.models.card import ModelCard
 
 @dataclass(frozen=True, slots=True)
 class ModelPredictor:
-    """A model, run exactly as ``depthcli predict`` runs it."""
+    """A model, run in the same way as by ``depthcli predict``."""
 
-    name: str  #: as it was asked for: a name or a path
-    kind: DepthKind  #: what it predicts
+    name: str  #: as requested: a name or a path
+    kind: DepthKind  #: kind of depth that it predicts
     model_sha256: str  #: checksum of its file
-    pipeline: Pipeline  #: what runs it
-    warnings: tuple[str, ...] = ()  #: one-line texts, if it does not run where it should
+    pipeline: Pipeline  #: the inference pipeline
+    warnings: tuple[str, ...] = ()  #: warnings of its session, one line each
     source: Source = Source.MODEL  #: always model
 
     @property
@@ -41,11 +41,11 @@ class ModelPredictor:
         return self.pipeline.predict(sample.frame, focal_px=sample.focal_px, hfov_deg=hfov_deg)
 
 
-def open_model(loader: SessionLoader, detail: Detail = PLAIN) -> ModelPredictor:
+def open_model(loader: SessionLoader, detail: Detail = DEFAULT_DETAIL) -> ModelPredictor:
     """Find a model and load it.
 
     Raises:
-        ModelError: it is not there or cannot be used.
+        ModelError: it is missing or cannot be used.
     """
     pipeline = Pipeline(loader.load(), detail)
     return ModelPredictor(
@@ -60,10 +60,10 @@ def open_model(loader: SessionLoader, detail: Detail = PLAIN) -> ModelPredictor:
 def open_models(
     loaders: Sequence[SessionLoader], detail: Detail, warn: Callable[[str], object]
 ) -> list[ModelPredictor]:
-    """Load models, and say once each what is not as it should be.
+    """Load models; ``warn`` is called once with each distinct warning.
 
     Raises:
-        DepthcliError: a model or its provider is not there or cannot be used.
+        DepthcliError: a model or its provider is missing or cannot be used.
     """
     models = [open_model(loader, detail) for loader in loaders]
     for warning in dict.fromkeys(text for model in models for text in model.warnings):

@@ -1,4 +1,4 @@
-"""Predictors that never look at the picture: the floor under every table."""
+"""Trivial baselines, which ignore the picture."""
 
 from collections.abc import Sequence
 from contextlib import closing
@@ -21,14 +21,14 @@ from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
 class TrivialPredictor:
     """The same depth map for every picture."""
 
-    name: str  #: what the row is called
+    name: str  #: name of the row
     depth: DepthMap  #: the map, metres
     source: Source = Source.TRIVIAL  #: always trivial
     kind: DepthKind = DepthKind.METRIC  #: always metric
     model_sha256: str | None = None  #: always None
 
     def predict(self, sample: Sample) -> DepthMap:
-        """The map, whatever the picture."""
+        """The same map for every picture."""
         del sample
         return self.depth
 
@@ -44,7 +44,8 @@ def fit_trivial(
 ) -> tuple[TrivialPredictor, TrivialPredictor]:
     """Constant mean and per-pixel mean of the training depth, read once, in constant memory.
 
-    Only depth inside (``min_m``, ``max_m``) counts; 0 workers read in the calling thread.
+    Only depth in the open interval (``min_m``, ``max_m``) is used; with 0 workers, pairs are read
+    in the calling thread.
 
     Raises:
         DatasetError: no training pair, no valid pixel, or pairs of different sizes.
@@ -70,7 +71,7 @@ def _predictors(
     sums: npt.NDArray[np.float64], counts: npt.NDArray[np.int64]
 ) -> tuple[TrivialPredictor, TrivialPredictor]:
     mean_m = float(sums.sum() / counts.sum())
-    # A pixel that was never valid, in a corner of the frame say, knows nothing better.
+    # A pixel that was never valid, for example in a corner, gets the constant mean.
     per_pixel_m = np.divide(sums, counts, out=np.full_like(sums, mean_m), where=counts > 0)
     constant = DepthMap(np.full(sums.shape, mean_m, np.float32))
     return (

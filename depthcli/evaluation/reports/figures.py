@@ -1,4 +1,4 @@
-"""Pictures of what models make of a data set, as in the paper's Fig. 2 (gray) and 3 (coloured)."""
+"""Figures of predictions beside input and ground truth, as in the paper's Fig. 2 and 3."""
 
 import re
 from collections.abc import Sequence
@@ -31,29 +31,31 @@ _NUMBER = re.compile(r"_\d+[a-z]*$")
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One sheet."""
+    """One figure."""
 
     name: str  #: file name without suffix
-    caption: str  #: what it shows
-    png: bytes  #: the file
+    caption: str  #: its caption
+    png: bytes  #: content of the PNG file
 
 
-def choose(task: EvalTask, ids: Sequence[str] = (), count: int = PICTURES) -> tuple[int, ...]:
-    """Positions of the pictures to show: those named, or ``count`` of every type of scene.
+def choose_pictures(
+    task: EvalTask, ids: Sequence[str] = (), count: int = PICTURES
+) -> tuple[int, ...]:
+    """Positions of the pictures to show: the given ids, or ``count`` over all scene types.
 
     Raises:
-        UsageError: a named picture is not among those that are compared.
+        UsageError: an id is not among the pictures that are compared.
     """
     places = dict(zip(task.ids, task.test, strict=True))
-    strange = [name for name in ids if name not in places]
-    if strange:
+    unknown = [name for name in ids if name not in places]
+    if unknown:
         raise UsageError(
-            f"{strange[0]} is not among the {len(places)} pictures that are compared: "
+            f"{unknown[0]} is not among the {len(places)} pictures that are compared: "
             "take ids of the split's test part"
         )
     if ids:
         return tuple(places[name] for name in ids)
-    return _spread(task.dataset, task.test, count)
+    return _sample_scene_types(task.dataset, task.test, count)
 
 
 def scene_type(scene: str) -> str:
@@ -65,12 +67,12 @@ def scene_type(scene: str) -> str:
     return _NUMBER.sub("", scene)
 
 
-def _spread(dataset: DepthDataset, test: Sequence[int], count: int) -> tuple[int, ...]:
-    """The middle one of each type, evenly over the types by name; then further ones."""
+def _sample_scene_types(dataset: DepthDataset, test: Sequence[int], count: int) -> tuple[int, ...]:
+    """The middle picture of each scene type, evenly over the sorted types; then further ones."""
     types: dict[str, list[int]] = {}
     for i in test:
         types.setdefault(scene_type(dataset.scenes[i]), []).append(i)
-    queues = [_from_the_middle(types[name]) for name in sorted(types)]
+    queues = [_middle_first(types[name]) for name in sorted(types)]
     chosen = np.linspace(0, len(queues) - 1, min(count, len(queues))).round().astype(int)
     queues = [queues[k] for k in chosen]
     turns = max(map(len, queues))
@@ -78,18 +80,18 @@ def _spread(dataset: DepthDataset, test: Sequence[int], count: int) -> tuple[int
     return tuple(sorted(in_turn[:count]))
 
 
-def _from_the_middle(members: Sequence[int]) -> list[int]:
+def _middle_first(members: Sequence[int]) -> list[int]:
     places = sorted(range(len(members)), key=lambda place: abs(2 * place - len(members) + 1))
     return [members[place] for place in places]
 
 
 @dataclass(frozen=True, slots=True)
 class _FigureRow:
-    """One picture with all that is shown of it."""
+    """One row of a figure."""
 
     picture: npt.NDArray[np.uint8]  #: (H, W, 3) RGB uint8, gray
-    depths: tuple[DepthMap, ...]  #: what each predictor says, then the truth; metres
-    limits_m: tuple[float, float]  #: the near and the far end of all of them
+    depths: tuple[DepthMap, ...]  #: prediction of each predictor, then ground truth; metres
+    limits_m: tuple[float, float]  #: near and far end of the colour scale, metres
 
 
 def draw_figures(
@@ -100,9 +102,9 @@ def draw_figures(
     *,
     progress: Progress = NO_PROGRESS,
 ) -> tuple[Figure, Figure]:
-    """Draw a sheet in gray and one in colour: input, a titled column a predictor, truth.
+    """Draw a figure in gray and one in colour: input, a column per predictor, ground truth.
 
-    Every row has the range of its truth. What has no metres is fitted to the truth first.
+    Every row has the range of its ground truth. Non-metric depth is aligned to it first.
 
     Raises:
         DatasetError: a pair cannot be read.
@@ -130,7 +132,7 @@ def _figure_row(
 ) -> _FigureRow:
     sample, truth_m = Sample(dataset, position), dataset.depth_m(position)
     picture = np.rint(255 * value_channel(sample.frame.pixels)).astype(np.uint8)
-    maps = [_in_metres(predictor.predict(sample), truth_m) for predictor in predictors]
+    maps = [_fit_to_truth(predictor.predict(sample), truth_m) for predictor in predictors]
     known = truth_m > 0
     ends = (_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT)
     near, far = np.percentile(truth_m[known] if known.any() else 1.0, ends)
@@ -140,8 +142,8 @@ def _figure_row(
     )
 
 
-def _in_metres(depth: DepthMap, truth_m: npt.NDArray[np.float32]) -> DepthMap:
-    """A map of another kind, fitted to the truth where that is known."""
+def _fit_to_truth(depth: DepthMap, truth_m: npt.NDArray[np.float32]) -> DepthMap:
+    """A map of another kind aligned to the ground truth (H, W) float32 metres, 0 for none."""
     if depth.kind is DepthKind.METRIC:
         return depth
     height, width = truth_m.shape
@@ -167,7 +169,7 @@ def _pictures_of_row(
 
 
 def _cell_image(image: npt.NDArray[np.uint8], shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
-    """All cells of a row have the size that the picture gives them."""
+    """An image resized to the cell size of its row."""
     height = max(1, round(shape[0] * _CELL_WIDTH_PX / shape[1]))
     shrunk = resize_area(image.astype(np.float32), _CELL_WIDTH_PX, height)
     return np.rint(shrunk).astype(np.uint8)

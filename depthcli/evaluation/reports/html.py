@@ -1,4 +1,4 @@
-"""A report as one HTML file that needs nothing else: no script, no style sheet, no picture file."""
+"""A report as a single HTML file, with embedded style and figures and without scripts."""
 
 import base64
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from html import escape
 
 from depthcli.evaluation.reports.figures import Figure
 from depthcli.evaluation.reports.text import Page
-from depthcli.io.writers.facts import SOFTWARE
+from depthcli.io.writers.metadata import SOFTWARE
 
 _STYLE = """\
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 80rem; padding: 0 1rem;
@@ -26,7 +26,7 @@ footer { color: #444; font-size: .8rem; overflow-wrap: anywhere; }"""
 
 
 def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
-    """The file; figures become part of it."""
+    """The content of the HTML file, with embedded figures."""
     header, *rows = page.table
     lines = [
         "<!doctype html>",

@@ -1,11 +1,11 @@
-"""The table of trained runs as text."""
+"""The table of training runs as text."""
 
 import math
 from collections.abc import Sequence
 
 from depthcli.core.text import one_line
 from depthcli.evaluation.differences import Interval
-from depthcli.evaluation.reports.text import Page, model_words
+from depthcli.evaluation.reports.text import Page, model_checksums
 from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.depth import METRICS
@@ -16,7 +16,7 @@ _FACTS = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
 
 
 def runs_page(report: RunsReport) -> Page:
-    """A report in words."""
+    """The text of a report."""
     header = ["row", "align", *_FACTS, "images", *_METRICS]
     table = [header, *(_run_cells(line) for line in report.rows)]
     marked = [f"* {line.row.note}" for line in report.rows if line.row.note]
@@ -35,7 +35,7 @@ def runs_page(report: RunsReport) -> Page:
             *report.notes,
         ],
         differences,
-        model_words(run for line in report.rows for run in line.runs or (line.row,)),
+        model_checksums(run for line in report.rows for run in line.runs or (line.row,)),
     )
 
 
@@ -52,14 +52,14 @@ def _difference_cells(report: RunsReport) -> list[list[str]]:
 def _interval(interval: Interval) -> str:
     if math.isnan(interval.mean):
         return "-"
-    clear = "!" if interval.clear else ""
+    clear = "!" if interval.is_significant else ""
     return f"{interval.mean:+.4f}{clear} [{interval.low:+.3f},{interval.high:+.3f}]"
 
 
 def _run_cells(line: RunsRow) -> list[str]:
     row = line.row
     name = one_line(row.name) + ("*" if row.note else "")
-    scores = [_score_cell(metric, row.scores, line.spread) for metric in _METRICS]
+    scores = [_score_cell(metric, row.scores, line.std) for metric in _METRICS]
     return [
         name,
         row.alignment or "-",
@@ -69,10 +69,10 @@ def _run_cells(line: RunsRow) -> list[str]:
     ]
 
 
-def _score_cell(metric: str, mean: Scores, spread: Scores | None) -> str:
+def _score_cell(metric: str, mean: Scores, std: Scores | None) -> str:
     if math.isnan(mean[metric]):
         return "-"
-    return f"{mean[metric]:.4f}" + (f"±{spread[metric]:.4f}" if spread else "")
+    return f"{mean[metric]:.4f}" + (f"±{std[metric]:.4f}" if std else "")
 
 
 def _training_cells(training: Training | None) -> list[str]:

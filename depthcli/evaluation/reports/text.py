@@ -15,18 +15,18 @@ _TEXT_COLUMNS = 2
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A report in words."""
+    """The text of a report."""
 
     title: str  #: data set, split, number of images and protocol
-    subtitle: str  #: the protocol in words
+    subtitle: str  #: description of the protocol
     table: Sequence[Sequence[str]]  #: cells as text, header first
-    notes: Sequence[str]  #: what a reader has to know besides
-    #: a line on a second table, and that table; None if there is none
+    notes: Sequence[str]  #: footnotes
+    #: title and cells of the table of differences; None if there is none
     differences: tuple[str, Sequence[Sequence[str]]] | None = None
-    models: Sequence[str] = ()  #: name and checksum of each model; pages keep them, texts do not
+    models: Sequence[str] = ()  #: name and checksum of each model, for HTML only
 
     def to_text(self) -> str:
-        """All of it as lines."""
+        """The report as plain text."""
         lines = [self.title, self.subtitle, "", *_aligned(self.table)]
         if self.differences:
             title, table = self.differences
@@ -35,7 +35,7 @@ class Page:
 
 
 def report_page(report: EvalReport) -> Page:
-    """A report in words."""
+    """The text of a report."""
     header = ["row", "align", "images", *report.columns]
     table = [header, *(_table_row(row, report) for row in report.rows)]
     return Page(
@@ -43,11 +43,11 @@ def report_page(report: EvalReport) -> Page:
         report.protocol.description,
         table,
         _report_footnotes(report),
-        models=model_words(report.rows),
+        models=model_checksums(report.rows),
     )
 
 
-def model_words(rows: Iterable[ReportRow]) -> list[str]:
+def model_checksums(rows: Iterable[ReportRow]) -> list[str]:
     """Name and checksum of each model of a table."""
     named = (f"{row.name} sha256 {row.model_sha256}" for row in rows if row.model_sha256)
     return list(dict.fromkeys(map(one_line, named)))
@@ -63,7 +63,7 @@ def _table_row(row: ReportRow, report: EvalReport) -> list[str]:
 
 
 def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Lines with text to the left and numbers to the right."""
+    """Lines with text columns left-aligned and numbers right-aligned."""
     widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
     for cells in table:
         padded = [
@@ -74,7 +74,7 @@ def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
 
 
 def _report_footnotes(report: EvalReport) -> list[str]:
-    """What stands under the table."""
+    """The footnotes of the table."""
     marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
     empty = sorted({row.empty_count for row in report.rows} - {0})
     left_out = [f"{count} images have no valid pixel and are excluded" for count in empty]

@@ -1,4 +1,4 @@
-"""OpenEXR files, under names of any bytes and with one kind of error."""
+"""Reading and writing OpenEXR files, with paths of any bytes and one kind of error."""
 
 import os
 import struct
@@ -16,15 +16,15 @@ import OpenEXR
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.errors import InputError
-from depthcli.io.pictures.complaints import complaints
 from depthcli.io.pictures.decode import read_bytes
+from depthcli.io.pictures.decoder_messages import decoder_messages
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.storage.transfer import local_copy
 
 _FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20
-_ONE_AT_A_TIME = threading.Lock()  # standard output is redirected meanwhile
-_DAMAGED = (RuntimeError, ValueError, TypeError, OSError, MemoryError)
+_LOCK = threading.Lock()  # standard output is redirected meanwhile
+_OPENEXR_ERRORS = (RuntimeError, ValueError, TypeError, OSError, MemoryError)
 
 
 def write_exr(
@@ -33,9 +33,13 @@ def write_exr(
     texts: Mapping[str, str],
     rate: Fraction | None = None,
 ) -> None:
-    """Write one part, ZIP-compressed: channels (H, W) float32 or float16 by name, and texts.
+    """Write one part, ZIP-compressed.
 
-    ``rate`` is that of the sequence that the file is a part of, in frames a second.
+    Args:
+        path: the file.
+        channels: (H, W) float32 or float16 by name.
+        texts: text attributes by name.
+        rate: frames a second of the sequence that the file belongs to.
 
     Raises:
         OSError: the file cannot be written.
@@ -44,7 +48,7 @@ def write_exr(
     if rate is not None:
         header["framesPerSecond"] = rate  # which OpenEXR stores as its rational
     try:
-        with _plain_name(path) as name:
+        with _utf8_name(path) as name:
             OpenEXR.File(header, dict(channels)).write(name)
     except RuntimeError as error:
         # 'Failed to ... image file "name". No space left on device.'
@@ -54,7 +58,7 @@ def write_exr(
 
 
 def _has_all_rows(path: Path, height: int) -> bool:
-    """Whether a file of one part has all its rows: OpenEXR says nothing where its end is lost."""
+    """Whether a file of one part has all its rows: OpenEXR reports no error if they are missing."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
         try:
@@ -88,9 +92,9 @@ def read_exr_header(path: Path) -> dict[str, Any]:
     """
     read_bytes(path)
     try:
-        with _plain_name(path) as name, _silence():
+        with _utf8_name(path) as name, _silenced():
             return dict(OpenEXR.File(name, header_only=True).header())
-    except _DAMAGED as error:
+    except _OPENEXR_ERRORS as error:
         raise InputError(f"{path} is not an EXR file that can be read") from error
 
 
@@ -106,7 +110,7 @@ def read_exr_channels(path: Path) -> dict[str, npt.NDArray[np.float32]]:
     channels: dict[str, npt.NDArray[np.float32]] = {}
     problem = "is not an EXR file that can be read"
     try:
-        with _plain_name(path) as name, _silence():
+        with _utf8_name(path) as name, _silenced():
             for part in OpenEXR.File(name, header_only=True).parts:
                 _check_pixel_count(path, part.header)
             problem = "is damaged: its pixels cannot be read; copy it again"
@@ -116,8 +120,8 @@ def read_exr_channels(path: Path) -> dict[str, npt.NDArray[np.float32]]:
         for part in parts:
             layer = f"{part.header['name']}." if len(parts) > 1 else ""
             for channel, content in part.channels.items():
-                channels[layer + channel] = _in_window(content.pixels, part.header)
-    except _DAMAGED as error:
+                channels[layer + channel] = _in_display_window(content.pixels, part.header)
+    except _OPENEXR_ERRORS as error:
         raise InputError(f"{path} {problem}") from error
     return channels
 
@@ -134,8 +138,8 @@ def _window_size(window: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]) ->
     return right - left + 1, bottom - top + 1
 
 
-def _in_window(pixels: npt.NDArray[Any], header: dict[str, Any]) -> npt.NDArray[np.float32]:
-    """Renderers store only the part of the frame that has content; the framing is kept."""
+def _in_display_window(pixels: npt.NDArray[Any], header: dict[str, Any]) -> npt.NDArray[np.float32]:
+    """Pixels over the whole display window: renderers store only the part that has content."""
     values = np.ascontiguousarray(pixels, np.float32)
     data, display = header["dataWindow"], header["displayWindow"]
     if np.array_equal(data, display):
@@ -150,7 +154,7 @@ def _in_window(pixels: npt.NDArray[Any], header: dict[str, Any]) -> npt.NDArray[
 
 
 class _OtherThreads:
-    """Standard output without what one thread says."""
+    """Standard output that drops what one thread writes."""
 
     def __init__(self, output: TextIO) -> None:
         self._output, self._thread = output, threading.get_ident()
@@ -159,21 +163,21 @@ class _OtherThreads:
         return getattr(self._output, name)
 
     def write(self, text: str) -> int:
-        """Pass on what another thread says."""
+        """Pass on what other threads write."""
         return len(text) if threading.get_ident() == self._thread else self._output.write(text)
 
 
 @contextmanager
-def _silence() -> Iterator[None]:
-    """Keep OpenEXR from saying on standard output and error what it thinks of a file."""
+def _silenced() -> Iterator[None]:
+    """Keep OpenEXR from printing to standard output and error."""
     others = cast("TextIO", _OtherThreads(sys.stdout))
-    with _ONE_AT_A_TIME, complaints(), redirect_stdout(others):
+    with _LOCK, decoder_messages(), redirect_stdout(others):
         yield
 
 
 @contextmanager
-def _plain_name(path: Path) -> Iterator[str]:
-    """A name of the same file in UTF-8, which is all that OpenEXR takes."""
+def _utf8_name(path: Path) -> Iterator[str]:
+    """A UTF-8 name of the same file, because OpenEXR accepts no others."""
     if isinstance(path, RemotePath):
         with local_copy(path) as copy:
             yield str(copy)

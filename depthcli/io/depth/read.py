@@ -1,4 +1,4 @@
-"""Reading depth files, our own and those of other tools."""
+"""Reading depth files of depthcli and of other tools."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -10,8 +10,13 @@ import numpy as np
 from depthcli.core.text import one_line
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
-from depthcli.io.depth.facts import completed, positive_number, provenance_of, sidecar_facts
-from depthcli.io.depth.steps import TOP, metres
+from depthcli.io.depth.metadata import (
+    positive_number,
+    provenance_of,
+    sidecar_metadata,
+    with_sidecar,
+)
+from depthcli.io.depth.quantization import UINT16_MAX, dequantized
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.png.chunks import read_text
 from depthcli.io.storage.remote import path_of
@@ -20,7 +25,7 @@ from depthcli.io.writers.formats import MILLIMETRES
 _CHANNELS = ("Z", "V", "Y", "R")
 _COLOURS = ("G", "B", "RY", "BY")
 _DIMENSIONS = 2
-_FARTHEST = 1e12  # what is beyond is no depth in any unit
+_FARTHEST = 1e12  # no depth is larger, in any unit
 
 
 def read_depth(path: str | Path, *, png_scale: float | None = None) -> DepthMap:
@@ -28,7 +33,7 @@ def read_depth(path: str | Path, *, png_scale: float | None = None) -> DepthMap:
 
     Args:
         path: the file.
-        png_scale: steps per metre of a PNG; None for what the file says of itself, or millimetres.
+        png_scale: steps per metre of a PNG; None for what the file states, or millimetres.
 
     Returns:
         (H, W); NaN where there is no depth. Metric unless the file says otherwise. Its provenance
@@ -56,16 +61,18 @@ def _png(path: Path, png_scale: float | None) -> DepthMap:
     steps = decode(data, str(path))
     if steps.dtype != np.uint16 or steps.ndim != _DIMENSIONS:
         raise InputError(f"{path} is not 16-bit gray, so it holds no depth (a preview, perhaps?)")
-    facts = completed(path, read_text(data))
-    ends = _ends(facts) if png_scale is None else None
-    if ends is None:
-        depth = metres(steps, png_scale or positive_number(facts.get("scale")) or MILLIMETRES)
+    metadata = with_sidecar(path, read_text(data))
+    span = _normalized_range(metadata) if png_scale is None else None
+    if span is None:
+        depth = dequantized(
+            steps, png_scale or positive_number(metadata.get("scale")) or MILLIMETRES
+        )
     else:
-        low, high = ends
-        share = (steps.astype(np.float64) - 1) / (TOP - 1)
+        low, high = span
+        share = (steps.astype(np.float64) - 1) / (UINT16_MAX - 1)
         values = (low + share * (high - low)).astype(np.float32)
         depth = np.where(steps == 0, np.float32(np.nan), values)
-    return DepthMap(depth, _kind_named(facts.get("kind")), provenance_of(facts))
+    return DepthMap(depth, _kind_named(metadata.get("kind")), provenance_of(metadata))
 
 
 def _npy(path: Path) -> DepthMap:
@@ -84,8 +91,8 @@ def _npy(path: Path) -> DepthMap:
     with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is infinitely far
         depth = np.ascontiguousarray(values, np.float32)
     # The format cannot state its kind itself.
-    kind = _kind_named(str(sidecar_facts(path).get("kind")))
-    return DepthMap(depth, kind, provenance_of(completed(path, {})))
+    kind = _kind_named(str(sidecar_metadata(path).get("kind")))
+    return DepthMap(depth, kind, provenance_of(with_sidecar(path, {})))
 
 
 def _read_exr(path: Path) -> DepthMap:
@@ -107,21 +114,21 @@ def _read_exr(path: Path) -> DepthMap:
             raise InputError(
                 f"{path} holds colours, not depth; it has {one_line(', '.join(channels))}"
             )
-    facts = completed(path, read_exr_texts(path))
-    return DepthMap(channels[name], _kind_named(facts.get("kind")), provenance_of(facts))
+    metadata = with_sidecar(path, read_exr_texts(path))
+    return DepthMap(channels[name], _kind_named(metadata.get("kind")), provenance_of(metadata))
 
 
 def depth_channel(names: Sequence[str]) -> str | None:
-    """The channel that holds depth, whoever wrote the file; None if there is none.
+    """The channel that holds depth, in files of any program; None if there is none.
 
     That is ``Z``, else Z, V, Y or R of a layer called depth (Nuke's ``depth.Z``, Blender's
     ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R.
     """
     depths = [name for name in names if name.rpartition(".")[2] in _CHANNELS]
-    return min(depths, key=_rank, default=None)
+    return min(depths, key=_channel_rank, default=None)
 
 
-def _rank(name: str) -> tuple[int, int, str]:
+def _channel_rank(name: str) -> tuple[int, int, str]:
     layer, _, last = name.rpartition(".")
     signs = (name == "Z", "depth" in layer.lower(), last != "R" and not layer, last != "R", True)
     return signs.index(True), _CHANNELS.index(last), name
@@ -131,12 +138,12 @@ def _kind_named(text: str | None) -> DepthKind:
     return DepthKind(text) if text in set(DepthKind) else DepthKind.METRIC
 
 
-def _ends(facts: Mapping[str, str]) -> tuple[float, float] | None:
-    """What 1 and 65535 stand for in a normalized PNG of ours; None for other files."""
-    if facts.get("scale") != "normalized":
+def _normalized_range(metadata: Mapping[str, str]) -> tuple[float, float] | None:
+    """The values of 1 and 65535 in a normalized PNG of depthcli; None for other files."""
+    if metadata.get("scale") != "normalized":
         return None
     try:
-        low, high = (float(word) for word in facts.get("range", "").split())
+        low, high = (float(word) for word in metadata.get("range", "").split())
     except ValueError:
         return None
     return (low, high) if -_FARTHEST < low <= high < _FARTHEST else None

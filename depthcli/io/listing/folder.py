@@ -19,15 +19,15 @@ _Identity: TypeAlias = tuple[int, int] | None
 
 
 class InputFile(NamedTuple):
-    """Something below a folder."""
+    """A file below a folder, or a folder that cannot be read."""
 
-    name: str  #: path from the folder, with ``/`` between its parts
-    path: str  #: where it is
+    name: str  #: path relative to the folder, with ``/`` between its parts
+    path: str  #: its full path or URI
     problem: str | None = None  #: why it cannot be read, if that is known already
 
 
 class Listing(NamedTuple):
-    """What is below a folder."""
+    """The content of a folder and its subfolders."""
 
     #: pictures, videos and unreadable folders, in an order that depends on names alone
     media: tuple[InputFile, ...]
@@ -48,7 +48,7 @@ def is_media(name: str) -> bool:
 
 
 def why_skipped(path: str) -> str | None:
-    """Why a file in a folder is no input; None if it is one."""
+    """Why a file in a folder is not an input; None if it is one."""
     name = os.path.basename(path)  # noqa: PTH119 - names, not paths
     if name.startswith("."):
         return HIDDEN
@@ -60,25 +60,25 @@ def why_skipped(path: str) -> str | None:
 def list_folder(
     root: str, *, leave_out: str | None = None, skip: Callable[[str], bool] = lambda _: False
 ) -> Listing:
-    """Walk a tree; links to folders are followed, but never round in circles.
+    """Walk a tree; links to folders are followed, loops are not.
 
     Args:
         root: the folder.
-        leave_out: a folder that is not entered, under whatever name it appears; it may be missing.
+        leave_out: a folder that is not entered, under any of its names; it may be missing.
         skip: whether a folder of this name (from the root, with ``/``) is not entered.
 
     Returns:
-        What is there; files are not opened (but for PNGs named as outputs are), so any of them may
+        What is there; files are not opened (except PNGs named like outputs), so any of them may
         turn out to be unreadable.
     """
     avoided = _identity(leave_out) if leave_out is not None else None
-    walk = _Walk(avoided, skip)
+    walk = _FolderWalk(avoided, skip)
     media = tuple(walk.run(root))
     return Listing(media, tuple(walk.skipped), tuple(walk.loops))
 
 
-class _Walk:
-    """One walk: a stack of folders to enter, each with the folders it is in."""
+class _FolderWalk:
+    """One depth-first walk: a stack of folders to enter, each with its parent folders."""
 
     def __init__(self, avoided: _Identity, skip: Callable[[str], bool]) -> None:
         self._avoided = avoided
@@ -114,7 +114,7 @@ class _Walk:
     def _enter(
         self, child: os.DirEntry[str], name: str, above: tuple[_Identity, ...]
     ) -> tuple[_Identity, ...] | None:
-        """The folders that a folder's content is in, or None if it is not entered."""
+        """The parent folders of a folder's content; None if the folder is not entered."""
         identity = _identity(child.path)
         if child.name.startswith(".") or self._skip(name):
             return None
@@ -131,7 +131,7 @@ class _Walk:
 def _is_directory_entry(entry: os.DirEntry[str]) -> bool:
     try:
         return entry.is_dir()
-    except OSError:  # a link to itself, say: reading it will tell
+    except OSError:  # such as a link to itself, which is reported when it is read
         return False
 
 

@@ -1,4 +1,4 @@
-"""Which names are included and excluded, by patterns as shells and .gitignore have them."""
+"""Including and excluding names by glob patterns, as in shells and .gitignore."""
 
 import re
 from collections.abc import Sequence
@@ -13,22 +13,22 @@ _TOKEN = re.compile(r"\*\*/|\*\*|\*|\?|\[!?\]?[^\]/]*\]|.", re.DOTALL)
 
 
 class NameFilter(NamedTuple):
-    """Patterns for names from a root, with ``/`` between their parts.
+    """Patterns for paths relative to a root, with ``/`` between their parts.
 
-    A pattern without ``/`` is about the last part of a name, in any folder; one with ``/`` about
-    the whole name. ``*`` and ``?`` stop at ``/``, ``**`` does not.
+    A pattern without ``/`` is matched with the last part, in any folder; one with ``/`` with the
+    whole path. ``*`` and ``?`` do not match ``/``, ``**`` does.
     """
 
     include: tuple[re.Pattern[str], ...]  #: a file has to match one of these, if there are any
     exclude: tuple[re.Pattern[str], ...]  #: a file or a folder must match none of these
-    include_words: tuple[str, ...]  #: ``include`` as the user writes it
+    include_words: tuple[str, ...]  #: ``include`` as the user gave it
 
     @classmethod
     def of(cls, include: Sequence[str], exclude: Sequence[str]) -> Self:
-        """From patterns as the user writes them.
+        """From patterns as the user gives them.
 
         Raises:
-            UsageError: one is no pattern.
+            UsageError: one is not a valid pattern.
         """
         return cls(tuple(map(_compiled, include)), tuple(map(_compiled, exclude)), tuple(include))
 
@@ -61,8 +61,8 @@ def _compiled(pattern: str) -> re.Pattern[str]:
     parts = list(map(_expression, tokens))
     for at, after in pairwise(stars):
         if tokens[at] == "*" and tokens[after] != "**/":
-            # What follows the star is taken where it comes first: else each star would multiply
-            # the time that a name takes.
+            # An atomic group takes the first match of what follows the star; with backtracking,
+            # each star would multiply the time that a name takes.
             parts[at], parts[after] = f"(?>{parts[at]}?", f"){parts[after]}"
     try:
         return re.compile(anywhere + "".join(parts), re.DOTALL)

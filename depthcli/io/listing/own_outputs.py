@@ -1,4 +1,4 @@
-"""Telling what depthcli wrote from what it is to read."""
+"""Recognizing outputs of depthcli among its inputs."""
 
 import re
 import sys
@@ -8,24 +8,24 @@ from depthcli.io.png.chunks import SIGNATURE, read_text
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath, path_of
 
-MARK = "depthcli:software"
-"""Name of a text in every PNG (right behind its header) and EXR of ours."""
+SOFTWARE_KEY = "depthcli:software"
+"""Name of a text in every PNG (right after its header) and EXR that depthcli writes."""
 _EXR_MAGIC = b"v/1\x01"
-_EXR_MARK = f"{MARK}\0string\0".encode()
+_EXR_SOFTWARE_KEY = f"{SOFTWARE_KEY}\0string\0".encode()
 _HEAD_BYTES = 4096
 _PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$"
 _VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
 
 
 def is_own_picture(path: str | Path) -> bool:
-    """Whether a file is a PNG or an EXR that depthcli wrote, whatever its name."""
+    """Whether a file is a PNG or an EXR that depthcli wrote, with any name."""
     try:
         head = _head(path_of(path))
     except OSError:
         return False
     if head.startswith(_EXR_MAGIC):
-        return _EXR_MARK in head
-    return head.startswith(SIGNATURE) and MARK in read_text(head)
+        return _EXR_SOFTWARE_KEY in head
+    return head.startswith(SIGNATURE) and SOFTWARE_KEY in read_text(head)
 
 
 def _head(path: Path) -> bytes:
@@ -37,7 +37,7 @@ def _head(path: Path) -> bytes:
 def is_own_output(path: str) -> bool:
     """Whether a file found in a folder is an output of depthcli.
 
-    A video is one by its name alone; of the pictures only those are opened whose names fit.
+    Videos are recognized by their names alone; pictures are opened only if their names match.
     """
     if re.search(_VIDEO_NAME, path):
         return True

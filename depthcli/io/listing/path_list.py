@@ -1,4 +1,4 @@
-"""A list of inputs: one a line, as ``find`` and ``git ls-files`` print them, or in a table."""
+"""Lists of inputs: one path a line, as ``find`` and ``git ls-files`` print them, or a table."""
 
 import csv
 import os
@@ -9,11 +9,11 @@ from pathlib import Path
 
 from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.parquet import column_texts, only_column
-from depthcli.io.storage.remote import RemotePath, is_remote, join, path_of, plain_name
+from depthcli.io.parquet import column_texts, select_column
+from depthcli.io.storage.remote import RemotePath, is_remote, join, path_of, without_file_scheme
 from depthcli.io.storage.transfer import local_copy
 
-_TRIED = 1000
+_MAX_PROBED = 1000
 _DELIMITERS = {".csv": ",", ".tsv": "\t"}
 
 
@@ -29,7 +29,7 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
         UsageError: the list cannot be read, or has no such column.
     """
     if is_remote(source):
-        return _of_store(source, column)
+        return _remote_list(source, column)
     suffix = Path(source).suffix.lower()
     try:
         if Path(source).is_char_device():  # such as /dev/zero, which never ends
@@ -50,7 +50,7 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
         raise UsageError(f"cannot read the list {source}: {error.strerror or error}") from error
 
 
-def _of_store(source: str, column: str | None) -> Iterator[str]:
+def _remote_list(source: str, column: str | None) -> Iterator[str]:
     try:
         with local_copy(path_of(source)) as copy:
             yield from read_list(str(copy), column)
@@ -62,7 +62,7 @@ def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
     file = path.open(newline="", encoding="utf-8-sig", errors="surrogateescape")
     rows = csv.reader(file, delimiter=delimiter)
     header = next(rows, [])
-    place = header.index(only_column(header, column, path))
+    place = header.index(select_column(header, column, path))
 
     def texts() -> Iterator[str]:
         with file:
@@ -77,8 +77,7 @@ def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
 def parse_list(data: bytes) -> list[str]:
     """Paths of a list, in its order.
 
-    One a line; or, where a NUL byte is in it, one before each NUL (``find -print0``), which is how
-    names with a newline are listed.
+    One a line, or separated by NUL bytes (``find -print0``), which allows newlines in names.
 
     Raises:
         UsageError: it is in UTF-16, as some shells of Windows write it.
@@ -91,7 +90,7 @@ def parse_list(data: bytes) -> list[str]:
 
 
 def listed_inputs(words: Iterable[str], root: str) -> Iterator[InputFile]:
-    """Listed paths, by their names below a folder; a name can come more than once.
+    """Listed paths, with their names relative to a folder; a name can come more than once.
 
     Args:
         words: absolute paths, or paths from ``root``; or from the working directory, as ``find
@@ -99,7 +98,7 @@ def listed_inputs(words: Iterable[str], root: str) -> Iterator[InputFile]:
         root: the folder whose tree is kept. A path outside it is named by all its folders.
     """
     words = map(_local_path, words)
-    first = list(islice(words, _TRIED))
+    first = list(islice(words, _MAX_PROBED))
     base = os.path.abspath(root)  # noqa: PTH100 - links stay as named
     start = max((root, ""), key=lambda folder: _existing(first, folder))
     for word in chain(first, words):
@@ -109,15 +108,15 @@ def listed_inputs(words: Iterable[str], root: str) -> Iterator[InputFile]:
 
 
 def _local_path(word: str) -> str:
-    """A ``file://`` URI as the path that it names."""
+    """A ``file://`` URI as a path."""
     try:
-        return plain_name(word)
+        return without_file_scheme(word)
     except UsageError:
-        return word  # what is wrong with it becomes the error of this input
+        return word  # the problem is reported with this input
 
 
 def _listed_uri(uri: str, root: str) -> InputFile | None:
-    """An input that is not on this machine; None if it is."""
+    """A remote input; None if the path is local."""
     if "://" not in uri:
         return None
     try:

@@ -1,4 +1,4 @@
-"""Files that are no inputs, and why."""
+"""Files that are not inputs, and why."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -15,28 +15,28 @@ _UNREADABLE_PICTURES = frozenset(
         *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf"),
     )
 )
-_MOST_REASONS = 6
+_MAX_REASONS = 6
 
 
 class Skipped(NamedTuple):
-    """A file that is no input."""
+    """A file that is not an input."""
 
-    name: str  #: path from the folder, with ``/`` between its parts
+    name: str  #: path relative to the folder, with ``/`` between its parts
     reason: str  #: one of the words above, or the file's suffix
 
 
-def counted(skipped: Sequence[Skipped]) -> str:
+def skip_summary(skipped: Sequence[Skipped]) -> str:
     """How many files, and why: ``3 files skipped (2 .txt, 1 hidden)``."""
     counts = Counter(file.reason for file in skipped).most_common()
-    shown = [f"{count} {reason}" for reason, count in counts[:_MOST_REASONS]]
-    if len(counts) > _MOST_REASONS:
-        shown.append(f"{sum(count for _, count in counts[_MOST_REASONS:])} others")
+    shown = [f"{count} {reason}" for reason, count in counts[:_MAX_REASONS]]
+    if len(counts) > _MAX_REASONS:
+        shown.append(f"{sum(count for _, count in counts[_MAX_REASONS:])} others")
     files = "file" if len(skipped) == 1 else "files"
     return f"{len(skipped)} {files} skipped ({', '.join(shown)})"
 
 
-def to_convert(skipped: Sequence[Skipped]) -> str | None:
-    """What to do about pictures in formats that are not read; None if there are none."""
+def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
+    """Advice to convert pictures of unsupported formats; None if there are none."""
     found = Counter(file.reason for file in skipped if file.reason in _UNREADABLE_PICTURES)
     if not found:
         return None

@@ -10,7 +10,10 @@ from depthcli.io.storage.remote import RemotePath
 
 
 def list_objects(
-    root: RemotePath, leave_out: Path, skip: Callable[[str], bool], aside: Callable[[Skipped], None]
+    root: RemotePath,
+    leave_out: Path,
+    skip: Callable[[str], bool],
+    on_skipped: Callable[[Skipped], None],
 ) -> Iterator[InputFile]:
     """Pictures and videos, in the order of the store, page by page.
 
@@ -18,7 +21,7 @@ def list_objects(
         root: the folder.
         leave_out: a folder that is not entered.
         skip: whether a folder of this name (from the root, with ``/``) is not entered.
-        aside: told of each object that is no input.
+        on_skipped: called with each object that is not an input.
 
     Raises:
         UsageError: the store cannot be listed, or there is nothing below it.
@@ -30,7 +33,7 @@ def list_objects(
             above = name.rpartition("/")[0]
             if above != folder:  # names come folder by folder
                 folder, is_entered = above, not _is_skipped(above, skip)
-            # Some tools make an object that stands for the folder itself.
+            # Some tools create an empty object for the folder itself.
             if not name or not is_entered or (out and name.startswith(out)):
                 continue
             path = f"{start}/{name}"
@@ -38,15 +41,15 @@ def list_objects(
             if reason is None:
                 yield InputFile(name, path)
             else:
-                aside(Skipped(name, reason))
+                on_skipped(Skipped(name, reason))
     except OSError as error:
         raise UsageError(f"{root} cannot be listed: {error.strerror}") from error
     if folder is None:
         raise UsageError(f"{root} is not a folder; name one, or give --files with a list")
 
 
-def walk_order(name: str) -> list[tuple[bool, bytes]]:
-    """What names are sorted by to stand as a walk of folders has them: files before folders."""
+def walk_sort_key(name: str) -> list[tuple[bool, bytes]]:
+    """Key that sorts names in the order of a walk of folders: files before folders."""
     *above, last = name.encode("utf-8", "surrogateescape").split(b"/")
     return [*((True, part) for part in above), (False, last)]
 

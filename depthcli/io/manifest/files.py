@@ -1,4 +1,4 @@
-"""The files of an output folder that hold rows: manifests, journals, and parts of both."""
+"""The files of rows in an output folder: manifests and journals, of a whole batch or a shard."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -8,7 +8,7 @@ from typing import BinaryIO, Protocol
 
 from depthcli.io.manifest.row import ManifestFormat, Row, parse_row
 from depthcli.io.manifest.shard import Shard
-from depthcli.io.manifest.table import parsed_table_row, plain_text, write_rows
+from depthcli.io.manifest.table import parsed_table_row, unescaped, write_rows
 from depthcli.io.parquet import Table
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.regular import regular_size
@@ -17,16 +17,16 @@ _NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.(jsonl|par
 
 
 def journal_name(shard: Shard) -> str:
-    """What the rows of a batch at work are in."""
+    """Name of the file with the rows of a running batch."""
     return f".depthcli-batch{shard.tag}.jsonl"
 
 
 def manifest_name(shard: Shard, form: ManifestFormat) -> str:
-    """What the rows of a batch that is over are in."""
+    """Name of the file with the rows of a finished batch."""
     return f"manifest{shard.tag}.{form}"
 
 
-def is_of(path: Path, shard: Shard) -> bool:
+def belongs_to(path: Path, shard: Shard) -> bool:
     """Whether all rows of a file are of a shard's inputs."""
     found = _NAME.fullmatch(path.name)
     return found is not None and (shard.count == 1 or found[2] == shard.tag)
@@ -39,9 +39,9 @@ def is_journal(path: Path) -> bool:
 
 
 def row_files(folder: Path, shard: Shard) -> list[Path]:
-    """The files that can hold rows of a shard's inputs, the latest last; none if there are none.
+    """The files that can hold rows of a shard's inputs, the latest last.
 
-    Left out are those of other shards of the same division, which hold other inputs.
+    Those of other shards of the same number are left out, because they hold other inputs.
     """
     found = []
     for path in (*folder.glob("manifest*"), *folder.glob(".depthcli-batch*")):
@@ -52,8 +52,8 @@ def row_files(folder: Path, shard: Shard) -> list[Path]:
     return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
 
-def to_read(path: Path) -> BinaryIO:
-    """A file of rows.
+def open_row_file(path: Path) -> BinaryIO:
+    """Open a file of rows for reading.
 
     Raises:
         OSError: it cannot be read, or is a pipe, a device or a folder.
@@ -63,7 +63,7 @@ def to_read(path: Path) -> BinaryIO:
 
 
 def write_manifest(path: Path, rows: Iterable[Row]) -> None:
-    """Write a manifest, which appears whole; its suffix says how.
+    """Write a manifest atomically, in the format of its suffix.
 
     Raises:
         OutputError: it cannot be written; what was there stays.
@@ -79,7 +79,7 @@ class RowFile(Protocol):
     """A file or folder of rows."""
 
     def rows(self) -> Iterator[tuple[str, int]]:
-        """Input and position of each row, in their order; other lines are passed over."""
+        """Input and position of each row, in their order; other lines are ignored."""
 
     def row(self, position: int) -> Row | None:
         """The row at a position."""
@@ -89,7 +89,7 @@ class RowFile(Protocol):
 
 
 def open_rows(path: Path) -> RowFile:
-    """Rows to be read.
+    """Open a manifest or a journal for reading.
 
     Raises:
         OSError: they cannot be read.
@@ -97,8 +97,8 @@ def open_rows(path: Path) -> RowFile:
     """
     if path.suffix == f".{ManifestFormat.PARQUET}":
         return TableRows(path)
-    # What states no size, as /proc/kmsg, may never end.
-    return JsonRows(to_read(path) if regular_size(path) else BytesIO())
+    # A file of size 0, such as /proc/kmsg, may never end.
+    return JsonRows(open_row_file(path) if regular_size(path) else BytesIO())
 
 
 class TableRows:
@@ -111,7 +111,7 @@ class TableRows:
         """Input and position of each row, in their order."""
         for position, name in enumerate(self._table.column("input")):
             if isinstance(name, str):
-                yield plain_text(name), position
+                yield unescaped(name), position
 
     def row(self, position: int) -> Row | None:
         """The row at a position."""
@@ -126,7 +126,7 @@ class JsonRows:
     """Rows as JSON, one a line."""
 
     def __init__(self, file: BinaryIO, end: FileIO | None = None) -> None:
-        """Take a file that is open for reading and, to append, once more for that."""
+        """Wrap a file that is open for reading, and a second handle of it for appending."""
         self._file = file
         self._end = end
         self.ends_whole = True
@@ -147,7 +147,7 @@ class JsonRows:
         return parse_row(self._file.readline())
 
     def append(self, data: bytes) -> int:
-        """Where the data begins in the file, in which it is whole or not at all.
+        """Append data, all or nothing; return its position in the file.
 
         Raises:
             OSError: it cannot be written.

@@ -1,4 +1,4 @@
-"""Where the row of each input stands; on disk beyond a few megabytes."""
+"""An index of the rows by input; on disk beyond a few megabytes."""
 
 import sqlite3
 from collections.abc import Iterable, Iterator
@@ -9,15 +9,15 @@ from depthcli.errors import OutputError
 _CACHE_KIB = 65536
 
 
-class RowPlace(NamedTuple):
-    """Where a row stands."""
+class RowLocation(NamedTuple):
+    """Where a row is."""
 
     source: int  #: number of the file
     position: int  #: of the row in it
 
 
 class RowIndex:
-    """Places by input. The file is SQLite's own temporary one, which ends with the process."""
+    """Locations by input, in a temporary SQLite database that is deleted with the process."""
 
     def __init__(self) -> None:
         # Without a name the database is in memory as far as its cache goes, then in a file.
@@ -30,13 +30,13 @@ class RowIndex:
         ):
             self._database.execute(line)
 
-    def add(self, places: Iterable[tuple[str, RowPlace]]) -> None:
-        """Put down where the rows of inputs stand, in place of where they stood.
+    def add(self, locations: Iterable[tuple[str, RowLocation]]) -> None:
+        """Set the locations of the rows of inputs, replacing earlier ones.
 
         Raises:
-            OutputError: there is no room.
+            OutputError: the disk is full.
         """
-        rows = ((_key(name), *place) for name, place in places)
+        rows = ((_key(name), *location) for name, location in locations)
         try:
             self._database.executemany("INSERT OR REPLACE INTO rows VALUES (?, ?, ?)", rows)
         except sqlite3.Error as error:
@@ -45,26 +45,26 @@ class RowIndex:
                 "SQLITE_TMPDIR to a folder with room"
             ) from error
 
-    def find(self, name: str) -> RowPlace | None:
-        """Where the row of an input stands, if it has one."""
+    def find(self, name: str) -> RowLocation | None:
+        """The location of an input's row; None if it has none."""
         found = self._database.execute(
             "SELECT source, position FROM rows WHERE name = ?", (_key(name),)
         ).fetchone()
-        return found and RowPlace(*found)
+        return found and RowLocation(*found)
 
     def remove(self, name: str) -> None:
-        """Forget an input."""
+        """Remove an input from the index."""
         self._database.execute("DELETE FROM rows WHERE name = ?", (_key(name),))
 
-    def as_they_stand(self) -> Iterator[RowPlace]:
-        """All places, source by source and from its beginning to its end."""
+    def in_file_order(self) -> Iterator[RowLocation]:
+        """All locations, by file and position."""
         found = self._database.execute("SELECT source, position FROM rows ORDER BY 1, 2")
-        return (RowPlace(*place) for place in found)
+        return (RowLocation(*location) for location in found)
 
-    def __iter__(self) -> Iterator[RowPlace]:
-        """All places, in the order of the names' bytes."""
+    def __iter__(self) -> Iterator[RowLocation]:
+        """All locations, sorted by the names' bytes."""
         found = self._database.execute("SELECT source, position FROM rows ORDER BY name")
-        return (RowPlace(*place) for place in found)
+        return (RowLocation(*location) for location in found)
 
 
 def _key(name: str) -> bytes:

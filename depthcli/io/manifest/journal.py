@@ -1,7 +1,7 @@
-"""The rows of a batch while it runs: safe line by line, so that a killed batch can go on.
+"""The journal of a running batch, from which a killed batch can be resumed.
 
-Rows are appended to a hidden file and live there, not in memory. When the batch ends, in whatever
-orderly way, they become the manifest, which appears whole.
+Rows are appended line by line to a hidden file, not kept in memory. When the batch ends without
+being killed, they are written to the manifest atomically.
 """
 
 import errno
@@ -17,66 +17,66 @@ from depthcli.errors import OutputError, UsageError
 from depthcli.io.manifest.files import (
     JsonRows,
     RowFile,
+    belongs_to,
     is_journal,
-    is_of,
     journal_name,
     manifest_name,
+    open_row_file,
     open_rows,
     row_files,
-    to_read,
     write_manifest,
 )
-from depthcli.io.manifest.index import RowIndex, RowPlace
+from depthcli.io.manifest.index import RowIndex, RowLocation
 from depthcli.io.manifest.row import ManifestFormat, Row
 from depthcli.io.manifest.rows_folder import RowsFolder, rows_folder
 from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.parquet import check_pyarrow
-from depthcli.io.storage.atomic_folder import put_back
+from depthcli.io.storage.atomic_folder import restore_folder
 from depthcli.io.storage.lock import folder_lock, open_locked
 
 
 class Rows:
-    """Rows by input as files have them; the last one of an input counts. Safe for threads."""
+    """Rows of files by input; the last one of an input counts. Thread-safe."""
 
     def __init__(
-        self, files: Sequence[RowFile], shard: Shard, place: RowsFolder | None = None
+        self, files: Sequence[RowFile], shard: Shard, folder: RowsFolder | None = None
     ) -> None:
         """Index the rows of a shard's inputs.
 
         Args:
-            files: where they are.
-            shard: whose they are.
-            place: the folder of the files, if that shall not go before them.
+            files: with the rows.
+            shard: the shard whose rows are indexed.
+            folder: that has them, to be kept while they are in use.
         """
         self._files = files
-        self._place = place
+        self._folder = folder
         self._lock = threading.Lock()
         self._index = RowIndex()
         for source, file in enumerate(files):
             self._index.add(
-                (name, RowPlace(source, position))
+                (name, RowLocation(source, position))
                 for name, position in file.rows()
                 if shard.holds(name)
             )
 
     @property
-    def is_there(self) -> bool:
-        """Whether there is a file of rows at all."""
+    def has_files(self) -> bool:
+        """Whether there is any file of rows."""
         return bool(self._files)
 
     def row(self, name: str) -> Row | None:
         """The row of an input, if it has one."""
         with self._lock:
-            place = self._index.find(name)
-            return None if place is None else self._at(place)
+            location = self._index.find(name)
+            return None if location is None else self._at(location)
 
     def __iter__(self) -> Iterator[Row]:
-        """All rows, as they stand in the files."""
-        return filter(None, map(self._at, self._index.as_they_stand()))
+        """All rows, in the order of the files."""
+        return filter(None, map(self._at, self._index.in_file_order()))
 
-    def _at(self, place: RowPlace) -> Row | None:
+    def _at(self, location: RowLocation) -> Row | None:
         try:
-            return self._files[place.source].row(place.position)
+            return self._files[location.source].row(location.position)
         except OSError as error:
             raise OutputError(
                 f"cannot read the rows of the batch again: {error.strerror}; run it again when the "
@@ -85,28 +85,28 @@ class Rows:
 
 
 def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
-    """What earlier batches left in an output folder, without changing anything there.
+    """The rows of earlier batches in an output folder, which is not changed.
 
     Raises:
         OutputError: it cannot be read.
     """
-    place = rows_folder(folder)
+    source = rows_folder(folder)
     with _as_output_error(folder):
-        return Rows([open_rows(path) for path in row_files(place.path, shard)], shard, place)
+        return Rows([open_rows(path) for path in row_files(source.path, shard)], shard, source)
 
 
 class Journal(Rows):
-    """The rows of a batch at work.
+    """The rows of a running batch.
 
     Attributes:
-        manifest: the file that the rows become.
-        was_cut_short: whether an earlier batch was killed and nobody else writes here.
+        manifest: the file that the rows are written to at the end.
+        was_interrupted: whether an earlier batch was killed and no other one is running.
     """
 
     def __init__(
         self, folder: Path, shard: Shard = WHOLE, form: ManifestFormat | None = None
     ) -> None:
-        """Open or begin the journal of an output folder, which is made if it is missing.
+        """Open or create the journal of an output folder, which is created if it is missing.
 
         Args:
             folder: the output folder.
@@ -114,16 +114,16 @@ class Journal(Rows):
             form: of the manifest; None for that of the manifest that is there, or JSON lines.
 
         Raises:
-            OutputError: the folder cannot be written, or something that is no file is in the way.
-            UsageError: another batch is writing there; another shard of a divided one may.
+            OutputError: the folder cannot be written, or something other than a file is in the way.
+            UsageError: another batch, not a shard of the same one, is writing there.
         """
         self._path = folder / journal_name(shard)
         table = folder / manifest_name(shard, ManifestFormat.PARQUET)
         with ExitStack() as opened, _as_output_error(self._path):
             folder.mkdir(parents=True, exist_ok=True)
             if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
-                raise _taken(folder)
-            put_back(table)
+                raise _busy_error(folder)
+            restore_folder(table)
             if table.is_symlink() or table.is_file():
                 raise NotADirectoryError(errno.ENOTDIR, "it is a file or a link; remove it", table)
             form = form or (ManifestFormat.PARQUET if table.exists() else ManifestFormat.JSONL)
@@ -131,15 +131,15 @@ class Journal(Rows):
                 check_pyarrow()
             self.manifest = folder / manifest_name(shard, form)
             self._earlier = [path for path in row_files(folder, shard) if path != self._path]
-            self.was_cut_short = shard == WHOLE and any(
+            self.was_interrupted = shard == WHOLE and any(
                 map(is_journal, (*self._earlier, *([self._path] if self._path.exists() else [])))
             )
             handle = open_locked(self._path)
             if handle is None:
-                raise _taken(folder)
+                raise _busy_error(folder)
             end = opened.enter_context(os.fdopen(handle, "ab", buffering=0))
             files = [opened.enter_context(closing(open_rows(path))) for path in self._earlier]
-            self._own = JsonRows(opened.enter_context(to_read(self._path)), end)
+            self._own = JsonRows(opened.enter_context(open_row_file(self._path)), end)
             super().__init__([*files, self._own], shard)
             if not self._own.ends_whole:  # the batch was killed in the middle of a line
                 self._own.append(b"\n")
@@ -147,25 +147,25 @@ class Journal(Rows):
         self._shard = shard
 
     def add(self, row: Row) -> None:
-        """Put down a row, in place of the input's earlier one.
+        """Append a row, which replaces the input's earlier one.
 
         Raises:
-            OutputError: the disk is full, say.
+            OutputError: it cannot be written, for instance because the disk is full.
         """
         with _as_output_error(self._path), self._lock:
-            place = RowPlace(len(self._files) - 1, self._own.append(row.as_line()))
-            self._index.add([(row.input, place)])
+            location = RowLocation(len(self._files) - 1, self._own.append(row.as_line()))
+            self._index.add([(row.input, location)])
 
     def finish(self, names: Iterable[str] | None) -> None:
         """Write the manifest and remove the journal.
 
-        Inputs of earlier batches come last, as long as they have outputs here: a batch of other
-        files of the same folder must not make this one's be done again. What shards left becomes
-        part of the manifest of a batch that is not divided.
+        Inputs of earlier batches that have outputs here come last, so that they are not done again
+        after a batch of other files of the same folder. The rows of shards become part of the
+        manifest of a batch that is not divided.
 
         Args:
-            names: the inputs in the manifest's order, those without a row are left out; None for
-                all that there are, in the order of their names.
+            names: the inputs in the manifest's order; those without a row are left out. None for
+                all inputs, in the order of their names.
 
         Raises:
             OutputError: the manifest cannot be written; the journal stays.
@@ -176,7 +176,7 @@ class Journal(Rows):
                 self._opened.close()
             self._path.unlink(missing_ok=True)  # before another batch can lock it
             for path in self._earlier:
-                if path != self.manifest and is_of(path, self._shard):
+                if path != self.manifest and belongs_to(path, self._shard):
                     remove_path(path)
             self._opened.close()
 
@@ -187,8 +187,8 @@ class Journal(Rows):
             if row is not None:
                 yield row
                 self._index.remove(name)
-        for place in self._index:
-            row = self._at(place)
+        for location in self._index:
+            row = self._at(location)
             if row is not None and (row.outputs or names is None):
                 yield row
 
@@ -211,5 +211,5 @@ def remove_path(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _taken(folder: Path) -> UsageError:
+def _busy_error(folder: Path) -> UsageError:
     return UsageError(f"another batch is writing to {folder}; wait for it, or choose another --out")

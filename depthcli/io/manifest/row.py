@@ -1,4 +1,4 @@
-"""What became of each input of a batch: one row each, in a file beside the outputs."""
+"""The rows of a batch's manifest: the result of each input."""
 
 import hashlib
 import json
@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from depthcli.core.foreign import FieldError, Rule, built, parsed_json
+from depthcli.core.validation import FieldError, Rule, parsed_json, validated
 from depthcli.errors import OutputError
 from depthcli.io.storage.regular import regular_size
 from depthcli.io.storage.remote import RemotePath
@@ -19,7 +19,7 @@ _SECONDS = Rule("a number from 0 to 1e9", lambda number: 0 <= number <= 1e9)  # 
 
 
 class ManifestFormat(StrEnum):
-    """How the rows of a batch that is over are kept; the value is their suffix."""
+    """File format of a manifest; the value is its suffix."""
 
     JSONL = "jsonl"
     PARQUET = "parquet"
@@ -29,14 +29,14 @@ class ManifestFormat(StrEnum):
 class OutputFile:
     """One file that was written."""
 
-    path: str  #: from the output folder, with ``/`` between its parts
+    path: str  #: relative to the output folder, with ``/`` between its parts
     bytes: int  #: its size
     sha256: str  #: its checksum, 64 hex digits
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What the outputs of a whole batch follow from, besides their inputs."""
+    """Options and model of a whole batch, which its outputs depend on besides their inputs."""
 
     options_sha256: str  #: checksum of the options that the outputs depend on
     model: str  #: name of the model
@@ -46,7 +46,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What became of one input."""
+    """The result of one input."""
 
     input: str  #: its name, with ``/`` between its parts
     status: str  #: ``ok`` or ``failed``
@@ -56,11 +56,11 @@ class Row:
     input_sha256: str | None = None  #: checksum of the input; None if it could not be read
     error: str | None = None  #: why it failed; None if it did not
     warnings: tuple[str, ...] = ()  #: one-line texts
-    #: that its metres belong to, and how it is known; None without metres
+    #: the camera that its metres are for, and how it is known; None without metres
     camera: str | None = None
 
-    def lost(self, folder: Path) -> Self | None:
-        """The row of an input that failed because an output is gone again; None if none is."""
+    def failed_if_missing(self, folder: Path) -> Self | None:
+        """The same row with status failed if one of its outputs is missing; else None."""
         for file in self.outputs:
             path = folder / file.path
             if not path.exists():
@@ -92,7 +92,7 @@ class Row:
 
 
 def parse_row(line: bytes) -> Row | None:
-    """A row from its line; None if it is cut short or somebody else's."""
+    """A row from its line; None if it is incomplete or not a row."""
     try:
         return row_of(parsed_json(line))
     except FieldError:
@@ -100,46 +100,46 @@ def parse_row(line: bytes) -> Row | None:
 
 
 def row_of(fields: Any) -> Row | None:  # noqa: ANN401 - what JSON can hold
-    """A row from its fields, which are used up; None if they are somebody else's."""
+    """A row from its fields, which are consumed; None if they are not those of a row."""
     try:
         origin = {name: fields.pop(name) for name in Origin.__slots__}
-        return built(Row, {**fields, "origin": origin})
+        return validated(Row, {**fields, "origin": origin})
     except (FieldError, TypeError, KeyError, AttributeError):
         return None
 
 
 def checksum(path: Path) -> OutputFile | None:
-    """Size and checksum of a file as it is on disk, under its own path; None if there is none."""
+    """Size and checksum of a file on disk, with its path; None if there is none."""
     if isinstance(path, RemotePath):
-        return _noted(path)
+        return _remote_checksum(path)
     try:
-        # A pipe or a device in its place may never end, and nor may what states no size.
-        content = path if regular_size(path) else Path(os.devnull)
-        with content.open("rb") as file:
+        if not regular_size(path):  # empty, or a file such as /proc/kmsg, which may never end
+            return OutputFile(os.fspath(path), 0, hashlib.sha256().hexdigest())
+        with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
             return OutputFile(os.fspath(path), file.tell(), digest)
     except OSError:
         return None
 
 
-def _noted(path: RemotePath) -> OutputFile | None:
-    from depthcli.io.storage.transfer import noted_checksum  # noqa: PLC0415 - for those who need it
+def _remote_checksum(path: RemotePath) -> OutputFile | None:
+    from depthcli.io.storage.transfer import object_checksum  # noqa: PLC0415 - for those who need it
 
     try:
-        found = noted_checksum(path)
+        found = object_checksum(path)
     except OSError as error:
         raise OutputError(f"{path} cannot be checked: {error.strerror}") from error
     return found and OutputFile(str(path), *found)
 
 
 def is_intact(folder: Path, file: OutputFile) -> bool:
-    """Whether a file still is what was written."""
+    """Whether a file is unchanged since it was written."""
     path = folder / file.path
     found = checksum(path)
     return found is not None and (found.bytes, found.sha256) == (file.bytes, file.sha256)
 
 
-def written(folder: Path, path: Path) -> OutputFile:
+def output_entry(folder: Path, path: Path) -> OutputFile:
     """The entry of a file just written.
 
     Raises:

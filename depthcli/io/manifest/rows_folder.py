@@ -1,4 +1,4 @@
-"""Where the rows of a batch are written: in its output folder, or here for a remote one."""
+"""The local folder of a batch's rows: its output folder, or a copy of a remote one."""
 
 import os
 import re
@@ -15,8 +15,8 @@ from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.storage.transfer import download
 
-_SEND_EVERY_S = 5.0
-_BEGINNINGS = (".depthcli-batch", "manifest")
+_UPLOAD_INTERVAL_S = 5.0
+_PREFIXES = (".depthcli-batch", "manifest")
 _PART = re.compile(r"\.\d{20}-[0-9a-f]{8}$")
 
 
@@ -26,55 +26,55 @@ class RowsFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def keep(self) -> None:
-        """See to it that rows outlast this machine; the disk does."""
+    def sync(self) -> None:
+        """Do nothing: the rows are on disk."""
 
     def finish(self) -> None:
-        """Put the manifest in place, where it is already."""
+        """Do nothing: the manifest is in place."""
 
 
 class RemoteRows(RowsFolder):
-    """A copy of what rows a remote folder has, for as long as a batch takes.
+    """A temporary local copy of the rows of a remote folder.
 
-    Objects are not appended to: what the journal gets is sent now and then as a part of its own,
-    so that the next batch, on whatever machine, finds all but the last rows of one that was killed.
+    Objects cannot be appended to, so new rows of the journal are uploaded every few seconds as
+    separate objects; the next batch, on any machine, finds all but the last rows of a killed one.
     """
 
     def __init__(self, out: RemotePath) -> None:
-        """Fetch the rows that are there.
+        """Download the rows.
 
         Raises:
             OutputError: the folder cannot be read.
         """
-        self._out, self._lock, self._sent_s = out, threading.Lock(), time.monotonic()
-        self._ending = ExitStack()
-        super().__init__(self._ending.enter_context(temporary_folder()))
+        self._out, self._lock, self._uploaded_s = out, threading.Lock(), time.monotonic()
+        self._exit_stack = ExitStack()
+        super().__init__(self._exit_stack.enter_context(temporary_folder()))
         self._objects: dict[str, list[str]] = {}  # of each file here
         try:
             for name in self._row_objects():
-                self._fetch(name)
+                self._download(name)
         except OSError as error:
             raise OutputError(f"cannot use {out}: {error.strerror or error}") from error
         self._states = {name: _file_state(self.path / name) for name in self._objects}
 
-    def keep(self) -> None:
-        """Send the journal's new rows, if it is time.
+    def sync(self) -> None:
+        """Upload the journal's new rows, if the last upload was long enough ago.
 
         Raises:
-            OutputError: they cannot be sent.
+            OutputError: they cannot be uploaded.
         """
         with self._lock:
-            if time.monotonic() - self._sent_s >= _SEND_EVERY_S:
-                self._send_rows()
+            if time.monotonic() - self._uploaded_s >= _UPLOAD_INTERVAL_S:
+                self._upload_rows()
 
     def finish(self) -> None:
-        """Put the manifest in place of the parts, or send the rest of the journal.
+        """Upload the manifest and delete the parts of the journal, or upload the rest of it.
 
         Raises:
-            OutputError: that failed; what was sent stays.
+            OutputError: that failed; what was uploaded stays.
         """
         with self._lock:
-            self._send_rows()
+            self._upload_rows()
             files = (path for path in self.path.rglob("*") if path.is_file())
             here = {file.relative_to(self.path).as_posix() for file in files}
             for name in sorted(here):
@@ -85,17 +85,17 @@ class RemoteRows(RowsFolder):
             for name, objects in self._objects.items():
                 for one in objects if name not in here else ():
                     _delete(self._out / one)
-            self._ending.close()
+            self._exit_stack.close()
 
     def _row_objects(self) -> Iterator[str]:
-        for beginning in _BEGINNINGS:
-            for name in self._out.walk_names(beginning):
-                if not name.startswith(beginning):
+        for prefix in _PREFIXES:
+            for name in self._out.walk_names(prefix):
+                if not name.startswith(prefix):
                     break
                 yield name
 
-    def _fetch(self, name: str) -> None:
-        """Copy an object; parts become one file again."""
+    def _download(self, name: str) -> None:
+        """Download an object; parts are joined to one file."""
         whole, source = _PART.sub("", name), self._out / name
         file = self.path / whole
         file.parent.mkdir(exist_ok=True)
@@ -107,11 +107,11 @@ class RemoteRows(RowsFolder):
         os.utime(file, (source.stat().st_mtime,) * 2)  # the latest row of an input counts
         self._objects.setdefault(whole, []).append(name)
 
-    def _send_rows(self) -> None:
-        self._sent_s = time.monotonic()
+    def _upload_rows(self) -> None:
+        self._uploaded_s = time.monotonic()
         for file in self.path.glob(".depthcli-batch*.jsonl"):
-            size, sent = file.stat().st_size, self._states.get(file.name, (0, 0))[0]
-            if size <= sent:
+            size, uploaded = file.stat().st_size, self._states.get(file.name, (0, 0))[0]
+            if size <= uploaded:
                 continue
             part = f"{file.name}.{time.time_ns():020}-{os.urandom(4).hex()}"
             with (
@@ -119,14 +119,14 @@ class RemoteRows(RowsFolder):
                 temporary.open("wb") as target,
                 file.open("rb") as journal,
             ):
-                journal.seek(sent)
-                target.write(journal.read(size - sent))
+                journal.seek(uploaded)
+                target.write(journal.read(size - uploaded))
             self._states[file.name] = size, 0
             self._objects.setdefault(file.name, []).append(part)
 
 
 def rows_folder(out: Path) -> RowsFolder:
-    """Where a batch into an output folder has its journal.
+    """The local folder for the journal of a batch that writes to an output folder.
 
     Raises:
         OutputError: a remote folder cannot be read.

@@ -1,4 +1,4 @@
-"""A part of a batch for one of several processes that know nothing of each other."""
+"""Dividing a batch among independent processes."""
 
 import hashlib
 import os
@@ -42,7 +42,7 @@ class Shard:
 
     @property
     def tag(self) -> str:
-        """What is added to names of files that belong to this part."""
+        """Infix for names of files that belong to this part."""
         return f"-{self.number}-of-{self.count}" if self.count > 1 else ""
 
 

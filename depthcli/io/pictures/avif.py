@@ -1,4 +1,4 @@
-"""Sizes in an AVIF file: what its boxes claim, and what its AV1 pictures are.
+"""The size of an AVIF file's pictures, by its boxes and by its AV1 sequence headers.
 
 Boxes are those of ISO/IEC 14496-12, the rest is the AV1 bitstream's section 5.5.1.
 """
@@ -9,24 +9,24 @@ from collections.abc import Iterator
 from contextlib import suppress
 from itertools import islice
 
-_CLAIM = re.compile(rb"ispe")
-_CHUNKS = re.compile(rb"stco\0\0\0\0")
-_HEAD = 8  # bytes of a box before its content
+_ISPE = re.compile(rb"ispe")
+_STCO = re.compile(rb"stco\0\0\0\0")
+_BOX_HEADER_BYTES = 8  # bytes of a box before its content
 _SEQUENCE_HEADER = 1
-_MAX_UNITS = 10_000
+_MAX_OBUS = 10_000
 _MAX_TRACKS = 16
-_SHARED = 4  # items may use the same bytes, but not all of them all the time
-_HEADER_BYTES = 1024  # more than the fields before the size can take
+_MAX_OVERLAP = 4  # items may use the same bytes, but not all of them all the time
+_SEQUENCE_HEADER_BYTES = 1024  # more than the fields before the size can take
 
 
 def find_box(data: bytes, wanted: bytes) -> bytes:
     """Content of the first box of a kind; empty if there is none."""
     at = 0
-    while at + _HEAD <= len(data):
+    while at + _BOX_HEADER_BYTES <= len(data):
         length, kind = struct.unpack_from(">I4s", data, at)
         if kind == wanted:
-            return data[at + _HEAD : at + length]
-        if length < _HEAD:
+            return data[at + _BOX_HEADER_BYTES : at + length]
+        if length < _BOX_HEADER_BYTES:
             break
         at += length
     return b""
@@ -35,14 +35,14 @@ def find_box(data: bytes, wanted: bytes) -> bytes:
 def avif_size(data: bytes) -> tuple[int, int] | None:
     """The largest (width, height) of a file's items, tiles and thumbnails among them.
 
-    A decoder makes room for what an AV1 picture is, whatever the boxes say.
+    A decoder allocates memory for the size in the AV1 data, whatever the boxes state.
 
     Raises:
         struct.error: the file is too short for what it claims.
         IndexError: likewise.
     """
     claims = data[: data.find(b"mdat")]
-    starts = [found.end() + 4 for found in _CLAIM.finditer(claims)]
+    starts = [found.end() + 4 for found in _ISPE.finditer(claims)]
     sizes = [struct.unpack_from(">II", claims, start) for start in starts]
     if not sizes:
         return None
@@ -52,16 +52,16 @@ def avif_size(data: bytes) -> tuple[int, int] | None:
 
 def _item_payloads(data: bytes) -> Iterator[memoryview]:
     """The content of each item, and the file from each first chunk of an animation on."""
-    for found in islice(_CHUNKS.finditer(data), _MAX_TRACKS):
+    for found in islice(_STCO.finditer(data), _MAX_TRACKS):
         count, at = struct.unpack_from(">II", data, found.end())
         if count:
             yield memoryview(data)[at:]
     meta = find_box(data, b"meta")[4:]  # a version comes before its boxes
-    places = find_box(meta, b"iloc")
-    if not places:
+    iloc = find_box(meta, b"iloc")
+    if not iloc:
         return
-    inside, left = find_box(meta, b"idat"), _SHARED * len(data)
-    for is_inside, extents in _places(places):
+    inside, left = find_box(meta, b"idat"), _MAX_OVERLAP * len(data)
+    for is_inside, extents in _item_locations(iloc):
         whole = memoryview(inside if is_inside else data)
         has_open_part = len(extents) > 1 and not all(n for _, n in extents)
         for rest in (None, 0) if has_open_part else (None,):  # decoders differ
@@ -72,34 +72,34 @@ def _item_payloads(data: bytes) -> Iterator[memoryview]:
             yield memoryview(b"".join(parts))
 
 
-def _places(iloc: bytes) -> Iterator[tuple[bool, list[tuple[int, int]]]]:
+def _item_locations(iloc: bytes) -> Iterator[tuple[bool, list[tuple[int, int]]]]:
     """Of each item: whether it is in the ``idat`` box, and its (offset, length) in bytes."""
     at = 0
 
-    def take(size: int) -> int:
+    def read(size: int) -> int:
         nonlocal at
         if at + size > len(iloc):
             raise struct.error("iloc is cut short")
         at += size
         return int.from_bytes(iloc[at - size : at], "big")
 
-    version, _ = take(1), take(3)
-    sizes = take(2)
+    version, _ = read(1), read(3)
+    sizes = read(2)
     offset, length, base, index = (sizes >> shift & 15 for shift in (12, 8, 4, 0))
     wide = 2 if version < 2 else 4
-    for _ in range(take(wide)):
-        take(wide)
-        method = take(2) & 15 if version else 0
-        take(2)
-        start, extents = take(base), []
-        for _ in range(take(2)):
-            take(index if version else 0)
-            extents.append((start + take(offset), take(length)))
+    for _ in range(read(wide)):
+        read(wide)
+        method = read(2) & 15 if version else 0
+        read(2)
+        start, extents = read(base), []
+        for _ in range(read(2)):
+            read(index if version else 0)
+            extents.append((start + read(offset), read(length)))
         yield method == 1, extents
 
 
 def _coded_sizes(item: memoryview) -> list[tuple[int, int]]:
-    """(width, height) of each sequence header; none if the item is no AV1, as metadata are not."""
+    """(width, height) of each sequence header; empty if the item is not AV1 but, say, metadata."""
     sizes: list[tuple[int, int]] = []
     with suppress(struct.error, IndexError):  # the item's end, if not one within a header
         sizes.extend(_sequence_sizes(item))
@@ -108,14 +108,14 @@ def _coded_sizes(item: memoryview) -> list[tuple[int, int]]:
 
 def _sequence_sizes(item: memoryview) -> Iterator[tuple[int, int]]:
     at = 0
-    for _ in range(_MAX_UNITS):
+    for _ in range(_MAX_OBUS):
         head = item[at]
-        if head & 0x81 or not head & 2:  # it has no size of its own, or is no AV1
+        if head & 0x81 or not head & 2:  # without a size field, or not AV1
             return
         at += 2 if head & 4 else 1
         length, at = _leb128(item, at)
         if head >> 3 == _SEQUENCE_HEADER:
-            yield _sequence_size(item[at : at + min(length, _HEADER_BYTES)])
+            yield _sequence_size(item[at : at + min(length, _SEQUENCE_HEADER_BYTES)])
         at += length
 
 
@@ -130,13 +130,13 @@ def _leb128(data: memoryview, at: int) -> tuple[int, int]:
     return value, at
 
 
-class _Bits:
-    """Numbers of so many bits each, one after the other."""
+class _BitReader:
+    """Reads unsigned integers of a given number of bits."""
 
     def __init__(self, data: memoryview) -> None:
         self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
 
-    def take(self, count: int) -> int:
+    def read(self, count: int) -> int:
         self._left -= count
         if self._left < 0:
             raise struct.error("the sequence header is cut short")
@@ -144,34 +144,34 @@ class _Bits:
 
 
 def _sequence_size(header: memoryview) -> tuple[int, int]:
-    bits = _Bits(header)
-    bits.take(4)  # profile, still picture
-    if bits.take(1):
-        bits.take(5)  # level, in the reduced header of a still picture
+    bits = _BitReader(header)
+    bits.read(4)  # profile, still picture
+    if bits.read(1):
+        bits.read(5)  # level, in the reduced header of a still picture
     else:
         _skip_operating_points(bits)
-    width_bits, height_bits = bits.take(4) + 1, bits.take(4) + 1
-    return bits.take(width_bits) + 1, bits.take(height_bits) + 1
+    width_bits, height_bits = bits.read(4) + 1, bits.read(4) + 1
+    return bits.read(width_bits) + 1, bits.read(height_bits) + 1
 
 
-def _skip_operating_points(bits: _Bits) -> None:
+def _skip_operating_points(bits: _BitReader) -> None:
     delay_bits = 0
-    if bits.take(1):  # timing
-        bits.take(64)
-        if bits.take(1):
+    if bits.read(1):  # timing
+        bits.read(64)
+        if bits.read(1):
             zeros = 0
-            while not bits.take(1):
+            while not bits.read(1):
                 zeros += 1
-            bits.take(zeros)
-        if bits.take(1):  # decoder model
-            delay_bits = bits.take(5) + 1
-            bits.take(42)
-    has_delay = bits.take(1)
-    for _ in range(bits.take(5) + 1):
-        bits.take(12)
-        if bits.take(5) > 7:
-            bits.take(1)
-        if delay_bits and bits.take(1):
-            bits.take(2 * delay_bits + 1)
-        if has_delay and bits.take(1):
-            bits.take(4)
+            bits.read(zeros)
+        if bits.read(1):  # decoder model
+            delay_bits = bits.read(5) + 1
+            bits.read(42)
+    has_delay = bits.read(1)
+    for _ in range(bits.read(5) + 1):
+        bits.read(12)
+        if bits.read(5) > 7:
+            bits.read(1)
+        if delay_bits and bits.read(1):
+            bits.read(2 * delay_bits + 1)
+        if has_delay and bits.read(1):
+            bits.read(4)

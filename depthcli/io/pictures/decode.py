@@ -1,4 +1,4 @@
-"""From a file to pixels: every check that a file from outside has to pass, then the decoder."""
+"""Decoding a picture file to pixels, after checks of untrusted files."""
 
 import re
 from pathlib import Path
@@ -11,20 +11,20 @@ from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.listing.folder import is_video
-from depthcli.io.pictures.complaints import complaints
-from depthcli.io.pictures.ending import flaw
+from depthcli.io.pictures.decoder_messages import decoder_messages
+from depthcli.io.pictures.integrity import find_problem
 from depthcli.io.pictures.size import is_os2, picture_size
-from depthcli.io.png.chunks import still
+from depthcli.io.png.chunks import static_image
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath
 
 MAX_FILE_BYTES = 2**32
-"""More than so many pixels take as float colours."""
+"""More than a picture of ``MAX_PIXELS`` takes in float32 RGB."""
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 _OS2_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION  # else its colours become gray
-# Where libjpeg or libtiff says so, pixels are made up. Bytes too many before a JPEG's end (0xd9)
-# harm nothing.
-_LOST = re.compile(
+# After such messages of libjpeg or libtiff, pixels are made up. Extraneous bytes before a JPEG's
+# end (0xd9) are harmless.
+_DATA_LOSS = re.compile(
     rb"premature end|bad Huffman code|bad arithmetic code|instead of RST"
     rb"|extraneous bytes before marker 0x(?:c4|da|d[0-7])|TIFF_Error|PackBitsDecode: Discarding",
     re.IGNORECASE,
@@ -74,7 +74,7 @@ def decode(
     """
     check(data, name, max_pixels)
     try:
-        pixels = decoded(still(data), _OS2_FLAGS if is_os2(data) else _FLAGS)
+        pixels = decoded(static_image(data), _OS2_FLAGS if is_os2(data) else _FLAGS)
     except cv2.error as error:
         if is_out_of_memory(error):
             raise InputError(f"{name} does not fit into memory; make it smaller") from error
@@ -87,20 +87,20 @@ def decode(
 
 
 def decoded(data: bytes, flags: int) -> npt.NDArray[np.generic] | None:
-    """Pixels as OpenCV decodes them, (H, W) or (H, W, C), without a word on standard error.
+    """Pixels as OpenCV decodes them, (H, W) or (H, W, C), without output on standard error.
 
-    None if the file is no picture, or if pixels of it are missing that the decoder filled in.
+    None if the file is not a picture, or the decoder filled in missing pixels.
 
     Raises:
-        cv2.error: the decoder gave up.
+        cv2.error: the decoder failed.
     """
-    with complaints() as said:
+    with decoder_messages() as said:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    return None if pixels is None or pixels.size == 0 or _LOST.search(said) else pixels
+    return None if pixels is None or pixels.size == 0 or _DATA_LOSS.search(said) else pixels
 
 
 def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:
-    """All that can be told of a picture without decoding it.
+    """Check a picture without decoding it.
 
     Raises:
         InputError: empty, truncated, not a picture, or too large.
@@ -119,7 +119,7 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
     if width <= 0 or height <= 0:
         raise InputError(f"{name} claims {width}×{height} pixels; the picture is empty")
     check_size(name, width, height, max_pixels)
-    found = flaw(data)
+    found = find_problem(data)
     if found is not None:
         raise InputError(f"{name} {found}")
 

@@ -1,4 +1,4 @@
-"""The two EXIF facts that depth needs: how the camera was held and its focal length."""
+"""The two EXIF tags that depth estimation needs: orientation and focal length."""
 
 import struct
 from collections.abc import Collection, Iterator
@@ -13,21 +13,21 @@ from depthcli.io.png.chunks import SIGNATURE, read_chunks
 _ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 _ORIENTATIONS = range(1, 9)
 _APP1, _HEAD = 0xE1, b"Exif\0\0"
-_TURNED = (1, 8, 3, 6)  # EXIF orientations that quarter turns counter-clockwise make upright
+_ROTATED = (1, 8, 3, 6)  # EXIF orientations that quarter turns counter-clockwise make upright
 _MIRRORED = (2, 5, 4, 7)  # and those that mirroring left to right and then such turns do
 
 
 class Exif(NamedTuple):
-    """What was found."""
+    """Orientation and focal length."""
 
     orientation: int = 1  #: 1-8; 1 is upright
     focal_35mm: float | None = None  #: 35-mm-equivalent focal length in millimetres, or None
 
 
 def read_exif(data: bytes) -> Exif:
-    """EXIF of a JPEG, PNG, WebP or TIFF file; whatever is damaged counts as absent.
+    """EXIF of a JPEG, PNG, WebP or TIFF file; damaged tags count as absent.
 
-    AVIF has the same turns and mirrors in a form of its own.
+    The orientation of an AVIF file is that of its irot and imir properties.
     """
     if data[4:8] == b"ftyp":
         return Exif(_avif_orientation(data))
@@ -83,6 +83,6 @@ def _avif_orientation(data: bytes) -> int:
     turn, axis = find_box(properties, b"irot")[:1], find_box(properties, b"imir")[:1]
     quarters = turn[0] & 3 if turn else 0
     if not axis:
-        return _TURNED[quarters]
-    # Mirroring after a turn is turning the other way after mirroring; top to bottom is two more.
+        return _ROTATED[quarters]
+    # Mirroring after a rotation is the opposite rotation after mirroring; top to bottom adds 180°.
     return _MIRRORED[-quarters % 4 if axis[0] & 1 else (2 - quarters) % 4]

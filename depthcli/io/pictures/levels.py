@@ -1,4 +1,4 @@
-"""White in files whose numbers do not fill their type, as OpenCV leaves them: AVIF and Netpbm."""
+"""Scaling pixels of AVIF and Netpbm whose white is below the maximum of their type."""
 
 import re
 from typing import Any
@@ -14,7 +14,7 @@ _HIGH, _TWELVE = 0x40, 0x20
 
 
 def full_range(pixels: npt.NDArray[Any], data: bytes) -> npt.NDArray[Any]:
-    """Pixels of a file in which white is the top of their type.
+    """Pixels scaled so that white is the maximum of their type.
 
     Args:
         pixels: as they were decoded, of any type.
@@ -24,13 +24,13 @@ def full_range(pixels: npt.NDArray[Any], data: bytes) -> npt.NDArray[Any]:
         return pixels
     top, white = (1 << 8 * pixels.itemsize) - 1, _white(data)
     if white is None or white >= top or (pixels.itemsize == 1 and data.startswith(_PLAIN)):
-        return pixels  # the decoder has stretched plain text of 8 bits itself
+        return pixels  # the decoder scales 8-bit plain Netpbm itself
     levels = np.rint(np.minimum(np.arange(top + 1), white) * top / white).astype(pixels.dtype)
     return levels.take(pixels)
 
 
 def _white(data: bytes) -> int | None:
-    """The number that a file has for white; None if it is the top of its type."""
+    """The value of white in a file; None if it is the maximum of its type."""
     if data[4:8] == b"ftyp":
         found = _CONFIGURATION.search(data)
         flags = found[1][0] if found else 0

@@ -1,4 +1,4 @@
-"""One picture, from a file or from bytes, to a frame that stands upright."""
+"""Reading a picture from a file or from bytes to an upright frame."""
 
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ def read_image(
 
     Args:
         path: the file; with ``data``, only its name.
-        data: the file's content, where it is already at hand (standard input, say).
+        data: the file's content, if it was read already (from standard input, for instance).
         max_pixels: pictures that claim more are refused before they are decoded.
         name: what messages call data without a path.
 
@@ -52,7 +52,7 @@ def read_image(
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
     pixels = full_range(decode(data, name, max_pixels=max_pixels), data)
-    pixels = _framed(pixels, name)
+    pixels = _as_frame_dtype(pixels, name)
     exif = read_exif(data)
     if not data.startswith(TIFF_STARTS):  # TIFF comes upright from the decoder
         pixels = upright(pixels, exif.orientation)
@@ -61,8 +61,8 @@ def read_image(
     )
 
 
-def _framed(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
-    """Pixels of one of a frame's three types."""
+def _as_frame_dtype(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
+    """Pixels as one of the three types of a frame."""
     if pixels.dtype in (np.uint8, np.uint16):
         return pixels
     if pixels.dtype.kind != "f":

@@ -1,4 +1,4 @@
-"""Size of a picture from its first bytes, so that a bomb is refused before it is decoded."""
+"""Size of a picture from its header, to refuse decompression bombs before decoding."""
 
 import re
 import struct
@@ -11,11 +11,11 @@ from depthcli.io.png.chunks import SIGNATURE
 _JPEG_SIZES = frozenset(b"\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf")
 _NUMBER = rb"\s+(?:#[^\n]*\n\s*)*(\d{1,9})"
 NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?\s")
-"""Width, height and, but for bitmaps, the number that is white."""
+"""Width, height and, except for bitmaps, the maximum value."""
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
-    """(width, height) that a file of a known picture format claims; None if there is none."""
+    """(width, height) that a file of a known picture format states; None for other files."""
     try:
         return _size_of_kind(data)
     except (struct.error, IndexError):

@@ -1,4 +1,4 @@
-"""The first picture of a TIFF file (TIFF 6.0, and BigTIFF): its size, and whether it is whole."""
+"""The first picture of a TIFF file (TIFF 6.0, and BigTIFF): its size and its integrity."""
 
 import struct
 import zlib
@@ -7,20 +7,22 @@ from typing import NamedTuple
 
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
 _PHOTOMETRIC, _PLANES = 262, 284
-_WHITE_IS_ZERO, _APART, _EIGHT = (0,), (2,), 8
+_WHITE_IS_ZERO, _PLANAR, _EIGHT = (0,), (2,), 8
 _STRIPS, _TILES = (273, 279), (324, 325)
-"""Tags of where the pixels are, and of how many bytes that is."""
-_FORMS = {1: "B", 3: "H", 4: "I", 8: "h", 9: "i", 13: "I", 16: "Q"}
+"""Tags of the offsets and the byte counts of the pixels."""
+_FIELD_TYPES = {1: "B", 3: "H", 4: "I", 8: "h", 9: "i", 13: "I", 16: "Q"}
 _DEFLATE = frozenset({8, 32946})
-# Of any other, OpenCV makes a black picture.
-_CODINGS = frozenset({1, 2, 3, 4, 5, 6, 7, 32773, 34676, 34677, 34887, 34925, 50000, 50001})
-_CODINGS |= _DEFLATE
-_LOOKED_AT = (_BITS, _COMPRESSION, _PHOTOMETRIC, _PLANES, *_STRIPS, *_TILES)
+# With any other, OpenCV returns a black picture.
+_SUPPORTED_COMPRESSIONS = frozenset(
+    {1, 2, 3, 4, 5, 6, 7, 32773, 34676, 34677, 34887, 34925, 50000, 50001}
+)
+_SUPPORTED_COMPRESSIONS |= _DEFLATE
+_CHECKED_TAGS = (_BITS, _COMPRESSION, _PHOTOMETRIC, _PLANES, *_STRIPS, *_TILES)
 _PIECE_BYTES = 2**20
 
 
 class _TiffLayout(NamedTuple):
-    """Where TIFF and its 64-bit form keep things: forms of `struct`, offsets in bytes."""
+    """The layout of TIFF and BigTIFF: formats of `struct`, offsets in bytes."""
 
     order: str
     start: int
@@ -42,10 +44,10 @@ TIFF_STARTS = tuple(_LAYOUTS)
 def tiff_tags(
     data: bytes, wanted: Collection[int], at: int | None = None
 ) -> Iterator[tuple[int, tuple[int, ...]]]:
-    """Those of the wanted tags, with one value, that a file has; it has one of the ``TIFF_STARTS``.
+    """Wanted tags that a file has, with their values; it starts with one of ``TIFF_STARTS``.
 
     Raises:
-        struct.error: the file is too short for what it claims.
+        struct.error: the file is truncated.
     """
     layout = _LAYOUTS[data[:4]]
     order, number = layout.order, layout.order + layout.number
@@ -55,12 +57,12 @@ def tiff_tags(
     first = at + struct.calcsize(layout.total)
     for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
         tag, kind = _unpack(order + "HH", data, entry)
-        if tag in wanted and kind in _FORMS:
+        if tag in wanted and kind in _FIELD_TYPES:
             (many,) = _unpack(number, data, entry + 4)
-            form, place = f"{order}{many}{_FORMS[kind]}", entry + layout.value
+            form, position = f"{order}{many}{_FIELD_TYPES[kind]}", entry + layout.value
             if struct.calcsize(form) > struct.calcsize(number):
-                (place,) = _unpack(number, data, place)
-            yield tag, _unpack(form, data, place)
+                (position,) = _unpack(number, data, position)
+            yield tag, _unpack(form, data, position)
 
 
 def _unpack(form: str, data: bytes, at: int) -> tuple[int, ...]:
@@ -69,47 +71,47 @@ def _unpack(form: str, data: bytes, at: int) -> tuple[int, ...]:
 
 
 def tiff_size(data: bytes) -> tuple[int, int] | None:
-    """(width, height) that the file claims; None if it does not.
+    """(width, height) that the file states; None if it does not.
 
     Raises:
-        struct.error: the file is too short for what it claims.
+        struct.error: the file is truncated.
     """
     tags = dict(tiff_tags(data, (_WIDTH, _HEIGHT)))
     return (tags[_WIDTH][0], tags[_HEIGHT][0]) if all(map(tags.get, (_WIDTH, _HEIGHT))) else None
 
 
-def tiff_flaw(data: bytes) -> str | None:
-    """What is wrong with the coding or a strip of a TIFF; None if nothing is.
+def tiff_problem(data: bytes) -> str | None:
+    """A problem with the compression or a strip of a TIFF, in words; None if there is none.
 
-    OpenCV makes black pixels of what libtiff cannot read. Only Deflate has checksums, which libtiff
-    does not come to; of damage in other codings the decoder may complain.
+    OpenCV returns black pixels for what libtiff cannot read. Deflate alone has checksums, which
+    libtiff does not verify; damage in other compressions is reported by the decoder, if at all.
 
     Args:
         data: the whole file.
     """
     try:
-        tags = dict(tiff_tags(data, _LOOKED_AT))
+        tags = dict(tiff_tags(data, _CHECKED_TAGS))
     except struct.error:
         return "is truncated (the TIFF's directory is incomplete); copy it again"
     coding = (*tags.get(_COMPRESSION, ()), 1)[0]
-    if coding not in _CODINGS:
+    if coding not in _SUPPORTED_COMPRESSIONS:
         return f"has the unknown TIFF compression {coding}; save it without one"
-    return _unread(tags) or next(_strip_flaws(data, tags, coding), None)
+    return _unsupported(tags) or next(_strip_problems(data, tags, coding), None)
 
 
-def _unread(tags: Mapping[int, tuple[int, ...]]) -> str | None:
-    """What OpenCV passes over if there are more than 8 bits."""
+def _unsupported(tags: Mapping[int, tuple[int, ...]]) -> str | None:
+    """A feature that OpenCV ignores in files of more than 8 bits, in words; None without one."""
     bits = tags.get(_BITS, (1,))
     if max(bits, default=1) <= _EIGHT:
         return None
-    if tags.get(_PLANES) == _APART and len(bits) > 1:
+    if tags.get(_PLANES) == _PLANAR and len(bits) > 1:
         return "has a plane for each colour and more than 8 bits; save it with interleaved colours"
     if tags.get(_PHOTOMETRIC) == _WHITE_IS_ZERO:
         return "has 0 for white and more than 8 bits; save it with 0 for black"
     return None
 
 
-def _strip_flaws(data: bytes, tags: Mapping[int, tuple[int, ...]], coding: int) -> Iterator[str]:
+def _strip_problems(data: bytes, tags: Mapping[int, tuple[int, ...]], coding: int) -> Iterator[str]:
     for offsets, sizes in (_STRIPS, _TILES):
         for at, size in zip(tags.get(offsets, ()), tags.get(sizes, ()), strict=False):
             if at + size > len(data):
@@ -119,7 +121,7 @@ def _strip_flaws(data: bytes, tags: Mapping[int, tuple[int, ...]], coding: int) 
 
 
 def _inflates(part: bytes) -> bool:
-    """Whether a Deflate stream comes to its end, and the checksum there is right."""
+    """Whether a Deflate stream is complete and its checksum is right."""
     stream = zlib.decompressobj()
     try:
         while part and not stream.eof:

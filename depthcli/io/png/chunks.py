@@ -1,4 +1,4 @@
-"""What a PNG file is made of (PNG specification, third edition, chapter 5 and 11.3.3)."""
+"""The chunks of a PNG file (PNG specification, third edition, chapter 5 and 11.3.3)."""
 
 import struct
 import zlib
@@ -12,16 +12,16 @@ _ANIMATION = (b"acTL", b"fcTL", b"fdAT")
 
 
 def chunk(kind: bytes, body: bytes | bytearray | memoryview) -> tuple[bytes | memoryview, ...]:
-    """The parts of one chunk of four letters, for the caller to join with all others in one copy.
+    """The parts of a chunk, which the caller joins with all others in one copy.
 
-    The body has at most ``MAX_LENGTH`` bytes.
+    The kind has four letters, the body at most ``MAX_LENGTH`` bytes.
     """
     check = zlib.crc32(body, zlib.crc32(kind))
     return struct.pack(">I4s", len(body), kind), memoryview(body), struct.pack(">I", check)
 
 
 def read_chunks(png: bytes) -> Iterator[tuple[bytes, memoryview, int]]:
-    """Kind, body and checksum of each chunk, up to the first that is not whole."""
+    """Kind, body and checksum of each chunk, up to the first incomplete one."""
     view, at = memoryview(png), len(SIGNATURE)
     with suppress(struct.error):
         while True:
@@ -31,10 +31,10 @@ def read_chunks(png: bytes) -> Iterator[tuple[bytes, memoryview, int]]:
             at += 12 + length
 
 
-def still(png: bytes) -> bytes:
-    """An animated PNG as its still picture, which OpenCV does not read where a frame has its place.
+def static_image(png: bytes) -> bytes:
+    """The static image of an animated PNG, which OpenCV does not always decode.
 
-    All other bytes are returned as they are.
+    All other files are returned unchanged.
     """
     if not png.startswith(SIGNATURE) or b"acTL" not in png:
         return png

@@ -1,4 +1,4 @@
-"""Pixels to a PNG file, faster and smaller than OpenCV writes it; see docs/performance.md."""
+"""Encoding PNG files, faster and smaller than OpenCV does; see docs/performance.md."""
 
 import struct
 import zlib
@@ -26,11 +26,11 @@ def encode_png(
 ) -> bytes:
     """A PNG file of gray (H, W) or RGB (H, W, 3); the same pixels and texts give the same bytes.
 
-    Texts, keyword -> text, are as :func:`text_chunk` takes them. Filtering and compressing leave
-    the interpreter's lock to other threads.
+    Texts, keyword -> text, are as for :func:`text_chunk`. Filtering and compression release the
+    GIL.
 
     Raises:
-        OutputError: there is no pixel, or there are more than PNG can hold.
+        OutputError: there are no pixels, or more than PNG allows.
     """
     height, width = pixels.shape[:2]
     if not (0 < height <= MAX_LENGTH and 0 < width <= MAX_LENGTH):
@@ -48,7 +48,7 @@ def encode_png(
 
 
 def _filtered(pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> npt.NDArray[np.uint8]:
-    """Each row's bytes less those of the row above, after the filter's number."""
+    """Rows filtered with type Up: the filter's number, then the differences to the row above."""
     big_endian = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder(">"))
     rows = big_endian.reshape(len(pixels), -1).view(np.uint8)
     filtered = np.empty((rows.shape[0], rows.shape[1] + 1), np.uint8)
@@ -59,9 +59,9 @@ def _filtered(pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> npt.NDA
 
 
 def _compressor() -> Compressor:
-    """The one of libdeflate if there is a build for this machine, else Python's own zlib.
+    """The compressor of libdeflate if there is a build for this machine, else Python's zlib.
 
-    Both give valid files of the same pixels; libdeflate takes half the time.
+    Both give valid files with the same pixels; libdeflate takes half the time.
     """
     try:
         from deflate import zlib_compress  # noqa: PLC0415 - may be missing

@@ -1,4 +1,4 @@
-"""Outputs that appear whole or not at all."""
+"""Atomic writes: outputs appear complete or not at all."""
 
 import os
 import stat
@@ -19,21 +19,21 @@ def atomic_path(
     """A temporary path in the same folder that takes ``path``'s place when the block succeeds.
 
     Args:
-        path: the output; missing folders are made.
+        path: the output; missing folders are created.
         inputs: files that must not be replaced.
-        advice: what to do where the path cannot be written.
+        advice: what to do if the path cannot be written, for the message.
 
     Yields:
         Where to write; it has ``path``'s suffix.
 
     Raises:
-        OutputError: the folder cannot be made, the file cannot be written, or an input, a device or
-            a pipe is in its place. Nothing is left behind.
+        OutputError: the folder cannot be created, the file cannot be written, or the path is an
+            input, a device or a pipe. Nothing is left behind.
     """
     if any(is_same_file(path, source) for source in inputs):
         raise OutputError(f"{path} is an input and is not overwritten; choose another -o")
     if isinstance(path, RemotePath):
-        with _sent(path) as temporary:
+        with _uploaded(path) as temporary:
             yield temporary
         return
     _check_name(path, advice)
@@ -50,7 +50,7 @@ def atomic_path(
 
 
 @contextmanager
-def _sent(path: RemotePath) -> Iterator[Path]:
+def _uploaded(path: RemotePath) -> Iterator[Path]:
     from depthcli.io.storage.transfer import uploaded  # noqa: PLC0415 - for those who need it
 
     try:
@@ -71,7 +71,7 @@ def write_text(text: str, path: Path) -> None:
 
 
 def append_whole(file: FileIO, data: bytes) -> int:
-    """Add data to the end of a file, all of it or nothing; where it begins.
+    """Append data to a file, all or nothing; return where it begins.
 
     Raises:
         OSError: it cannot be written.
@@ -89,7 +89,7 @@ def append_whole(file: FileIO, data: bytes) -> int:
 
 
 def is_same_file(path: Path, source: Path) -> bool:
-    """Whether an output would be a file that is there, also by way of folders yet to be made."""
+    """Whether an output path is an existing file, even through folders that do not exist yet."""
     if isinstance(source, RemotePath) or isinstance(path, RemotePath):
         return path == source
     try:
@@ -108,7 +108,7 @@ def _check_name(path: Path, advice: str) -> None:
 
 
 def is_special(path: Path) -> bool:
-    """Whether something is there, or at the end of a link, that is neither a file nor a folder."""
+    """Whether a path exists, or is a link to something, that is neither a file nor a folder."""
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError):

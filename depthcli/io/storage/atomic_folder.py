@@ -1,4 +1,4 @@
-"""Folders that are made, replaced and removed by steps each of which leaves a whole one."""
+"""Creating, replacing and removing folders in steps that never leave an incomplete one."""
 
 import os
 import shutil
@@ -14,14 +14,14 @@ _WORK, _NEW, _OLD = ".depthcli-work", ".depthcli-new-", ".depthcli-old-"
 
 @contextmanager
 def workspace(root: Path) -> Iterator[Path]:
-    """An empty hidden folder in ``root``, of one process at a time, that is gone afterwards.
+    """An empty hidden folder in ``root``, locked by one process and removed after the block.
 
-    What is made there is put in its place by a rename, and what is renamed to there is removed. A
-    killed process leaves it to the next one.
+    New folders are prepared there and then renamed; folders that are moved there are removed. After
+    a killed process, the next one clears it.
 
     Raises:
         OutputError: the folder, or what the block writes, cannot be written.
-        UsageError: another process is at work there.
+        UsageError: another process has locked it.
     """
     work = root / _WORK
     try:
@@ -40,13 +40,13 @@ def workspace(root: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def folder_in_place(target: Path) -> Iterator[Path]:
+def atomic_folder(target: Path) -> Iterator[Path]:
     """A temporary folder that takes the target's place when the block succeeds.
 
-    One process at a time, which calls :func:`put_back` before it looks for the target.
+    For one process at a time, which calls :func:`restore_folder` before it looks for the target.
 
     Raises:
-        OutputError: the folder cannot be made or replaced; what was there stays.
+        OutputError: the folder cannot be created or replaced; the old one stays.
     """
     temporary = target.with_name(f"{_NEW}{target.name}")
     try:
@@ -59,16 +59,16 @@ def folder_in_place(target: Path) -> Iterator[Path]:
     except OSError as error:
         raise OutputError(f"cannot write {target}: {error.strerror or error}") from error
     finally:
-        put_back(target)
+        restore_folder(target)
         _remove_folder(temporary)
 
 
-def put_back(target: Path) -> None:
-    """Put a folder back that was moved away for one that did not come, or remove it."""
+def restore_folder(target: Path) -> None:
+    """Finish an interrupted replacement: move the old folder back, or remove it if not needed."""
     if target.exists():
         _remove_folder(_old(target))
         return
-    with suppress(OSError):  # there is none, or it stays for the next one to put back
+    with suppress(OSError):  # there is no old folder, or the next process restores it
         _old(target).rename(target)
 
 
@@ -80,14 +80,15 @@ def _old(target: Path) -> Path:
     return target.with_name(f"{_OLD}{target.name}")
 
 
-def put_folder(made: Path, target: Path, last: str) -> None:
-    """Let a folder take the place of another, if there is one.
+def replace_folder(made: Path, target: Path, last: str) -> None:
+    """Move a folder to a path, replacing the files of a folder that is there.
 
     Args:
-        made: the folder.
-        target: where it goes.
-        last: the file that says which of the others count. Those of the old folder stay until it
-            is replaced; so no other file of both may have one name, unless it is the same.
+        made: the new folder.
+        target: its final path.
+        last: name of the file that refers to the others and is replaced after them, so that the
+            old folder is valid until then; other files of both folders may have the same name only
+            if they have the same content.
     """
     if not target.is_dir():
         made.rename(target)

@@ -1,4 +1,4 @@
-"""Files and folders that one process has at a time; locks end with the process, however it ends."""
+"""Locks on files and folders, which are released when the process ends, even if it is killed."""
 
 import errno
 import os
@@ -14,10 +14,11 @@ for _name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):
 
 
 def lock(handle: int, *, shared: bool = False) -> bool:
-    """Lock what is open, alone or with others that share it.
+    """Lock an open file, exclusively or shared.
 
     Returns:
-        Whether it was free; True as well where there are no locks: on some network file systems.
+        Whether it was free; True as well where locks are not supported, such as on some network
+        file systems.
     """
     try:
         import fcntl  # noqa: PLC0415 - not on Windows
@@ -34,7 +35,7 @@ def lock(handle: int, *, shared: bool = False) -> bool:
 
 @contextmanager
 def folder_lock(folder: Path, *, shared: bool = False) -> Iterator[bool]:
-    """Lock a folder meanwhile, alone or with others that share it; whether it was free."""
+    """Lock a folder for the block, exclusively or shared; yields whether it was free."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except PermissionError:  # Windows opens no folders
@@ -47,7 +48,7 @@ def folder_lock(folder: Path, *, shared: bool = False) -> Iterator[bool]:
 
 
 def open_locked(path: Path) -> int | None:
-    """Open or make a file to read and to append to, and lock it; None if another process has it.
+    """Open or create a file to read and append to, and lock it; None if it is locked already.
 
     Raises:
         OSError: it cannot be opened, or is a link, a pipe, a device or a folder.
@@ -59,7 +60,7 @@ def open_locked(path: Path) -> int | None:
             return handle
         os.close(handle)
         if not is_ours:
-            return None  # else who had it has replaced or removed it: once more
+            return None  # else the process that had it replaced or removed it: try again
 
 
 def _opened(path: Path) -> int:

@@ -1,7 +1,7 @@
 """Requests to object stores and HTTP servers: the only place that knows how they are made.
 
-Requests that fail for a reason that passes (throttling, a server's error, a lost connection) are
-made again with exponential backoff and jitter; a body that breaks off is read on from there.
+Requests that fail for a transient reason (throttling, a server error, a lost connection) are
+retried with exponential backoff and jitter; an interrupted download is resumed.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 RETRIES_VARIABLE = "DEPTHCLI_RETRIES"
 _HTTP_URI = r"(?i)(https?://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?"
 _PART_BYTES = 8 << 20
-_PAGE = 1000
-_MOST_PARTS = 9_000  # S3 takes 10 000
+_PAGE_NAMES = 1000
+_MAX_PARTS = 9_000  # S3 takes 10 000
 _REASONS = {
     "NoSuchBucket": (errno.ENOENT, "no such bucket"),
     "incorrectly configured region": (
@@ -65,7 +65,7 @@ _REASONS = {
 
 
 class Address(NamedTuple):
-    """Where an object or a folder is."""
+    """The address of an object or a folder."""
 
     base: str  #: scheme and bucket, or server: ``s3://bucket``
     key: str  #: name in it, without a slash at its beginning
@@ -74,98 +74,99 @@ class Address(NamedTuple):
 
 
 class ObjectInfo(NamedTuple):
-    """What a store knows of an object."""
+    """Size, time and metadata of an object."""
 
     size: int  #: in bytes
-    time_s: int  #: when it was written, in seconds
-    notes: Mapping[str, str]  #: what was noted when it was
+    time_s: int  #: when it was written, in seconds since the epoch
+    metadata: Mapping[str, str]  #: user metadata that was stored with it
 
 
-def object_info(place: Address) -> ObjectInfo:
-    """What there is to know of an object without its content."""
-    found = _ask("get", place, options={"head": True})
+def object_info(address: Address) -> ObjectInfo:
+    """Size, time and metadata of an object, by a HEAD request."""
+    found = _send_request("get", address, options={"head": True})
     time_s = int(found.meta["last_modified"].timestamp())
     return ObjectInfo(found.meta["size"], time_s, dict(found.attributes))
 
 
-def read(place: Address, max_bytes: int | None = None) -> bytes:
+def read(address: Address, max_bytes: int | None = None) -> bytes:
     """An object's content, by one request."""
-    found = _ask("get", place)
+    found = _send_request("get", address)
     if max_bytes is not None and found.meta["size"] > max_bytes:
-        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", place.name)
-    with _as_os_errors(place):
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", address.name)
+    with _as_os_errors(address):
         return bytes(found.bytes())
 
 
-def read_first(place: Address, length: int) -> bytes:
-    """The first so many bytes of an object, and no more of it."""
+def read_first(address: Address, length: int) -> bytes:
+    """The first ``length`` bytes of an object, without downloading the rest."""
     try:
-        return bytes(_ask("get_range", place, start=0, length=length))
+        return bytes(_send_request("get_range", address, start=0, length=length))
     except OSError as error:
-        if error.errno == errno.ERANGE:  # of nothing, there is no first byte
+        if error.errno == errno.ERANGE:  # an empty object has no first byte
             return b""
-        if error.errno == errno.ENOTSUP:  # some servers only give all
-            return read(place)[:length]
+        if error.errno == errno.ENOTSUP:  # some servers only send whole files
+            return read(address)[:length]
         raise
 
 
-def parts(place: Address) -> Iterator[bytes]:
+def parts(address: Address) -> Iterator[bytes]:
     """An object's content, a few megabytes at a time; the first item is its size in decimals."""
-    found = _ask("get", place)
+    found = _send_request("get", address)
     yield str(found.meta["size"]).encode()
-    with _as_os_errors(place):
+    with _as_os_errors(address):
         for part in found.stream(min_chunk_size=_PART_BYTES):
             yield bytes(part)
 
 
-def put(place: Address, file: Path, notes: Mapping[str, str] | None = None) -> None:
-    """Send a file; large ones in parts. The object appears, or is replaced, when all is there."""
-    part_bytes = max(_PART_BYTES, file.stat().st_size // _MOST_PARTS)
-    _ask("put", place, file, chunk_size=part_bytes, attributes=dict(notes or {}))
+def put(address: Address, file: Path, metadata: Mapping[str, str] | None = None) -> None:
+    """Upload a file, in parts if it is large. The object appears, or is replaced, at the end."""
+    part_bytes = max(_PART_BYTES, file.stat().st_size // _MAX_PARTS)
+    _send_request("put", address, file, chunk_size=part_bytes, attributes=dict(metadata or {}))
 
 
-def delete(place: Address) -> None:
-    """Delete an object; that it is gone already is no error."""
-    _ask("delete", place)
+def delete(address: Address) -> None:
+    """Delete an object; a missing one is not an error."""
+    _send_request("delete", address)
 
 
-def list_names(place: Address, after: str = "") -> Iterator[str]:
-    """Names below a folder, as they come, behind one of them."""
-    start = f"{place.key}/" if place.key else ""
+def list_names(address: Address, after: str = "") -> Iterator[str]:
+    """Names below a folder, in the order of the store, that come after a name."""
+    start = f"{address.key}/" if address.key else ""
     pages: Iterator[Any] | None = None
 
     def page() -> Any:  # noqa: ANN401 - a list of the library's
         nonlocal pages
-        if pages is None:  # at the beginning, and where the last one broke off
+        if pages is None:  # at the beginning, and after a failed request
             offset = start + after if after else None
-            pages = _library(place).list(
-                _address(place)[0], start or None, offset=offset, chunk_size=_PAGE
+            pages = _library(address).list(
+                _store_and_key(address)[0], start or None, offset=offset, chunk_size=_PAGE_NAMES
             )
         waiting, pages = pages, None
         found = next(waiting, ())
         pages = waiting
         return found
 
-    while found := _tried(place, page):
+    while found := _with_retries(address, page):
         for one in found:
             after = one["path"][len(start) :]
             yield after
 
 
 def masked(text: str) -> str:
-    """A text without the passwords and signatures that addresses in it carry."""
+    """A text without the passwords and signatures of URLs in it."""
     return re.sub(_HTTP_URI, lambda found: found[1] + found[2], text)
 
 
-def _ask(verb: str, place: Address, *words: Any, **options: Any) -> Any:  # noqa: ANN401
+def _send_request(verb: str, address: Address, *words: Any, **options: Any) -> Any:  # noqa: ANN401
     """Make a request."""
-    return _tried(
-        place, lambda: getattr(_library(place), verb)(*_address(place), *words, **options)
+    return _with_retries(
+        address,
+        lambda: getattr(_library(address), verb)(*_store_and_key(address), *words, **options),
     )
 
 
-def _tried(place: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
-    """Make a request, again where its answer breaks off: the library reads on in objects only.
+def _with_retries(address: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
+    """Make a request, and retry if its body is interrupted: obstore resumes only object downloads.
 
     Raises:
         OSError: it failed.
@@ -173,10 +174,10 @@ def _tried(place: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
     from random import uniform  # noqa: PLC0415 - little used, and slow to load
 
     for tries in count():
-        with _as_os_errors(place):
+        with _as_os_errors(address):
             try:
                 return request()
-            except _library(place).exceptions.BaseError as error:
+            except _library(address).exceptions.BaseError as error:
                 if "body error" not in str(error) or tries >= _retries():
                     raise
         time.sleep(uniform(0.5, 1) * min(15, 0.1 * 2**tries))  # noqa: S311 - jitter
@@ -184,31 +185,31 @@ def _tried(place: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
 
 
 def _retries() -> int:
-    """How often a request is made again."""
+    """How often a request is retried."""
     word = os.environ.get(RETRIES_VARIABLE, "10")
     if not word.isdecimal():
         raise UsageError(f"{RETRIES_VARIABLE} is {word!r}; set it to a number such as 10")
     return int(word)
 
 
-def _library(place: Address) -> Any:  # noqa: ANN401 - a module
+def _library(address: Address) -> Any:  # noqa: ANN401 - a module
     try:
         import obstore.exceptions  # noqa: PLC0415 - in an extra
     except ModuleNotFoundError:
         reason = f"this needs obstore; install it with: {INSTALL_CLOUD}"
-        raise OSError(errno.ENOPKG, reason, place.name) from None
+        raise OSError(errno.ENOPKG, reason, address.name) from None
     return obstore
 
 
-def _address(place: Address) -> tuple[ObjectStore, str]:
-    if place.query:  # a signed address is one object
-        return _store(f"{place.base}/{place.key}?{place.query}"), ""
-    return _store(place.base), place.key
+def _store_and_key(address: Address) -> tuple[ObjectStore, str]:
+    if address.query:  # a signed address is one object
+        return _store(f"{address.base}/{address.key}?{address.query}"), ""
+    return _store(address.base), address.key
 
 
 @cache
 def _store(uri: str) -> ObjectStore:
-    """A bucket, or an HTTP server; connections are kept."""
+    """The client of a bucket or an HTTP server, cached to reuse connections."""
     from obstore.store import HTTPStore, from_url  # noqa: PLC0415
 
     client: ClientConfig = {
@@ -236,7 +237,7 @@ def _store(uri: str) -> ObjectStore:
 
 
 def _aws_credentials() -> Any:  # noqa: ANN401 - boto3 has no types
-    """Profiles, single sign-on and roles as AWS's own tools find them; None for the variables."""
+    """Credentials of profiles, single sign-on and roles; None if obstore reads the environment."""
     if {"AWS_ACCESS_KEY_ID", "AWS_SKIP_SIGNATURE"} & os.environ.keys():
         return None
     try:
@@ -254,19 +255,19 @@ def _aws_credentials() -> Any:  # noqa: ANN401 - boto3 has no types
 
 
 @contextmanager
-def _as_os_errors(place: Address) -> Iterator[None]:
-    """The library's errors as those of files, one line each."""
-    library = _library(place)
+def _as_os_errors(address: Address) -> Iterator[None]:
+    """Raise the library's errors as ``OSError``, of one line each."""
+    library = _library(address)
     try:
         yield
     except (library.exceptions.BaseError, ValueError, OSError) as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         text = str(error)
-        # A traceback would show the signature that the library's text has.
-        origin = None if place.query or "@" in place.base else error
+        # A traceback would show the signature in the library's message.
+        origin = None if address.query or "@" in address.base else error
         for sign, (number, reason) in _REASONS.items():
             if sign in text:
-                raise OSError(number, reason, place.name) from origin
+                raise OSError(number, reason, address.name) from origin
         first = masked(text.partition("\n")[0])
-        raise OSError(errno.EIO, first, place.name) from origin
+        raise OSError(errno.EIO, first, address.name) from origin

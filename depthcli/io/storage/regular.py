@@ -1,4 +1,4 @@
-"""Reading files whole: only such as have an end, and not more than their reader can use."""
+"""Reading regular files, up to a limit of size."""
 
 import errno
 import stat
@@ -8,10 +8,10 @@ from depthcli.io.storage.remote import RemotePath
 
 
 def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
-    """Content of a regular file, or its first so many bytes.
+    """Content of a regular file, or its ``first`` bytes.
 
     Raises:
-        OSError: it cannot be read, is no regular file, is larger than ``max_bytes``, or grows.
+        OSError: it cannot be read, is not a regular file, is larger than ``max_bytes``, or grows.
     """
     if isinstance(path, RemotePath):
         return path.read_some(max_bytes, first=first)
@@ -20,7 +20,7 @@ def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
         raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
     if not size:
         return b""
-    # Python sets aside as many bytes as it is asked for, so it is not asked for ``max_bytes``.
+    # Python allocates as many bytes as are requested, so ``max_bytes`` are not.
     with path.open("rb") as file:
         content = file.read(size + 1 if first < 0 else min(first, size))
     if len(content) > size:
@@ -29,13 +29,13 @@ def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
 
 
 def regular_size(path: Path) -> int:
-    """Bytes of a regular file.
+    """Size of a regular file in bytes.
 
-    Pipes and devices may never end, and so may what the system only calls a file, such as
-    ``/proc/kmsg``; those state no size.
+    Pipes and devices may never end, nor may some special files such as ``/proc/kmsg``, whose size
+    is 0.
 
     Raises:
-        OSError: it is not there, or is no regular file.
+        OSError: it is missing, or is not a regular file.
     """
     try:
         status = path.stat()

@@ -1,4 +1,4 @@
-"""Objects in a store, and files behind HTTP, as paths."""
+"""Paths of objects in a store and of files behind HTTP."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _HTTP = ("http", "https")
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 
 
-def plain_name(name: str) -> str:
-    """A ``file://`` URI as the path that it names; any other name as it is.
+def without_file_scheme(name: str) -> str:
+    """A ``file://`` URI as a path; any other name unchanged.
 
     Raises:
         UsageError: the URI names a host.
@@ -31,7 +31,7 @@ def plain_name(name: str) -> str:
 
 
 def path_of(name: str | os.PathLike[str]) -> Path:
-    """The path that a name stands for, on this machine or elsewhere.
+    """The local or remote path of a name.
 
     Args:
         name: a plain path, or a URI: ``s3://``, ``gs://``, ``az://``, ``http://``, ``https://`` or
@@ -67,12 +67,12 @@ def path_of(name: str | os.PathLike[str]) -> Path:
 
 
 def is_remote(name: str | os.PathLike[str]) -> bool:
-    """Whether a name is a URI that leads off this machine."""
+    """Whether a name is the URI of a remote file."""
     return isinstance(path_of(name), RemotePath)
 
 
 def join(folder: str, name: str) -> str:
-    """A name below a folder, which may be remote; an absolute or remote name as it is."""
+    """A name joined to a folder, which may be remote; an absolute or remote name unchanged."""
     if _SCHEME.match(name):
         return name
     if _SCHEME.match(folder):
@@ -81,28 +81,28 @@ def join(folder: str, name: str) -> str:
 
 
 def safe_name(name: str) -> str:
-    """A name as messages and reports give it: a URI without its password and its signature."""
+    """A name for messages and reports: a URI without its password and its signature."""
     return str(path_of(name)) if _SCHEME.match(name) else name
 
 
 def check_writable(path: Path) -> None:
-    """Refuse outputs that no server takes, before any work is done for them.
+    """Check that an output path can be written to, before any work is done.
 
     Raises:
-        UsageError: the path is behind HTTP.
+        UsageError: it is behind HTTP.
     """
     if isinstance(path, RemotePath) and path.is_http:
         raise UsageError(f"{path} is behind HTTP, where nothing is written; give another -o")
 
 
 class RemotePath(Path, PurePosixPath):
-    """An object, or the prefix that stands for a folder, with what is used of a path.
+    """An object, or a prefix as a folder, with the methods of a path that are used here.
 
-    ``str`` gives the URI without its password and its query, for messages; nothing on this machine
-    has such a name.
+    ``str`` gives the URI without its password and its query, for messages; no local file has such
+    a name.
 
     Attributes:
-        query: of an HTTP address, a signature say; paths that are made of this one have none.
+        query: of an HTTP address, such as a signature; paths derived from this one have none.
     """
 
     query = ""
@@ -119,12 +119,12 @@ class RemotePath(Path, PurePosixPath):
 
     @property
     def address(self) -> objects.Address:
-        """What requests are made of."""
+        """The address for requests."""
         return objects.Address(self.base, self.key, self.query, str(self))
 
     @property
     def is_http(self) -> bool:
-        """Whether a server of files is meant, which takes and lists none."""
+        """Whether it is behind HTTP, where files cannot be written or listed."""
         return self.parts[0].startswith("http")
 
     def __str__(self) -> str:
@@ -145,7 +145,7 @@ class RemotePath(Path, PurePosixPath):
         """Size and time of the object; a prefix with objects below it is a folder.
 
         Raises:
-            OSError: there is neither, or the store cannot be asked.
+            OSError: there is neither, or the request failed.
         """
         try:
             known = objects.object_info(self.address)
@@ -167,14 +167,14 @@ class RemotePath(Path, PurePosixPath):
     def is_file(self, **_: Any) -> bool:  # noqa: ANN401
         """Whether there is such an object."""
         try:
-            # What a signed address is good for is reading; S3 has no right to list as the same
-            # answer as an object that is missing.
+            # A signed address allows reading only; without the right to list, S3 answers 403 for
+            # missing objects.
             return bool(self.query or objects.object_info(self.address))
         except (FileNotFoundError, PermissionError):
             return False
 
     def is_dir(self, **_: Any) -> bool:  # noqa: ANN401
-        """Whether there are objects below it; a server of files does not say."""
+        """Whether there are objects below it; False behind HTTP."""
         try:
             return not self.is_http and next(self.walk_names(), None) is not None
         except FileNotFoundError:  # the bucket itself
@@ -212,7 +212,7 @@ class RemotePath(Path, PurePosixPath):
         return self.read_some()
 
     def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
-        """The object, if it is not larger than that, or its first so many bytes.
+        """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes.
 
         Raises:
             OSError: it cannot be read, or is too large.
@@ -222,20 +222,20 @@ class RemotePath(Path, PurePosixPath):
         return objects.read_first(self.address, first)
 
     def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
-        """The content, to be read.
+        """Open the content for reading.
 
         Raises:
-            OSError: it cannot be read, or is to be written.
+            OSError: it cannot be read, or the mode is not ``rb``.
         """
         if mode != "rb":
             raise io.UnsupportedOperation(f"{self} is written as a whole, not opened as {mode!r}")
         return io.BytesIO(self.read_bytes())
 
     def names_after(self, start: str) -> Iterator[str]:
-        """Names of the objects right in this folder that begin so and are longer.
+        """Names of the objects directly in this folder that begin with ``start`` and are longer.
 
         Raises:
-            OSError: the store cannot be asked.
+            OSError: the request failed.
         """
         for name in () if self.is_http else self.walk_names(start):
             if not name.startswith(start):
@@ -249,9 +249,9 @@ class RemotePath(Path, PurePosixPath):
         They come page by page: memory does not grow with their number.
 
         Args:
-            after: begin behind this name.
+            after: begin after this name.
 
         Raises:
-            OSError: the store cannot be asked.
+            OSError: the request failed.
         """
         return objects.list_names(self.address, after)

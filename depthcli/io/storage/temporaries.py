@@ -1,7 +1,6 @@
-"""Temporary files: those of this process, and those that a killed one left.
+"""Temporary files of this process, and stale ones that killed processes left.
 
-A process has its own locked, so that a run can tell what killed ones left beside its outputs from
-what a live one writes.
+A process locks its own, so that another one can tell stale files from those that are being written.
 """
 
 import hashlib
@@ -18,40 +17,40 @@ from pathlib import Path
 from depthcli.io.storage.lock import open_locked
 
 _NAME = r"(?s)\.depthcli-[0-9a-f]{16}(?:\..*)?"
-_FORGOTTEN_S = 86_400.0
-"""Where there are no locks, only the age of a file tells that nobody writes it."""
-_MOST_ENTRIES = 10_000
-"""Looking through a folder of any size would cost more than the files that may lie there."""
-_SETTLING_S = 0.02
-"""Threads that have a name and are about to open the file have done so by then."""
-_PATIENCE_S = 1.0
-"""For a thread that keeps the lock: it waits for a disk that does not answer, or ends the process
-already, and waits for whoever reads its output."""
+_STALE_AGE_S = 86_400.0
+"""Where locks are not supported, files of this age are taken for stale."""
+_MAX_ENTRIES = 10_000
+"""Limit of the entries of a folder that are searched for stale files, which takes time."""
+_SETTLE_S = 0.02
+"""By then, threads that were about to open a temporary file have done so."""
+_LOCK_TIMEOUT_S = 1.0
+"""For a thread that keeps the lock because it waits for a disk, or for the reader of its output
+while it ends the process."""
 
-_lock = threading.RLock()  # for a signal handler, which may come while its own thread has it
+_lock = threading.RLock()  # a signal handler may need it while its own thread holds it
 _own: set[Path] = set()
 _searched: set[Path] = set()
 
 
 @contextmanager
 def temporary_beside(path: Path) -> Iterator[Path]:
-    """A name in the same folder, and nothing under it when the block fails, or the process ends.
+    """A temporary path in the same folder; its file is removed if the block or the process fails.
 
-    It follows from the path's, so that what a killed process left is written over by the next; and
-    it is locked, so that of two processes at the same output one takes a name of its own. What else
-    killed processes left in the folder goes first.
+    The name depends on the path's, so that the next process overwrites the file of a killed one;
+    the file is locked, so that a second process with the same output takes a random name. Other
+    stale files in the folder are removed first.
     """
     with _lock:
         is_new = path.parent not in _searched
         _searched.add(path.parent)
     if is_new:
-        remove_stale(path.parent, most=_MOST_ENTRIES)
+        remove_stale(path.parent, most=_MAX_ENTRIES)
     usual, other = hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16], os.urandom(8).hex()
     temporary = path.with_name(f".depthcli-{usual}{path.suffix}")
-    handle = _claimed(temporary)
+    handle = _locked(temporary)
     if handle is None:
         temporary = path.with_name(f".depthcli-{other}{path.suffix}")
-        handle = _claimed(temporary)
+        handle = _locked(temporary)
     with _lock:
         _own.add(temporary)
     try:
@@ -66,16 +65,16 @@ def temporary_beside(path: Path) -> Iterator[Path]:
             _own.discard(temporary)
 
 
-def _claimed(temporary: Path) -> int | None:
-    """The lock of a temporary file, which is ours then; None if it cannot be had."""
+def _locked(temporary: Path) -> int | None:
+    """A handle of a temporary file, locked by this process; None if it cannot be locked."""
     if sys.platform == "win32":  # which does not rename what is open
         return None
     handle = None
     with _lock:
         is_new = not os.path.lexists(temporary)
         if is_new:
-            _own.add(temporary)  # a signal may come as soon as it is there, and in this thread
-        with suppress(OSError):  # another user's, or the folder cannot be written to
+            _own.add(temporary)  # a signal may arrive as soon as it exists, even in this thread
+        with suppress(OSError):  # another user's, or the folder is not writable
             handle = open_locked(temporary)
         if handle is not None:
             _own.add(temporary)
@@ -85,24 +84,24 @@ def _claimed(temporary: Path) -> int | None:
 
 
 def remove_own() -> None:
-    """Remove this process's temporary files; no thread begins or ends one any more.
+    """Remove this process's temporary files, and keep other threads from creating more.
 
     The process must end now: those threads wait for ever.
     """
-    _lock.acquire(timeout=_PATIENCE_S)
+    _lock.acquire(timeout=_LOCK_TIMEOUT_S)
     for path in tuple(_own):
         _remove(path)
-    time.sleep(_SETTLING_S)
+    time.sleep(_SETTLE_S)
     for path in tuple(_own):
         _remove(path)
 
 
 def remove_stale(folder: Path, most: int | None = None) -> None:
-    """Remove what killed processes left in a folder.
+    """Remove the temporary files of killed processes in a folder.
 
     Args:
-        folder: where to look, not below it.
-        most: entries to look at; None for all.
+        folder: is searched without its subfolders.
+        most: limit of the entries that are searched; None for all.
     """
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in islice(entries, most):
@@ -117,9 +116,9 @@ def _remove_stale(path: Path) -> None:
         return
     try:
         second = open_locked(path)
-        if second is not None:  # there are no locks here
+        if second is not None:  # locks are not supported here
             os.close(second)
-        if second is None or time.time() - path.stat().st_mtime > _FORGOTTEN_S:
+        if second is None or time.time() - path.stat().st_mtime > _STALE_AGE_S:
             _remove(path)
     finally:
         os.close(handle)

@@ -1,19 +1,19 @@
-"""Temporary folders, for libraries that want files where there are to be none."""
+"""Temporary folders, for libraries that need a local file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from depthcli.core.ending import before_ending
+from depthcli.core.exit_hooks import exit_hook
 from depthcli.errors import OutputError
 
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder away from the outputs, which is gone when the block ends, or the process.
+    """A folder in the system's temporary one, removed when the block or the process ends.
 
     Raises:
-        OutputError: there is no place for one.
+        OutputError: it cannot be created.
     """
     from tempfile import TemporaryDirectory  # noqa: PLC0415 - 2 ms, and seldom used
 
@@ -22,5 +22,5 @@ def temporary_folder() -> Iterator[Path]:
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"cannot write a temporary file: {reason}; set TMPDIR") from error
-    with before_ending(folder.cleanup), folder as name:
+    with exit_hook(folder.cleanup), folder as name:
         yield Path(name)

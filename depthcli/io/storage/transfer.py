@@ -1,4 +1,4 @@
-"""Whole files between this machine and a store."""
+"""Uploading and downloading whole files."""
 
 import errno
 import hashlib
@@ -12,22 +12,22 @@ from depthcli.io.storage import objects
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporary_folder import temporary_folder
 
-SHA256_NOTE = "sha256"
+SHA256_KEY = "sha256"
 
 
 @contextmanager
 def local_copy(
     path: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
 ) -> Iterator[Path]:
-    """A file of this machine with the content of a path, for libraries that want one.
+    """A local copy of a remote file, for libraries that need one.
 
     Args:
-        path: a local one is yielded as it is.
-        progress: told of each byte.
-        max_bytes: a remote one with more is refused.
+        path: a local one is yielded unchanged.
+        progress: counts bytes.
+        max_bytes: larger remote files are refused.
 
     Yields:
-        The copy, under the same name; it is gone after the block. Errors of the block name the
+        The copy, with the same name; it is removed after the block. Errors of the block name the
         path, not the copy.
 
     Raises:
@@ -51,7 +51,7 @@ def local_copy(
 def download(
     path: RemotePath, file: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
 ) -> None:
-    """Write an object's content into a file, with a few megabytes in memory.
+    """Download an object to a file, with a few megabytes in memory.
 
     Raises:
         OSError: it cannot be read or is too large, or the file cannot be written.
@@ -69,30 +69,30 @@ def download(
 
 @contextmanager
 def uploaded(path: RemotePath) -> Iterator[Path]:
-    """A file to write, which is sent when the block succeeds, with a note of its checksum.
+    """A file to write, which is uploaded when the block succeeds, with its checksum as metadata.
 
     Raises:
-        OSError: it cannot be sent.
+        OSError: it cannot be uploaded.
     """
     with temporary_folder() as folder:
         file = folder / path.name
         yield file
         with file.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()
-        objects.put(path.address, file, {SHA256_NOTE: digest})
+        objects.put(path.address, file, {SHA256_KEY: digest})
 
 
-def noted_checksum(path: RemotePath) -> tuple[int, str] | None:
-    """Size and SHA-256 of an object, read from it only where nobody noted them.
+def object_checksum(path: RemotePath) -> tuple[int, str] | None:
+    """Size and SHA-256 of an object, which is read only if its metadata have no checksum.
 
     None if there is no such object.
 
     Raises:
-        OSError: the store cannot be asked.
+        OSError: the request failed.
     """
     try:
         known = objects.object_info(path.address)
-        digest = known.notes.get(SHA256_NOTE) or hashlib.sha256(path.read_bytes()).hexdigest()
+        digest = known.metadata.get(SHA256_KEY) or hashlib.sha256(path.read_bytes()).hexdigest()
     except FileNotFoundError:
         return None
     return known.size, digest

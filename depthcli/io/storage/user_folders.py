@@ -1,4 +1,4 @@
-"""Where a user's own models and profiles lie."""
+"""The folders of a user's own models and profiles."""
 
 import os
 import sys
@@ -7,8 +7,8 @@ from pathlib import Path
 from depthcli.errors import OutputError
 
 _PROGRAM = "depthcli"
-_NOWHERE = Path(os.path.abspath(os.devnull))  # noqa: PTH100 - Windows has it everywhere
-"""The home of a user without one: nothing is there, and nothing can be written."""
+_NO_HOME = Path(os.path.abspath(os.devnull))  # noqa: PTH100 - Windows has it everywhere
+"""Stands for the home of a user without one: it has no files, and none can be written."""
 
 
 def data_folder() -> Path:
@@ -27,7 +27,7 @@ def _base_folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
         return Path(stated) / _PROGRAM
     home = Path(os.path.expanduser("~"))  # noqa: PTH111 - Path.home() raises where there is none
     if not home.is_absolute():
-        home = _NOWHERE
+        home = _NO_HOME
     if sys.platform == "win32":
         base = os.environ.get(windows_variable)
         return (Path(base) if base else home) / _PROGRAM
@@ -37,10 +37,10 @@ def _base_folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
 
 
 def check_home(path: Path) -> None:
-    """Say what is wrong before a file is written.
+    """Check, before a file is written, that it is not below a missing home folder.
 
     Raises:
-        OutputError: the file would be in a home that there is not.
+        OutputError: it is.
     """
-    if path.is_relative_to(_NOWHERE):
+    if path.is_relative_to(_NO_HOME):
         raise OutputError("there is no home folder to write to; set HOME")

@@ -1,4 +1,4 @@
-"""What every output format is."""
+"""The interface of output formats."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Writer(Protocol):
-    """One output format with its options; the table of formats knows its name and suffix."""
+    """One output format with its options; its name and suffix are in the table of formats."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write a depth map.

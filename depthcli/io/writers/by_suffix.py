@@ -1,4 +1,4 @@
-"""Writing a depth map to a file whose name says the format."""
+"""Writing a depth map in the format of a file's suffix."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,17 +6,16 @@ from pathlib import Path
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of, writer_class
+from depthcli.io.writers.formats import FILE_SUFFIXES, FORMATS, Format, format_of, writer_class
 
 
 def write_depth(
     depth: DepthMap, path: Path, frame: Frame | None, options: Mapping[str, object]
 ) -> tuple[str, ...]:
-    """Write a map whole or not at all; warnings, one line each.
+    """Write a map atomically; return warnings, one line each.
 
-    Missing folders are made, and the picture's file, of the frame for formats that show it, is
-    never replaced. Options are png_scale, exr_channel, half and centre_px; None for the writer's
-    own.
+    Missing folders are created; the file of ``frame``, the picture for formats that show it, is
+    never replaced. Options are png_scale, exr_channel, half and centre_px; None for the default.
 
     Raises:
         OutputError: it cannot be written, or the map cannot be expressed in the format.
@@ -24,7 +23,9 @@ def write_depth(
     """
     name = format_of(path)
     if name is None:
-        raise UsageError(f"{path} has no suffix that selects a format; use {', '.join(ENDINGS)}")
+        raise UsageError(
+            f"{path} has no suffix that selects a format; use {', '.join(FILE_SUFFIXES)}"
+        )
     writer = writer_class(name)(**_checked_options(name, options))
     inputs = () if frame is None or frame.path is None else (frame.path,)
     with atomic_path(path, inputs=inputs) as temporary:

@@ -7,7 +7,7 @@ import numpy as np
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.exr import write_exr
-from depthcli.io.writers.facts import facts
+from depthcli.io.writers.metadata import metadata_texts
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class ExrWriter:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""
         rate = frame.rate if frame else None
         values = np.ascontiguousarray(depth.values)
-        texts = {f"depthcli:{name}": text for name, text in facts(depth).items()}
+        texts = {f"depthcli:{name}": text for name, text in metadata_texts(depth).items()}
         if not self.half:
             write_exr(path, {self.exr_channel: values}, texts, rate)
             return ()

@@ -8,23 +8,22 @@ from typing import NamedTuple, Self
 from depthcli.io.writers.base import Writer
 
 MILLIMETRES = 1000.0
-"""Steps per metre of 16-bit depth, where nothing else is said."""
+"""Default steps per metre of 16-bit depth."""
 
 
 class FormatFacts(NamedTuple):
-    """What is known of a format before anything of it is loaded."""
+    """The entry of a format in the table, known without loading its writer."""
 
-    #: its class, as ``module:name``. Modules are loaded when a format is used: OpenEXR costs start-
-    #: up time that PNG need not pay
+    #: its class, as ``module:name``; loaded when the format is used, because OpenEXR takes start-up
+    #: time
     writer: str
     suffix: str  #: end of the default output name, after the input's stem
     #: file suffix that chooses this format where the user names a file; None if only ``suffix``
     #: does
-    ending: str | None
-    #: those of :class:`~depthcli.io.writers.options.WriterOptions` that the writer has, under the
-    #: same names
+    file_suffix: str | None
+    #: fields of :class:`~depthcli.io.writers.options.WriterOptions` that the writer has, too
     options: tuple[str, ...] = ()
-    #: memory of writing it, bytes a pixel beside picture and depth, measured with some to spare
+    #: memory of writing it, in bytes a pixel besides picture and depth, measured with a margin
     use_bytes: int = 10
 
 
@@ -33,9 +32,9 @@ _PNG = ("png_scale", "png_normalize")
 
 
 class Format(StrEnum):
-    """What is written of a picture; ``--format`` takes these words.
+    """Output formats of a picture's depth; the values of ``--format``.
 
-    A member is its word and its :class:`FormatFacts`; nothing else need know of a new one.
+    A member is its name and its :class:`FormatFacts`; a new one needs no change elsewhere.
     """
 
     facts: FormatFacts
@@ -59,36 +58,35 @@ class Format(StrEnum):
 
 
 FORMATS = {format_: format_.facts for format_ in Format}
-ENDINGS = tuple(facts.ending for facts in FORMATS.values() if facts.ending)
-"""File suffixes that say a format."""
+FILE_SUFFIXES = tuple(facts.file_suffix for facts in FORMATS.values() if facts.file_suffix)
+"""File suffixes that choose a format."""
 
 
 def format_of(path: str | PurePath) -> Format | None:
-    """The format that a file's name says; None if it says none.
+    """The format that a file's name chooses; None if it chooses none.
 
-    The names that depthcli itself gives count whole: ``a.preview.png`` is a preview, ``a.png`` is
-    16-bit depth.
+    Default names of outputs come first: ``a.preview.png`` is a preview, ``a.png`` is 16-bit depth.
     """
     name = PurePath(path).name.lower()
     for format_, facts in FORMATS.items():
         if name.endswith(facts.suffix):
             return format_
     suffix = PurePath(name).suffix
-    return next((f for f, facts in FORMATS.items() if facts.ending == suffix), None)
+    return next((f for f, facts in FORMATS.items() if facts.file_suffix == suffix), None)
 
 
 def fits(path: str | PurePath, asked: Format) -> bool:
-    """Whether a file's name says the same format, or none: ``a.png`` fits a preview, too."""
-    return format_of(path) is None or PurePath(path).suffix.lower() == ending_of(asked)
+    """Whether a file of this name can have a format: ``a.png`` can be a preview, too."""
+    return format_of(path) is None or PurePath(path).suffix.lower() == file_suffix_of(asked)
 
 
-def ending_of(asked: Format) -> str:
+def file_suffix_of(asked: Format) -> str:
     """The file suffix of a format: ``.png`` of ``.depth.png``."""
     return PurePath(f"a{asked.facts.suffix}").suffix
 
 
 def stem_of(path: str | PurePath) -> str:
-    """A file's name without what says its format: ``a`` of ``a.png`` and of ``a.preview.png``."""
+    """A file's name without the suffix of its format: ``a`` of ``a.png`` and ``a.preview.png``."""
     name = PurePath(path).name
     ends = (facts.suffix for facts in FORMATS.values() if name.lower().endswith(facts.suffix))
     end = next(ends, PurePath(name).suffix)
@@ -96,7 +94,7 @@ def stem_of(path: str | PurePath) -> str:
 
 
 def writer_class(name: Format) -> type[Writer]:
-    """The class of a format."""
+    """The writer of a format."""
     module, _, attribute = FORMATS[name].writer.partition(":")
     found: type[Writer] = getattr(import_module(f"depthcli.io.writers.{module}"), attribute)
     return found

@@ -13,13 +13,13 @@ class NpyWriter:
     """(H, W) float32; metres for metric maps."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write the values as they are; the format has no place for their kind."""
+        """Write the values unchanged; the format cannot store their kind."""
         del frame
         values = np.ascontiguousarray(depth.values)
         header = np.lib.format.header_data_from_array_1_0(values)
         with path.open("wb") as file:
             np.lib.format.write_array_header_1_0(file, header)
-            file.write(values.data)  # np.save leaves out unseen what a full disk does not take
+            file.write(values.data)  # np.save reports no error when the disk is full
         if depth.is_metric:
             return ()
         return (

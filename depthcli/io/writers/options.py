@@ -1,4 +1,4 @@
-"""How outputs are written, whatever their format."""
+"""Options of all output formats."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,7 +9,7 @@ from depthcli.io.writers.formats import FORMATS, MILLIMETRES, Format, writer_cla
 
 @dataclass(frozen=True, slots=True)
 class WriterOptions:
-    """Options of all formats; each writer takes those that its line of the table names."""
+    """Options of all formats; the table of formats says which of them each writer takes."""
 
     png_scale: float = MILLIMETRES  #: steps a metre in 16-bit PNG
     png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range
@@ -19,8 +19,8 @@ class WriterOptions:
     centre_px: tuple[float, float] | None = None
     colormap: str = "inferno"  #: colours of the preview
     near: Literal["warm", "white", "black"] = "warm"  #: the colormap's end that is near
-    vmin: float | None = None  #: least depth with a colour of its own; None for a percentile
-    vmax: float | None = None  #: largest such depth; None for a percentile
+    vmin: float | None = None  #: low end of the colour range; None for a percentile
+    vmax: float | None = None  #: high end of the colour range; None for a percentile
     legend: bool = False  #: a scale beside the preview
     side_by_side: bool = False  #: the picture beside its preview
 

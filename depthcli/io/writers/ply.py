@@ -21,7 +21,7 @@ _TYPES = {"<f4": "float", "u1": "uchar"}
 class PlyWriter:
     """Metres: x right, y down, z along the camera axis."""
 
-    #: horizontal field of view where the map itself states no focal length
+    #: horizontal field of view if the map states no focal length
     hfov_deg: float = _NYU_HFOV_DEG
     #: (cx, cy), the principal point, (0, 0) being the middle of the first pixel; None for the
     #: middle of the map
@@ -40,7 +40,7 @@ class PlyWriter:
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
         with path.open("wb") as file:
             file.write(("\n".join(lines) + "\nend_header\n").encode("ascii"))
-            file.write(points.data)  # tofile leaves out unseen what a full disk does not take
+            file.write(points.data)  # tofile reports no error when the disk is full
         if source.focal_px and source.camera_source is not CameraSource.CARD:
             return ()
         hfov_deg = scaling.hfov_deg(focal_px, depth.width)

@@ -8,10 +8,10 @@ import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.depth.steps import TOP, quantized
+from depthcli.io.depth.quantization import UINT16_MAX, quantized
 from depthcli.io.png.encode import encode_png
-from depthcli.io.writers.facts import facts, step_unit
 from depthcli.io.writers.formats import MILLIMETRES
+from depthcli.io.writers.metadata import metadata_texts, step_unit
 
 
 class Png16Writer(NamedTuple):
@@ -19,15 +19,15 @@ class Png16Writer(NamedTuple):
 
     #: steps per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
     png_scale: float = MILLIMETRES
-    png_normalize: bool = False  #: stretch each map to 1-65535 instead; no unit is left
+    png_normalize: bool = False  #: normalize each map to 1-65535 instead, without a unit
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write (H, W) uint16; depth beyond the range saturates, with a warning."""
         del frame
-        texts = facts(depth)
+        texts = metadata_texts(depth)
         warnings: tuple[str, ...] = ()
         if self.png_normalize or not depth.is_metric:
-            steps, low, high = stretched(depth.values)
+            steps, low, high = normalized(depth.values)
             texts |= {"scale": "normalized", "range": f"{low:.9g} {high:.9g}"}
             if not self.png_normalize:
                 warnings = (f"{depth.kind} depth has no unit; {path.suffix[1:]} is normalized",)
@@ -35,15 +35,15 @@ class Png16Writer(NamedTuple):
             steps, saturated = quantized(depth.values, self.png_scale)
             texts |= {"scale": f"{self.png_scale:g}", "unit": step_unit(self.png_scale)}
             if saturated:
-                limit_m = TOP / self.png_scale
+                limit_m = UINT16_MAX / self.png_scale
                 warnings = (f"{saturated} pixels beyond {limit_m:.6g} m were saturated",)
         labels = {f"depthcli:{name}": text for name, text in texts.items()}
         path.write_bytes(encode_png(steps, labels))
         return warnings
 
 
-def stretched(values: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.uint16], float, float]:
-    """Finite values stretched to 1-65535, in their own order; the rest is 0.
+def normalized(values: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.uint16], float, float]:
+    """Finite values scaled linearly to 1-65535; the rest is 0.
 
     Args:
         values: (H, W) float32 of any range.
@@ -58,7 +58,7 @@ def stretched(values: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.uint16], 
     high = float(values.max(where=finite, initial=-np.inf))
     span = high - low or 1.0
     steps = np.zeros(values.shape, np.uint16)
-    for rows in row_bands(values.shape[1], values.shape[0]):  # doubles of a whole map are large
+    for rows in row_bands(values.shape[1], values.shape[0]):  # float64 of a whole map is large
         share = (np.where(finite[rows], values[rows], low).astype(np.float64) - low) / span
-        steps[rows] = np.where(finite[rows], np.rint(1 + share * (TOP - 1)), 0)
+        steps[rows] = np.where(finite[rows], np.rint(1 + share * (UINT16_MAX - 1)), 0)
     return steps, low, high

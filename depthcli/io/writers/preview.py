@@ -1,4 +1,4 @@
-"""A picture of a depth map for people: a colormap over inverse depth, near is warm."""
+"""A preview of a depth map: a colormap over inverse depth, near is warm."""
 
 import math
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
-from depthcli.io.listing.own_outputs import MARK
+from depthcli.io.listing.own_outputs import SOFTWARE_KEY
 from depthcli.io.png.encode import encode_png
-from depthcli.io.writers.facts import SOFTWARE
+from depthcli.io.writers.metadata import SOFTWARE
 from depthcli.visual.colormaps import colour_table
 from depthcli.visual.legend import with_legend
 
@@ -30,15 +30,15 @@ class PreviewWriter:
     colormap: str = "inferno"
     #: end of the colormap that is near: its warm end, or for gray ``white`` or ``black``
     near: Literal["warm", "white", "black"] = "warm"
-    #: least value with a colour of its own, in metres (or what the map holds); None for percentile
-    #: 2. It is the near end, or the far end of an inverse map
+    #: low end of the colour range, in metres (or the map's unit); None for percentile 2. It is the
+    #: near end, or the far end of an inverse map
     vmin: float | None = None
-    vmax: float | None = None  #: largest such value; None for percentile 98
+    vmax: float | None = None  #: high end of the colour range; None for percentile 98
     legend: bool = False  #: draw a scale at the right
     side_by_side: bool = False  #: put the picture at the left
 
     def __post_init__(self) -> None:
-        """Refuse limits that are the wrong way round, or none.
+        """Check the limits.
 
         Raises:
             UsageError: ``vmin`` is above ``vmax``, or one is not a number.
@@ -49,16 +49,22 @@ class PreviewWriter:
             raise UsageError(f"vmin {self.vmin:g} is above vmax {self.vmax:g}; swap them")
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write the preview; flat, empty and infinite maps have one too."""
-        path.write_bytes(encode_png(self.render(depth, frame), {MARK: SOFTWARE}))
+        """Write the preview, also of flat, empty and infinite maps."""
+        path.write_bytes(encode_png(self.render(depth, frame), {SOFTWARE_KEY: SOFTWARE}))
         return ()
 
     def render(
         self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None
     ) -> npt.NDArray[np.uint8]:
-        """The preview as (H, W', 3) RGB uint8; wider with legend or picture, that of ``frame``.
+        """Draw the preview.
 
-        A video gives low and high value in place of the map's percentiles.
+        Args:
+            depth: the map.
+            frame: the picture, for ``side_by_side``.
+            spread: low and high end of the range, of a video; None for the map's percentiles.
+
+        Returns:
+            (H, W', 3) RGB uint8, wider than the map with a legend or the picture.
         """
         near, far = self._limits(depth, spread or percentiles(depth))
         colours = colour_table(self.colormap, self.near)
@@ -78,7 +84,7 @@ class PreviewWriter:
     def _limits(self, depth: DepthMap, spread: tuple[float, float]) -> tuple[float, float]:
         """The values at the near and the far end of the colormap."""
         low, high = spread
-        # Near stays near, however far off the user's limits are.
+        # Low stays below high, whatever the given limits are.
         if self.vmin is not None and self.vmax is not None:
             low, high = self.vmin, self.vmax
         elif self.vmin is not None:
@@ -89,7 +95,7 @@ class PreviewWriter:
 
 
 def percentiles(depth: DepthMap) -> tuple[float, float]:
-    """The second and the 98th percentile of what has depth; 1 and 1 if nothing has."""
+    """The 2nd and the 98th percentile of valid depth; 1 and 1 if there is none."""
     values = depth.values[_has_depth(depth) & np.isfinite(depth.values)]
     if not values.size:
         return 1.0, 1.0
@@ -101,10 +107,10 @@ def percentiles(depth: DepthMap) -> tuple[float, float]:
 
 
 def nearness(depth: DepthMap, near: float, far: float) -> npt.NDArray[np.float32]:
-    """1 at ``near``, 0 at ``far`` and infinitely far; NaN without depth: (H, W) float32.
+    """1 at ``near``, 0 at ``far`` and at infinity, NaN without depth; (H, W) float32.
 
-    Metric maps are spread evenly in inverse depth, or in depth where the near end is 0. Where both
-    ends are equal, they are halfway.
+    Metric maps are interpolated in inverse depth, or in depth if the near end is 0. If both ends
+    are equal, values equal to them are 0.5.
     """
     values, ends = depth.values, np.array([near, far], np.float32)
     if depth.is_metric and near > 0:
@@ -118,7 +124,7 @@ def nearness(depth: DepthMap, near: float, far: float) -> npt.NDArray[np.float32
 
 
 def _has_depth(depth: DepthMap) -> npt.NDArray[np.bool_]:
-    """Where there is a value that means something; infinitely far is something."""
+    """Where depth is valid, (H, W); infinite depth is valid."""
     if depth.is_metric:
         return depth.values > 0
     return ~np.isnan(depth.values)

@@ -1,4 +1,4 @@
-"""A JSON file that says what the numbers of the other outputs mean."""
+"""A JSON file with the metadata of the other outputs."""
 
 import json
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from pathlib import Path
 
 from depthcli.core.summary import DepthRange
 from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.io.writers.facts import SOFTWARE, Facts
 from depthcli.io.writers.formats import MILLIMETRES
+from depthcli.io.writers.metadata import SOFTWARE, DepthMetadata
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,12 +15,12 @@ class SidecarWriter:
     """Unit, scale, kind, orientation, model, resize, focal length, range and version."""
 
     png_scale: float = MILLIMETRES  #: steps per metre of the 16-bit PNG beside it
-    png_normalize: bool = False  #: that is normalized instead
+    png_normalize: bool = False  #: whether that PNG is normalized instead
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""
-        known, source = Facts.of(depth), depth.provenance or Provenance()
-        facts = {
+        known, source = DepthMetadata.of(depth), depth.provenance or Provenance()
+        document = {
             "software": SOFTWARE,
             "kind": known.kind,
             "unit": known.unit,
@@ -32,5 +32,5 @@ class SidecarWriter:
             "network_size_px": source.input_size_px,
             **known.origin(),
         }
-        path.write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", "utf-8")
+        path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", "utf-8")
         return ()

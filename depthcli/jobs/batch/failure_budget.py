@@ -1,4 +1,4 @@
-"""How much may fail before a batch is given up."""
+"""The number of failures after which a batch is stopped (``--max-failures``)."""
 
 import re
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ from depthcli.jobs.batch.tally import Tally
 
 @dataclass(frozen=True, slots=True)
 class FailureBudget:
-    """Failures that are allowed: of all inputs, or of the last hundred that were worked on.
+    """Allowed failures: among all inputs, or as a percentage of the last hundred processed ones.
 
-    The share is one of the last hundred from the first input on: those to come count as done. So a
-    run that goes wrong from its beginning and one that goes wrong after days stop equally soon.
+    The percentage is of a hundred from the first input on: missing ones count as successful. So a
+    run that fails from the start stops as soon as one that starts to fail after days.
     """
 
-    most: int
-    is_share: bool = False
+    maximum: int
+    is_percentage: bool = False
 
     @classmethod
     def parse(cls, word: str) -> Self:
-        """From ``20`` or ``20%``.
+        """Parse ``20`` or ``20%``.
 
         Raises:
-            UsageError: it is something else, or more than 100%.
+            UsageError: it is neither, or more than 100%.
         """
         found = re.fullmatch(r"([0-9]{1,9})(%?)", word)
         if found is None or (found[2] and int(found[1]) > 100):  # noqa: PLR2004 - per cent
@@ -34,9 +34,11 @@ class FailureBudget:
         return cls(int(found[1]), bool(found[2]))
 
     def reason(self, tally: Tally) -> str | None:
-        """Why a batch has to stop; None while it may go on."""
-        if (sum(tally.recent_failed) if self.is_share else len(tally.failures)) <= self.most:
+        """Why a batch has to stop; None if it may continue."""
+        if (
+            sum(tally.recent_failed) if self.is_percentage else len(tally.failures)
+        ) <= self.maximum:
             return None
-        plain = "1 input" if self.most == 1 else f"{self.most} inputs"
-        which = f"{self.most}% of the last 100 inputs" if self.is_share else plain
+        plain = "1 input" if self.maximum == 1 else f"{self.maximum} inputs"
+        which = f"{self.maximum}% of the last 100 inputs" if self.is_percentage else plain
         return f"more than {which} failed"

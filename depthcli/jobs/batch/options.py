@@ -1,9 +1,9 @@
-"""What a batch is asked for, besides its inputs."""
+"""The request and the options of a batch."""
 
 from dataclasses import dataclass, field
 
 from depthcli.core.camera import Camera
-from depthcli.core.choices import MAX_PIXELS, PLAIN, Detail
+from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.manifest.row import ManifestFormat
@@ -15,17 +15,17 @@ from depthcli.jobs.batch.plan import Plan
 
 @dataclass(frozen=True, slots=True)
 class BatchOptions:
-    """How each input becomes its outputs."""
+    """How each input is processed."""
 
-    formats: tuple[Format, ...] = (Format.PNG16,)  #: what to write, each once
+    formats: tuple[Format, ...] = (Format.PNG16,)  #: output formats, each once
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
-    camera: Camera = field(default_factory=Camera)  #: what is known of the camera
-    detail: Detail = PLAIN  #: how depth becomes that of a full-size picture
+    camera: Camera = field(default_factory=Camera)  #: camera parameters, if known
+    detail: Detail = DEFAULT_DETAIL  #: upsampling, tiles and memory limit
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
 
     @property
     def limit(self) -> PictureLimit:
-        """Pictures beyond it are refused."""
+        """Larger pictures are refused."""
         return PictureLimit(self.max_pixels, self.detail)
 
 
@@ -34,14 +34,14 @@ class BatchRequest:
     """A batch."""
 
     plan: Plan  #: inputs, and the names of their outputs
-    #: how each input becomes its outputs
+    #: how each input is processed
     options: BatchOptions = field(default_factory=BatchOptions)
-    #: which model runs, and how; without a number of threads, with each worker's share of the cores
+    #: model, provider and threads; by default, threads per worker are cores / workers
     model: SessionLoader = field(default_factory=SessionLoader)
-    #: pictures, or chunks of them, at the same time; None for one a core
+    #: pictures, or chunks of them, processed in parallel; None for one per core
     workers: int | None = None
-    #: pictures in one run of the network; None for what suits the provider
+    #: pictures per inference; None for the provider's default
     batch_size: int | None = None
-    #: its format; None for that of the manifest that is there, or JSON lines
+    #: format of the manifest; None for that of the existing one, or JSON lines
     manifest: ManifestFormat | None = None
-    budget: FailureBudget | None = None  #: how much may fail before it stops; None for any number
+    budget: FailureBudget | None = None  #: failures after which it stops; None for no limit

@@ -1,4 +1,4 @@
-"""Where the outputs of each input go."""
+"""Mapping inputs to the paths of their outputs."""
 
 import os
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import InputFile, is_video
-from depthcli.io.listing.places import Places
+from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.manifest.journal import Rows
 from depthcli.io.writers.formats import FORMATS, Format
 from depthcli.jobs.batch.plan import Plan
@@ -17,22 +17,22 @@ from depthcli.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
 
 @dataclass(frozen=True, slots=True)
 class OutputMap:
-    """The outputs that a batch is after."""
+    """Maps each input of a batch to its outputs."""
 
     plan: Plan  #: all inputs
-    formats: tuple[Format, ...]  #: what pictures get; videos get the counterparts
+    formats: tuple[Format, ...]  #: formats for pictures; videos get their counterparts
 
-    def check_apart(self) -> None:
-        """Refuse outputs that would replace inputs, which can lie side by side in a list.
+    def check_conflicts(self) -> None:
+        """Refuse outputs that would replace inputs; files of a list can lie anywhere.
 
         Raises:
-            UsageError: one would.
+            UsageError: an output is an input.
         """
-        places, taken = Places(), set(self.plan.in_out)
+        places, taken = RealPaths(), set(self.plan.inputs_in_out)
         inside = os.path.realpath(self.plan.out)
         folders = map(Path, map(os.path.realpath, self.plan.folders()))
         if not all(folder.is_relative_to(inside) for folder in folders):
-            # By a link outputs go elsewhere, so that any input may lie there.
+            # Through a link, outputs go to another folder, which may contain inputs.
             taken.update(*(places.all_of(file.path) for file in self.plan.inputs))
         for file in self.plan.inputs if taken else ():
             for path in self.of(file).values():
@@ -42,20 +42,20 @@ class OutputMap:
                     )
 
     def of(self, file: InputFile) -> dict[Format, Path] | dict[VideoFormat, Path]:
-        """Where the outputs of an input go."""
+        """Paths of the outputs of an input."""
         return self._of_video(file) if is_video(file.name) else self._of_picture(file)
 
     def picture(self, file: InputFile, rows: Rows) -> Task[Format]:
-        """What is to be done for a picture, after what earlier batches did."""
+        """The task for a picture, given the rows of earlier batches."""
         outputs, row = self._of_picture(file), rows.row(file.name)
         names = [path.relative_to(self.plan.out).as_posix() for path in outputs.values()]
         has_names = row is not None and [file.path for file in row.outputs] == names
         return Task(file, outputs, row if has_names else None, has_crashed(row))
 
     def video(self, file: InputFile, rows: Rows) -> Task[VideoFormat]:
-        """What is to be done for a video, after what earlier batches did."""
+        """The task for a video, given the rows of earlier batches."""
         row = rows.row(file.name)
-        # How many frames there are is known only once they are written.
+        # The number of frames is not known in advance.
         start = f"{self.plan.names.base(file.name)}."
         has_names = row is not None and all(file.path.startswith(start) for file in row.outputs)
         return Task(file, self._of_video(file), row if has_names else None, has_crashed(row))

@@ -1,4 +1,4 @@
-"""One worker's turn: a few pictures from their files to their outputs."""
+"""Processing pictures in a worker, from their files to their outputs."""
 
 import hashlib
 import time
@@ -12,12 +12,12 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.manifest.row import OK, Origin, Row, written
+from depthcli.io.manifest.row import OK, Origin, Row, output_entry
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.remote import path_of
-from depthcli.io.writers.facts import camera_words
 from depthcli.io.writers.formats import Format
+from depthcli.io.writers.metadata import camera_text
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.suspects import check_picture
 from depthcli.jobs.batch.task import Result, Task, check_network
@@ -27,8 +27,8 @@ PictureTask: TypeAlias = Task[Format]
 
 
 @dataclass(frozen=True, slots=True)
-class _Opened:
-    """A picture on its way."""
+class _OpenedPicture:
+    """A picture that was read."""
 
     task: PictureTask
     frame: Frame
@@ -38,37 +38,37 @@ class _Opened:
 
 @dataclass(frozen=True, slots=True)
 class PictureWorker:
-    """Does pictures; safe for threads."""
+    """Processes pictures; thread-safe."""
 
-    options: BatchOptions  #: how each picture becomes its outputs
+    options: BatchOptions  #: how each picture is processed
     out: Path  #: the output folder
-    origin: Origin  #: what outputs follow from, besides their picture
+    origin: Origin  #: model and options that outputs are made with
     pipeline: Pipeline  #: the model
 
     def work(self, tasks: Sequence[PictureTask]) -> list[Result]:
-        """Do some pictures, their networks' turns together.
+        """Process some pictures; the network runs on them as one batch.
 
         Raises:
             ModelError: the network fails on any picture.
             UsageError: the options do not fit the model.
         """
         opened = [self._open(task) for task in tasks]
-        frames = [one.frame for one in opened if isinstance(one, _Opened)]
+        frames = [one.frame for one in opened if isinstance(one, _OpenedPicture)]
         start_s = time.perf_counter()
         depths = iter(self._depths(frames))
         share_s = (time.perf_counter() - start_s) / max(1, len(frames))
         return [
-            self._finish(one, next(depths), share_s) if isinstance(one, _Opened) else one
+            self._finish(one, next(depths), share_s) if isinstance(one, _OpenedPicture) else one
             for one in opened
         ]
 
-    def _open(self, task: PictureTask) -> _Opened | Result:
+    def _open(self, task: PictureTask) -> _OpenedPicture | Result:
         start_s = time.perf_counter()
         sha256 = None
         try:
             data = read_input(task.input)
             sha256 = hashlib.sha256(data).hexdigest()
-            row = task.kept(self.out, sha256, self.origin)
+            row = task.reusable_row(self.out, sha256, self.origin)
             if row is not None:
                 return Result(row, is_kept=True)
             if task.is_suspect:
@@ -76,7 +76,7 @@ class PictureWorker:
             frame = read_image(path_of(task.input.path), data, max_pixels=self.options.limit)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
-        return _Opened(task, frame, sha256, time.perf_counter() - start_s)
+        return _OpenedPicture(task, frame, sha256, time.perf_counter() - start_s)
 
     def _depths(self, frames: Sequence[Frame]) -> Sequence[DepthMap | Exception]:
         camera = self.options.camera
@@ -90,7 +90,9 @@ class PictureWorker:
                 return [error]
             return [depth for frame in frames for depth in self._depths([frame])]
 
-    def _finish(self, opened: _Opened, depth: DepthMap | Exception, share_s: float) -> Result:
+    def _finish(
+        self, opened: _OpenedPicture, depth: DepthMap | Exception, share_s: float
+    ) -> Result:
         task = opened.task
         start_s = time.perf_counter() - opened.seconds - share_s
         if isinstance(depth, Exception):
@@ -100,7 +102,7 @@ class PictureWorker:
             warnings: list[str] = []
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, opened.frame, path)
-            files = tuple(written(self.out, path) for path in task.outputs.values())
+            files = tuple(output_entry(self.out, path) for path in task.outputs.values())
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, opened.sha256)
         row = Row(
@@ -111,7 +113,7 @@ class PictureWorker:
             seconds=time.perf_counter() - start_s,
             input_sha256=opened.sha256,
             warnings=tuple(warnings),
-            camera=camera_words(depth),
+            camera=camera_text(depth),
         )
         return Result(row)
 
@@ -120,7 +122,7 @@ class PictureWorker:
     ) -> Result:
         if isinstance(error, UsageError):
             raise error
-        return task.failed(error, self.origin, start_s, sha256)
+        return task.failed_result(error, self.origin, start_s, sha256)
 
 
 def read_input(file: InputFile) -> bytes:

@@ -1,4 +1,4 @@
-"""What ``depthcli batch`` does: all inputs by an engine, and an account of them."""
+"""Running a batch: processes all inputs with an engine and writes the manifest."""
 
 import dataclasses
 import os
@@ -20,24 +20,24 @@ from depthcli.jobs.batch.engines.engine import Engine
 from depthcli.jobs.batch.engines.threads import ThreadEngine
 from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.output_map import OutputMap
-from depthcli.jobs.batch.suspects import suspected
+from depthcli.jobs.batch.suspects import mark_suspects
 from depthcli.jobs.batch.tally import Tally
 from depthcli.jobs.batch.task import Result
 from depthcli.jobs.batch.worker_spec import WorkerSpec
 
 
 class Batch(Iterator[Result]):
-    """A batch at work: what became of each input; by threads pictures first, in the plan's order.
+    """An iterator of the results of a batch; with threads, pictures first, in the plan's order.
 
-    A bad input never stops the others. The manifest is written when the last result was given, or
-    when the batch is closed; the same request goes on where an earlier one was stopped.
+    A bad input never stops the others. The manifest is written after the last result, or when the
+    batch is closed; the same request resumes a batch that was stopped.
 
     Attributes:
-        warnings: what is to be known of the whole batch, one line each.
-        tally: what became of the inputs so far.
-        late: results that were there when the batch was closed and that nobody had asked for.
-        manifest: the file that tells of each input in the end.
-        stopped: why the batch was given up before its last input; None if it was not.
+        warnings: about the whole batch, one line each.
+        tally: counts of the results so far.
+        late: results that were available when the batch was closed, and not yet iterated over.
+        manifest: path of the manifest.
+        stopped: why the batch was stopped before its last input; None if it was not.
     """
 
     def __init__(
@@ -47,13 +47,13 @@ class Batch(Iterator[Result]):
         engine: Engine | None = None,
         progress: Progress = NO_PROGRESS,
     ) -> None:
-        """Load the model and take the output folder.
+        """Load the model and lock the output folder.
 
         Args:
-            request: what to do.
-            session: the request's model, where that is loaded already.
-            engine: what processes the inputs; None for threads of this process.
-            progress: told of each frame of a video that a thread does.
+            request: inputs, outputs and options.
+            session: the request's model, if it is loaded already.
+            engine: runs the workers; None for threads of this process.
+            progress: advanced for each frame of a video, with threads.
 
         Raises:
             ModelError: the model cannot be used.
@@ -72,13 +72,13 @@ class Batch(Iterator[Result]):
         )
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan, self._outputs = plan, OutputMap(plan, options.formats)
-        self._outputs.check_apart()
+        self._outputs.check_conflicts()
         self._rows = rows_folder(plan.out)
         self._journal: Journal | None = Journal(self._rows.path, plan.shard, request.manifest)
         self.manifest = plan.out / self._journal.manifest.name
         at_once = max(workers, os.cpu_count() or 1) * self._chunk
-        self._begun = at_once if self._journal.was_cut_short else 0
-        if self._journal.was_cut_short and not isinstance(plan.out, RemotePath):
+        self._suspect_count = at_once if self._journal.was_interrupted else 0
+        if self._journal.was_interrupted and not isinstance(plan.out, RemotePath):
             for folder in plan.folders():
                 remove_stale(folder)
         self.warnings = (*plan.warnings, *session.warnings)
@@ -87,11 +87,11 @@ class Batch(Iterator[Result]):
         self.stopped: str | None = None
         self.late: tuple[Result, ...] = ()
         self._recorded: dict[str, Result] = {}
-        self._passed: dict[str, bool] = {}  # name -> whether its outputs were kept
+        self._was_kept: dict[str, bool] = {}  # name -> whether its outputs were kept
         self._results = self._run(self._journal)
 
     def __next__(self) -> Result:
-        """What became of the next input.
+        """The result of the next input.
 
         Raises:
             ModelError: the network fails on any picture.
@@ -100,24 +100,24 @@ class Batch(Iterator[Result]):
         return next(self._results)
 
     def close(self) -> None:
-        """Stop, and write the manifest of what is done."""
+        """Stop, and write the manifest of the inputs that are done."""
         self._results.close()
-        self._finish()  # a generator that never began has no end of its own
+        self._finish()  # closing a generator that was never started runs no finally
 
     def _run(self, journal: Journal) -> Generator[Result, None, None]:
-        pictures = (self._outputs.picture(file, journal) for file in self._plan.pictures)
-        films = (self._outputs.video(file, journal) for file in self._plan.videos)
-        tasks = suspected(pictures, journal, self._begun)
+        picture_tasks = (self._outputs.picture(file, journal) for file in self._plan.pictures)
+        video_tasks = (self._outputs.video(file, journal) for file in self._plan.videos)
+        tasks = mark_suspects(picture_tasks, journal, self._suspect_count)
         chunks = iter(lambda: tuple(islice(tasks, self._chunk)), ())
-        videos = suspected(films, journal, min(1, self._begun))
+        videos = mark_suspects(video_tasks, journal, min(1, self._suspect_count))
         try:
             with (
                 silent_opencv(),
                 closing(self._engine.run(self._spec, chunks, videos, self._record)) as results,
             ):  # no worker outlives the journal
                 for result in results:
-                    yield self._taken(result)
-                    if self._is_spent():
+                    yield self._count_result(result)
+                    if self._is_over_budget():
                         return
         finally:
             self._finish()
@@ -127,17 +127,17 @@ class Batch(Iterator[Result]):
             if not result.is_kept and self._journal is not None:
                 self._journal.add(result.row)
             self._recorded[result.row.input] = result
-        self._rows.keep()
+        self._rows.sync()
 
-    def _taken(self, result: Result) -> Result:
+    def _count_result(self, result: Result) -> Result:
         del self._recorded[result.row.input]
-        self._passed[result.row.input] = result.is_kept
+        self._was_kept[result.row.input] = result.is_kept
         self.tally.add(result)
         return result
 
-    def _is_spent(self) -> bool:
-        """Whether so much failed that the batch is to stop."""
-        if self._budget is not None and self.tally.passed < self.tally.total:
+    def _is_over_budget(self) -> bool:
+        """Whether more inputs failed than the request allows."""
+        if self._budget is not None and self.tally.completed < self.tally.total:
             self.stopped = self._budget.reason(self.tally)
         return self.stopped is not None
 
@@ -149,21 +149,21 @@ class Batch(Iterator[Result]):
         names = [file.name for file in self._plan.inputs]
         if not isinstance(self._plan.out, RemotePath):  # each output costs a request there
             for name in names:
-                self._check(journal, name)
+                self._check_outputs(journal, name)
         self.late = tuple(self._recorded[name] for name in names if name in self._recorded)
         for result in self.late:
             self.tally.add(result)
         journal.finish(names)
         self._rows.finish()
 
-    def _check(self, journal: Journal, name: str) -> None:
-        """An input is not done where somebody has removed its outputs again meanwhile."""
-        row = journal.row(name) if name in self._passed or name in self._recorded else None
-        lost = row.lost(self._plan.out) if row else None
+    def _check_outputs(self, journal: Journal, name: str) -> None:
+        """Record an input as failed if its outputs were removed during the batch."""
+        row = journal.row(name) if name in self._was_kept or name in self._recorded else None
+        lost = row.failed_if_missing(self._plan.out) if row else None
         if lost is None:
             return
         journal.add(lost)
-        if name in self._passed:
-            self.tally.lose(lost, was_kept=self._passed[name])
+        if name in self._was_kept:
+            self.tally.mark_lost(lost, was_kept=self._was_kept[name])
         else:
             self._recorded[name] = Result(lost)

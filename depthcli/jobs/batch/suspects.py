@@ -1,7 +1,7 @@
-"""Inputs that may have ended the process of an earlier batch, decoded in one of their own first.
+"""Inputs that may have crashed an earlier batch; they are decoded in a subprocess first.
 
-A decoder that crashes takes the whole process along, and no row is left of its input. It is among
-the first inputs without a row, as workers begin them in their order.
+A decoder that crashes ends the whole process, and its input gets no row. That input is among the
+first ones without a row, as workers start inputs in order.
 """
 
 import signal
@@ -19,27 +19,29 @@ from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.task import Task
 from depthcli.video.formats import VideoFormat
 
-_Which = TypeVar("_Which", Format, VideoFormat)
-_ENDS = "ends the process that decodes it"
-_PICTURE = """
+_FormatT = TypeVar("_FormatT", Format, VideoFormat)
+_CRASH_TEXT = "ends the process that decodes it"
+_DECODE_PICTURE = """
 import sys
 from depthcli.io.pictures.read import read_image
 read_image(None, sys.stdin.buffer.read())
 """
-_VIDEO = """
+_DECODE_VIDEO = """
 import sys
 from depthcli.video.source import VideoSource
 for _ in VideoSource(sys.argv[1]).frames(): pass
 """
-_CRASHES = {
+_CRASH_SIGNALS = {
     -getattr(signal, name)
     for name in ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGKILL", "SIGSEGV")
     if hasattr(signal, name)
 }
 
 
-def suspected(tasks: Iterable[Task[_Which]], rows: Rows, count: int) -> Iterator[Task[_Which]]:
-    """The tasks, the first so many without a row as suspects."""
+def mark_suspects(
+    tasks: Iterable[Task[_FormatT]], rows: Rows, count: int
+) -> Iterator[Task[_FormatT]]:
+    """The tasks, with the first ``count`` of those without a row marked as suspects."""
     for task in tasks:
         if count and rows.row(task.input.name) is None:
             count -= 1
@@ -49,27 +51,27 @@ def suspected(tasks: Iterable[Task[_Which]], rows: Rows, count: int) -> Iterator
 
 
 def has_crashed(row: Row | None) -> bool:
-    """Whether an input was found out; it is tried again, as another decoder may read it."""
-    return row is not None and _ENDS in (row.error or "")
+    """Whether the row says that decoding crashed; a later run may have another decoder."""
+    return row is not None and _CRASH_TEXT in (row.error or "")
 
 
 def check_picture(name: str, data: bytes) -> None:
-    """Decode a picture in a process of its own.
+    """Decode a picture in a subprocess.
 
     Raises:
-        InputError: the process crashed; whatever else is wrong is for the caller to find.
+        InputError: the subprocess crashed; other errors are left to the caller's own decoding.
     """
-    _decode_apart(name, [_PICTURE], data)
+    _decode_in_subprocess(name, [_DECODE_PICTURE], data)
 
 
 def check_video(name: str, path: Path) -> None:
-    """Decode a video in a process of its own, as :func:`check_picture` does."""
-    _decode_apart(name, [_VIDEO, str(path)], b"")
+    """Decode a video in a subprocess, as :func:`check_picture` does."""
+    _decode_in_subprocess(name, [_DECODE_VIDEO, str(path)], b"")
 
 
-def _decode_apart(name: str, words: list[str], data: bytes) -> None:
-    command = [sys.executable, "-P", "-c", *words]
+def _decode_in_subprocess(name: str, arguments: list[str], data: bytes) -> None:
+    command = [sys.executable, "-P", "-c", *arguments]
     done = subprocess.run(command, input=data, capture_output=True, check=False)  # noqa: S603 - our own
-    if done.returncode in _CRASHES:
+    if done.returncode in _CRASH_SIGNALS:
         by = signal.Signals(-done.returncode).name
-        raise InputError(f"{name} {_ENDS} ({by}); save it again with another program")
+        raise InputError(f"{name} {_CRASH_TEXT} ({by}); save it again with another program")

@@ -1,4 +1,4 @@
-"""What became of the inputs of a batch so far."""
+"""Counts of the results of a batch so far."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 
 
 class Tally:
-    """A count of results.
+    """Counts of results.
 
     Attributes:
-        total: inputs in all.
-        done: inputs worked on, the failed ones too.
-        kept: inputs whose outputs of an earlier run are still right.
+        total: number of inputs.
+        done: inputs that were processed, including the failed ones.
+        kept: inputs whose outputs of an earlier run are still valid.
         failures: name and reason of those that failed.
-        recent_failed: whether each of the last hundred that were worked on failed.
+        recent_failed: whether each of the last hundred processed inputs failed.
     """
 
     def __init__(self, total: int) -> None:
@@ -31,7 +31,7 @@ class Tally:
         self._start_s = time.monotonic()
 
     def add(self, result: Result) -> None:
-        """Count an input."""
+        """Count a result."""
         self.kept += result.is_kept
         self.done += not result.is_kept
         if not result.is_kept:
@@ -39,23 +39,23 @@ class Tally:
         if result.row.error is not None:
             self.failures.append((result.row.input, result.row.error))
 
-    def lose(self, row: Row, *, was_kept: bool) -> None:
-        """Count an input that was counted as done as a failure after all."""
+    def mark_lost(self, row: Row, *, was_kept: bool) -> None:
+        """Count an input as failed that was counted as done or kept, as its outputs are gone."""
         self.kept -= was_kept
         self.done += was_kept
         self.failures.append((row.input, row.error or ""))
 
     @property
-    def passed(self) -> int:
-        """Inputs that are over with."""
+    def completed(self) -> int:
+        """Inputs that are done or kept."""
         return self.done + self.kept
 
     @property
     def elapsed_s(self) -> float:
-        """Seconds since the beginning."""
+        """Seconds since the start."""
         return time.monotonic() - self._start_s
 
     @property
     def rate(self) -> float:
-        """Inputs a second; those kept took no time and do not count."""
+        """Inputs per second, without those kept."""
         return self.done / max(self.elapsed_s, 1e-9)

@@ -1,4 +1,4 @@
-"""What is to be done for one input, and what became of it; both can go to another process."""
+"""The task and the result of one input; both can be pickled."""
 
 import time
 from collections.abc import Mapping
@@ -20,48 +20,48 @@ from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
 from depthcli.io.writers.formats import Format
 from depthcli.video.formats import VideoFormat
 
-_Which = TypeVar("_Which", Format, VideoFormat)
+_FormatT = TypeVar("_FormatT", Format, VideoFormat)
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What became of an input."""
+    """The result of an input."""
 
     row: Row  #: its row in the manifest
-    is_kept: bool = False  #: whether the outputs of an earlier run were still right
+    is_kept: bool = False  #: whether the outputs of an earlier run were still valid
 
 
 @dataclass(frozen=True, slots=True)
-class Task(Generic[_Which]):
-    """One input."""
+class Task(Generic[_FormatT]):
+    """One input to process."""
 
     input: InputFile  #: the file
-    outputs: Mapping[_Which, Path]  #: where each format goes; a sequence's name holds ``%06d``
+    outputs: Mapping[_FormatT, Path]  #: path of each format; a sequence's has ``%06d`` in its name
     earlier: Row | None = None  #: the row of an earlier run, if its outputs have these names
-    is_suspect: bool = False  #: whether decoding it may have ended the process of an earlier run
+    is_suspect: bool = False  #: whether decoding it may have crashed an earlier run
 
-    def kept(self, out: Path, sha256: str, origin: Origin) -> Row | None:
-        """The earlier row, if doing the input again could only give the same.
+    def reusable_row(self, out: Path, sha256: str, origin: Origin) -> Row | None:
+        """The earlier row, if processing the input again would give the same outputs.
 
         Args:
             out: the output folder.
             sha256: checksum of the input.
-            origin: what its outputs would follow from.
+            origin: model and options that its outputs would be made with.
         """
         row = self.earlier
         if row is None or (row.status, row.input_sha256, row.origin) != (OK, sha256, origin):
             return None
         return row if all(is_intact(out, file) for file in row.outputs) else None
 
-    def failed(
+    def failed_result(
         self, error: Exception, origin: Origin, start_s: float, sha256: str | None
     ) -> Result:
-        """The result of an input that an error stopped.
+        """The result of an input that failed.
 
         Args:
             error: why.
             origin: model and options.
-            start_s: when work on the input began, by ``time.perf_counter``.
+            start_s: start of the work on the input, by ``time.perf_counter``.
             sha256: checksum of the input; None if it could not be read.
         """
         seconds = time.perf_counter() - start_s
@@ -71,29 +71,29 @@ class Task(Generic[_Which]):
             origin=origin,
             seconds=seconds,
             input_sha256=sha256,
-            error=reason(error),
+            error=failure_reason(error),
         )
         return Result(row)
 
 
 def check_network(error: Exception, session: Session) -> None:
-    """Do nothing if an error is the input's: a network that fails on one may do the next.
+    """Check the network after it failed on an input; it may work for the next one.
 
     Raises:
-        ModelError: the network fails on a plain gray picture, too.
+        ModelError: the network also fails on a plain gray picture.
     """
     if isinstance(error, ModelError):
         try_session(session)
 
 
-def reason(error: Exception) -> str:
-    """Why an input failed, in one line."""
+def failure_reason(error: Exception) -> str:
+    """The reason why an input failed, in one line."""
     if isinstance(error, DepthcliError):
         return str(error)
     if is_out_of_memory(error):
         return "does not fit into memory; make it smaller"
     if is_out_of_threads(error):
         return NO_THREADS
-    if isinstance(error, OSError) and error.strerror:  # too many open files, say
+    if isinstance(error, OSError) and error.strerror:  # for example too many open files
         return ": ".join(filter(None, (error.filename and str(error.filename), error.strerror)))
     return f"unexpected {type(error).__name__}: {error}"

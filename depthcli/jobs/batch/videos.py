@@ -1,4 +1,4 @@
-"""The videos of a batch, one after another; each keeps all cores busy by itself."""
+"""Processing videos in a worker, one after another; each uses all cores."""
 
 import hashlib
 import time
@@ -10,10 +10,10 @@ from typing import TypeAlias
 from depthcli.core.camera import Camera
 from depthcli.core.progress import Progress
 from depthcli.errors import InputError
-from depthcli.io.manifest.row import FAILED, OK, Row, written
+from depthcli.io.manifest.row import FAILED, OK, Row, output_entry
 from depthcli.io.storage.remote import path_of
 from depthcli.io.storage.transfer import local_copy
-from depthcli.io.writers.facts import camera_words
+from depthcli.io.writers.metadata import camera_text
 from depthcli.jobs.batch.pictures import PictureWorker
 from depthcli.jobs.batch.suspects import check_video
 from depthcli.jobs.batch.task import Result, Task, check_network
@@ -27,14 +27,14 @@ VideoTask: TypeAlias = Task[VideoFormat]
 
 @dataclass(frozen=True, slots=True)
 class VideoWorker:
-    """Does videos."""
+    """Processes videos."""
 
-    pictures: PictureWorker  #: the worker that does pictures with the same model and options
-    workers: int  #: frames at the same time
-    progress: Progress  #: told of each frame
+    pictures: PictureWorker  #: the worker for pictures, with the same model and options
+    workers: int  #: frames processed in parallel
+    progress: Progress  #: advanced for each frame
 
     def work(self, task: VideoTask) -> Result:
-        """Do one video.
+        """Process one video.
 
         Raises:
             ModelError: the network fails on any picture.
@@ -44,9 +44,9 @@ class VideoWorker:
         origin = self.pictures.origin
         try:
             with local_copy(path_of(task.input.path)) as source:
-                before = _identity_of(source)
-                sha256 = checked_video(task, source, self.pictures.options.camera)
-                row = task.kept(self.pictures.out, sha256, origin)
+                before = _file_identity(source)
+                sha256 = video_checksum(task, source, self.pictures.options.camera)
+                row = task.reusable_row(self.pictures.out, sha256, origin)
                 if row is not None:
                     return Result(row, is_kept=True)
                 if task.is_suspect:
@@ -56,7 +56,7 @@ class VideoWorker:
                 return Result(done)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             check_network(error, self.pictures.pipeline.session)
-            return task.failed(error, origin, start_s, sha256)
+            return task.failed_result(error, origin, start_s, sha256)
 
     def _row(self, task: VideoTask, source: Path, sha256: str) -> Row:
         options, out = self.pictures.options, self.pictures.out
@@ -74,17 +74,19 @@ class VideoWorker:
             input=name,
             status=FAILED if done.problem else OK,
             origin=self.pictures.origin,
-            outputs=tuple(written(out, path) for path in _output_files(task.outputs, done.numbers)),
+            outputs=tuple(
+                output_entry(out, path) for path in _output_files(task.outputs, done.numbers)
+            ),
             seconds=done.seconds,
             input_sha256=sha256,
             error=done.problem,
             warnings=done.warnings,
-            camera=camera_words(done.depth),
+            camera=camera_text(done.depth),
         )
 
 
-def _identity_of(path: Path) -> tuple[int, int, int] | None:
-    """What changes when somebody writes to a file or replaces it; None if it cannot be read."""
+def _file_identity(path: Path) -> tuple[int, int, int] | None:
+    """Inode, size and modification time of a file; None if it cannot be read."""
     try:
         status = path.stat()
     except OSError:
@@ -93,7 +95,7 @@ def _identity_of(path: Path) -> tuple[int, int, int] | None:
 
 
 def _check_unchanged(path: Path, before: tuple[int, int, int] | None) -> None:
-    if _identity_of(path) != before:
+    if _file_identity(path) != before:
         raise InputError(f"{path} changed while it was read; run the batch again")
 
 
@@ -107,8 +109,8 @@ def _output_files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -
             yield path.with_name(f"{start}{number:06d}{end}")
 
 
-def checked_video(task: VideoTask, path: Path, camera: Camera) -> str:
-    """Checksum of a video, which may not fit into memory.
+def video_checksum(task: VideoTask, path: Path, camera: Camera) -> str:
+    """SHA-256 of a video, in constant memory.
 
     Raises:
         InputError: it cannot be read, or the options do not apply to videos.
@@ -120,7 +122,7 @@ def checked_video(task: VideoTask, path: Path, camera: Camera) -> str:
     if not path.is_file():
         raise InputError(f"{path} is missing, or no file")
     try:
-        if not path.stat().st_size:  # nor has /proc/kmsg, which never ends
+        if not path.stat().st_size:  # also of /proc/kmsg, which could be read without end
             raise InputError(f"{path} is empty")
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""Everything that a worker is made of, in a form that can be sent anywhere."""
+"""The specification of a worker, which can be pickled."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,22 +16,22 @@ from depthcli.jobs.batch.pictures import PictureWorker
 
 @dataclass(frozen=True, slots=True)
 class WorkerSpec:
-    """A worker to be: plain values that can be pickled."""
+    """What a worker is built from: plain values that can be pickled."""
 
-    model: SessionLoader  #: which model, and what runs it
+    model: SessionLoader  #: model, provider and threads
     model_sha256: str  #: checksum of the model's file, 64 hex digits; another one is refused
-    options: BatchOptions  #: how each input becomes its outputs
+    options: BatchOptions  #: how each input is processed
     out: Path  #: the output folder
 
     def build(self, session: Session | None = None) -> PictureWorker:
-        """The worker, in the process that calls this.
+        """Build the worker in this process.
 
         Args:
-            session: the model, where it is loaded already.
+            session: the model, if it is loaded already.
 
         Raises:
             ModelError: the model cannot be loaded here, or it is another one.
-            ProviderError: the provider that was named is not available.
+            ProviderError: the requested provider is not available.
         """
         session = session or self.model.load()
         if session.model.sha256 != self.model_sha256:
@@ -43,10 +43,10 @@ class WorkerSpec:
         return PictureWorker(self.options, self.out, self.origin(session), pipeline)
 
     def origin(self, session: Session) -> Origin:
-        """What outputs follow from, besides their input, where this model and version make them."""
+        """Fingerprint of the options, model and version that outputs are made with."""
         loaded, options = session.model, self.options
-        # Providers differ in the last digits; threads, workers and batch sizes do not. What the
-        # card says decides as much as the weights do, and is no part of their file.
+        # Providers differ in the last digits; threads, workers and batch sizes do not. The card
+        # matters as much as the weights, and is not part of their file.
         checksum = fingerprint(
             options.formats,
             options.writing,

@@ -1,4 +1,4 @@
-"""What an evaluation leaves on the disk: table, sheets of pictures, and both in one page."""
+"""The output files of an evaluation: CSV table, figures, HTML page."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,20 +13,22 @@ from depthcli.io.storage.atomic import atomic_path, is_same_file, write_text
 
 @dataclass(frozen=True, slots=True)
 class EvaluationFiles:
-    """Which files are wanted; None for those that are not."""
+    """Paths of the files to write; None for those that are not."""
 
     csv: Path | None = None  #: the table
-    figures: Path | None = None  #: folder for the sheets
-    html: Path | None = None  #: table and sheets in one file
+    figures: Path | None = None  #: folder for the figures
+    html: Path | None = None  #: table and figures in one file
 
     def check(self, inputs: Iterable[str | Path | None]) -> None:
-        """Refuse what cannot be written, before anything is measured.
+        """Check the paths before the evaluation.
 
         Args:
-            inputs: files, which are not replaced, nor is what is in a folder and no earlier report.
+            inputs: files that must not be replaced, and folders in which only an earlier report may
+                be replaced.
 
         Raises:
-            UsageError: an input would be replaced, two files are one, or a folder is a file.
+            UsageError: an input would be replaced, both files are the same, or a folder is a file
+                or a file a folder.
         """
         if self.csv is not None and self.html is not None and is_same_file(self.csv, self.html):
             raise UsageError(f"--csv and --html are one file, {self.csv}; name two")
@@ -36,7 +38,7 @@ class EvaluationFiles:
         for path, start in ((self.csv, b"name,"), (self.html, b"<!doctype html>")):
             if path is not None and path.is_dir():
                 raise UsageError(f"{path} is a folder; name a file")
-            if path is None or not any(_is_read(path, source) for source in sources):
+            if path is None or not any(_is_input(path, source) for source in sources):
                 continue
             with path.open("rb") as file:
                 is_report = file.read(len(start)) == start
@@ -44,10 +46,10 @@ class EvaluationFiles:
                 raise UsageError(f"{path} is an input and is not overwritten; name another file")
 
     def write(self, page: Page, table_csv: str, figures: Sequence[Figure]) -> Iterator[Path]:
-        """Write them.
+        """Write the files.
 
         Yields:
-            Each sheet, once it is there.
+            The path of each figure, once it is written.
 
         Raises:
             OutputError: a file cannot be written.
@@ -64,7 +66,7 @@ class EvaluationFiles:
             write_text(html_page(page, figures), self.html)
 
 
-def _is_read(path: Path, source: Path) -> bool:
-    """Whether a file is there, and is the source or in it."""
+def _is_input(path: Path, source: Path) -> bool:
+    """Whether a file exists and is the source or in it."""
     is_below = path.resolve().is_relative_to(source.resolve())
     return path.is_file() and (is_below or is_same_file(path, source))

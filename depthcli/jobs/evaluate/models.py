@@ -1,4 +1,4 @@
-"""Models, files of other tools and trivial rows, compared on a data set."""
+"""Comparing models, predictions of other tools and trivial baselines on a data set."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from depthcli.evaluation.predictors.base import Predictor
 from depthcli.evaluation.predictors.files import open_predictions
 from depthcli.evaluation.predictors.model import open_models
 from depthcli.evaluation.report import EvalReport
-from depthcli.evaluation.reports.figures import Figure, choose, draw_figures
+from depthcli.evaluation.reports.figures import Figure, choose_pictures, draw_figures
 from depthcli.evaluation.table import (
     HEADLINE_TABLE,
     EvalOptions,
@@ -35,20 +35,20 @@ class ModelsRequest:
     """What is compared, on which pictures, and how."""
 
     data: Path  #: NYU Depth v2, as a file or a folder; or a folder of other pairs
-    models: tuple[SessionLoader, ...] = ()  #: a row each
-    predictions: tuple[Path, ...] = ()  #: folders with depth files of other tools, a row each
-    predictions_kind: DepthKind | None = None  #: what those files mean; None to believe them
-    #: which division of NYU Depth v2; None for all pairs of a data set of one's own
+    models: tuple[SessionLoader, ...] = ()  #: one row each
+    predictions: tuple[Path, ...] = ()  #: folders with depth files of other tools, one row each
+    predictions_kind: DepthKind | None = None  #: depth kind of those files; None if they state it
+    #: split of NYU Depth v2; None for all pairs of a custom data set
     split: SplitName | None = SplitName.PAPER
-    limit: int | None = None  #: at most so many pictures, evenly over the split; None for all
-    options: EvalOptions = HEADLINE_TABLE  #: how the table is made
-    #: pictures to draw; empty for some of every type of scene, None for no figures
+    limit: int | None = None  #: maximum number of pictures, evenly over the split; None for all
+    options: EvalOptions = HEADLINE_TABLE  #: options of the table
+    #: ids of pictures for the figures; empty for some of each scene type, None for no figures
     shown_ids: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ModelsResult:
-    """The table, and sheets of sample pictures if there is a model or file to show."""
+    """The table, and the figures, if requested."""
 
     report: EvalReport
     figures: tuple[Figure, ...]
@@ -59,16 +59,16 @@ def compare_models(
     progress: Progress = NO_PROGRESS,
     warn: Callable[[str], object] = lambda _text: None,
 ) -> ModelsResult:
-    """Make the table; ``warn`` is told, in one line, where a model does not run as it should.
+    """Make the table; ``warn`` is called with the models' warnings.
 
     Raises:
-        UsageError: there is nothing to compare, an id to show is not compared, or no alignment
-            suits a predictor.
-        DatasetError: the data set or a prediction is not there, or cannot be read.
-        ModelError: a model is not there or cannot be used.
+        UsageError: there is nothing to compare, a picture for the figures is not compared, or no
+            alignment suits a predictor.
+        DatasetError: the data set or a prediction is missing or cannot be read.
+        ModelError: a model is missing or cannot be used.
     """
     task = _plan_task(request)
-    positions = () if request.shown_ids is None else choose(task, request.shown_ids)
+    positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
     if not (
         request.models or request.predictions or (request.options.trivial and task.split.train)
     ):
@@ -77,7 +77,7 @@ def compare_models(
             "--no-trivial (baselines need training pairs of the split)"
         )
     if request.options.protocol.mask is Mask.RAW and isinstance(task.dataset, HasRawDepth):
-        for position in task.test[:1]:  # a set without it is refused before anything is computed
+        for position in task.test[:1]:  # raises early for a data set without raw depth
             task.dataset.raw_depth_m(position)
     predictors = _open_predictors(request, task, warn)
     report = evaluate_models(task, predictors, request.options, progress)
@@ -91,9 +91,9 @@ def compare_models(
 def _plan_task(request: ModelsRequest) -> EvalTask:
     if request.split is not None:
         return plan_nyu(open_nyu(request.data), request.split, request.limit)
-    opener = opener_of(request.data) or open_paired_folder
-    dataset = opener(request.data)
-    if opener is open_nyu and all(map(is_label, dataset.ids)):
+    open_dataset = opener_of(request.data) or open_paired_folder
+    dataset = open_dataset(request.data)
+    if open_dataset is open_nyu and all(map(is_label, dataset.ids)):
         raise UsageError(f"{request.data} is NYU Depth v2: compare on it with 'depthcli eval nyu'")
     return plan_pairs(dataset, request.data.resolve().name, request.limit)
 

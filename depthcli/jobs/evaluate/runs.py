@@ -1,4 +1,4 @@
-"""The runs of a training, exported and compared on pictures that none of them has learned."""
+"""Exporting training runs and comparing them on pictures that none of them was trained on."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,11 +10,11 @@ from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.evaluation.predictors.model import open_models
-from depthcli.evaluation.reports.figures import Figure, choose, draw_figures
+from depthcli.evaluation.reports.figures import Figure, choose_pictures, draw_figures
 from depthcli.evaluation.runs_report import RunsReport
 from depthcli.evaluation.runs_table import evaluate_runs
 from depthcli.evaluation.table import HEADLINE_TABLE, EvalOptions
-from depthcli.evaluation.trained import TrainedModel, grouped, plan_comparison
+from depthcli.evaluation.trained import TrainedModel, group_by_seed, plan_comparison
 from depthcli.export.trained import export_run, find_runs, open_run
 from depthcli.inference.latency import measure_ms
 from depthcli.inference.loading import SessionLoader
@@ -26,29 +26,29 @@ from depthcli.training.trained_run import TrainedRun
 class RunsRequest:
     """Which runs are compared, on which pictures, and how."""
 
-    folder: Path  #: holds the runs, or is one
+    folder: Path  #: the folder of the runs, or a run
     data: Path  #: NYU Depth v2, which they were trained on
-    #: which division of the pairs; ``val`` is what the runs themselves held out
+    #: split of the pairs; ``val`` is the pairs that the runs held out
     split: SplitName = SplitName.VAL
-    limit: int | None = None  #: at most so many pictures, evenly over the split; None for all
-    #: the moving average, where a run keeps one, or those of the last step
+    limit: int | None = None  #: maximum number of pictures, evenly over the split; None for all
+    #: the moving average, if a run has one, or the weights of the last step
     weights: Weights = Weights.AVERAGED
-    options: EvalOptions = HEADLINE_TABLE  #: how the table is made
+    options: EvalOptions = HEADLINE_TABLE  #: options of the table
     published: bool = True  #: include the paper's rows
     against: str | None = None  #: also compare this row with every other
-    #: what runs the models; its own model is not used
+    #: provider and threads; its model is not used
     runner: SessionLoader = field(default_factory=SessionLoader)
-    #: pictures to draw; empty for some of every type of scene, None for no figures
+    #: ids of pictures for the figures; empty for some of each scene type, None for no figures
     shown_ids: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class RunsResult:
-    """The table."""
+    """The result of a comparison of runs."""
 
-    report: RunsReport  #: of all runs that could be used
-    figures: tuple[Figure, ...]  #: sheets of sample pictures, if they were asked for
-    failed: tuple[str, ...]  #: name of each other run, and why
+    report: RunsReport  #: the table of all runs that could be used
+    figures: tuple[Figure, ...]  #: figures of sample pictures, if requested
+    failed: tuple[str, ...]  #: name and reason of each run that could not be used
 
 
 def compare_runs(
@@ -56,28 +56,30 @@ def compare_runs(
     progress: Progress = NO_PROGRESS,
     warn: Callable[[str], object] = lambda _text: None,
 ) -> RunsResult:
-    """Make the table; ``warn`` is told, in one line, where a model does not run as it should.
+    """Export the runs and make the table; ``warn`` is called with the models' warnings.
 
     Raises:
-        UsageError: the runs cannot be compared with each other or on these pictures, or what is
-            asked for is not among them.
-        DatasetError: the data set is not there or cannot be read.
+        UsageError: the runs cannot be compared with each other or on these pictures, or a requested
+            row or picture is not among them.
+        DatasetError: the data set is missing or cannot be read.
         DepthcliError: no run can be used.
     """
     dataset = open_nyu(request.data)
     opened, failed = _open_runs(request.folder)
     task = plan_comparison(dataset, opened, request.split, request.limit)
-    positions = () if request.shown_ids is None else choose(task, request.shown_ids)
-    names = grouped(opened)  # refuses what is no seed of a row before anything is exported
+    positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
+    names = group_by_seed(
+        opened
+    )  # raises for runs that are not seeds of one row, before the export
     if request.against is not None and request.against not in names:
         raise UsageError(
             f"--against {request.against} is not a row; choose from {', '.join(names)}"
         )
-    with temporary_folder() as spare:
-        exported = _exported(opened, spare, request.weights, progress, failed)
+    with temporary_folder() as fallback_folder:
+        exported = _export_runs(opened, fallback_folder, request.weights, progress, failed)
         protocol = request.options.protocol
         detail = Detail(protocol.upsampling, protocol.tile_px)
-        models = _loaded(exported, request.runner, detail, warn)
+        models = _load_models(exported, request.runner, detail, warn)
         report = evaluate_runs(
             task,
             models,
@@ -97,7 +99,7 @@ def compare_runs(
 
 
 def _open_runs(folder: Path) -> tuple[list[TrainedRun], list[str]]:
-    """The runs that can be used, and why others cannot."""
+    """The runs that can be used, and name and reason of the others."""
     opened, failed = [], []
     for run in find_runs(folder):
         try:
@@ -109,18 +111,18 @@ def _open_runs(folder: Path) -> tuple[list[TrainedRun], list[str]]:
     return opened, failed
 
 
-def _exported(
+def _export_runs(
     opened: Sequence[TrainedRun],
-    spare: Path,
+    fallback_folder: Path,
     weights: Weights,
     progress: Progress,
     failed: list[str],
 ) -> list[tuple[TrainedRun, Path]]:
-    """Every run with its model; those that cannot be exported join ``failed``."""
+    """Every run with its model; runs that cannot be exported are added to ``failed``."""
     advance, exported = progress.begin("exporting runs", len(opened)), []
     for run in opened:
         try:
-            exported.append((run, export_run(run, spare, weights)))
+            exported.append((run, export_run(run, fallback_folder, weights)))
         except DepthcliError as error:
             failed.append(f"{run.name} ({error})")
         advance(1)
@@ -129,13 +131,13 @@ def _exported(
     return exported
 
 
-def _loaded(
+def _load_models(
     exported: Sequence[tuple[TrainedRun, Path]],
     runner: SessionLoader,
     detail: Detail,
     warn: Callable[[str], object],
 ) -> list[TrainedModel]:
-    """Every run with its model, ready to predict, and the time that it takes."""
+    """Every run with its loaded model and its latency."""
     loaders = [replace(runner, model=path) for _, path in exported]
     opened = open_models(loaders, detail, warn)
     times_ms = measure_ms([model.pipeline for model in opened])

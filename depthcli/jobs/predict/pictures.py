@@ -1,4 +1,4 @@
-"""One picture after another, from its file to its outputs."""
+"""Processing pictures one after another, from the file to the outputs."""
 
 import errno
 import time
@@ -15,43 +15,45 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.formats import Format, writer_class
-from depthcli.jobs.failed import Failed
+from depthcli.jobs.failed import FailedInput
 from depthcli.jobs.outputs import write_output, write_stream
-from depthcli.jobs.predict.plan import STANDARD, PicturePlan
+from depthcli.jobs.predict.plan import STDIO, PicturePlan
 from depthcli.jobs.predict.request import PredictRequest
 
 
-class Done(NamedTuple):
-    """An input whose outputs are all written."""
+class PictureResult(NamedTuple):
+    """The result of an input whose outputs are all written."""
 
     name: str  #: the input, as the user wrote it
     outputs: tuple[str, ...]  #: the files written, ``-`` for standard output
     depth: DepthMap  #: the depth map
-    provider: str  #: what ran the model
+    provider: str  #: the provider that ran the model
     seconds: float  #: from opening the input to the last output
-    warnings: tuple[str, ...]  #: one-line texts
+    warnings: tuple[str, ...]  #: one line each
 
 
-def each_picture(
+def predict_pictures(
     request: PredictRequest, plans: Sequence[PicturePlan], loading: Background[Session]
-) -> Iterator[Done | Failed]:
-    """What becomes of each picture, when its turn comes.
+) -> Iterator[PictureResult | FailedInput]:
+    """Process the pictures and yield their results, in order.
 
     Raises:
         ModelError: the model cannot be used.
-        UsageError: the model takes no focal length.
+        UsageError: the model does not accept a focal length.
     """
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
     for plan in plans:
         try:
-            yield _done(request, plan, loading)
+            yield _predict_picture(request, plan, loading)
         except (InputError, OutputError) as error:
-            yield Failed(plan.name, error)
-    loading.result()  # a model that fails is told even if no picture got so far
+            yield FailedInput(plan.name, error)
+    loading.result()  # raises if the model cannot be loaded, even if no picture was read
 
 
-def _done(request: PredictRequest, plan: PicturePlan, loading: Background[Session]) -> Done:
+def _predict_picture(
+    request: PredictRequest, plan: PicturePlan, loading: Background[Session]
+) -> PictureResult:
     start = time.perf_counter()
     frame = _read_picture(request, plan)
     session = loading.result()
@@ -63,9 +65,9 @@ def _done(request: PredictRequest, plan: PicturePlan, loading: Background[Sessio
     warnings = list(session.warnings)
     for name, path in plan.outputs.items():
         warnings += _write_picture(request, name, depth, frame, path)
-    return Done(
+    return PictureResult(
         name=plan.name,
-        outputs=tuple(str(path or STANDARD) for path in plan.outputs.values()),
+        outputs=tuple(str(path or STDIO) for path in plan.outputs.values()),
         depth=depth,
         provider=session.provider,
         seconds=time.perf_counter() - start,

@@ -1,4 +1,4 @@
-"""Which files ``depthcli predict`` writes."""
+"""The output files of ``depthcli predict``."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,20 +7,20 @@ from typing import NamedTuple
 from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.remote import path_of, safe_name
-from depthcli.io.writers.formats import ENDINGS, FORMATS, Format, format_of
-from depthcli.jobs.naming import check_fit, is_folder, plan_outputs
+from depthcli.io.writers.formats import FILE_SUFFIXES, FORMATS, Format, format_of
+from depthcli.jobs.naming import check_suffix, is_folder, plan_outputs
 
-STANDARD = "-"
+STDIO = "-"
 DEFAULT_FORMATS = (Format.PNG16, Format.PREVIEW)
 
 
-def pictures_among(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Inputs, and those left out because depthcli wrote them: ``*.png`` names them as well.
+def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Inputs, and those to skip because depthcli wrote them; ``*.png`` matches these as well.
 
     Raises:
-        UsageError: nothing else is there.
+        UsageError: all of them were written by depthcli.
     """
-    own = [name for name in names if name != STANDARD and is_own_picture(name)]
+    own = [name for name in names if name != STDIO and is_own_picture(name)]
     others = [name for name in names if name not in own]
     if not others:
         raise UsageError(
@@ -39,26 +39,26 @@ class PicturePlan(NamedTuple):
 
 
 def picture_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format, ...]:
-    """What to write: what was asked for, else what the output's suffix says, else the default.
+    """The formats to write: the requested ones, else that of the output's suffix, else the default.
 
     Raises:
-        UsageError: the output is empty, or a file whose suffix says nothing or another format.
+        UsageError: the output is empty, or a file whose suffix is of no format or another one.
     """
     if output == "":
         raise UsageError("-o is empty; name a file or a folder, or omit -o")
     if asked:
         if output is not None and len(set(asked)) == 1:
-            check_fit("-o ", output, asked[0])
+            check_suffix("-o ", output, asked[0])
         return tuple(dict.fromkeys(asked))
     if output is None or is_folder(output):
         return DEFAULT_FORMATS
-    if output == STANDARD:
+    if output == STDIO:
         return (Format.PNG16,)
     found = format_of(output)
     if found is None:
         raise UsageError(
             f"-o {safe_name(output)} has no suffix that selects a format; use "
-            f"{', '.join(ENDINGS)}, give --format, or end the name in '/' for a folder"
+            f"{', '.join(FILE_SUFFIXES)}, give --format, or end the name in '/' for a folder"
         )
     return (found,)
 
@@ -69,17 +69,17 @@ def plan_pictures(
     """Name every output before anything is read.
 
     Raises:
-        UsageError: the outputs do not fit the inputs, or each other.
+        UsageError: the outputs do not fit the inputs, or collide.
     """
-    if list(names).count(STANDARD) > 1:
+    if list(names).count(STDIO) > 1:
         raise UsageError("'-' is standard input and can be read once; give it once")
-    sources = [None if name == STANDARD else path_of(name) for name in names]
+    sources = [None if name == STDIO else path_of(name) for name in names]
     wanted = dict.fromkeys([*formats, Format.JSON] if sidecar else formats)
-    if output == STANDARD:
+    if output == STDIO:
         if len(names) != 1 or len(wanted) != 1:
             raise UsageError("-o - takes one input and one format; name a folder for more")
         return (PicturePlan(safe_name(names[0]), sources[0], dict.fromkeys(wanted)),)
-    # A sidecar beside the one file that the user named must not change that file's name.
+    # A sidecar must not change the name that the user gave for the output.
     beside = sidecar and len(formats) == 1 and output is not None and not is_folder(output)
     main = formats if beside else wanted
     plans = plan_outputs(sources, output, {name: FORMATS[name].suffix for name in main})

@@ -1,10 +1,10 @@
-"""What ``depthcli predict`` is asked for."""
+"""The request of ``depthcli predict``."""
 
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from depthcli.core.camera import Camera
-from depthcli.core.choices import MAX_PIXELS, PLAIN, Detail
+from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
@@ -12,19 +12,19 @@ from depthcli.io.writers.options import WriterOptions
 
 @dataclass(frozen=True, slots=True)
 class PredictRequest:
-    """Pictures, and what is to become of each."""
+    """Pictures, and how to process them."""
 
     pictures: tuple[str, ...]  #: names of files; ``-`` is ``stdin``
     #: a file for one picture, a folder (it exists, or ends in ``/``), ``-`` for ``stdout``; None
     #: for files beside each picture
     output: str | None = None
-    #: what to write; empty for what the output's suffix says, else PNG and preview
+    #: formats to write; empty for that of the output's suffix, else PNG and preview
     formats: tuple[Format, ...] = ()
     sidecar: bool = False  #: write the JSON as well
     model: SessionLoader = field(default_factory=SessionLoader)  #: which model runs, and how
-    camera: Camera = field(default_factory=Camera)  #: what is known of the camera
+    camera: Camera = field(default_factory=Camera)  #: camera parameters, if known
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
-    detail: Detail = PLAIN  #: how depth becomes that of a full-size picture
+    detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size picture
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
     stdin: BinaryIO | None = None  #: where ``-`` is read
     stdout: BinaryIO | None = None  #: where ``-`` is written

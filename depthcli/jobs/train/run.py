@@ -1,4 +1,4 @@
-"""One run: a method trained on a data set, in a folder that it is continued from."""
+"""One training run: a method, a data set, and the folder that it is saved to and resumed from."""
 
 import math
 import signal
@@ -9,57 +9,61 @@ from pathlib import Path
 from depthcli.core.interrupt import Interrupt
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.training_data import TrainingData, open_training_data
+from depthcli.jobs.train.weights_file import weights_file
 from depthcli.training import loop
-from depthcli.training.board import Board
+from depthcli.training.callbacks import Callback, TrainStart
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.launch import launched, open_fabric
-from depthcli.training.setup import divide
+from depthcli.training.setup import train_val_split
+from depthcli.training.tensorboard_logger import TensorBoardLogger
 from depthcli.training.threads import set_threads
-from depthcli.training.watchers import TrainStart, Watcher
 
 
 @dataclass(frozen=True, slots=True)
 class TrainRequest:
-    """What is trained, and how."""
+    """What to train, and how."""
 
     config: TrainConfig  #: of the run; see :func:`depthcli.training.resolve.resolve_config`
     #: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it
     data: Path
     out: Path  #: folder for checkpoint, log and samples; a run in it is continued
-    extra: Path | None = None  #: folder of pairs whose metres are less sure
-    #: exported models or checkpoints; a new run starts from the mean of their weights
+    extra: Path | None = None  #: folder of additional pairs with less reliable depth
+    #: models or checkpoints, as :func:`~depthcli.jobs.train.weights_file.weights_file` takes them;
+    #: a new run starts from the mean of their weights
     start: tuple[Path, ...] = ()
-    minutes: float = math.inf  #: wall-clock minutes of this sitting
+    minutes: float = math.inf  #: wall-clock minutes after which it stops
     accelerator: str = "auto"  #: auto, cpu, cuda or mps
     devices: int = 1  #: GPUs, or CPU processes
     threads: int | None = None  #: CPU threads; None for those of the folder's run, or the fastest
     tensorboard: bool = False  #: also write event files for TensorBoard
-    #: those that end it after the step at hand, with a checkpoint
+    #: signals that stop it after the current step, with a checkpoint
     signals: tuple[signal.Signals, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class TrainResult:
-    """How a sitting ended."""
+    """How a training session ended."""
 
     progress: RunProgress  #: how far the run has come
     signal_number: int | None  #: the signal that ended it, or None
-    is_first: bool  #: whether this process speaks for the run; of several, only the first does
+    is_global_zero: bool  #: whether this is the process with global rank 0
 
 
-def train(request: TrainRequest, watcher: Watcher) -> TrainResult:
+def train(request: TrainRequest, callback: Callback) -> TrainResult:
     """Train until the schedule, the time limit or a signal ends it.
 
-    With several devices this same command is started again for each of them.
+    With several devices the command is launched once per device.
 
     Raises:
         UsageError: the accelerator, devices or settings do not fit together.
         DatasetError: the data set cannot be used.
-        CheckpointError: the folder holds another run, or a checkpoint cannot be written.
-        TrainingError: training cannot go on; the last checkpoint is kept.
+        ModelError: there is no such model to start from, or it is damaged.
+        CheckpointError: the folder holds another run, or a checkpoint cannot be read or written.
+        TrainingError: training cannot continue; the last checkpoint is kept.
     """
     config, out = request.config, request.out
+    start = [weights_file(source) for source in request.start]
     fabric = open_fabric(request.accelerator, config.precision, request.devices)
     data = _data(request)
     with launched(fabric):
@@ -67,14 +71,15 @@ def train(request: TrainRequest, watcher: Watcher) -> TrainResult:
         threads = set_threads(request.threads, config, out, fabric)
         if first:
             lacks_scenes = (
-                bool(config.data.holdout_every) and not divide(data.dataset, config.data)[1]
+                bool(config.data.holdout_every)
+                and not train_val_split(data.dataset, config.data)[1]
             )
-            watcher.begin(TrainStart(threads, lacks_scenes))
-        board = Board(watcher, out, config) if request.tensorboard and first else None
+            callback.on_train_start(TrainStart(threads, lacks_scenes))
+        logger = TensorBoardLogger(callback, out, config) if request.tensorboard and first else None
         interrupt = Interrupt(*request.signals)
-        with closing(board) if board else nullcontext(watcher) as told:
+        with closing(logger) if logger else nullcontext(callback) as listener:
             limits = loop.Limits(minutes=request.minutes)
-            done = loop.fit(config, data, out, fabric, told, limits, interrupt, request.start)
+            done = loop.fit(config, data, out, fabric, listener, limits, interrupt, start)
     return TrainResult(done, interrupt.number, first)
 
 

@@ -1,4 +1,4 @@
-"""Which files ``depthcli video`` writes."""
+"""The output files of ``depthcli video``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,10 +19,10 @@ from depthcli.video.formats import (
     video_format_of,
 )
 from depthcli.video.frame_source import is_sequence
-from depthcli.video.number_pattern import is_pattern, without_number
+from depthcli.video.number_pattern import base_name, is_pattern
 from depthcli.video.pipes import InputPipe, OutputPipe
 
-STANDARD = "-"
+STDIO = "-"
 DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
 
 
@@ -32,36 +32,36 @@ class VideoPlan:
 
     name: str  #: the video as the user wrote it
     source: Path | InputPipe  #: the file, or standard input
-    folder: Path  #: where the outputs go
-    #: file name of each format; a sequence's is a pattern with ``%06d`` or the like, and ``-`` is
+    folder: Path  #: folder of the outputs
+    #: file name of each format; that of a sequence is a pattern such as ``%06d``, and ``-`` is
     #: standard output
     names: Mapping[VideoFormat, str]
     codecs: Mapping[VideoFormat, Codec] = field(default_factory=dict)  #: of the previews
-    has_sound: bool = True  #: whether previews are heard
-    stdout: BinaryIO | None = None  #: what ``-`` stands for
+    has_audio: bool = True  #: whether previews include the audio
+    stdout: BinaryIO | None = None  #: the stream for ``-``
 
     def path(self, which: VideoFormat) -> Path:
-        """Where a format goes."""
+        """The output path of a format."""
         return self.folder / self.names[which]
 
     def target(self, which: VideoFormat) -> Path | OutputPipe:
-        """The same, or standard output."""
+        """The output path of a format, or standard output."""
         if self.stdout is None:
             return self.path(which)
-        return OutputPipe(self.stdout, VIDEO_FORMATS[which].ending or "")
+        return OutputPipe(self.stdout, VIDEO_FORMATS[which].file_suffix or "")
 
 
 def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:
-    """What to write: what was asked for, else what the output's suffix says, else the default.
+    """The formats to write: the requested ones, else that of the output's suffix, else the default.
 
     Raises:
-        UsageError: the output is a file whose suffix says nothing, or there is nothing but JSON.
+        UsageError: the output is a file whose suffix is of no format, or JSON is the only format.
     """
     if output is not None and is_pattern(path_of(output).name):
         chosen: tuple[VideoFormat, ...] = (_format_of_pattern(output, asked),)
     elif asked:
         chosen = tuple(dict.fromkeys(asked))
-    elif output == STANDARD:
+    elif output == STDIO:
         chosen = (VideoFormat.MKV,)
     elif output is None or _is_folder(output):
         chosen = DEFAULT_FORMATS
@@ -81,26 +81,26 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     """Name every output before anything is read.
 
     Raises:
-        UsageError: the output's suffix says nothing, a sequence is to go into one file or a pipe,
-            an output is the video itself, or a codec is for another container.
+        UsageError: the output's suffix is of no format, a sequence is to go into one file or a
+            pipe, an output is the video itself, or a codec is for another container.
     """
     name, output = request.video, request.output
     formats = video_formats(output, request.formats)
-    source, file = _source(name, request.stdin), None if name == STANDARD else path_of(name)
+    source, file = _source(name, request.stdin), None if name == STDIO else path_of(name)
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if request.sidecar else formats))
-    if output == STANDARD:
-        folder, names = Path(), _piped(wanted, request.stdout)
+    if output == STDIO:
+        folder, names = Path(), _stdout_name(wanted, request.stdout)
     elif output is None or _is_folder(output):
         folder = path_of(name).parent if output is None else path_of(output)
-        names = {which: _base(file) + VIDEO_FORMATS[which].suffix for which in wanted}
+        names = {which: _output_base(file) + VIDEO_FORMATS[which].suffix for which in wanted}
     else:
         folder = path_of(output).parent
         names = _file_names(path_of(output), formats, wanted)
     asked = None if request.codec is None else Codec(request.codec)
     previews = [which for which in names if VIDEO_FORMATS[which].is_preview]
     codecs = {which: preview_codec(f".{which}", asked) for which in previews}
-    stdout = request.stdout if output == STANDARD else None
-    plan = VideoPlan(safe_name(name), source, folder, names, codecs, request.has_sound, stdout)
+    stdout = request.stdout if output == STDIO else None
+    plan = VideoPlan(safe_name(name), source, folder, names, codecs, request.has_audio, stdout)
     for which in names:
         check_writable(plan.path(which))
         if file is not None and is_same_file(plan.path(which), file):
@@ -109,25 +109,25 @@ def plan_video(request: VideoRequest) -> VideoPlan:
 
 
 def _source(name: str, stdin: BinaryIO | None) -> Path | InputPipe:
-    if name != STANDARD:
+    if name != STDIO:
         return path_of(name)
     if stdin is None:
         raise UsageError("the input is '-' but there is no stdin; name a file")
     return InputPipe(stdin)
 
 
-def _piped(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict[VideoFormat, str]:
+def _stdout_name(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict[VideoFormat, str]:
     if len(wanted) > 1 or wanted[0] in SEQUENCES:
         raise UsageError(
             f"-o - takes one of mkv, mp4, webm and mov, not {' and '.join(wanted)}; name a folder"
         )
     if stdout is None:
         raise UsageError("the output is '-' but there is no stdout; name a file or a folder")
-    return {wanted[0]: STANDARD}
+    return {wanted[0]: STDIO}
 
 
 def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat:
-    """The format of files that a pattern names, ``depth.%04d.exr`` say."""
+    """The format of the files of a pattern such as ``depth.%04d.exr``."""
     found = sequence_of(output)
     if found is None or set(asked) - {found}:
         raise UsageError(
@@ -137,21 +137,21 @@ def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat
     return found
 
 
-def _base(source: Path | None) -> str:
-    """What outputs are called before their suffixes."""
+def _output_base(source: Path | None) -> str:
+    """The name of outputs, without suffix."""
     if source is None or not is_sequence(source):
         return output_bases([source])[0]
-    return without_number(source.stem) if is_pattern(source.name) else source.resolve().name
+    return base_name(source.stem) if is_pattern(source.name) else source.resolve().name
 
 
 def _file_names(
     output: Path, formats: Sequence[VideoFormat], wanted: Sequence[VideoFormat]
 ) -> dict[VideoFormat, str]:
-    """Names for an output that is one file, or the stem of several."""
+    """File names for an output path that is one file, or the stem of several."""
     main = [which for which in formats if which is not VideoFormat.JSON]
     if is_pattern(output.name):
         names: dict[VideoFormat, str] = {main[0]: output.name}
-        sidecar = without_number(output.stem) + ".json"
+        sidecar = base_name(output.stem) + ".json"
         return names | ({VideoFormat.JSON: sidecar} if VideoFormat.JSON in wanted else {})
     if len(main) > 1:
         return {which: output.stem + VIDEO_FORMATS[which].suffix for which in wanted}

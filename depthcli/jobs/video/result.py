@@ -1,4 +1,4 @@
-"""What became of a video."""
+"""The result of processing a video."""
 
 import json
 from collections.abc import Sequence
@@ -6,43 +6,43 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.writers.facts import SOFTWARE, Facts
+from depthcli.io.writers.metadata import SOFTWARE, DepthMetadata
 from depthcli.video.rates import rate_text
 
 
 @dataclass(frozen=True, slots=True)
-class VideoDone:
-    """A video whose outputs are all written."""
+class VideoResult:
+    """The result of a video whose outputs are all written."""
 
     name: str  #: the video, as the user wrote it
     #: the files written; a sequence's with ``%06d`` for the frame's number
     outputs: tuple[str, ...]
-    numbers: Sequence[int]  #: those of the frames written, from 0 for the first of the file
-    rate: Fraction  #: frames a second of the outputs, exact
-    source_rate: Fraction  #: frames a second of the video
-    is_regular: bool  #: whether all frames stand on the rate's grid
+    numbers: Sequence[int]  #: numbers of the frames written; the first of the file has 0
+    rate: Fraction  #: frames per second of the outputs, exact
+    source_rate: Fraction  #: frames per second of the video
+    is_regular: bool  #: whether the frame rate is constant
     first: Frame  #: first frame written, without its pixels
     depth: DepthMap  #: its depth, for kind and model
-    #: of the depth written, see ``FlickerMeter``; None without two alike frames
+    #: flicker of the depth written, see ``FlickerMeter``; None without two similar frames
     flicker: float | None
-    flicker_unsmoothed: float | None  #: of the depth before smoothing; None without smoothing
-    scenes: int  #: how many scenes there are
+    flicker_unsmoothed: float | None  #: flicker before smoothing; None without smoothing
+    scenes: int  #: number of scenes
     smooth_s: float  #: time constant of the smoothing
     lock_s: float  #: time constant of the preview's range
-    scale: float | None  #: steps a metre in 16-bit outputs; None where each is stretched
-    provider: str  #: what ran the model
+    scale: float | None  #: units per metre in 16-bit outputs; None if each is normalised
+    provider: str  #: the provider that ran the model
     seconds: float  #: from opening the video to the last output
-    warnings: tuple[str, ...]  #: one-line texts
+    warnings: tuple[str, ...]  #: one line each
     problem: str | None  #: why frames are missing at the end; None if none are
 
     @property
     def frames(self) -> int:
-        """How many were written."""
+        """Number of frames written."""
         return len(self.numbers)
 
-    def facts(self) -> dict[str, object]:
-        """What the outputs mean, the same for every run: the fields of JSON and sidecar."""
-        depth, known = self.depth, Facts.of(self.depth)
+    def metadata(self) -> dict[str, object]:
+        """The fields of JSON and sidecar that are the same for every run."""
+        depth, known = self.depth, DepthMetadata.of(self.depth)
         return {
             "frames": self.frames,
             "fps": rate_text(self.rate),
@@ -65,6 +65,6 @@ class VideoDone:
         }
 
     def sidecar(self) -> str:
-        """The sidecar's text: what the outputs mean, the same for every run."""
-        facts = {"software": SOFTWARE, **self.facts()}
-        return json.dumps(facts, indent=2, allow_nan=False) + "\n"
+        """The text of the sidecar, the same for every run."""
+        metadata = {"software": SOFTWARE, **self.metadata()}
+        return json.dumps(metadata, indent=2, allow_nan=False) + "\n"

@@ -1,4 +1,4 @@
-"""Going on where an earlier run was stopped, with what it left of depth."""
+"""Resuming a video that was stopped, with the depth that the earlier run wrote."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -11,25 +11,25 @@ from depthcli.core.fingerprint import fingerprint
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
+from depthcli.io.depth.quantization import dequantized
 from depthcli.io.depth.read import read_depth
-from depthcli.io.depth.steps import metres
 from depthcli.io.storage.remote import RemotePath
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.jobs.video.request import VideoSettings
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frame_journal import FrameJournal
 from depthcli.video.frames import FrameSource
-from depthcli.video.number_pattern import number_name, without_number
-from depthcli.video.partial import PartialVideo, held_steps, partial_video
+from depthcli.video.number_pattern import base_name, numbered_name
+from depthcli.video.partial import PartialVideo, partial_video, readable_steps
 
 _BEST_FIRST = (VideoFormat.NPY, VideoFormat.EXR, VideoFormat.PNG16)
 
 
 class EarlierFrames:
-    """Depth that an earlier run wrote, and a place to note what this one does.
+    """Depth that an earlier run wrote, and a record of the frames that this run writes.
 
-    That is read from numbered files, or else from a depth video that was not finished. All other
-    outputs are made of it once more, so that they need no place to go on from.
+    It is read from numbered files, or else from an unfinished depth video. All other outputs are
+    written again from it.
     """
 
     def __init__(
@@ -42,13 +42,13 @@ class EarlierFrames:
     ) -> None:
         self._plan, self._kind, self._scale, self._journal = plan, kind, scale, journal
         self._formats = [which for which in _BEST_FIRST if which in plan.names]
-        self._steps = iter(()) if partial is None else held_steps(partial.earlier)
+        self._steps = iter(()) if partial is None else readable_steps(partial.earlier)
         self._waiting = dict[int, npt.NDArray[np.uint16]]()
-        #: where this run writes its depth video until it is whole; None for its own name
+        #: path of this run's depth video until it is complete; None for its final name
         self.written = None if partial is None else partial.written
 
     def follow(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        """The frames, while the unfinished video is read beside them."""
+        """Yield the frames, and read the unfinished video in parallel."""
         for frame in frames:
             steps = next(self._steps, None)
             if steps is not None:
@@ -56,30 +56,30 @@ class EarlierFrames:
             yield frame
 
     def kept(self, number: int) -> DepthMap | None:
-        """Depth of a frame that is there; None if it is to be done. For any thread."""
+        """Depth of a frame that the earlier run wrote, else None; thread-safe."""
         steps = self._waiting.pop(number, None)
         if steps is not None:
-            return DepthMap(metres(steps, self._scale), self._kind)
+            return DepthMap(dequantized(steps, self._scale), self._kind)
         if self._journal is None or number not in self._journal.earlier:
             return None
-        names = [number_name(self._plan.names[which], number) for which in self._formats]
+        names = [numbered_name(self._plan.names[which], number) for which in self._formats]
         try:
             maps = [read_depth(self._plan.folder / name) for name in names]
         except InputError:
             return None
-        return DepthMap(maps[0].values, self._kind)  # NPY does not say it
+        return DepthMap(maps[0].values, self._kind)  # NPY does not state the kind
 
     def add(self, number: int) -> None:
-        """Note that a frame is written."""
+        """Record that a frame is written."""
         if self._journal is not None:
             self._journal.add(number)
 
 
-def rounding(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings) -> float | None:
-    """Steps a metre to which depth is rounded before anything is made of it; None if it is not.
+def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings) -> float | None:
+    """Units per metre to which depth is rounded before it is used; None for no rounding.
 
-    It is where the outputs keep it in no other way, so that previews and figures follow from what
-    they keep, and are the same whether or not a run was stopped in between.
+    Depth is rounded if all depth outputs are 16-bit, so that previews and figures are computed from
+    the values that are written, and are the same whether or not the run was resumed.
     """
     writing = settings.writing
     is_in_steps = {VideoFormat.MKV, VideoFormat.PNG16} & set(plan.names)
@@ -94,10 +94,10 @@ def rounding(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings) -> fl
 def earlier_frames(
     plan: VideoPlan, source: FrameSource, pipeline: Pipeline, settings: VideoSettings
 ) -> Iterator[EarlierFrames]:
-    """What is done of a video already, and a place to note more.
+    """The frames of an earlier run, if it can be resumed.
 
-    Nothing is taken over where frames follow from those before them, of a pipe or into one, and
-    where the other outputs could not be made of what is kept.
+    It cannot with smoothing, as frames then depend on previous ones; with pipes; in an object
+    store; or if the other outputs cannot be made from the depth that is kept.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -106,7 +106,7 @@ def earlier_frames(
     numbered = [which for which in plan.names if which in SEQUENCES]
     others = set(plan.names) - set(SEQUENCES)
     is_whole = (
-        rounding(plan, pipeline, settings) is not None
+        rounding_scale(plan, pipeline, settings) is not None
         or VideoFormat.NPY in numbered
         or (VideoFormat.EXR in numbered and not settings.writing.half)
     )
@@ -119,7 +119,7 @@ def earlier_frames(
     with ExitStack() as stack:
         try:
             if numbered:
-                name = without_number(plan.names[numbered[0]])
+                name = base_name(plan.names[numbered[0]])
                 journal = stack.enter_context(FrameJournal(plan.folder, name, origin))
                 earlier = EarlierFrames(*kept, journal)
             else:
@@ -136,7 +136,7 @@ def earlier_frames(
 def _origin(
     plan: VideoPlan, source: FrameSource, pipeline: Pipeline, settings: VideoSettings
 ) -> str:
-    """Checksum of all that frames follow from."""
+    """Fingerprint of everything that the frames depend on."""
     states = [(path, path.stat()) for path in source.paths]
     card = pipeline.card
     return fingerprint(

@@ -1,4 +1,4 @@
-"""A video's frames: each through the network alone, then over time in their order."""
+"""The processing stages of a video's frames: prediction per frame, then filtering over time."""
 
 import dataclasses
 from array import array
@@ -13,36 +13,36 @@ from depthcli.core.temporal.range_lock import RangeLock
 from depthcli.core.temporal.smoothing import (
     FlickerMeter,
     Smoother,
-    from_steps,
-    kept_share,
+    ema_decay,
+    from_log,
     sample_cells,
-    to_steps,
+    to_log,
 )
 from depthcli.core.types import DepthMap, Frame
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.depth.steps import metres, quantized
+from depthcli.io.depth.quantization import dequantized, quantized
 from depthcli.io.writers.preview import percentiles
 from depthcli.jobs.video.request import VideoSettings
-from depthcli.video.output import VideoFrame
+from depthcli.video.output import DepthFrame
 
 
 @dataclass(frozen=True, slots=True)
 class PredictedFrame:
-    """A frame after the network, before anything that needs the frames around it."""
+    """A frame after prediction, before the stages that depend on other frames."""
 
-    picture: Frame  #: what is seen
+    picture: Frame  #: the frame of the video
     depth: DepthMap  #: its depth
-    guide: npt.NDArray[np.float32]  #: its brightness at a small size, (h, w) float32
-    #: depth for smoothing, (H, W) float32 of ``to_steps``; None without smoothing
+    thumbnail: npt.NDArray[np.float32]  #: its brightness at a reduced size, (h, w) float32
+    #: depth for smoothing, (H, W) float32 of ``to_log``; None without smoothing
     steps: npt.NDArray[np.float32] | None
-    #: depth for the flicker figure, (h, w) float32 of ``to_steps``
+    #: depth for the flicker figure, (h, w) float32 of ``to_log``
     sampled: npt.NDArray[np.float32]
-    spread: tuple[float, float]  #: the percentiles of its depth
+    spread: tuple[float, float]  #: percentiles of its depth
     is_kept: bool = False  #: whether an earlier run wrote it
 
 
 class FrameStages:
-    """What happens to each frame, and the state between frames."""
+    """The stages of each frame, and the state between frames."""
 
     def __init__(
         self,
@@ -51,18 +51,18 @@ class FrameStages:
         kept: Callable[[int], DepthMap | None] = lambda _number: None,
         scale: float | None = None,
     ) -> None:
-        """Begin.
+        """Initialise the state.
 
         Args:
             pipeline: the model.
             settings: options.
-            kept: depth of a frame that an earlier run wrote, by its number.
-            scale: steps a metre to which depth is rounded; None for depth as it is.
+            kept: returns the depth of a frame number if an earlier run wrote it, else None.
+            scale: units per metre to which depth is rounded; None for no rounding.
         """
         self._kept, self._scale = kept, scale
         self._pipeline = pipeline
         self._settings = settings
-        self._changes = temporal.Changes()
+        self._changes = temporal.ChangeDetector()
         self._lock = RangeLock()
         self._smoother = Smoother()
         kind = pipeline.card.output.kind
@@ -73,25 +73,25 @@ class FrameStages:
         self.numbers = array("q")
 
     def predict(self, picture: Frame) -> PredictedFrame:
-        """The network and all that looks at one frame alone; for any thread."""
+        """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
         kept = self._kept(picture.index)
         if self.first is None:
-            kept = None  # the first frame is always predicted, for what the report says of it
+            kept = None  # the first frame is always predicted, for the report
         depth = kept or self._pipeline.predict(
             picture, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
         )
         if self._scale is not None and kept is None:
-            values = metres(quantized(depth.values, self._scale)[0], self._scale)
+            values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
             depth = dataclasses.replace(depth, values=values)
-        guide = temporal.guide(picture.pixels)
-        small = DepthMap(sample_cells(depth.values, guide.shape), depth.kind)
-        steps = to_steps(depth) if self._settings.smooth_s else None
+        thumbnail = temporal.thumbnail(picture.pixels)
+        small = DepthMap(sample_cells(depth.values, thumbnail.shape), depth.kind)
+        steps = to_log(depth) if self._settings.smooth_s else None
         spread, is_kept = percentiles(small), kept is not None
-        return PredictedFrame(picture, depth, guide, steps, to_steps(small), spread, is_kept)
+        return PredictedFrame(picture, depth, thumbnail, steps, to_log(small), spread, is_kept)
 
-    def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[VideoFrame]:
-        """The part that needs the frames in order; cheap, for one thread."""
+    def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[DepthFrame]:
+        """The stages that need the frames in order; fast, in one thread."""
         for frame in frames:
             now_s = frame.picture.timestamp_s or 0.0
             interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
@@ -102,24 +102,24 @@ class FrameStages:
                 self.first = (alone, frame.depth)
             yield self._smoothed(frame, interval_s)
 
-    def _smoothed(self, frame: PredictedFrame, interval_s: float) -> VideoFrame:
-        change = self._changes.step(frame.guide)
+    def _smoothed(self, frame: PredictedFrame, interval_s: float) -> DepthFrame:
+        change = self._changes.step(frame.thumbnail)
         self.scenes += change.is_cut
-        kept = kept_share(interval_s, self._settings.lock_s)
-        spread = self._lock.step(*frame.spread, kept, is_cut=change.is_cut)
+        decay = ema_decay(interval_s, self._settings.lock_s)
+        spread = self._lock.step(*frame.spread, decay, is_cut=change.is_cut)
         self.raw.step(frame.sampled, change)
         depth = frame.depth
         if frame.steps is not None:
-            kept = kept_share(interval_s, self._settings.smooth_s)
-            steps = self._smoother.step(frame.steps, change, kept)
-            self.smoothed.step(sample_cells(steps, frame.guide.shape), change)
+            decay = ema_decay(interval_s, self._settings.smooth_s)
+            steps = self._smoother.step(frame.steps, change, decay)
+            self.smoothed.step(sample_cells(steps, frame.thumbnail.shape), change)
             depth = dataclasses.replace(depth, values=steps)
-        return VideoFrame(frame.picture, depth, spread, frame.is_kept)
+        return DepthFrame(frame.picture, depth, spread, frame.is_kept)
 
-    def restore(self, frame: VideoFrame) -> VideoFrame:
-        """Depth from what the smoother left; for any thread."""
+    def restore(self, frame: DepthFrame) -> DepthFrame:
+        """Convert the smoother's output back to depth; thread-safe."""
         if not self._settings.smooth_s:
             return frame
         depth = frame.depth
-        values = from_steps(depth.values, depth.kind)
+        values = from_log(depth.values, depth.kind)
         return dataclasses.replace(frame, depth=dataclasses.replace(depth, values=values))

@@ -1,4 +1,4 @@
-"""The frames of a planned video through the model, over time, and into their files."""
+"""Processing the frames of a planned video, and writing its outputs."""
 
 import dataclasses
 import time
@@ -19,13 +19,13 @@ from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.video.outputs import open_output
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.jobs.video.request import VideoSettings
-from depthcli.jobs.video.result import VideoDone
-from depthcli.jobs.video.resume import earlier_frames, rounding
+from depthcli.jobs.video.result import VideoResult
+from depthcli.jobs.video.resume import earlier_frames, rounding_scale
 from depthcli.jobs.video.stages import FrameStages
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frame_source import open_frames
 from depthcli.video.frames import FrameSource
-from depthcli.video.output import VideoFrame, VideoOutput
+from depthcli.video.output import DepthFrame, VideoOutput
 
 _ON_GRID = 1e-6
 
@@ -36,10 +36,10 @@ def write_video(
     settings: VideoSettings,
     workers: int,
     progress: Progress = NO_PROGRESS,
-) -> VideoDone:
-    """As :func:`depthcli.jobs.video.run.video`, with outputs named and a model loaded.
+) -> VideoResult:
+    """As :func:`depthcli.jobs.video.run.video`, with named outputs and a loaded model.
 
-    Workers are threads beside the one that decodes and writes.
+    ``workers`` is the number of threads besides the one that decodes and writes.
 
     Raises:
         InputError: the video cannot be read, or has no frame in the span.
@@ -64,17 +64,17 @@ def write_video(
             if which is not VideoFormat.JSON
         ]
         sidecar = _sidecar(plan, source.paths, stack)
-        scale = rounding(plan, pipeline, settings)
+        scale = rounding_scale(plan, pipeline, settings)
         stages = FrameStages(pipeline, settings, earlier.kept, scale)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
-        frames = earlier.follow(_numbered(source, settings))
-        # Closed before the outputs are: no thread may write into what is being removed.
-        with closing(_written(frames, stages, outputs, workers)) as numbers:
+        frames = earlier.follow(_renumbered(source, settings))
+        # Closed before the outputs, so that no thread writes into a file that is being removed.
+        with closing(_process_frames(frames, stages, outputs, workers)) as numbers:
             for number in numbers:
                 earlier.add(number)
                 advance(1)
         if stages.first is None:
-            raise InputError(_nothing(plan, source))
+            raise InputError(_no_frames_text(plan, source))
         done = _video_done(plan, pipeline, settings, source, stages, stages.first)
         warnings = [warning for output in outputs for warning in output.finish()]
         if sidecar is not None:
@@ -92,22 +92,22 @@ def _refuse_folders(plan: VideoPlan) -> None:
 
 
 def _sidecar(plan: VideoPlan, inputs: Sequence[Path], stack: ExitStack) -> Path | None:
-    """Where the JSON is written before it appears; None if there is none."""
+    """Temporary path of the JSON file; None if it is not an output."""
     if VideoFormat.JSON not in plan.names:
         return None
     return stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), inputs=inputs))
 
 
-def _written(
+def _process_frames(
     frames: Iterator[Frame], stages: FrameStages, outputs: Sequence[VideoOutput], workers: int
 ) -> Generator[int, None, None]:
-    """Take every frame through all stages, each stage a few frames ahead of the next.
+    """Process every frame in all stages; each stage runs a few frames ahead of the next.
 
     Yields:
-        The number of each frame that is written.
+        The number of each frame once it is written.
     """
 
-    def encoded(frame: VideoFrame) -> list[Any]:
+    def encoded(frame: DepthFrame) -> list[Any]:
         whole = stages.restore(frame)
         return [output.encode(whole) for output in outputs]
 
@@ -122,8 +122,8 @@ def _written(
             yield stages.numbers[index]
 
 
-def _numbered(source: FrameSource, settings: VideoSettings) -> Iterator[Frame]:
-    """Frames with the rate and the numbers that their files will have."""
+def _renumbered(source: FrameSource, settings: VideoSettings) -> Iterator[Frame]:
+    """The frames with the output's rate and frame numbers."""
     shift: int | None = None
     rate = settings.span.rate(source.rate)
     for frame in source.frames(settings.span):
@@ -140,11 +140,11 @@ def _video_done(
     source: FrameSource,
     stages: FrameStages,
     first: tuple[Frame, DepthMap],
-) -> VideoDone:
-    """What there is to say, but for the time and what the outputs warn of when they end."""
+) -> VideoResult:
+    """The result, without the time and the warnings of the outputs."""
     rate, smooths = settings.span.rate(source.rate), settings.smooth_s > 0
     is_stretched = settings.writing.png_normalize and VideoFormat.PNG16 in plan.names
-    return VideoDone(
+    return VideoResult(
         name=plan.name,
         outputs=tuple(str(plan.path(which)) for which in plan.names),
         numbers=stages.numbers,
@@ -167,11 +167,11 @@ def _video_done(
 
 
 def _is_regular(times_s: Sequence[float], rate: Fraction) -> bool:
-    """Whether all frames stand on the rate's grid."""
+    """Whether the timestamps are those of a constant frame rate."""
     return all(abs((t - times_s[0]) * rate - i) < _ON_GRID for i, t in enumerate(times_s))
 
 
-def _nothing(plan: VideoPlan, source: FrameSource) -> str:
+def _no_frames_text(plan: VideoPlan, source: FrameSource) -> str:
     if source.problem:
         return f"{plan.name} has no frame that can be read: {source.problem}"
     stated = source.frames_stated

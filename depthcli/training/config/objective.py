@@ -1,27 +1,35 @@
-"""The part of a configuration that says what is minimised, and how."""
+"""Configuration of losses and optimisation."""
 
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
-from depthcli.training.config.rules import Amount, Count, Positive, Share, Small, WholeShare, Width
+from depthcli.training.config.rules import (
+    Amount,
+    Count,
+    Positive,
+    PositiveFloat,
+    Share,
+    UnitInterval,
+    Width,
+)
 
 _TERM = "term"
 
 
 def _weighs(loss: str = "") -> dict[str, str]:
-    """What marks the weight of a term.
+    """Field metadata that marks the weight of a loss term.
 
-    ``loss`` is ``module:function`` of ``depthcli/training/losses/`` where the term is no more than
-    a comparison of a depth map with its truth; see :mod:`~depthcli.training.losses.paired`.
+    ``loss`` is ``module:function`` in ``depthcli/training/losses/`` for terms that only compare a
+    depth map with its ground truth; see :mod:`~depthcli.training.losses.paired`.
     """
     return {_TERM: loss}
 
 
 @dataclass(frozen=True, slots=True)
 class LossConfig:
-    """Weights and variants of the losses; a weight of zero also leaves its networks out.
+    """Weights and variants of the losses; with a weight of zero, its networks are not built.
 
-    A method has some of them (``Method.TERMS``); the others have to be zero.
+    A method uses some of them (``Method.TERMS``); the others have to be zero.
     """
 
     adversarial: Amount = field(default=1.0, metadata=_weighs())  #: λ1
@@ -36,41 +44,41 @@ class LossConfig:
     weight_penalty: Amount = 1e-6  #: λ of eq. 1, on squared convolution weights
     #: multi-scale gradient matching, beyond the paper
     gradient: Amount = field(default=0.0, metadata=_weighs("gradient:gradient_loss"))
-    #: how much of an extra pair's error in scale counts, in [0, 1]: 0 leaves relative depth alone,
-    #: 1 holds the networks to its metres
-    extra_scale: WholeShare = 0.0
+    #: how much of an extra pair's scale error counts, in [0, 1]: 0 supervises relative depth only,
+    #: 1 also its metres
+    extra_scale: UnitInterval = 0.0
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"  #: form of the adversarial terms
-    adversarial_backward: bool = True  #: judge F's pictures too, not G's depth maps alone
+    adversarial_backward: bool = True  #: also a discriminator for F's pictures
     #: ``cut`` compares output with input, ``cfl`` output with paired truth
     contrast: Literal["cut", "cfl"] = "cut"
-    l1_backward: bool = False  #: hold F to the paired picture by eq. 1, too
+    l1_backward: bool = False  #: also eq. 1 between F's output and the paired picture
     flip_contrast: bool = False  #: half of the steps mirror the input of G (FastCUT)
-    #: λ of the semantic relations' consistency (HnegSRC)
+    #: λ of semantic relation consistency (HnegSRC)
     relation: Amount = field(default=0.0, metadata=_weighs())
-    gamma_start: Small = 50.0  #: γ of HnegSRC's negatives at the first step
-    gamma_end: Small = 10.0  #: γ at the last step; linear in between
-    #: weight of the domains' similarity (SimDCL)
+    gamma_start: PositiveFloat = 50.0  #: γ of HnegSRC's negatives at the first step
+    gamma_end: PositiveFloat = 10.0  #: γ at the last step; linear in between
+    #: weight of the similarity loss (SimDCL)
     similarity: Amount = field(default=0.0, metadata=_weighs())
 
 
-_PLACES = {f.name: str(f.metadata[_TERM]) for f in fields(LossConfig) if _TERM in f.metadata}
-TERMS = tuple(_PLACES)
-"""Weights of ``LossConfig`` that make a term of their own."""
-PAIRED_LOSSES = {name: place for name, place in _PLACES.items() if place}
+_TERM_LOSSES = {f.name: str(f.metadata[_TERM]) for f in fields(LossConfig) if _TERM in f.metadata}
+TERMS = tuple(_TERM_LOSSES)
+"""Weights of ``LossConfig`` that have a loss term."""
+PAIRED_LOSSES = {name: place for name, place in _TERM_LOSSES.items() if place}
 """Those that compare a depth map with its truth, with ``module:function`` of each loss."""
 
 
 @dataclass(frozen=True, slots=True)
 class OptimConfig:
-    """How the networks are moved."""
+    """Optimisers, schedule and batch size."""
 
-    batch_size: Positive = 1  #: pictures a step
+    batch_size: Positive = 1  #: pictures per step
     epochs_constant: Count = 100  #: epochs at the full learning rate (``linear`` schedule)
     epochs_decay: Count = 100  #: epochs of linear decay to zero, or all epochs of ``cosine``
     #: ``linear`` is the paper's, ``cosine`` starts with a warm-up
     schedule: Literal["linear", "cosine"] = "linear"
     warmup_steps: Count = 0  #: steps of linear warm-up of ``cosine``
-    learning_rate: Amount = 2e-4  #: at the full rate
+    learning_rate: Amount = 2e-4  #: before decay
     beta1: Share = 0.5  #: Adam's first
     beta2: Share = 0.999  #: Adam's second
     weight_decay: Amount = 0.0  #: decoupled, on matrices and kernels only

@@ -8,7 +8,7 @@ FOLDER = Path(__file__).parents[1] / "presets"
 
 
 def preset_file(name: str) -> Path:
-    """The file of differences that a preset stands for.
+    """The TOML file of a preset.
 
     Raises:
         UsageError: there is no such preset.

@@ -1,4 +1,4 @@
-"""Which values of a configuration make sense together; each by itself is of its field's type."""
+"""Checks of configuration values that depend on each other; field types check single values."""
 
 import math
 
@@ -7,15 +7,15 @@ from depthcli.training.config.objective import PAIRED_LOSSES
 from depthcli.training.config.rules import LARGEST
 from depthcli.training.config.schema import GeneratorConfig, TrainConfig
 
-_ROTATION_ROOM = 0.2  # of zoom, at which a view may be turned by all of data.rotate_deg
+_ROTATION_ROOM = 0.2  # a zoom of 1.2 has room to rotate a view by all of data.rotate_deg
 _RESNET_STRIDE = 4
 _EFFICIENT_STRIDE = 32
 _LEVELS = {"encoder": 5, "decoder": 4, "depths": 4}
-_MOST_LEVELS = {"encoder": 4096, "decoder": 4096, "depths": 64}
+_MAX_LEVELS = {"encoder": 4096, "decoder": 4096, "depths": 64}
 
 
 def check_range(config: TrainConfig) -> None:
-    """Accept a configuration that can run.
+    """Check that a configuration can run.
 
     Raises:
         UsageError: a value is out of range; the message names the setting.
@@ -33,7 +33,7 @@ def check_range(config: TrainConfig) -> None:
 
 
 def _check_views(config: TrainConfig) -> None:
-    """Refuse augmentation that would do nothing."""
+    """Refuse augmentation that would have no effect."""
     data = config.data
     if data.rotate_deg and data.zoom == 1:
         raise UsageError("data.rotate_deg needs room to turn: set data.zoom above 1")
@@ -55,7 +55,7 @@ def _check_views(config: TrainConfig) -> None:
 
 
 def _check_pairing(config: TrainConfig) -> None:
-    """Losses that compare with the truth of the same scene mean nothing without it."""
+    """Refuse losses that need the ground truth of the same scene for unpaired data."""
     if config.data.paired:
         return
     needs = [name for name in ("l1", *PAIRED_LOSSES, "l1_backward") if getattr(config.loss, name)]
@@ -68,10 +68,10 @@ def _check_pairing(config: TrainConfig) -> None:
 
 
 def check_batch(config: TrainConfig, pictures: int) -> None:
-    """Accept a number of pictures that the networks see together, those of one process.
+    """Check the number of pictures per batch of one process.
 
     Raises:
-        UsageError: batch norm would have one value to take the variance of.
+        UsageError: batch norm would have a single value per channel.
     """
     smallest = max(config.data.width, config.data.height) <= _EFFICIENT_STRIDE
     if config.generator.name == "efficient" and smallest and pictures == 1:
@@ -97,5 +97,5 @@ def _check_levels(generator: GeneratorConfig) -> None:
         values = getattr(generator, name)
         if len(values) != count or min(values) < 1:
             raise UsageError(f"generator.{name} is {count} numbers of at least 1, not {values}")
-        if max(values) > _MOST_LEVELS[name]:
-            raise UsageError(f"generator.{name} is at most {_MOST_LEVELS[name]}, not {values}")
+        if max(values) > _MAX_LEVELS[name]:
+            raise UsageError(f"generator.{name} is at most {_MAX_LEVELS[name]}, not {values}")

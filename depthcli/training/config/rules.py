@@ -1,8 +1,8 @@
-"""The ranges of single settings, as types of the fields that hold them."""
+"""Types of configuration fields with their allowed ranges."""
 
 from typing import Annotated, TypeAlias
 
-from depthcli.core.foreign import Rule
+from depthcli.core.validation import Rule
 
 LARGEST = 1e9  # beyond, 32-bit floats overflow
 Count: TypeAlias = Annotated[int, Rule("a whole number from 0 up", lambda n: n >= 0)]
@@ -12,14 +12,14 @@ Seed: TypeAlias = Annotated[
 ]  # as NumPy takes it
 Amount: TypeAlias = Annotated[float, Rule("a number from 0 to 1e30", lambda x: 0 <= x <= 1e30)]
 Share: TypeAlias = Annotated[float, Rule("a number from 0 to below 1", lambda x: 0 <= x < 1)]
-WholeShare: TypeAlias = Annotated[float, Rule("a number from 0 to 1", lambda x: 0 <= x <= 1)]
-Small: TypeAlias = Annotated[
+UnitInterval: TypeAlias = Annotated[float, Rule("a number from 0 to 1", lambda x: 0 <= x <= 1)]
+PositiveFloat: TypeAlias = Annotated[
     float, Rule("a number from 0.001 to 1e9", lambda x: 1e-3 <= x <= LARGEST)
 ]
 Zoom: TypeAlias = Annotated[float, Rule("a number from 1 to 100", lambda x: 1 <= x <= 100)]
 Aspect: TypeAlias = Annotated[float, Rule("a number from 1/4 to 4", lambda x: 1 / 4 <= x <= 4)]
-# Below, the discriminators have no output and the gradients no coarsest scale.
+# Below 32, the discriminators have no output and the gradient loss no coarsest scale.
 Side: TypeAlias = Annotated[int, Rule("a whole number from 32 to 4096", lambda n: 32 <= n <= 4096)]
-# Beyond (and for a side, too), building the networks alone would fill the memory or take for ever.
+# Above these limits (and that of Side), building the networks would fill memory or take too long.
 Width: TypeAlias = Annotated[int, Rule("a whole number from 1 to 1024", lambda n: 1 <= n <= 1024)]
 Blocks: TypeAlias = Annotated[int, Rule("a whole number from 1 to 128", lambda n: 1 <= n <= 128)]

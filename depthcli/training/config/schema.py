@@ -1,7 +1,6 @@
-"""Everything that decides a training run, as one tree of frozen dataclasses.
+"""The configuration of a training run, as a tree of frozen dataclasses; saved in checkpoints.
 
-A method's defaults are changed by files and settings, see :mod:`~depthcli.training.config.changes`.
-Checkpoints carry the result.
+:mod:`~depthcli.training.config.overrides` applies files and settings to a method's defaults.
 """
 
 from dataclasses import dataclass, field
@@ -16,11 +15,11 @@ from depthcli.training.config.rules import (
     Blocks,
     Count,
     Positive,
+    PositiveFloat,
     Seed,
     Share,
     Side,
-    Small,
-    WholeShare,
+    UnitInterval,
     Width,
     Zoom,
 )
@@ -44,14 +43,13 @@ class GeneratorConfig:
     #: residual blocks of ``efficient`` at strides 4, 8, 16, 32
     depths: tuple[int, ...] = (2, 2, 2, 2)
     dropout: Share = 0.0  #: share of bottleneck channels of ``efficient`` dropped while training
-    #: of ``efficient``: ``batch``, or ``none`` to go on from an exported model's weights, into
-    #: which it is folded
+    #: of ``efficient``: ``batch``, or ``none`` to start from an exported model, where it is folded
     norm: Literal["batch", "none"] = "batch"
 
 
 @dataclass(frozen=True, slots=True)
 class OutputConfig:
-    """How depth is coded for the networks."""
+    """How depth is encoded for the networks."""
 
     #: ``linear`` maps [0, max_m] to [-1, 1] (the paper), ``log`` maps [min_m, max_m]
     coding: Literal["linear", "log"] = "linear"
@@ -69,44 +67,44 @@ class OutputConfig:
 
 @dataclass(frozen=True, slots=True)
 class DataConfig:
-    """What the networks are shown."""
+    """Network inputs, augmentation and splits."""
 
     width: Side = 256  #: network input width, px
     height: Side = 256  #: network input height, px
     #: ``value`` is V of HSV (the paper), ``luma`` Rec. 601
     colour: Literal["value", "luma"] = "value"
-    #: pictures and depth maps of one scene point together; False draws them apart
+    #: aligned pairs of picture and depth map; False samples them independently
     paired: bool = True
-    #: resize to 286/256 of the size and crop, as the originals do; untrue to metres
+    #: resize to 286/256 of the size and crop, as the original methods do; not true to metres
     crop_286: bool = False
     zoom: Zoom = 1.0  #: largest zoom-in; depth is divided by the zoom, so metres stay true
-    #: width by height of further shapes of view; half of the batches have one of them
+    #: further aspect ratios (width / height) of views; half of the batches have one of them
     aspects: tuple[Aspect, ...] = ()
-    #: share of the views whose camera is turned to them; the others are cut out
-    turn: WholeShare = 0.0
+    #: fraction of the views that are taken with a rotated camera; the others are crops
+    turn: UnitInterval = 0.0
     rotate_deg: Amount = 0.0  #: largest rotation about the optical axis, degrees
     colour_jitter: Amount = 0.0  #: standard deviation of the log gain of each colour channel
     gamma: Amount = 0.0  #: standard deviation of the log gamma of V
     brightness: Amount = 0.0  #: standard deviation of the log gain of V
-    blur: WholeShare = 0.0  #: largest weight of a binomial filter, in [0, 1]
-    #: share of the views without the picture's own border: half replaced, half painted
-    border: WholeShare = 0.0
+    blur: UnitInterval = 0.0  #: largest weight of a binomial filter, in [0, 1]
+    #: fraction of the views whose picture border is hidden: half by its inner edge, half by paint
+    border: UnitInterval = 0.0
     noise: Amount = 0.0  #: largest standard deviation of pixel noise, in [0, 1] units
-    extra_share: Share = 0.5  #: share of each batch from the extra pairs, if some are given
+    extra_share: Share = 0.5  #: fraction of each batch from the extra pairs, if there are any
     #: probability that a view gets a rectangle of another one, picture and depth alike
     cutmix: Share = 0.0
-    #: NYU Depth v2 gives its training pairs of this split; its test pairs never
+    #: NYU Depth v2: the split whose training pairs are used
     split: Literal["paper", "official"] = "paper"
-    #: what one metre is in the depth images of a folder of your own
-    units_per_metre: Small = MILLIMETRES
+    #: depth units per metre in a custom folder
+    units_per_metre: PositiveFloat = MILLIMETRES
     #: every n-th scene by name is held out for validation; 0 holds out none
     holdout_every: Count = 7
-    holdout_offset: Count = 3  #: the first of them
+    holdout_offset: Count = 3  #: index of the first of them
 
 
 @dataclass(frozen=True, slots=True)
 class TrainConfig:
-    """One training run, whole."""
+    """The configuration of one training run."""
 
     method: str = "proposed"  #: name of the method
     seed: Seed = 0  #: of weights, order and augmentation

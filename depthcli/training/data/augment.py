@@ -1,4 +1,4 @@
-"""Augmentation that keeps metres true, as :mod:`~depthcli.training.views` has it."""
+"""Augmentation that keeps depth metric; the geometry is that of :mod:`~depthcli.training.views`."""
 
 from typing import NamedTuple
 
@@ -10,12 +10,12 @@ from depthcli.training.config.schema import DataConfig
 from depthcli.training.data.cutmix import cutmix
 from depthcli.training.views import draw_views, view_size
 
-_WHOLLY = 0.999  # of the pixels that a new one is interpolated from
-_BORDER = 0.03  # widest border, as a share of half the picture; NYU Depth v2's white one is .029
+_ALL_KNOWN = 0.999  # least interpolated mask of a known pixel
+_MAX_BORDER = 0.03  # as a fraction of half the picture; NYU Depth v2's is .029
 
 
 class Views(NamedTuple):
-    """What is seen of some pairs."""
+    """Augmented views of some pairs."""
 
     gray: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
     depth_m: Tensor  #: (B, 1, H, W) float32 metres, with the same geometry
@@ -37,29 +37,29 @@ def augment(
         rgb: (B, 3, h, w) float32 in [0, 1].
         depth_m: (B, 1, h, w) float32 metres, aligned with ``rgb``.
         data: sizes and strengths.
-        random: the only source of chance.
+        random: the only source of randomness.
         known: (B, 1, h, w) bool, where depth was measured; None if it was everywhere.
-        size: width and height of the views, px; drawn if it is not given.
+        size: width and height of the views, px; sampled if it is None.
     """
     size = view_size(data, random) if size is None else size
     geometry = draw_views(len(rgb), size, data, random)
     grid = geometry.grid.to(rgb.device)
-    gray = _gray(_recoloured(rgb, data, random), data)  # before resampling, as at inference
-    gray = _bordered(gray, grid, data, random)
+    gray = _gray(_jitter_colour(rgb, data, random), data)  # before resampling, as at inference
+    gray = _sample_with_borders(gray, grid, data, random)
     depth_m = F.grid_sample(depth_m, grid, padding_mode="border", align_corners=False)
     depth_m = depth_m * geometry.depth_scale.to(depth_m.device)
     if known is not None:
         share = F.grid_sample(known.float(), grid, padding_mode="border", align_corners=False)
-        known = share > _WHOLLY
+        known = share > _ALL_KNOWN
     if geometry.inside is not None:
         inside = geometry.inside.to(rgb.device)
         known = inside if known is None else known & inside
-    views = Views(_relit(gray, data, random), depth_m, known)
+    views = Views(_jitter_exposure(gray, data, random), depth_m, known)
     return _cutmix_views(views, data.cutmix, random) if data.cutmix else views
 
 
 def network_input(rgb: Tensor, data: DataConfig) -> Tensor:
-    """(B, 3, H, W) in [0, 1] to the gray input (B, 1, H, W) in [-1, 1]."""
+    """The gray network input (B, 1, H, W) in [-1, 1] of RGB (B, 3, H, W) in [0, 1]."""
     return _gray(rgb, data) * 2 - 1
 
 
@@ -76,14 +76,16 @@ def _cutmix_views(views: Views, share: float, random: torch.Generator) -> Views:
     return Views(gray, depth_m, known[0] if known else None)
 
 
-def _bordered(gray: Tensor, grid: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
-    """Sample V, some of it with the picture's border painted over or replaced by what is inside."""
+def _sample_with_borders(
+    gray: Tensor, grid: Tensor, data: DataConfig, random: torch.Generator
+) -> Tensor:
+    """Sample V; in some views the border is painted over or replaced by its inner edge."""
     if not data.border:
         return F.grid_sample(gray, grid, padding_mode="border", align_corners=False)
     drawn = torch.rand(3, len(gray), 1, 1, 1, generator=random).to(gray.device)
-    chosen, width, level = drawn[0], drawn[1] * _BORDER, drawn[2]
+    chosen, width, level = drawn[0], drawn[1] * _MAX_BORDER, drawn[2]
     replaced, painted = chosen < data.border / 2, chosen > 1 - data.border / 2
-    limit = torch.where(replaced, 1 - _BORDER, 1.0)
+    limit = torch.where(replaced, 1 - _MAX_BORDER, 1.0)
     seen = F.grid_sample(
         gray, grid.clamp(-limit, limit), padding_mode="border", align_corners=False
     )
@@ -91,16 +93,16 @@ def _bordered(gray: Tensor, grid: Tensor, data: DataConfig, random: torch.Genera
     return torch.where(outer & painted, level, seen)
 
 
-def _recoloured(rgb: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
-    """Pictures under light of another colour."""
+def _jitter_colour(rgb: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
+    """Scale each colour channel by a random gain."""
     if not data.colour_jitter:
         return rgb
     gain = torch.exp(torch.randn((len(rgb), 3, 1, 1), generator=random) * data.colour_jitter)
     return rgb * gain.to(rgb.device)
 
 
-def _relit(gray: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
-    """The gray input under another light, exposure and sensor."""
+def _jitter_exposure(gray: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
+    """Random gamma, brightness, blur and noise; (B, 1, H, W) in [0, 1] to [-1, 1]."""
 
     def normal(*shape: int) -> Tensor:
         return torch.randn(shape, generator=random).to(gray.device)
@@ -113,14 +115,14 @@ def _relit(gray: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
         gray = gray * gain + normal(count, 1, 1, 1) * (data.brightness / 4)
     if data.blur:
         blend = torch.rand(count, 1, 1, 1, generator=random).to(gray.device) * data.blur
-        gray = torch.lerp(gray, _smoothed(gray), blend)
+        gray = torch.lerp(gray, _binomial_blur(gray), blend)
     if data.noise:
         strength = torch.rand(count, 1, 1, 1, generator=random).to(gray.device) * data.noise
         gray = normal(*gray.shape).mul_(strength).add_(gray)
     return gray.clamp(0, 1).mul_(2).sub_(1)
 
 
-def _smoothed(gray: Tensor) -> Tensor:
+def _binomial_blur(gray: Tensor) -> Tensor:
     """The binomial filter [1, 4, 6, 4, 1] / 16 along both axes."""
     kernel = torch.tensor([1.0, 4.0, 6.0, 4.0, 1.0], device=gray.device) / 16
     gray = F.conv2d(F.pad(gray, (2, 2, 0, 0), mode="replicate"), kernel.view(1, 1, 1, 5))

@@ -1,6 +1,6 @@
-"""Batches of network inputs and metric depth, from pictures held in memory.
+"""Batches of network inputs and metric depth, from pairs in memory.
 
-Every batch is a function of (seed, step) alone, so a resumed run sees what an unbroken one sees.
+A batch depends on (seed, step) only, so a resumed run gets the same ones as an unbroken one.
 """
 
 from typing import NamedTuple
@@ -17,13 +17,13 @@ from depthcli.training.views import view_size
 
 
 class TrainingBatch(NamedTuple):
-    """What one training step is shown."""
+    """The input of one training step."""
 
     gray: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
-    #: (B, 1, H, W) float32 metres, holes filled; of the same scenes, or of others if unpaired
+    #: (B, 1, H, W) float32 metres, holes filled; of other scenes if unpaired
     depth_m: Tensor
     known: Tensor | None = None  #: (B, 1, H, W) bool, False in the holes; None if there are none
-    #: (B,) bool, the pairs whose metres are less sure; None if there are none
+    #: (B,) bool, True for extra pairs; None if there are none
     extra: Tensor | None = None
 
 
@@ -33,17 +33,17 @@ class Batches:
     Args:
         store: the training pairs.
         data: size, pairing and augmentation.
-        batch_size: pairs a batch, of all processes together; the last incomplete batch of an
+        batch_size: pairs per batch, of all processes together; the last incomplete batch of an
             epoch is dropped.
         seed: of order and augmentation.
-        device: where the batch is moved before it is augmented.
-        process: which of the processes this is, from 0; each gets its own part of every batch.
-        processes: how many there are.
-        extra: pairs whose metres are less sure, ``data.extra_share`` of each batch; an epoch is
-            one of ``store``.
+        device: the batch is moved to it before augmentation.
+        process: rank of this process; each gets its own part of every batch.
+        processes: number of processes.
+        extra: pairs with less reliable depth, ``data.extra_share`` of each batch; an epoch is a
+            pass through ``store``.
 
     Raises:
-        UsageError: the batch cannot be shared out.
+        UsageError: the batch cannot be divided among the processes or between both stores.
     """
 
     def __init__(
@@ -95,12 +95,12 @@ class Batches:
         return _concatenated(views, more)
 
     def _part(self, whole: TrainingBatch) -> TrainingBatch:
-        """What this process sees of the batch that a single one would see."""
+        """This process's part of a batch."""
         known = None if whole.known is None else whole.known[self._own]
         return TrainingBatch(whole.gray[self._own], whole.depth_m[self._own], known)
 
     def _rows(self, store: PairStore, step: int, size: int, stream: int) -> Tensor:
-        """The ``size`` pairs of a step, in an order of the store that each epoch draws again."""
+        """Rows (``size``,) int64 of a step; the store is shuffled anew for each epoch."""
         epoch, index = divmod(step, len(store) // size)
         random = torch.Generator().manual_seed(_stream_seed(self.seed, epoch, stream))
         order = torch.randperm(len(store), generator=random)
@@ -116,7 +116,7 @@ class Batches:
 
 
 def _concatenated(views: Views, more: Views) -> TrainingBatch:
-    """One batch of the pairs and the extra ones."""
+    """One batch of the training pairs and the extra pairs."""
     known = None
     if views.known is not None or more.known is not None:
         known = torch.cat([_known_mask(views), _known_mask(more)])

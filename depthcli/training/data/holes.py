@@ -1,4 +1,4 @@
-"""Depth with holes: pixels without a measurement neither count nor mix with those that have one."""
+"""Downsampling depth with holes; pixels without a measurement do not contribute."""
 
 from typing import NamedTuple
 
@@ -6,34 +6,34 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-# Exactly half counts, and half in floats may be a little less.
+# One half, less a margin for rounding.
 _LEAST_SHARE = 0.5 - 1e-5
 
 
-class Measured(NamedTuple):
-    """Depth without holes, and where there was one."""
+class FilledDepth(NamedTuple):
+    """Depth with its holes filled, and the mask of known pixels."""
 
     #: (H, W) float32 metres; in a hole, that of the nearest pixel with a measurement
     depth_m: npt.NDArray[np.float32]
     known: npt.NDArray[np.bool_] | None  #: (H, W) bool, False in a hole; None if there is no hole
 
 
-def shrink(depth_m: npt.NDArray[np.float32], size: tuple[int, int]) -> Measured | None:
-    """Resize depth by the mean of what was measured in the area of each new pixel.
+def downsample(depth_m: npt.NDArray[np.float32], size: tuple[int, int]) -> FilledDepth | None:
+    """Downsample depth by the mean of the measured part of each new pixel's area.
 
-    Of (H, W) float32 metres, in which 0, NaN and infinity are holes, to a width and height in px. A
-    new pixel is measured if half of its area is; None if no new pixel is.
+    Takes (H, W) float32 metres, with 0, NaN or infinity in holes, and the new width and height in
+    px. A new pixel is known if at least half of its area is; returns None if no pixel is.
     """
     known = np.isfinite(depth_m) & (depth_m > 0)
     if known.all():
-        return Measured(_area(depth_m, size), None)
+        return FilledDepth(_area(depth_m, size), None)
     share = _area(known.astype(np.float32), size)
     total_m = _area(np.where(known, depth_m, np.float32(0)), size)
     measured = share >= _LEAST_SHARE
     if not measured.any():
         return None
     mean_m = np.divide(total_m, share, out=total_m, where=measured)
-    return Measured(_nearest_known(mean_m, measured), None if measured.all() else measured)
+    return FilledDepth(_nearest_known(mean_m, measured), None if measured.all() else measured)
 
 
 def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray[np.float32]:
@@ -43,7 +43,7 @@ def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray
 def _nearest_known(
     depth_m: npt.NDArray[np.float32], known: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.float32]:
-    """The value of the nearest known pixel everywhere else."""
+    """Fill unknown pixels with the value of the nearest known one."""
     if known.all():
         return depth_m
     _, labels = cv2.distanceTransformWithLabels(

@@ -1,4 +1,4 @@
-"""Pairs in memory, at the size that training needs."""
+"""Training pairs in memory, at the size that training needs."""
 
 from collections.abc import Sequence
 
@@ -10,18 +10,18 @@ from depthcli.datasets.base import DepthDataset
 from depthcli.errors import DatasetError
 from depthcli.training.config.schema import DataConfig
 from depthcli.training.data.augment import network_input
-from depthcli.training.data.holes import shrink
+from depthcli.training.data.holes import downsample
 
 _STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
 
 
 class PairStore:
-    """Some pairs of a data set, shrunk once and kept in memory.
+    """Pairs of a data set, downsampled once and kept in memory.
 
     Args:
-        dataset: where they are read.
-        positions: which pairs.
-        data: gives the network's size.
+        dataset: read once.
+        positions: of the pairs in the data set.
+        data: gives the network's input size.
 
     Attributes:
         rgb: (N, 3, h, w) uint8.
@@ -43,32 +43,32 @@ class PairStore:
         for row, position in enumerate(positions):
             rgb = cv2.resize(dataset.image(position), size, interpolation=cv2.INTER_AREA)
             self.rgb[row] = torch.from_numpy(rgb).permute(2, 0, 1)
-            measured = shrink(dataset.depth_m(position), size)
+            measured = downsample(dataset.depth_m(position), size)
             if measured is None:
                 raise DatasetError(
                     f"pair {dataset.ids[position]} has almost no depth: remove or repair it"
                 )
             self.depth_m[row, 0] = torch.from_numpy(measured.depth_m)
             if measured.known is not None:
-                self._note_holes(row, torch.from_numpy(measured.known))
+                self._mark_holes(row, torch.from_numpy(measured.known))
 
     def __len__(self) -> int:
         return len(self.rgb)
 
-    def _note_holes(self, row: int, known: Tensor) -> None:
+    def _mark_holes(self, row: int, known: Tensor) -> None:
         if self.known is None:
             self.known = torch.ones(self.depth_m.shape, dtype=torch.bool)
         self.known[row, 0] = known
 
 
 def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
-    """Width and height in memory: the first picture's, if that is less than is ever seen."""
+    """Width and height in memory: up to twice the network's size, at most about the picture's."""
     most = min(_STORED_PER_NETWORK_PX, max(1.0, shape[1] / data.width, shape[0] / data.height))
     return round(data.width * most), round(data.height * most)
 
 
 def whole_pictures(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
-    """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs, without augmentation."""
+    """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs (B,) int64, without augmentation."""
     rgb = store.rgb[rows].float() / 255
     size = (data.height, data.width)
     gray = network_input(rgb, data)  # before resampling, as at inference

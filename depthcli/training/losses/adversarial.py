@@ -1,31 +1,31 @@
-"""The adversarial terms: what each form makes of a discriminator's outputs."""
+"""Adversarial losses: LSGAN, hinge and relativistic average LSGAN."""
 
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 
-def generator_loss(gan: str, judge: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
-    """How badly a fake deceives; a scalar.
+def generator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
+    """The generator's adversarial loss; a scalar.
 
     Args:
         gan: ``lsgan``, ``hinge`` or ``ralsgan``.
-        judge: discriminator, images (B, 1, H, W) to outputs (B, 1, h, w).
-        real: (B, 1, H, W) in [-1, 1]; looked at by the relativistic form only.
+        discriminator: discriminator, images (B, 1, H, W) to outputs (B, 1, h, w).
+        real: (B, 1, H, W) in [-1, 1]; used by the relativistic form only.
         fake: (B, 1, H, W), with gradient.
     """
     if gan == "ralsgan":
-        return ralsgan_generator(judge(real).float(), judge(fake).float())
-    return (lsgan_generator if gan == "lsgan" else hinge_generator)(judge(fake).float())
+        return ralsgan_generator(discriminator(real).float(), discriminator(fake).float())
+    return (lsgan_generator if gan == "lsgan" else hinge_generator)(discriminator(fake).float())
 
 
-def discriminator_loss(gan: str, judge: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
-    """How badly a discriminator tells real from fake; a scalar. Arguments as above."""
+def discriminator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
+    """The discriminator's adversarial loss; a scalar. Arguments as above."""
     forms = {
         "lsgan": lsgan_discriminator,
         "hinge": hinge_discriminator,
         "ralsgan": ralsgan_discriminator,
     }
-    return forms[gan](judge(real).float(), judge(fake).float())
+    return forms[gan](discriminator(real).float(), discriminator(fake).float())
 
 
 # Least squares (eq. 5 and 6; Mao et al. 2017). All are of outputs (B, 1, h, w), to a scalar.

@@ -4,7 +4,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
-from depthcli.training.losses.regularised_l1 import mean_of_known
+from depthcli.training.losses.regularised_l1 import masked_mean
 
 SCALES = 4
 
@@ -28,7 +28,7 @@ def gradient_loss(prediction: Tensor, truth: Tensor, known: Tensor | None = None
         else:
             both_x = known[..., 1:] & known[..., :-1]
             both_y = known[..., 1:, :] & known[..., :-1, :]
-            terms.append(mean_of_known(along_x, both_x) + mean_of_known(along_y, both_y))
+            terms.append(masked_mean(along_x, both_x) + masked_mean(along_y, both_y))
             known = F.avg_pool2d(known.float(), 2) == 1
         error = F.avg_pool2d(error, 2)
     return torch.stack(terms).mean()

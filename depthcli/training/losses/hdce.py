@@ -1,4 +1,4 @@
-"""Hard-negative decoupled contrast, weighted by the relations of the input's patches."""
+"""Decoupled contrastive loss with hard negatives, weighted by the similarity of input patches."""
 
 import torch
 from torch import Tensor
@@ -16,7 +16,7 @@ def hdce(query: Tensor, key: Tensor, gamma: float) -> Tensor:
     Args:
         query: (B, P, C), unit vectors from the prediction; P at least 2.
         key: (B, P, C), unit vectors from the input, detached here.
-        gamma: γ, how evenly the negatives weigh; see :func:`negative_weights`.
+        gamma: γ, temperature of the negatives' weights; see :func:`negative_weights`.
 
     Returns:
         A scalar, fp32.
@@ -26,20 +26,20 @@ def hdce(query: Tensor, key: Tensor, gamma: float) -> Tensor:
         products = torch.bmm(query, key.transpose(1, 2))
         own = products.diagonal(dim1=1, dim2=2).unsqueeze(2)
         logits = (negative_weights(key, gamma) * products - own) / TEMPERATURE
-        return logits.masked_fill(_itself(key), -torch.inf).logsumexp(2).mean()
+        return logits.masked_fill(_diagonal_mask(key), -torch.inf).logsumexp(2).mean()
 
 
 def negative_weights(key: Tensor, gamma: float) -> Tensor:
     """w_ij: softmax over j ≠ i of k_i·k_j/γ, divided by its row's maximum, detached.
 
-    Of unit vectors (B, P, C), fp32, to (B, P, P) in [0, 1] with a diagonal of zeros; a larger γ is
-    more even.
+    Takes unit vectors (B, P, C), fp32; returns (B, P, P) in [0, 1] with a zero diagonal. A larger γ
+    gives more uniform weights.
     """
     key = key.detach()
     relations = torch.bmm(key, key.transpose(1, 2)) / gamma
-    weights = relations.masked_fill(_itself(key), -torch.inf).softmax(2)
+    weights = relations.masked_fill(_diagonal_mask(key), -torch.inf).softmax(2)
     return weights / weights.amax(2, keepdim=True)
 
 
-def _itself(key: Tensor) -> Tensor:
+def _diagonal_mask(key: Tensor) -> Tensor:
     return torch.eye(key.shape[1], dtype=torch.bool, device=key.device)

@@ -1,4 +1,4 @@
-"""The losses that compare a depth map with its truth, by the names of their weights."""
+"""The losses that compare a depth map with its ground truth, by the names of their weights."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -14,7 +14,7 @@ None for all; to a scalar."""
 
 
 def paired_losses(weights: LossConfig) -> dict[str, PairedLoss]:
-    """Those with a weight, by its name."""
+    """The losses with a weight above zero, by the weight's name."""
     return {name: _loss(place) for name, place in PAIRED_LOSSES.items() if getattr(weights, name)}
 
 

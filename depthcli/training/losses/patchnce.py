@@ -1,4 +1,4 @@
-"""Patch-wise contrast (eq. 4): InfoNCE over the patches of one image."""
+"""Patch-wise contrastive loss (eq. 4): InfoNCE over the patches of one image."""
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -28,10 +28,10 @@ def patch_nce(query: Tensor, key: Tensor) -> Tensor:
 
 
 def cfl_nce(query: Tensor, key: Tensor) -> Tensor:
-    """The paired form (Andonian et al. 2021): other patches of prediction and truth repel.
+    """The paired form (Andonian et al. 2021): negatives from both prediction and ground truth.
 
     Chance level is ln(2P − 1). Arguments and result as of :func:`patch_nce`, with keys from the
-    paired truth.
+    paired ground truth.
     """
     with full_precision(query):
         query, key = query.float(), key.detach().float()

@@ -1,12 +1,12 @@
-"""Full precision inside mixed precision."""
+"""Full precision within automatic mixed precision."""
 
 import torch
 from torch import Tensor
 
 
 def full_precision(like: Tensor) -> torch.autocast:
-    """A context on a tensor's device in which autocast halves nothing.
+    """A context that disables autocast on a tensor's device.
 
-    Widening the arguments alone is not enough: autocast narrows them again for each product.
+    Casting the arguments to float32 is not enough: autocast casts them back for each product.
     """
     return torch.autocast(like.device.type, enabled=False)

@@ -24,13 +24,13 @@ def regularised_l1(
     if known is None:
         distance = F.l1_loss(prediction, truth)
     else:
-        distance = mean_of_known((prediction - truth).abs(), known)
+        distance = masked_mean((prediction - truth).abs(), known)
     if not penalty:
         return distance
     return distance + penalty * torch.stack([(w**2).sum() for w in conv_weights(generator)]).sum()
 
 
-def mean_of_known(values: Tensor, known: Tensor) -> Tensor:
+def masked_mean(values: Tensor, known: Tensor) -> Tensor:
     """Mean of the values (B, 1, H, W) where ``known`` (bool, the same shape); 0 for none."""
     return (values * known).sum() / known.sum().clamp(min=1)
 

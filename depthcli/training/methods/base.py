@@ -1,4 +1,4 @@
-"""What every method is to the training loop, and what the methods share."""
+"""The interface of a training method, and functions that the methods share."""
 
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator
@@ -18,18 +18,18 @@ _Part = TypeVar("_Part")
 
 
 class Method(nn.Module):
-    """Networks and losses of one method; the loop knows nothing else about it.
+    """Networks and losses of one method.
 
-    ``forward(batch, phase)`` returns the weighted loss terms of a phase, which the loop adds up
-    and minimises over the networks of that phase.
+    ``forward(batch, phase)`` returns the weighted loss terms of a phase; the training loop
+    minimises their sum over the networks of that phase.
 
     Attributes:
-        TERMS: the weights of ``LossConfig`` that the method knows; others have to be zero.
-        SETTINGS: of the settings that only some methods look at, those that this one does.
-        PAIRED: whether it may be shown pictures and depth maps of one scene point together.
+        TERMS: the weights of ``LossConfig`` that the method uses; others have to be zero.
+        SETTINGS: the settings that this method uses and some other methods do not.
+        PAIRED: whether it can be trained with aligned pairs of picture and depth map.
         phases: the order of the two half steps.
         generator: G, gray to depth: the network that is validated and exported.
-        share_done: how much of the schedule is done, in [0, 1); the loop keeps it.
+        share_done: fraction of the schedule that is done, in [0, 1); set by the training loop.
     """
 
     TERMS: ClassVar[frozenset[str]]
@@ -46,10 +46,10 @@ class Method(nn.Module):
 
     @abstractmethod
     def networks(self, phase: Phase) -> list[nn.Module]:
-        """The networks that a phase moves; none if the phase has nothing to do."""
+        """The networks that a phase optimises; none if the phase has nothing to do."""
 
     def heads(self) -> list[nn.Module]:
-        """Those of the networks that have a learning rate of their own, if one is set."""
+        """Those of the networks that use ``head_learning_rate``, if that is set."""
         return []
 
     @abstractmethod
@@ -61,10 +61,10 @@ class Method(nn.Module):
         return {}
 
     def load_extra_state(self, state: dict[str, list[Tensor]]) -> None:
-        """Take up what :meth:`extra_state` returned."""
+        """Restore what :meth:`extra_state` returned."""
 
     def encode(self, depth_m: Tensor) -> Tensor:
-        """Metres to the networks' coding, (B, 1, H, W) in [-1, 1]."""
+        """Depth (B, 1, H, W) in metres to the networks' coding in [-1, 1]."""
         output = self.config.output
         nearest_m = output.min_m if output.coding == "log" else 0.0
         depth_m = depth_m.clamp(nearest_m, output.max_m)
@@ -73,22 +73,22 @@ class Method(nn.Module):
 
 
 def translated(generator: nn.Module, image: Tensor) -> Tensor:
-    """A generator's output (B, 1, H, W), fp32, grown to its input's size if it is smaller."""
-    return sized(generator(image).float(), image)
+    """A generator's output (B, 1, H, W), fp32, upsampled to its input's size if it is smaller."""
+    return upsampled_like(generator(image).float(), image)
 
 
-def sized(image: Tensor, like: Tensor) -> Tensor:
-    """Grow an output at a lower stride to the size of an input."""
+def upsampled_like(image: Tensor, like: Tensor) -> Tensor:
+    """Upsample an image (B, C, h, w) bilinearly to the size of another, if it is smaller."""
     if image.shape[2:] == like.shape[2:]:
         return image
     return F.interpolate(image, size=like.shape[2:], mode="bilinear", align_corners=False)
 
 
-def present(part: _Part | None) -> _Part:
-    """A network or an output that the weights of the losses call for.
+def required(part: _Part | None) -> _Part:
+    """A network or an output that a loss with a weight above zero needs.
 
     Raises:
-        ValueError: there is none.
+        ValueError: it is None.
     """
     if part is None:
         raise ValueError("a weight above zero builds what its loss needs")
@@ -96,13 +96,13 @@ def present(part: _Part | None) -> _Part:
 
 
 def not_none(*networks: nn.Module | None) -> list[nn.Module]:
-    """Those of the networks that the weights of the losses call for."""
+    """The networks that exist; those of losses with a weight of zero are None."""
     return [network for network in networks if network is not None]
 
 
 @contextmanager
 def frozen(networks: Iterable[nn.Module]) -> Iterator[None]:
-    """Let gradients pass through networks without gathering in them."""
+    """Disable gradients for the networks' weights; gradients still flow through to their inputs."""
     weights = [weight for network in networks for weight in network.parameters()]
     for weight in weights:
         weight.requires_grad_(False)

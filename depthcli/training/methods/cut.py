@@ -1,4 +1,4 @@
-"""CUT and FastCUT (Park et al. 2020): one direction, held to its input by patch-wise contrast."""
+"""CUT and FastCUT (Park et al. 2020): one-sided translation with a patch-wise contrastive loss."""
 
 from typing import ClassVar
 
@@ -9,7 +9,7 @@ from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.methods.base import Method, Phase, frozen, not_none, present, translated
+from depthcli.training.methods.base import Method, Phase, frozen, not_none, required, translated
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.networks.build import build_discriminator
 
@@ -17,8 +17,8 @@ from depthcli.training.networks.build import build_discriminator
 class Cut(Method):
     """GAN + contrast of x and G(x) + contrast of y and G(y).
 
-    With ``flip_contrast`` (FastCUT) half of the steps show G the mirrored picture; its features
-    are mirrored back and compared with those of the picture as it is.
+    With ``flip_contrast`` (FastCUT), G gets the mirrored picture in half of the steps; its features
+    are mirrored back and compared with those of the original picture.
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y"})
@@ -30,7 +30,7 @@ class Cut(Method):
         self.judge = build_discriminator(config) if self.weights.adversarial else None
         compares = self.weights.contrast_x or self.weights.contrast_y or self.weights.relation
         self.sampler = patch_heads(self.generator, self.generator.TAPS) if compares else None
-        self._made: tuple[Tensor, bool] | None = None
+        self._fakes: tuple[Tensor, bool] | None = None
 
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G and the patch heads; or the discriminator."""
@@ -42,43 +42,43 @@ class Cut(Method):
         """The discriminator's term, or the generator's."""
         x, y = batch.gray, self.encode(batch.depth_m)
         if phase == "discriminator":
-            self._made = self._translate(x)  # not moved in between, so the next phase takes it up
-            fake_y = self._made[0].detach()
-            judge = present(self.judge)
+            self._fakes = self._translate(x)  # the generator's phase, which is next, reuses it
+            fake_y = self._fakes[0].detach()
+            judge = required(self.judge)
             return {"judge": discriminator_loss(self.weights.gan, judge, real=y, fake=fake_y)}
-        fake_y, flipped = self._made or self._translate(x)
-        self._made = None
-        return self._deceive(y, fake_y) | self._contrasted(x, y, fake_y, flipped=flipped)
+        fake_y, flipped = self._fakes or self._translate(x)
+        self._fakes = None
+        return self._adversarial(y, fake_y) | self._contrastive_terms(x, y, fake_y, flipped=flipped)
 
     def _translate(self, x: Tensor) -> tuple[Tensor, bool]:
         flipped = self.weights.flip_contrast and bool(torch.rand(()) < 0.5)  # noqa: PLR2004
         return translated(self.generator, x.flip(3) if flipped else x), flipped
 
-    def _deceive(self, y: Tensor, fake_y: Tensor) -> dict[str, Tensor]:
+    def _adversarial(self, y: Tensor, fake_y: Tensor) -> dict[str, Tensor]:
         if self.judge is None:
             return {}
         with frozen([self.judge]):
             loss = generator_loss(self.weights.gan, self.judge, real=y, fake=fake_y)
         return {"adversarial": self.weights.adversarial * loss}
 
-    def _contrasted(
+    def _contrastive_terms(
         self, x: Tensor, y: Tensor, fake_y: Tensor, *, flipped: bool
     ) -> dict[str, Tensor]:
         terms = {}
         if self.weights.contrast_x:
-            loss = mean_over_taps(patch_nce, *self._vectors(x, fake_y, flipped=flipped))
+            loss = mean_over_taps(patch_nce, *self._patch_vectors(x, fake_y, flipped=flipped))
             terms["contrast_x"] = self.weights.contrast_x * loss
         if self.weights.contrast_y:
             same_y = translated(self.generator, y)
-            loss = mean_over_taps(patch_nce, *self._vectors(y, same_y))
+            loss = mean_over_taps(patch_nce, *self._patch_vectors(y, same_y))
             terms["contrast_y"] = self.weights.contrast_y * loss
         return terms
 
-    def _vectors(
+    def _patch_vectors(
         self, source: Tensor, output: Tensor, *, flipped: bool = False
     ) -> tuple[list[Tensor], list[Tensor]]:
         """Queries of the output and keys of the source, (B, P, dim) of each tap."""
-        sampler = present(self.sampler)
+        sampler = required(self.sampler)
         keys, positions = sampler(self.generator.features(source))
         maps = self.generator.features(output)
         maps = [features.flip(3) for features in maps] if flipped else maps

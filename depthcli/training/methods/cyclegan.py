@@ -1,4 +1,4 @@
-"""CycleGAN (Zhu et al. 2017): two generators that undo each other, two discriminators."""
+"""CycleGAN (Zhu et al. 2017): two generators, inverse to each other, and two discriminators."""
 
 from typing import ClassVar, NamedTuple
 
@@ -14,17 +14,17 @@ from depthcli.training.methods.base import (
     Phase,
     frozen,
     not_none,
-    present,
-    sized,
+    required,
     translated,
+    upsampled_like,
 )
 from depthcli.training.networks.build import build_discriminator, build_generator
 
 
-class Made(NamedTuple):
-    """What the generators make of a batch; None where no term asks for it."""
+class GeneratorOutputs(NamedTuple):
+    """The generators' outputs for a batch; None if no loss term needs it."""
 
-    raw_y: Tensor  #: G(x) at the generator's own size
+    raw_y: Tensor  #: G(x) at the generator's output size
     fake_y: Tensor  #: G(x), (B, 1, H, W)
     fake_x: Tensor | None  #: F(y)
     same_y: Tensor | None  #: G(y)
@@ -42,19 +42,19 @@ class CycleGan(Method):
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)
-        self.backward_generator = build_generator(config.generator) if self._both_ways else None
+        self.backward_generator = build_generator(config.generator) if self._has_backward else None
         self.judge_depth = build_discriminator(config) if self.weights.adversarial else None
-        self.judge_gray = build_discriminator(config) if self._judges_gray else None
+        self.judge_gray = build_discriminator(config) if self._has_gray_discriminator else None
         self.pools = (ImagePool(config.optim.pool_size), ImagePool(config.optim.pool_size))
         self._fake_y: Tensor | None = None
         self._fake_x: Tensor | None = None
 
     @property
-    def _both_ways(self) -> bool:
-        return bool(self.weights.cycle or self.weights.identity or self._judges_gray)
+    def _has_backward(self) -> bool:
+        return bool(self.weights.cycle or self.weights.identity or self._has_gray_discriminator)
 
     @property
-    def _judges_gray(self) -> bool:
+    def _has_gray_discriminator(self) -> bool:
         return bool(self.weights.adversarial and self.weights.adversarial_backward)
 
     def networks(self, phase: Phase) -> list[nn.Module]:
@@ -67,54 +67,56 @@ class CycleGan(Method):
         """The generators' terms, or the discriminators'."""
         x, y = batch.gray, self.encode(batch.depth_m)
         if phase == "discriminator":
-            return self._judge(x, y)
-        made = self._translate(x, y)
-        self._fake_y = made.fake_y.detach()
-        self._fake_x = None if made.fake_x is None else made.fake_x.detach()
-        return self._terms(batch, y, made)
+            return self._discriminator_terms(x, y)
+        outputs = self._translate(x, y)
+        self._fake_y = outputs.fake_y.detach()
+        self._fake_x = None if outputs.fake_x is None else outputs.fake_x.detach()
+        return self._terms(batch, y, outputs)
 
-    def _translate(self, x: Tensor, y: Tensor) -> Made:
+    def _translate(self, x: Tensor, y: Tensor) -> GeneratorOutputs:
         forward, backward, weights = self.generator, self.backward_generator, self.weights
         raw_y = forward(x).float()
         keeps_y = weights.identity or weights.contrast_y
-        return Made(
+        return GeneratorOutputs(
             raw_y=raw_y,
-            fake_y=sized(raw_y, x),
+            fake_y=upsampled_like(raw_y, x),
             fake_x=translated(backward, y) if backward is not None else None,
             same_y=translated(forward, y) if keeps_y else None,
         )
 
-    def _terms(self, batch: TrainingBatch, y: Tensor, made: Made) -> dict[str, Tensor]:
+    def _terms(
+        self, batch: TrainingBatch, y: Tensor, outputs: GeneratorOutputs
+    ) -> dict[str, Tensor]:
         """Weighted terms; y is the batch's depth, coded."""
         x, weights, terms = batch.gray, self.weights, {}
         if weights.cycle:
-            terms["cycle"] = weights.cycle * self._cycle(x, y, made)
+            terms["cycle"] = weights.cycle * self._cycle(x, y, outputs)
         if weights.identity:
-            terms["identity"] = weights.identity * self._identity(x, y, made)
+            terms["identity"] = weights.identity * self._identity(x, y, outputs)
         if weights.adversarial:
-            terms["adversarial"] = weights.adversarial * self._deceive(x, y, made)
+            terms["adversarial"] = weights.adversarial * self._adversarial(x, y, outputs)
         return terms
 
-    def _cycle(self, x: Tensor, y: Tensor, made: Made) -> Tensor:
+    def _cycle(self, x: Tensor, y: Tensor, outputs: GeneratorOutputs) -> Tensor:
         """Eq. 2."""
-        there = F.l1_loss(translated(present(self.backward_generator), made.fake_y), x)
-        return there + F.l1_loss(translated(self.generator, present(made.fake_x)), y)
+        there = F.l1_loss(translated(required(self.backward_generator), outputs.fake_y), x)
+        return there + F.l1_loss(translated(self.generator, required(outputs.fake_x)), y)
 
-    def _identity(self, x: Tensor, y: Tensor, made: Made) -> Tensor:
+    def _identity(self, x: Tensor, y: Tensor, outputs: GeneratorOutputs) -> Tensor:
         """Eq. 3."""
-        same_x = translated(present(self.backward_generator), x)
-        return F.l1_loss(present(made.same_y), y) + F.l1_loss(same_x, x)
+        same_x = translated(required(self.backward_generator), x)
+        return F.l1_loss(required(outputs.same_y), y) + F.l1_loss(same_x, x)
 
-    def _deceive(self, x: Tensor, y: Tensor, made: Made) -> Tensor:
+    def _adversarial(self, x: Tensor, y: Tensor, outputs: GeneratorOutputs) -> Tensor:
         """The generators' half of eq. 5 and 6."""
-        gan, judge_y, judge_x = self.weights.gan, present(self.judge_depth), self.judge_gray
+        gan, judge_y, judge_x = self.weights.gan, required(self.judge_depth), self.judge_gray
         with frozen(not_none(judge_y, judge_x)):
-            loss = generator_loss(gan, judge_y, real=y, fake=made.fake_y)
+            loss = generator_loss(gan, judge_y, real=y, fake=outputs.fake_y)
             if judge_x is not None:
-                loss = loss + generator_loss(gan, judge_x, real=x, fake=present(made.fake_x))
+                loss = loss + generator_loss(gan, judge_x, real=x, fake=required(outputs.fake_x))
         return loss
 
-    def _judge(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
+    def _discriminator_terms(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         """The discriminators' half of eq. 5 and 6, on pooled fakes."""
         gan, terms = self.weights.gan, {}
         if self.judge_gray is not None and self._fake_x is not None:

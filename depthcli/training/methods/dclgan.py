@@ -9,20 +9,20 @@ from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.methods.base import Method, Phase, frozen, not_none, present, translated
+from depthcli.training.methods.base import Method, Phase, frozen, not_none, required, translated
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.networks.build import build_discriminator, build_generator
 
 
 class Fakes(NamedTuple):
-    """Both translations, (B, 1, H, W)."""
+    """Both translated images, (B, 1, H, W)."""
 
     y: Tensor
     x: Tensor
 
 
-class Sides(NamedTuple):
-    """Maps (B, C, H, W) or patch vectors (B, P, dim) of each tap, of both pictures and fakes."""
+class DomainFeatures(NamedTuple):
+    """Feature maps (B, C, H, W) or patch vectors (B, P, dim) by tap, of real and fake images."""
 
     real_x: list[Tensor]
     fake_y: list[Tensor]
@@ -33,8 +33,8 @@ class Sides(NamedTuple):
 class DclGan(Method):
     """GANs + contrast of x and G(x) + contrast of y and F(y) + identity.
 
-    Gray goes through G's encoder and the first heads, depth through F's encoder and the second,
-    whether real or made.
+    Gray images, real or fake, go through G's encoder and the first heads; depth maps through F's
+    encoder and the second heads.
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y", "identity"})
@@ -54,7 +54,7 @@ class DclGan(Method):
         compares = bool(weights.contrast_x or weights.contrast_y or weights.similarity)
         self.sampler_gray = patch_heads(self.generator, self.taps) if compares else None
         self.sampler_depth = patch_heads(self.generator, self.taps) if compares else None
-        self._made: Fakes | None = None
+        self._fakes: Fakes | None = None
 
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G, F and the heads; or the discriminators."""
@@ -70,25 +70,25 @@ class DclGan(Method):
         """The discriminators' terms, or the generators'."""
         x, y = batch.gray, self.encode(batch.depth_m)
         if phase == "discriminator":
-            self._made = self._translate(x, y)  # not moved in between: the next phase takes it up
-            return self._judge(x, y, self._made)
-        fakes = self._made or self._translate(x, y)
-        self._made = None
-        compared = self._compared(self._maps(x, y, fakes)) if self.heads() else {}
-        return self._deceive(x, y, fakes) | self._identity(x, y) | compared
+            self._fakes = self._translate(x, y)  # the generators' phase, which is next, reuses it
+            return self._discriminator_terms(x, y, self._fakes)
+        fakes = self._fakes or self._translate(x, y)
+        self._fakes = None
+        compared = self._contrastive_terms(self._features(x, y, fakes)) if self.heads() else {}
+        return self._adversarial(x, y, fakes) | self._identity(x, y) | compared
 
     def _translate(self, x: Tensor, y: Tensor) -> Fakes:
         return Fakes(translated(self.generator, x), translated(self.backward_generator, y))
 
-    def _judge(self, x: Tensor, y: Tensor, fakes: Fakes) -> dict[str, Tensor]:
+    def _discriminator_terms(self, x: Tensor, y: Tensor, fakes: Fakes) -> dict[str, Tensor]:
         gan, fake_y, fake_x = self.weights.gan, fakes.y.detach(), fakes.x.detach()
-        judge_y, judge_x = present(self.judge_depth), present(self.judge_gray)
+        judge_y, judge_x = required(self.judge_depth), required(self.judge_gray)
         return {
             "judge_depth": discriminator_loss(gan, judge_y, real=y, fake=fake_y),
             "judge_gray": discriminator_loss(gan, judge_x, real=x, fake=fake_x),
         }
 
-    def _deceive(self, x: Tensor, y: Tensor, fakes: Fakes) -> dict[str, Tensor]:
+    def _adversarial(self, x: Tensor, y: Tensor, fakes: Fakes) -> dict[str, Tensor]:
         if self.judge_depth is None or self.judge_gray is None:
             return {}
         gan = self.weights.gan
@@ -104,17 +104,17 @@ class DclGan(Method):
         same_x = F.l1_loss(translated(self.backward_generator, x), x)
         return {"identity": self.weights.identity * (same_y + same_x)}
 
-    def _maps(self, x: Tensor, y: Tensor, fakes: Fakes) -> Sides:
+    def _features(self, x: Tensor, y: Tensor, fakes: Fakes) -> DomainFeatures:
         of_gray, of_depth = self.generator.features, self.backward_generator.features
         taps = self.taps
-        return Sides(
+        return DomainFeatures(
             of_gray(x, taps), of_depth(fakes.y, taps), of_depth(y, taps), of_gray(fakes.x, taps)
         )
 
-    def _compared(self, maps: Sides) -> dict[str, Tensor]:
-        return self._contrast(self._vectors(maps))
+    def _contrastive_terms(self, maps: DomainFeatures) -> dict[str, Tensor]:
+        return self._contrast(self._patch_vectors(maps))
 
-    def _contrast(self, vectors: Sides) -> dict[str, Tensor]:
+    def _contrast(self, vectors: DomainFeatures) -> dict[str, Tensor]:
         weights, terms = self.weights, {}
         if weights.contrast_x:
             there = mean_over_taps(patch_nce, vectors.fake_y, vectors.real_x)
@@ -124,11 +124,11 @@ class DclGan(Method):
             terms["contrast_y"] = weights.contrast_y * back
         return terms
 
-    def _vectors(self, maps: Sides) -> Sides:
-        """The same positions for a picture and its translation."""
-        of_gray, of_depth = present(self.sampler_gray), present(self.sampler_depth)
+    def _patch_vectors(self, maps: DomainFeatures) -> DomainFeatures:
+        """Patch vectors at the same positions of an image and its translation."""
+        of_gray, of_depth = required(self.sampler_gray), required(self.sampler_depth)
         real_x, positions_x = of_gray(maps.real_x)
         real_y, positions_y = of_depth(maps.real_y)
         fake_y, _ = of_depth(maps.fake_y, positions_x)
         fake_x, _ = of_gray(maps.fake_x, positions_y)
-        return Sides(real_x, fake_y, real_y, fake_x)
+        return DomainFeatures(real_x, fake_y, real_y, fake_x)

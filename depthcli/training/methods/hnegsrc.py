@@ -1,4 +1,4 @@
-"""HnegSRC (Jung et al. 2022): CUT with hard negatives and consistent relations of patches."""
+"""HnegSRC (Jung et al. 2022): CUT with hard negatives and semantic relation consistency."""
 
 from functools import partial
 from typing import ClassVar
@@ -6,7 +6,7 @@ from typing import ClassVar
 from torch import Tensor
 
 from depthcli.training.losses.hdce import hdce
-from depthcli.training.losses.src import semantic_relation
+from depthcli.training.losses.semantic_relation import semantic_relation
 from depthcli.training.methods.base import translated
 from depthcli.training.methods.contrast import mean_over_taps
 from depthcli.training.methods.cut import Cut
@@ -20,23 +20,23 @@ class HnegSrc(Cut):
 
     @property
     def gamma(self) -> float:
-        """γ of the negatives' weights, linear in the schedule: they grow harder."""
+        """γ of the negatives' weights, linear over the schedule: they become harder."""
         start, end = self.weights.gamma_start, self.weights.gamma_end
         return start + (end - start) * self.share_done
 
-    def _contrasted(
+    def _contrastive_terms(
         self, x: Tensor, y: Tensor, fake_y: Tensor, *, flipped: bool
     ) -> dict[str, Tensor]:
         terms, weights = {}, self.weights
         hard = partial(hdce, gamma=self.gamma)
         if weights.contrast_x or weights.relation:
-            vectors = self._vectors(x, fake_y, flipped=flipped)
+            vectors = self._patch_vectors(x, fake_y, flipped=flipped)
         if weights.contrast_x:
             terms["contrast_x"] = weights.contrast_x * mean_over_taps(hard, *vectors)
         if weights.relation:
             relation = mean_over_taps(semantic_relation, *vectors)
             terms["relation"] = weights.relation * relation
         if weights.contrast_y:
-            same_y = self._vectors(y, translated(self.generator, y))
+            same_y = self._patch_vectors(y, translated(self.generator, y))
             terms["contrast_y"] = weights.contrast_y * mean_over_taps(hard, *same_y)
         return terms

@@ -1,12 +1,12 @@
-"""A method's class, and what it is set to."""
+"""The class and the default configuration of each method."""
 
 import tomllib
 from importlib import import_module
 from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.training.config.changes import updated
 from depthcli.training.config.objective import TERMS
+from depthcli.training.config.overrides import updated
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.methods.base import Method
 from depthcli.training.methods.table import METHODS
@@ -15,7 +15,7 @@ DEFAULTS = Path(__file__).parent / "defaults"
 
 
 def method_class(name: str) -> type[Method]:
-    """The class of a method; its module, and with it torch, is loaded now.
+    """The class of a method; imports its module, and with it torch.
 
     Raises:
         UsageError: there is no such method.
@@ -28,10 +28,10 @@ def method_class(name: str) -> type[Method]:
 
 
 def default_config(method: str) -> TrainConfig:
-    """A method as its authors set it.
+    """The default configuration of a method.
 
-    Unless its file of ``defaults/`` says otherwise, it is set as the paper's method, without the
-    losses and the pairs that it does not know.
+    That of the paper's method without the losses and the pairing that this one does not support,
+    overridden by its file in ``defaults/``.
 
     Raises:
         UsageError: there is no such method.
@@ -44,39 +44,38 @@ def default_config(method: str) -> TrainConfig:
 
 
 def build_method(config: TrainConfig) -> Method:
-    """The method that a configuration names, with fresh weights.
+    """The method of a configuration, newly initialised.
 
     Raises:
-        UsageError: there is no such method, or a setting would do nothing.
+        UsageError: there is no such method, or a setting would have no effect.
     """
     check_terms(config)
     return method_class(config.method)(config)
 
 
 def check_terms(config: TrainConfig) -> None:
-    """Accept a configuration whose losses and settings its method has.
+    """Check that the method uses all losses and settings of the configuration.
 
     Raises:
-        UsageError: otherwise; one that does nothing would be taken for one that does.
+        UsageError: one of them would have no effect.
     """
     method = method_class(config.method)
-    known = method.TERMS
-    strange = [name for name in TERMS if getattr(config.loss, name) and name not in known]
-    if strange:
-        raise UsageError(
-            f"{config.method} has no loss.{strange[0]}; it has loss.{', loss.'.join(sorted(known))}"
-        )
-    if not any(getattr(config.loss, name) for name in known):
-        raise UsageError(f"one of loss.{', loss.'.join(sorted(known))} is above 0")
+    supported = method.TERMS
+    known = ", loss.".join(sorted(supported))
+    unknown = [name for name in TERMS if getattr(config.loss, name) and name not in supported]
+    if unknown:
+        raise UsageError(f"{config.method} has no loss.{unknown[0]}; it has loss.{known}")
+    if not any(getattr(config.loss, name) for name in supported):
+        raise UsageError(f"set one of loss.{known} above 0")
     _check_settings(config, method.SETTINGS)
     if config.data.paired and not method.PAIRED:
-        raise UsageError(f"{config.method} learns without pairs: remove data.paired")
+        raise UsageError(f"{config.method} trains on unpaired data: remove data.paired")
 
 
-def _check_settings(config: TrainConfig, known: frozenset[str]) -> None:
+def _check_settings(config: TrainConfig, supported: frozenset[str]) -> None:
     usual = default_config(config.method)
     for path in sorted(frozenset().union(*(method_class(name).SETTINGS for name in METHODS))):
-        if path not in known and _setting(config, path) != _setting(usual, path):
+        if path not in supported and _setting(config, path) != _setting(usual, path):
             raise UsageError(f"{config.method} does not use {path}: remove it")
 
 

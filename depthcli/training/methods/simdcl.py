@@ -1,4 +1,4 @@
-"""SimDCL (Han et al. 2021): DCLGAN whose fakes are, as a whole, similar to their domain."""
+"""SimDCL (Han et al. 2021): DCLGAN with a similarity loss between real and fake images."""
 
 from typing import ClassVar
 
@@ -6,13 +6,13 @@ from torch import Tensor, nn
 
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.losses.similarity import similarity
-from depthcli.training.methods.base import not_none, present
-from depthcli.training.methods.dclgan import DclGan, Sides
+from depthcli.training.methods.base import not_none, required
+from depthcli.training.methods.dclgan import DclGan, DomainFeatures
 from depthcli.training.networks.similarity_map import SimilarityMap
 
 
 class SimDcl(DclGan):
-    """DCLGAN + the distance of one vector an image, fake from real, in both domains."""
+    """DCLGAN + the distance between one vector per real and per fake image, in both domains."""
 
     TERMS: ClassVar = DclGan.TERMS | {"similarity"}
 
@@ -29,17 +29,17 @@ class SimDcl(DclGan):
         maps = not_none(self.map_real_x, self.map_fake_y, self.map_real_y, self.map_fake_x)
         return super().heads() + maps
 
-    def _compared(self, maps: Sides) -> dict[str, Tensor]:
-        vectors = self._vectors(maps)
+    def _contrastive_terms(self, maps: DomainFeatures) -> dict[str, Tensor]:
+        vectors = self._patch_vectors(maps)
         if not self.weights.similarity:
             return self._contrast(vectors)
-        # A domain has no positions in common with its fakes: theirs are drawn again.
-        fake_x, _ = present(self.sampler_gray)(maps.fake_x)
-        fake_y, _ = present(self.sampler_depth)(maps.fake_y)
+        # Fakes share no positions with the real images of their domain: sample new ones.
+        fake_x, _ = required(self.sampler_gray)(maps.fake_x)
+        fake_y, _ = required(self.sampler_depth)(maps.fake_y)
         alike = similarity(
-            real_x=present(self.map_real_x)(vectors.real_x),
-            fake_x=present(self.map_fake_x)(fake_x),
-            real_y=present(self.map_real_y)(vectors.real_y),
-            fake_y=present(self.map_fake_y)(fake_y),
+            real_x=required(self.map_real_x)(vectors.real_x),
+            fake_x=required(self.map_fake_x)(fake_x),
+            real_y=required(self.map_real_y)(vectors.real_y),
+            fake_y=required(self.map_fake_y)(fake_y),
         )
         return self._contrast(vectors) | {"similarity": self.weights.similarity * alike}

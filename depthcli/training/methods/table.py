@@ -1,4 +1,4 @@
-"""The methods by name; it imports nothing, so that help texts and completion can list them."""
+"""The methods by name; imports nothing, for use in help texts and completion."""
 
 METHODS = {
     "cyclegan": "cyclegan:CycleGan",

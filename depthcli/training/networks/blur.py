@@ -1,4 +1,4 @@
-"""Antialiased shrinking (Zhang 2019), as the CUT family uses it."""
+"""Antialiased downsampling (Zhang 2019), as in the CUT family."""
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -6,7 +6,7 @@ from torch import Tensor, nn
 
 
 class BlurDown(nn.Module):
-    """Depthwise [1, 2, 1]² with stride 2 after a reflected border: (H, W) to (H/2, W/2)."""
+    """Depthwise [1, 2, 1]² filter with stride 2 and reflection padding."""
 
     kernel: Tensor
 

@@ -1,4 +1,4 @@
-"""Networks by configuration."""
+"""Building networks from a configuration."""
 
 from depthcli.training.config.schema import GeneratorConfig, TrainConfig
 from depthcli.training.networks.efficient import EfficientGenerator
@@ -9,7 +9,7 @@ Generator = EfficientGenerator | ResnetGenerator
 
 
 def build_generator(config: GeneratorConfig) -> Generator:
-    """The generator that a configuration describes, with fresh weights."""
+    """The generator of a configuration, newly initialised."""
     if config.name == "efficient":
         return EfficientGenerator(
             config.encoder,
@@ -27,5 +27,5 @@ def build_generator(config: GeneratorConfig) -> Generator:
 
 
 def build_discriminator(config: TrainConfig) -> PatchGan:
-    """A discriminator of the same family as the generator, with fresh weights."""
+    """A discriminator of the same family as the generator, newly initialised."""
     return PatchGan(width=config.optim.width_discriminator, antialias=config.generator.antialias)

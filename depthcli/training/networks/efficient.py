@@ -1,4 +1,4 @@
-"""An encoder-decoder that costs little on a CPU: residual blocks, batch norm, skip connections."""
+"""An encoder-decoder that is fast on CPUs: residual blocks, batch norm, skip connections."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ class EfficientGenerator(nn.Module):
         decoder: channels at strides 16, 8, 4, 2.
         depths: residual blocks at strides 4, 8, 16, 32.
         dropout: share of bottleneck channels dropped while training.
-        norm: batch norm behind each convolution; without it they have biases.
+        norm: batch norm after each convolution; without it, convolutions have biases.
     """
 
     TAPS = ("stride2", "stride4", "stride8", "stride16")
@@ -56,7 +56,7 @@ class EfficientGenerator(nn.Module):
         return self.encoder_channels[self.TAPS.index(tap)]
 
     def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
-        """Encoder maps of x (B, 1, H, W), in the order of the encoder, for the taps named."""
+        """Encoder feature maps of x (B, 1, H, W) for the given taps."""
         maps = dict(zip(self.TAPS, self._encode(x), strict=False))
         return [maps[tap] for tap in taps]
 
@@ -78,7 +78,7 @@ class EfficientGenerator(nn.Module):
 
 
 class ConvNorm(nn.Sequential):
-    """Convolution, batch norm if wanted and, unless told otherwise, ReLU."""
+    """Convolution, optionally batch norm, and ReLU unless disabled."""
 
     def __init__(
         self,

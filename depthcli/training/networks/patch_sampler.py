@@ -1,4 +1,4 @@
-"""The heads H that turn feature maps into patch vectors for contrast (Park et al. 2020)."""
+"""The heads H that turn feature maps into patch vectors for PatchNCE (Park et al. 2020)."""
 
 from collections.abc import Sequence
 
@@ -14,9 +14,9 @@ class PatchSampler(nn.Module):
     """Per tap: Linear, ReLU, Linear, L2-normalise, at random positions.
 
     Args:
-        channels: of each tap, known at construction.
+        channels: of each tap.
         dim: length of a patch vector.
-        patches: positions a map; all of them where the map has fewer.
+        patches: positions per map; all of them if the map has fewer.
     """
 
     def __init__(self, channels: Sequence[int], dim: int = 256, patches: int = 256) -> None:
@@ -33,8 +33,8 @@ class PatchSampler(nn.Module):
     ) -> tuple[list[Tensor], list[Tensor]]:
         """Unit patch vectors (B, P, dim) of each tap's map (B, C, H, W), and the positions used.
 
-        The flat positions (P,) of each tap are those of the call that made the keys; None draws new
-        ones without replacement.
+        ``positions`` are flat indices (P,) per tap, for queries those of their keys; None samples
+        new ones without replacement.
         """
         if positions is None:
             positions = [self._draw(m) for m in maps]

@@ -11,10 +11,10 @@ _SLOPE = 0.2
 
 
 class PatchGan(nn.Module):
-    """One judgement, without sigmoid, for every 70×70 patch of an image.
+    """One logit for every 70×70 patch of an image.
 
-    ``width``, the channels of the first layer, is doubled three times. ``antialias`` blurs after
-    stride-1 convolutions in place of strides (the CUT family).
+    ``width``, the channels of the first layer, is doubled three times. ``antialias`` replaces
+    strides by stride-1 convolutions with blur (the CUT family).
     """
 
     def __init__(self, width: int = 64, *, antialias: bool = False) -> None:
@@ -35,5 +35,5 @@ class PatchGan(nn.Module):
         (init_xavier if antialias else init_normal)(self)
 
     def forward(self, image: Tensor) -> Tensor:
-        """(B, 1, 256, 256) to (B, 1, 30, 30); other sizes alike."""
+        """Logits of an image: (B, 1, 256, 256) to (B, 1, 30, 30), and so on."""
         return self.layers(image)  # type: ignore[no-any-return]

@@ -1,4 +1,4 @@
-"""The paper's generator: ``resnet_9blocks`` (Johnson et al. 2016), with the paper's last skip."""
+"""The generator of the paper: ``resnet_9blocks`` (Johnson et al. 2016) with a final skip."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -13,14 +13,14 @@ from depthcli.training.networks.weights import init_normal, init_xavier
 class ResnetGenerator(nn.Module):
     """One-channel image to one-channel image of the same size, in [-1, 1].
 
-    Instance norm without affine after every convolution makes it blind to the input's mean and
-    contrast.
+    Instance norm without affine parameters after every convolution makes it invariant to the
+    input's mean and contrast.
 
     Args:
         width: channels after the first layer; doubled twice.
         blocks: residual blocks.
-        antialias: blurred changes of resolution (the CUT family) instead of strides.
-        residual: last connection: ``stem`` adds the features after the first layer to the last
+        antialias: change resolution with blur (the CUT family) instead of strides.
+        residual: final connection: ``stem`` adds the features after the first layer to the last
             map, ``input`` adds α·x before the tanh with α learned, ``none`` adds nothing.
     """
 
@@ -53,10 +53,10 @@ class ResnetGenerator(nn.Module):
         return dict(zip(self.TAPS, widths, strict=True))[tap]
 
     def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
-        """Encoder maps of x (B, 1, H, W) for the taps named.
+        """Encoder feature maps of x (B, 1, H, W) for the given taps.
 
-        Padded input; both down convolutions before their norm; first and fifth residual block
-        (the last, where there are fewer).
+        They are the padded input, both downsampling convolutions before their norm, and the first
+        and fifth residual block (the last if there are fewer).
         """
         maps = {"input": self.pad(x)}
         maps["down1"] = self.down1.conv(self.stem(maps["input"]))
@@ -85,7 +85,7 @@ class ResnetGenerator(nn.Module):
 
 
 class _Down(nn.Module):
-    """Half the size, twice the channels; the convolution can be tapped before its norm."""
+    """Half the size, twice the channels; ``conv`` can be tapped before its norm."""
 
     def __init__(self, inputs: int, outputs: int, *, antialias: bool) -> None:
         super().__init__()
@@ -98,7 +98,7 @@ class _Down(nn.Module):
 
 
 class _Block(nn.Module):
-    """Two reflected 3×3 convolutions added to their input."""
+    """Two 3×3 convolutions with reflection padding, added to their input."""
 
     def __init__(self, width: int) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""The map m of SimDCL: all patch vectors of an image to one vector (Han et al. 2021)."""
+"""The network m of SimDCL: all patch vectors of an image to one vector (Han et al. 2021)."""
 
 from collections.abc import Sequence
 
@@ -13,8 +13,8 @@ from depthcli.training.networks.weights import init_xavier
 class SimilarityMap(nn.Module):
     """Convolution, ReLU, global average, Linear, ReLU, Linear, L2-normalise.
 
-    Its first weights are as small as those of all networks of the CUT family, so its vector, of
-    length ``dim``, is too short for half precision before it is normalised.
+    Its initial weights are small, as in all networks of the CUT family, so that its output, of
+    ``dim`` channels, underflows half precision before it is normalised.
     """
 
     def __init__(self, taps: int, dim: int = 64) -> None:
@@ -24,10 +24,9 @@ class SimilarityMap(nn.Module):
         init_xavier(self)
 
     def forward(self, vectors: Sequence[Tensor]) -> Tensor:
-        """One unit vector (B, dim) an image, fp32, of the vectors (B, P, C) fp32 of each tap.
+        """One unit vector (B, dim) per image, fp32, of the vectors (B, P, C) fp32 of each tap.
 
-        P and C are at least 3. Where maps have fewer positions than others, as many are used of
-        each.
+        P and C are at least 3. Of all taps, as many patches are used as the smallest map has.
         """
         patches = min(v.shape[1] for v in vectors)
         with full_precision(vectors[0]):

@@ -1,16 +1,16 @@
-"""First weights, as each family of methods draws them."""
+"""Weight initialisation of each family of methods."""
 
 from torch import nn
 
-_SPREAD = 0.02
+_STD = 0.02
 _CONVOLUTIONS = (nn.Conv2d, nn.ConvTranspose2d)
 
 
 def init_normal(network: nn.Module) -> None:
-    """N(0, 0.02) kernels and zero biases (CycleGAN)."""
+    """Kernels from N(0, 0.02²) and zero biases (CycleGAN)."""
     for layer in network.modules():
         if isinstance(layer, _CONVOLUTIONS):
-            nn.init.normal_(layer.weight, 0.0, _SPREAD)
+            nn.init.normal_(layer.weight, 0.0, _STD)
             _zero_bias(layer)
 
 
@@ -18,7 +18,7 @@ def init_xavier(network: nn.Module) -> None:
     """Xavier-normal kernels and matrices of gain 0.02 and zero biases (CUT)."""
     for layer in network.modules():
         if isinstance(layer, (*_CONVOLUTIONS, nn.Linear)):
-            nn.init.xavier_normal_(layer.weight, _SPREAD)
+            nn.init.xavier_normal_(layer.weight, _STD)
             _zero_bias(layer)
 
 

@@ -10,20 +10,20 @@ from depthcli.core.choices import Sensor
 from depthcli.datasets.rooms.camera import PinholeCamera
 from depthcli.datasets.rooms.furnish import Room, make_room
 from depthcli.datasets.rooms.furniture import PIECES
-from depthcli.datasets.rooms.layout import KINDS
+from depthcli.datasets.rooms.layout import ROOM_TYPES
 from depthcli.datasets.rooms.lighting import Light
 from depthcli.datasets.rooms.materials import Materials
-from depthcli.datasets.rooms.pair import Recipe, render_pair, room_focal_px
+from depthcli.datasets.rooms.pair import RoomSettings, render_pair, room_focal_px
 from depthcli.datasets.rooms.render import Renderer, View
 from depthcli.datasets.rooms.sensor import kinect
-from depthcli.datasets.rooms.solids import BALL, Part, Solids, box
+from depthcli.datasets.rooms.solids import SPHERE, Part, Solids, box
 
-SMALL = Recipe(size=(64, 48))
+SMALL = RoomSettings(size=(64, 48))
 
 
 @pytest.fixture(scope="module")
 def rooms() -> list[Room]:
-    return [make_room(np.random.default_rng([5, i]), kind) for i in range(5) for kind in KINDS]
+    return [make_room(np.random.default_rng([5, i]), kind) for i in range(5) for kind in ROOM_TYPES]
 
 
 def test_every_piece_of_furniture_appears(rooms: list[Room]) -> None:
@@ -60,7 +60,7 @@ def test_furniture_stands_in_its_footprint(name: str) -> None:
 
 def test_things_stand_on_the_floor_inside_the_walls(rooms: list[Room]) -> None:
     for room in rooms:
-        for low_x, high_x, low_z, high_z in room.taken:
+        for low_x, high_x, low_z, high_z in room.occupied:
             assert low_x >= 0 <= low_z
             assert high_x <= room.shell.width
             assert high_z <= room.shell.depth
@@ -107,7 +107,7 @@ def test_a_mirror_shows_what_is_before_it_and_has_the_depth_of_its_glass() -> No
     materials = Materials(np.random.default_rng(0))
     black = materials.black._replace(dark=(0, 0, 0), light=(0, 0, 0))
     mirror = box((-2, 2), (-2, 2), (3, 3.1), black._replace(specular=1.0))
-    shining = Part((0, 0, -2), (1, 1, 0.1), materials.lamp, BALL)
+    shining = Part((0, 0, -2), (1, 1, 0.1), materials.lamp, SPHERE)
     view = scene(mirror, shining)[0].view()
     np.testing.assert_allclose(view.depth_m[8:-8, 12:-12], 3, rtol=1e-5)
     shown = view.light.max(-1) > 2

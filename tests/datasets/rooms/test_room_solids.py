@@ -9,8 +9,8 @@ import pytest
 from depthcli.datasets.rooms.camera import place_camera
 from depthcli.datasets.rooms.furnish import make_room
 from depthcli.datasets.rooms.materials import Material
-from depthcli.datasets.rooms.solids import BALL, UPRIGHT, Part, Solids, box
-from depthcli.datasets.rooms.surface import meet
+from depthcli.datasets.rooms.solids import CYLINDER_Y, SPHERE, Part, Solids, box
+from depthcli.datasets.rooms.surface import intersect
 
 GRAY = Material(0, (0.0, 0.0, 0.0), (0.5, 0.5, 0.5))
 
@@ -34,8 +34,8 @@ def inside(part: Part, eye: npt.NDArray, ray: npt.NDArray) -> tuple[float, float
             first = max(first, room / speed)
         elif room < 0:
             return None
-    if any(part.round):
-        weight = np.array(part.round)
+    if any(part.quadric):
+        weight = np.array(part.quadric)
         powers = [weight @ step**2, 2 * weight @ (start * step), weight @ start**2 - 1]
         roots = np.sort_complex(np.roots(powers))
         if len(roots) == 2 and not np.isrealobj(roots) and np.abs(roots.imag).max() > 0:
@@ -66,7 +66,7 @@ def test_rays_of_a_camera_are_one_long_along_its_axis() -> None:
     random = np.random.default_rng(3)
     room = make_room(random)
     camera = place_camera(random, room, room.solids, 20.0, (16, 12))
-    np.testing.assert_allclose(camera.turn[:, 2] @ camera.rays(), 1, rtol=1e-6)
+    np.testing.assert_allclose(camera.orientation[:, 2] @ camera.rays(), 1, rtol=1e-6)
 
 
 def test_depth_of_a_plane_is_that_of_a_plane() -> None:
@@ -89,9 +89,9 @@ def test_depth_of_a_plane_is_that_of_a_plane() -> None:
     ("part", "ray", "distance", "normal"),
     [
         (Part((0, 0, 3), (1, 1, 1), GRAY), (0.1, 0.1, 1), 2.0, (0, 0, -1)),
-        (Part((0, 0, 3), (1, 1, 1), GRAY, BALL), (0, 0, 1), 2.0, (0, 0, -1)),
-        (Part((0, 0, 3), (1, 2, 1), GRAY, UPRIGHT), (0, 0.3, 1), 2.0, (0, 0, -1)),
-        (Part((0, -2, 3), (1, 1, 1), GRAY, UPRIGHT), (0, -0.4, 1), 2.5, (0, 1, 0)),
+        (Part((0, 0, 3), (1, 1, 1), GRAY, SPHERE), (0, 0, 1), 2.0, (0, 0, -1)),
+        (Part((0, 0, 3), (1, 2, 1), GRAY, CYLINDER_Y), (0, 0.3, 1), 2.0, (0, 0, -1)),
+        (Part((0, -2, 3), (1, 1, 1), GRAY, CYLINDER_Y), (0, -0.4, 1), 2.5, (0, 1, 0)),
         (Part((0, 0, 3), (1, 1, 1), GRAY, cuts=((0, 0, -2.0),)), (0, 0, 1), 2.5, (0, 0, -1)),
         (Part((0, 0, 3), (1, 1, 1), GRAY).tilted(45, 1), (0.01, 0, 1), 1.6, None),
     ],
@@ -104,7 +104,7 @@ def test_what_a_ray_meets_and_how_it_lies(
     assert hits.distance[0] == pytest.approx(distance, rel=0.01)
     assert list(hits.solid) == [0, -1]
     if normal:
-        found = meet(solids, np.zeros((3, 1), np.float32), rays).normal
+        found = intersect(solids, np.zeros((3, 1), np.float32), rays).normal
         np.testing.assert_allclose(found[:, 0], normal, atol=1e-5)
 
 

@@ -13,12 +13,12 @@ from rooms import PAPER, room_data
 from tiny_methods import tiny
 
 from depthcli.errors import UsageError
+from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import build_method
 from depthcli.training.methods.table import METHODS
-from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:
     fabric = Fabric(accelerator="cpu", devices=1)
-    return fit(config, room_data(), folder, fabric, Watcher(), Limits(steps=steps)).step
+    return fit(config, room_data(), folder, fabric, Callback(), Limits(steps=steps)).step
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -7,7 +7,7 @@ import torch
 from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
-from depthcli.training.config.changes import updated
+from depthcli.training.config.overrides import updated
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.methods.registry import build_method, default_config
 from depthcli.training.methods.table import METHODS

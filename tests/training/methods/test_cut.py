@@ -12,7 +12,7 @@ from tiny_methods import batch, coded, tiny, tiny_method
 
 from depthcli.training.losses.hdce import hdce
 from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.losses.src import semantic_relation
+from depthcli.training.losses.semantic_relation import semantic_relation
 from depthcli.training.run import Run
 
 if TYPE_CHECKING:

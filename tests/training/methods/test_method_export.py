@@ -17,11 +17,11 @@ from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.inference.pipeline import load
 from depthcli.inference.preprocess import prepare
+from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.table import METHODS
-from depthcli.training.watchers import Watcher
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @pytest.mark.parametrize("name", METHODS)
 def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
-    fit(tiny(name), room_data(), tmp_path, fabric, Watcher(), Limits(steps=2))
+    fit(tiny(name), room_data(), tmp_path, fabric, Callback(), Limits(steps=2))
     done = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "model.onnx", ExportOptions())
     assert done.card.training["method"] == name
     bilinear = Detail(Upsampling.BILINEAR)

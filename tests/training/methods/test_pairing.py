@@ -9,7 +9,7 @@ import torch
 from tiny_methods import batch, tiny, tiny_method
 
 from depthcli.errors import UsageError
-from depthcli.training.config.changes import resolve, updated
+from depthcli.training.config.overrides import apply_overrides, updated
 from depthcli.training.methods.registry import build_method, default_config
 from depthcli.training.methods.table import METHODS
 
@@ -55,8 +55,8 @@ def test_exchanging_depth_maps_changes_what_the_proposed_method_learns() -> None
 @pytest.mark.parametrize("name", UNPAIRED)
 def test_an_unpaired_method_is_never_shown_pairs(name: str) -> None:
     assert not default_config(name).data.paired
-    config = resolve(default_config(name), [], ["data.paired=true"])
-    with pytest.raises(UsageError, match=f"{name} learns without pairs"):
+    config = apply_overrides(default_config(name), [], ["data.paired=true"])
+    with pytest.raises(UsageError, match=f"{name} trains on unpaired data"):
         build_method(config)
 
 

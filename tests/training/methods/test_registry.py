@@ -8,8 +8,8 @@ import pytest
 from tiny_methods import tiny
 
 from depthcli.errors import UsageError
-from depthcli.training.config.changes import resolve
 from depthcli.training.config.objective import LossConfig
+from depthcli.training.config.overrides import apply_overrides
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.methods.registry import (
     build_method,
@@ -121,7 +121,7 @@ OF_SOME = {
 @pytest.mark.parametrize("setting", OF_SOME)
 def test_a_setting_that_would_do_nothing_is_refused(setting: str) -> None:
     for name in sorted(set(METHODS) - {"fastcut"}):
-        changes = resolve(default_config(name), [], ["data.paired=true", setting])
+        changes = apply_overrides(default_config(name), [], ["data.paired=true", setting])
         config = replace(changes, data=default_config(name).data)
         if name in OF_SOME[setting]:
             check_terms(config)

@@ -1,4 +1,4 @@
-"""``depthcli eval``: models and training runs compared on a data set."""
+"""``depthcli eval``: comparing models and training runs on a data set."""
 
 import typer
 

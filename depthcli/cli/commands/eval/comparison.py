@@ -1,4 +1,4 @@
-"""What ``depthcli eval nyu`` and ``depthcli eval pairs`` do with their options."""
+"""The implementation of ``depthcli eval nyu`` and ``depthcli eval pairs``."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,7 +8,7 @@ from depthcli.cli.arguments.detail import choose_detail
 from depthcli.cli.arguments.provider import session_loader
 from depthcli.cli.screen import console
 from depthcli.cli.screen.evaluation import print_report
-from depthcli.cli.screen.progress import drawn
+from depthcli.cli.screen.progress import show_progress
 from depthcli.core.parallel.cores import share_cores
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
@@ -23,11 +23,11 @@ from depthcli.metrics.choices import Alignment
 def compare(
     given: Mapping[str, Any], split: SplitName | None, models: Sequence[str | None]
 ) -> None:
-    """Compare models, and files of other tools, and print the table.
+    """Compare models, and predictions of other tools, and print the table.
 
     Args:
-        given: the values of the command's parameters by their names.
-        split: of NYU Depth v2; None for all pairs of a data set of one's own.
+        given: the values of the command's parameters by name.
+        split: of NYU Depth v2; None for all pairs of a custom data set.
         models: their names; None for the bundled model.
     """
     as_json, is_silent = given["as_json"], given["quiet"] or given["as_json"]
@@ -53,7 +53,7 @@ def compare(
         ),
         shown_ids=evaluation.shown_ids(given["ids"], given["figures"], given["html"]),
     )
-    with drawn(silent=is_silent, announces=True) as progress:
+    with show_progress(silent=is_silent, announce=True) as progress:
         done = compare_models(request, progress, console.warn)
     print_report(
         done.report, report_page(done.report), done.figures, files, as_json=as_json, quiet=is_silent

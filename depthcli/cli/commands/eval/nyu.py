@@ -1,4 +1,4 @@
-"""``depthcli eval nyu``: the table of metrics for models, files of other tools and trivial rows."""
+"""``depthcli eval nyu``: the table of metrics on NYU Depth v2."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""``depthcli eval pairs``: the same table for pictures and depth of one's own."""
+"""``depthcli eval pairs``: the table of metrics for a custom data set."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""``depthcli eval runs``: Table I of the runs that ``depthcli train`` made."""
+"""``depthcli eval runs``: the table of training runs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -63,7 +63,7 @@ def runs(
     """
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.screen.evaluation import print_report
-    from depthcli.cli.screen.progress import drawn
+    from depthcli.cli.screen.progress import show_progress
     from depthcli.core.parallel.cores import usable_cores
     from depthcli.evaluation.reports.runs_text import runs_page
     from depthcli.evaluation.table import EvalOptions
@@ -90,7 +90,7 @@ def runs(
         runner=session_loader(None, provider, threads, provider_option),
         shown_ids=shown_ids,
     )
-    with drawn(silent=quiet or as_json, announces=True) as progress:
+    with show_progress(silent=quiet or as_json, announce=True) as progress:
         done = compare_runs(request, progress, console.warn)
     page = runs_page(done.report)
     print_report(done.report, page, done.figures, files, as_json=as_json, quiet=quiet)

@@ -1,4 +1,4 @@
-"""What processes the pictures of a batch."""
+"""The interface of an engine, which runs the workers of a batch."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ class Engine(Protocol):
         """Process chunks of pictures, and videos.
 
         Args:
-            spec: what each worker is built from, wherever it is.
-            chunks: pictures that a worker does together; pulled by the thread that iterates.
-            videos: pulled after the pictures.
-            record: to be told of the results of a chunk in this process, from any thread, in any
-                order, as soon as they are there: what is recorded is safe.
+            spec: each worker is built from it, where it runs.
+            chunks: pictures that a worker processes together; consumed by the iterating thread.
+            videos: consumed after the pictures.
+            record: called with the results of a chunk in this process, from any thread, in any
+                order, as soon as they are available; recorded results are safe.
 
         Yields:
-            The results, of threads in the order of the inputs. When the iterator is closed,
-            nothing that was begun goes on.
+            The results; with threads, in the order of the inputs. When the iterator is closed, all
+            running work is stopped.
 
         Raises:
             ModelError: the network fails on any picture.

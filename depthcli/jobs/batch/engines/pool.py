@@ -1,8 +1,7 @@
-"""Workers that come and go, and what each of them has to do: none of it knows of a cluster's kind.
+"""A pool of workers on a cluster of any kind.
 
-A worker that dies costs the calls that it had. Their inputs are given to other workers one by one,
-each to a worker that has nothing else, so that an input that kills its worker is found, and
-none that only was beside it is blamed.
+When a worker dies, the inputs of its calls are retried one by one, each on a worker that has no
+other call, so that an input that kills its worker is identified and no other one is blamed.
 """
 
 import time
@@ -19,114 +18,114 @@ from depthcli.jobs.batch.engines.remote_worker import Call
 from depthcli.jobs.batch.task import Result
 
 _LOSSES = 3
-_CALLS_A_WORKER = 2  # one at work and one on its way
+_CALLS_PER_WORKER = 2  # one running and one queued
 
 
 class Cluster(Protocol):
-    """Where workers are. What is under way is told apart by anything that can be hashed."""
+    """Where the workers run. Workers and futures are any hashable objects."""
 
-    def begin(self) -> tuple[Hashable, Hashable]:
-        """Ask for a worker: the worker, and its start, which gives an ``Origin``."""
+    def start_worker(self) -> tuple[Hashable, Hashable]:
+        """Start a worker; returns it, and a future whose result is its ``Origin``."""
 
-    def send(self, worker: Hashable, call: Call) -> Hashable:
-        """Give a worker something to do, which gives a list of results."""
+    def submit(self, worker: Hashable, call: Call) -> Hashable:
+        """Submit a call to a worker; returns a future whose result is a list of results."""
 
-    def first(self, flights: Sequence[Hashable]) -> Hashable:
-        """Wait until one of those under way has landed."""
+    def wait_any(self, futures: Sequence[Hashable]) -> Hashable:
+        """Wait until one of the futures is done, and return it."""
 
-    def landed(self, flight: Hashable) -> object:
-        """What one gave, or the error by which its worker was lost.
+    def result(self, future: Hashable) -> object:
+        """The result of a future that is done, or the error by which its worker was lost.
 
         Raises:
-            DepthcliError: what the worker raised.
+            DepthcliError: raised by the worker.
         """
 
-    def end(self, worker: Hashable) -> None:
-        """End a worker, whatever it does."""
+    def kill(self, worker: Hashable) -> None:
+        """Kill a worker."""
 
-    def wait(self, flights: Sequence[Hashable]) -> None:
-        """Wait until all of these have landed, or a while."""
+    def wait_all(self, futures: Sequence[Hashable]) -> None:
+        """Wait until all of these are done, or for a few seconds."""
 
 
-class Pool:
-    """Workers that come and go, and what each of them has to do."""
+class WorkerPool:
+    """Distributes calls to workers, and replaces workers that die."""
 
     def __init__(self, cluster: Cluster) -> None:
         self._cluster = cluster
-        self._flights: dict[
+        self._futures: dict[
             Hashable, tuple[Hashable, Call | None]
         ] = {}  # None: a worker that starts
-        self._loads: dict[Hashable, list[Call]] = {}  # of the workers that have started
-        self._suspects: deque[Call] = deque()  # their workers died
+        self._assigned: dict[Hashable, list[Call]] = {}  # of the workers that have started
+        self._suspects: deque[Call] = deque()  # calls whose workers died
         self._origin: Origin | None = None
-        self._false_starts = 0
+        self._failed_starts = 0
 
     def results(self, calls: Iterator[Call], workers: int) -> Iterator[Sequence[Result]]:
-        """What becomes of each call, in any order."""
+        """The results of each call, in any order."""
         following = deque(islice(calls, 1))
         for _ in range(workers if following else 0):
-            self._hire()
-        # A call of a lost worker is under way, too, until that has been told.
-        while following or self._suspects or any(call for _, call in self._flights.values()):
-            self._fill(following, calls)
-            flight = self._cluster.first(list(self._flights))
-            worker, call = self._flights.pop(flight)
-            found = self._cluster.landed(flight)
+            self._start_worker()
+        # A call of a lost worker is pending, too, until its error is received.
+        while following or self._suspects or any(call for _, call in self._futures.values()):
+            self._assign(following, calls)
+            future = self._cluster.wait_any(list(self._futures))
+            worker, call = self._futures.pop(future)
+            found = self._cluster.result(future)
             if isinstance(found, Origin):
-                self._origin, self._loads[worker] = found, []
+                self._origin, self._assigned[worker] = found, []
             elif call is None:
-                self._fail_to_start(found)
+                self._handle_failed_start(found)
             elif isinstance(found, list):
-                self._loads[worker].remove(call)
+                self._assigned[worker].remove(call)
                 yield found
             else:
-                yield from self._lose(worker, call)
+                yield from self._handle_lost_worker(worker, call)
 
     def close(self) -> None:
-        """End all workers, and see that nothing goes on."""
-        for worker in {*self._loads, *(worker for worker, _ in self._flights.values())}:
-            self._cluster.end(worker)
-        self._cluster.wait([flight for flight, (_, call) in self._flights.items() if call])
+        """Kill all workers, and wait for their calls to end."""
+        for worker in {*self._assigned, *(worker for worker, _ in self._futures.values())}:
+            self._cluster.kill(worker)
+        self._cluster.wait_all([future for future, (_, call) in self._futures.items() if call])
 
-    def _hire(self) -> None:
-        worker, flight = self._cluster.begin()
-        self._flights[flight] = (worker, None)
+    def _start_worker(self) -> None:
+        worker, future = self._cluster.start_worker()
+        self._futures[future] = (worker, None)
 
-    def _fill(self, following: deque[Call], calls: Iterator[Call]) -> None:
-        """Give workers something to do; a call that has lost a worker has the next one alone."""
-        for worker, load in self._loads.items():
+    def _assign(self, following: deque[Call], calls: Iterator[Call]) -> None:
+        """Submit calls; a call that has lost a worker gets the next one for itself."""
+        for worker, load in self._assigned.items():
             if self._suspects:
                 if not load:
-                    self._send(worker, self._suspects.popleft())
-            elif not any(call.losses for call in load):
-                while following and len(load) < _CALLS_A_WORKER:
-                    self._send(worker, following.popleft())
+                    self._submit(worker, self._suspects.popleft())
+            elif not any(call.lost_workers for call in load):
+                while following and len(load) < _CALLS_PER_WORKER:
+                    self._submit(worker, following.popleft())
                     following.extend(islice(calls, 1))
 
-    def _send(self, worker: Hashable, call: Call) -> None:
-        self._flights[self._cluster.send(worker, call)] = (worker, call)
-        self._loads[worker].append(call)
+    def _submit(self, worker: Hashable, call: Call) -> None:
+        self._futures[self._cluster.submit(worker, call)] = (worker, call)
+        self._assigned[worker].append(call)
 
-    def _fail_to_start(self, error: object) -> None:
-        """Ask for another worker, unless none can start."""
-        self._false_starts += 1
-        if self._origin is None and self._false_starts >= _LOSSES:
+    def _handle_failed_start(self, error: object) -> None:
+        """Start another worker, unless none can start."""
+        self._failed_starts += 1
+        if self._origin is None and self._failed_starts >= _LOSSES:
             lines = str(error).strip().splitlines() or [""]
             raise EngineError(
                 f"workers exit before they start ({one_line(lines[-1])}); is depthcli "
                 f"{__version__} installed on every machine of the cluster?"
             )
-        self._hire()
+        self._start_worker()
 
-    def _lose(self, worker: Hashable, call: Call) -> Iterator[Sequence[Result]]:
-        """Give a call whose worker died to others, or up."""
-        if self._loads.pop(worker, None) is not None:
-            self._hire()
-        if call.losses + 1 < _LOSSES:
-            self._suspects.extend(call.alone())
+    def _handle_lost_worker(self, worker: Hashable, call: Call) -> Iterator[Sequence[Result]]:
+        """Retry a call whose worker died, or give it up."""
+        if self._assigned.pop(worker, None) is not None:
+            self._start_worker()
+        if call.lost_workers + 1 < _LOSSES:
+            self._suspects.extend(call.split())
         elif self._origin is not None:
             error = InputError(
                 f"{call.task.input.path}: {_LOSSES} worker processes ended while it was processed; "
                 "it may need more memory than a worker has"
             )
-            yield [call.task.failed(error, self._origin, time.perf_counter(), None)]
+            yield [call.task.failed_result(error, self._origin, time.perf_counter(), None)]

@@ -1,6 +1,6 @@
-"""A batch on the machines of a Ray cluster, each worker a process that loads the model once.
+"""Running a batch on a Ray cluster; each worker is a process that loads the model once.
 
-Plain actors rather than Ray Data: a dead worker must cost its own pictures alone, a picture that
+Plain actors rather than Ray Data: a dead worker must cost only its own pictures, a picture that
 kills its worker must fail alone, and results must reach the journal call by call.
 """
 
@@ -20,24 +20,24 @@ from depthcli.core.extras import INSTALL_RAY
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.text import one_line
 from depthcli.errors import DepthcliError, EngineError, UsageError
-from depthcli.jobs.batch.engines.pool import Pool
+from depthcli.jobs.batch.engines.pool import WorkerPool
 from depthcli.jobs.batch.engines.remote_worker import Call, RemoteWorker
 from depthcli.jobs.batch.pictures import PictureTask
 from depthcli.jobs.batch.task import Result
 from depthcli.jobs.batch.videos import VideoTask
 from depthcli.jobs.batch.worker_spec import WorkerSpec
 
-_CHUNKS_A_CALL = 8
-_REACH_S = 5.0
-_END_S = 5.0
-_LOOK_S = 0.5
-_WORDS = ("auto", "local")
-LOCAL: dict[str, Any] = {
+_CHUNKS_PER_CALL = 8
+_CONNECT_TIMEOUT_S = 5.0
+_SHUTDOWN_TIMEOUT_S = 5.0
+_POLL_INTERVAL_S = 0.5
+_SPECIAL_ADDRESSES = ("auto", "local")
+LOCAL_CLUSTER: dict[str, Any] = {
     "include_dashboard": False,
     "object_store_memory": 100_000_000,  # pictures go through files
     "_node_ip_address": "127.0.0.1",
 }
-"""How a cluster of this machine alone is begun, which no other can reach."""
+"""Options of ``ray.init`` for a cluster of this machine only, which no other can reach."""
 
 
 class RayEngine:
@@ -55,12 +55,12 @@ class RayEngine:
         """Connect.
 
         Args:
-            address: ``host:port``, ``ray://host:port``, or ``local`` to start a cluster of this
-                machine's own; None for ``RAY_ADDRESS``, or the cluster that this machine is of.
-            workers: how many; None for as many as the cluster has room for now.
-            cpus: of each worker.
-            gpus: of each worker.
-            progress: told of nothing now and then, so that it can end the work by an error.
+            address: ``host:port``, ``ray://host:port``, or ``local`` to start a cluster on this
+                machine; None for ``RAY_ADDRESS``, or the cluster that this machine belongs to.
+            workers: number of workers; None for as many as the cluster has free resources for.
+            cpus: per worker.
+            gpus: per worker.
+            progress: called with 0 while waiting, so that it can stop the work by raising.
 
         Raises:
             UsageError: Ray is not installed.
@@ -72,14 +72,14 @@ class RayEngine:
         except ImportError:
             raise UsageError(f"--engine ray needs Ray; {INSTALL_RAY}") from None
         address = address or os.environ.get("RAY_ADDRESS") or "auto"
-        if address not in _WORDS:
+        if address not in _SPECIAL_ADDRESSES:
             _check_reachable(address)
         self._ray, self._is_own = ray, not ray.is_initialized()
         if self._is_own:
             _connect(ray, address)
         self._cpus, self._gpus = cpus, gpus
-        self._go_on = progress.begin("", None)
-        self._workers = workers or _room(ray, cpus, gpus)
+        self._poll = progress.begin("", None)
+        self._workers = workers or _worker_capacity(ray, cpus, gpus)
         if not self._workers:
             self.close()
             raise EngineError(
@@ -88,7 +88,7 @@ class RayEngine:
             )
 
     def close(self) -> None:
-        """Disconnect, unless the caller had connected."""
+        """Disconnect, unless Ray was initialised by the caller."""
         if self._is_own:
             self._ray.shutdown()
 
@@ -102,15 +102,17 @@ class RayEngine:
         """Process pictures and videos, as every engine does.
 
         Raises:
-            EngineError: workers die before they begin, or a machine lacks what they need.
+            EngineError: workers die at start, or a machine lacks the version or files they need.
             ModelError: the network fails on any picture.
         """
         own = self._ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)
         kind = own(RemoteWorker)
         here = os.getcwd()  # noqa: PTH109
-        pool = Pool(_Actors(self._ray, lambda: kind.remote(spec, here, self._cpus), self._go_on))
+        pool = WorkerPool(
+            _Actors(self._ray, lambda: kind.remote(spec, here, self._cpus), self._poll)
+        )
         rest = iter(chunks)
-        groups = iter(lambda: tuple(islice(rest, _CHUNKS_A_CALL)), ())
+        groups = iter(lambda: tuple(islice(rest, _CHUNKS_PER_CALL)), ())
         calls = chain(map(Call, groups), (Call(video=video) for video in videos))
         try:
             for results in pool.results(calls, self._workers):
@@ -122,27 +124,27 @@ class RayEngine:
 
 @dataclass(frozen=True, slots=True)
 class _Actors:
-    """Ray's own kind of workers, as a :class:`depthcli.jobs.batch.engines.pool.Cluster`."""
+    """Ray actors as a :class:`depthcli.jobs.batch.engines.pool.Cluster`."""
 
     ray: Any
     make: Callable[[], Any]
-    go_on: Callable[[int], object]
+    poll: Callable[[int], object]
 
-    def begin(self) -> tuple[Any, Any]:
+    def start_worker(self) -> tuple[Any, Any]:
         worker = self.make()
         return worker, worker.start.remote(__version__)
 
-    def send(self, worker: Any, call: Call) -> Any:  # noqa: ANN401 - Ray's own
+    def submit(self, worker: Any, call: Call) -> Any:  # noqa: ANN401 - Ray's own
         return worker.work.remote(call)
 
-    def first(self, flights: Sequence[Any]) -> Any:  # noqa: ANN401
-        while not (landed := self.ray.wait(flights, num_returns=1, timeout=_LOOK_S)[0]):
-            self.go_on(0)
+    def wait_any(self, futures: Sequence[Any]) -> Any:  # noqa: ANN401
+        while not (landed := self.ray.wait(futures, num_returns=1, timeout=_POLL_INTERVAL_S)[0]):
+            self.poll(0)
         return landed[0]
 
-    def landed(self, flight: Any) -> object:  # noqa: ANN401
+    def result(self, future: Any) -> object:  # noqa: ANN401
         try:
-            return self.ray.get(flight)
+            return self.ray.get(future)
         except self.ray.exceptions.RayTaskError as error:
             cause = error.cause
             if isinstance(cause, DepthcliError):
@@ -153,20 +155,20 @@ class _Actors:
         except self.ray.exceptions.RayError as error:
             return error
 
-    def end(self, worker: Any) -> None:  # noqa: ANN401
+    def kill(self, worker: Any) -> None:  # noqa: ANN401
         self.ray.kill(worker)
 
-    def wait(self, flights: Sequence[Any]) -> None:
-        if flights:
-            self.ray.wait(flights, num_returns=len(flights), timeout=_END_S)
+    def wait_all(self, futures: Sequence[Any]) -> None:
+        if futures:
+            self.ray.wait(futures, num_returns=len(futures), timeout=_SHUTDOWN_TIMEOUT_S)
 
 
 def _connect(ray: Any, address: str) -> None:  # noqa: ANN401 - a module
     how = {"log_to_driver": False, "logging_level": logging.ERROR}
     if address == "local":
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # it would tell its makers
-        how |= LOCAL
-    with _signals_kept():
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no telemetry
+        how |= LOCAL_CLUSTER
+    with _preserve_sigterm_handler():
         try:
             ray.init(address, **how)
         except ConnectionError as error:
@@ -181,12 +183,12 @@ def _connect(ray: Any, address: str) -> None:  # noqa: ANN401 - a module
 
 
 def _check_reachable(address: str) -> None:
-    """Ask for a connection; Ray itself tries for a minute, and ends the process then."""
+    """Try to connect first; Ray itself would retry for a minute, then end the process."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not host or not port.isdecimal():
         raise UsageError(f"--ray-address {address} is not HOST:PORT, ray://HOST:PORT or local")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), _REACH_S).close()
+        socket.create_connection((host.strip("[]"), int(port)), _CONNECT_TIMEOUT_S).close()
     except (OSError, OverflowError) as error:
         raise EngineError(
             f"no Ray cluster at {address}: {error}; see --ray-address, and 'ray status' there"
@@ -194,8 +196,8 @@ def _check_reachable(address: str) -> None:
 
 
 @contextmanager
-def _signals_kept() -> Iterator[None]:
-    """Undo what Ray does to SIGTERM, which is to remove temporary files here."""
+def _preserve_sigterm_handler() -> Iterator[None]:
+    """Restore the SIGTERM handler, which removes temporary files and which Ray replaces."""
     before = signal.getsignal(signal.SIGTERM)
     try:
         yield
@@ -204,8 +206,8 @@ def _signals_kept() -> Iterator[None]:
             signal.signal(signal.SIGTERM, before)
 
 
-def _room(ray: Any, cpus: float, gpus: float) -> int:  # noqa: ANN401 - a module
-    """How many workers the cluster has room for."""
+def _worker_capacity(ray: Any, cpus: float, gpus: float) -> int:  # noqa: ANN401 - a module
+    """Number of workers that the cluster has resources for."""
     count = 0
     for node in ray.nodes():
         has = node["Resources"] if node["Alive"] else {}

@@ -1,4 +1,4 @@
-"""What a worker on another machine is sent, and what it does there."""
+"""A worker on another machine, and the calls that are sent to it."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """What is sent to a worker at a time: chunks of pictures, or a video."""
+    """One request to a worker: chunks of pictures, or a video."""
 
     chunks: tuple[Sequence[PictureTask], ...] = ()
     video: VideoTask | None = None
-    losses: int = 0  #: workers that died with it
+    lost_workers: int = 0  #: workers that died with it
 
-    def alone(self) -> Iterator[Call]:
-        """Each input by itself, once its worker was lost."""
+    def split(self) -> Iterator[Call]:
+        """One call for each input, after its worker was lost."""
         if self.video is not None:
-            yield Call(video=self.video, losses=self.losses + 1)
+            yield Call(video=self.video, lost_workers=self.lost_workers + 1)
         for chunk in self.chunks:
             for task in chunk:
-                yield Call(chunks=((task,),), losses=self.losses + 1)
+                yield Call(chunks=((task,),), lost_workers=self.lost_workers + 1)
 
     @property
     def task(self) -> Task[Any]:
@@ -49,10 +49,10 @@ class Call:
 
 
 class RemoteWorker:
-    """What a process of a cluster runs."""
+    """A worker process on a cluster."""
 
     def __init__(self, spec: WorkerSpec, folder: str, cpus: float) -> None:
-        """Keep what is needed; nothing is loaded, so that errors come with the first call."""
+        """Store the arguments; nothing is loaded yet, so that errors come with the first call."""
         self._spec, self._folder, self._cpus = spec, folder, max(1, int(cpus))
         self._worker: PictureWorker | None = None
 
@@ -60,14 +60,14 @@ class RemoteWorker:
         """Load the model.
 
         Raises:
-            EngineError: this machine has another version, or does not see the output folder.
+            EngineError: this machine has another version, or no access to the output folder.
             ModelError: the model cannot be loaded here, or is another one.
         """
         here = socket.gethostname()
         if version != __version__:
             raise EngineError(f"{here} has depthcli {__version__}; install {version} there")
         if Path(self._folder).is_dir():
-            os.chdir(self._folder)  # relative paths mean the same as where the batch was begun
+            os.chdir(self._folder)  # so that relative paths mean the same as for the driver
         out = self._spec.out
         if not isinstance(out, RemotePath) and not out.is_dir():
             raise EngineError(
@@ -78,7 +78,7 @@ class RemoteWorker:
         return self._worker.origin
 
     def work(self, call: Call) -> list[Result]:
-        """Do the inputs of a call.
+        """Process the inputs of a call.
 
         Raises:
             ModelError: the network fails on any picture.

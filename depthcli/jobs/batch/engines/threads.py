@@ -1,4 +1,4 @@
-"""A batch in the threads of this process, which share one model."""
+"""Running a batch in threads of this process, which share one model."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from depthcli.jobs.batch.videos import VideoTask
     from depthcli.jobs.batch.worker_spec import WorkerSpec
 
-_AHEAD = 64
-"""Chunks a worker may be ahead of one that takes long; they hold names only."""
+_CHUNKS_AHEAD = 64
+"""Chunks per worker that may be done ahead of a slow one; they hold names only."""
 
 
 @dataclass(frozen=True, slots=True)
 class ThreadEngine:
     """An :class:`depthcli.jobs.batch.engines.engine.Engine`."""
 
-    workers: int  #: chunks at the same time
-    session: Session | None = None  #: the model, where it is loaded already
-    progress: Progress = NO_PROGRESS  #: told of each frame of a video
+    workers: int  #: chunks processed in parallel
+    session: Session | None = None  #: the model, if it is loaded already
+    progress: Progress = NO_PROGRESS  #: advanced for each frame of a video
 
     def run(
         self,
@@ -46,7 +46,7 @@ class ThreadEngine:
             record(results)
             return results
 
-        ahead = _AHEAD * self.workers
+        ahead = _CHUNKS_AHEAD * self.workers
         with (
             one_thread_each(self.workers),
             closing(ordered_map(work, chunks, workers=self.workers, ahead=ahead)) as done,

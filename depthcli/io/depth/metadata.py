@@ -1,0 +1,97 @@
+"""Reading the metadata of a depth file."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from depthcli.core.types import CameraSource, Provenance
+from depthcli.core.validation import FieldError, parsed_json
+from depthcli.io.pictures.decode import read_bytes
+from depthcli.io.png.chunks import read_text
+from depthcli.io.storage.regular import read_regular
+from depthcli.io.writers.metadata import ORIGIN_FIELDS
+
+_MAX_SIDECAR_BYTES = 2**20
+_LEAST, _MOST = 1e-9, 1e12
+_PREFIX = "depthcli:"
+_FRAME_NUMBER = r"\.\d{6,}$"
+_ORIENTATIONS = frozenset("12345678")
+_SHARED = ("software", "orientation", *ORIGIN_FIELDS)
+
+
+def read_metadata(path: Path) -> dict[str, str]:
+    """Unit, scale, kind, orientation, model and so on, by name.
+
+    What a PNG or EXR does not state comes from the sidecar beside it, unless that names another
+    model. Empty if another program wrote the file.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".png":
+        return with_sidecar(path, read_text(read_bytes(path)))
+    if suffix == ".exr":
+        # Reading PNG need not wait for OpenEXR.
+        from depthcli.io.depth.exr import read_exr_texts  # noqa: PLC0415
+
+        return with_sidecar(path, read_exr_texts(path))
+    return with_sidecar(path, {})
+
+
+def with_sidecar(path: Path, texts: Mapping[str, str]) -> dict[str, str]:
+    """The metadata among a file's own texts, completed from its sidecar."""
+    own = {k.removeprefix(_PREFIX): v for k, v in texts.items() if k.startswith(_PREFIX)}
+    return own | {k: v for k, v in _sidecar_texts(path, own).items() if k not in own}
+
+
+def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
+    """The provenance of a map, as far as its metadata state it; None if they state nothing."""
+    orientation, source = metadata.get("orientation"), metadata.get("camera_source")
+    found = Provenance(
+        model=metadata.get("model"),
+        model_sha256=metadata.get("model_sha256"),
+        focal_px=positive_number(metadata.get("focal_px")),
+        orientation=int(orientation) if orientation in _ORIENTATIONS else None,
+        camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
+    )
+    return None if found == Provenance() else found
+
+
+def positive_number(text: str | None) -> float | None:
+    """A number above 0 from an untrusted file; None for anything else.
+
+    Extremely small and large numbers are refused: depths divided by them would not be finite.
+    """
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if _LEAST < value < _MOST else None
+
+
+def sidecar_metadata(path: Path) -> dict[str, object]:
+    """Content of depthcli's sidecar of a file, or of the video that the file is a frame of."""
+    own = path.with_suffix(".json")
+    return _read_sidecar(own) or _read_sidecar(own.with_stem(re.sub(_FRAME_NUMBER, "", own.stem)))
+
+
+def _read_sidecar(path: Path) -> dict[str, object]:
+    """The content of a sidecar of depthcli; empty if there is none."""
+    try:
+        metadata = parsed_json(read_regular(path, _MAX_SIDECAR_BYTES))
+    except (OSError, FieldError):
+        return {}
+    if not (isinstance(metadata, dict) and str(metadata.get("software")).startswith("depthcli ")):
+        return {}
+    if "sha256" in metadata:  # as version 0.1 called it in the sidecar of a video
+        metadata.setdefault("model_sha256", metadata.pop("sha256"))
+    return metadata
+
+
+def _sidecar_texts(path: Path, own: Mapping[str, str]) -> dict[str, str]:
+    metadata = sidecar_metadata(path)
+    model = metadata.get("model_sha256")
+    if own.get("model_sha256", model) != model:
+        return {}
+    return {name: str(metadata[name]) for name in _SHARED if metadata.get(name) is not None}

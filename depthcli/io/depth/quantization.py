@@ -1,0 +1,46 @@
+"""Quantization of depth to 16-bit integers."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.bands import row_bands
+from depthcli.errors import UsageError
+
+UINT16_MAX = 65535
+
+
+def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArray[np.uint16], int]:
+    """Depth as 16-bit integers, and how many pixels are saturated.
+
+    Args:
+        values: (H, W) float32 metres.
+        scale: steps per metre.
+
+    Returns:
+        (H, W) uint16, rounded to nearest: 0 where depth is NaN or not positive, at least 1 and at
+        most 65535 elsewhere; and the number of pixels at 65535 or beyond.
+
+    Raises:
+        UsageError: the scale is not a number above 0.
+    """
+    if not 0 < scale < math.inf:
+        raise UsageError(f"a PNG scale of {scale:g} steps per metre is not a number above 0")
+    height, width = values.shape
+    steps = np.empty((height, width), np.uint16)
+    saturated = 0
+    for rows in row_bands(width, height):
+        band = values[rows] * np.float32(scale)
+        np.rint(band, out=band)
+        saturated += int(np.count_nonzero(band >= UINT16_MAX))
+        np.clip(band, 1, UINT16_MAX, out=band)
+        band[~(values[rows] > 0)] = 0  # NaN, too
+        steps[rows] = band
+    return steps, saturated
+
+
+def dequantized(steps: npt.NDArray[np.generic], scale: float) -> npt.NDArray[np.float32]:
+    """Metres of :func:`quantized` steps: (H, W) uint16 in, float32 out, NaN where they are 0."""
+    values = steps.astype(np.float32) / np.float32(scale)
+    return np.where(steps == 0, np.float32(np.nan), values)

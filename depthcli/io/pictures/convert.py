@@ -1,0 +1,113 @@
+"""Converting a path, bytes, an array or a PIL picture to a frame."""
+
+import os
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.types import Frame
+from depthcli.errors import InputError
+from depthcli.io.pictures.read import read_image, upright
+from depthcli.io.storage.remote import path_of
+
+_ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
+_GRAY_MODES = ("1", "LA", "La")
+_PLAIN_MODES = ("L", "RGB", "I", "F")  # Frame refuses unsupported pixels of the last two
+_COLOUR_RANK = 3
+_ALPHA = {2: 1, 4: 3}
+"""Number of channels with alpha, to that without."""
+
+
+class ArrayLike(Protocol):
+    """What NumPy converts to an array, such as a tensor in CPU memory."""
+
+    def __array__(self) -> npt.NDArray[Any]:
+        """The pixels."""
+        ...
+
+
+class PilPicture(Protocol):
+    """The part of ``PIL.Image.Image`` that is used here."""
+
+    def getexif(self) -> Any:  # noqa: ANN401 - PIL need not be installed
+        """Its EXIF."""
+        ...
+
+
+Picture: TypeAlias = (
+    str | os.PathLike[str] | bytes | bytearray | memoryview | ArrayLike | PilPicture | Frame
+)
+"""A path, the content of a file, pixels, or a PIL picture."""
+
+
+def frame_of(picture: Picture) -> Frame:
+    """A picture as a frame.
+
+    Args:
+        picture: a path; the content of a file; an RGB array or tensor (H, W) or (H, W, C) of
+            uint8, uint16 or float32 in [0, 1], whose alpha is dropped; a PIL picture; a frame.
+            Files, and PIL pictures that were opened from one, are rotated by their EXIF.
+
+    Returns:
+        The same frame, or a new one with a copy of the pixels.
+
+    Raises:
+        InputError: it is not a picture, or cannot be read.
+    """
+    if isinstance(picture, Frame):
+        return picture
+    if isinstance(picture, (str, os.PathLike)):
+        return read_image(path_of(picture))
+    if isinstance(picture, (bytes, bytearray, memoryview)):
+        return read_image(None, bytes(picture), name="the picture in memory")
+    if hasattr(picture, "getexif"):
+        return _of_pil(picture)
+    return Frame(_pixels(picture))
+
+
+def _pixels(picture: ArrayLike) -> npt.NDArray[Any]:
+    """A copy of the pixels: a camera may overwrite its buffer with the next picture."""
+    try:
+        pixels = np.array(picture, order="C")
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"{type(picture).__name__} is not an array: {error}") from error
+    if np.ma.is_masked(picture):
+        raise InputError("a masked array has pixels without a value; fill them with .filled()")
+    if pixels.ndim == 0 or pixels.dtype == object:
+        raise InputError(
+            "a picture is a path, bytes, an array, a Frame or a PIL picture, "
+            f"not {type(picture).__name__}"
+        )
+    if pixels.ndim == _COLOUR_RANK and pixels.shape[2] in _ALPHA:
+        pixels = pixels[..., : _ALPHA[pixels.shape[2]]]
+    if pixels.ndim == _COLOUR_RANK and pixels.shape[2] == 1:
+        pixels = pixels[..., 0]
+    return np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("="))
+
+
+def _of_pil(image: Any) -> Frame:  # noqa: ANN401 - PIL need not be installed
+    try:
+        pixels = _pixels(_gray_or_rgb(image))
+    except OSError as error:
+        raise InputError(f"the PIL picture cannot be read: {error}") from error
+    if image.format is None:  # made or changed by a program: its EXIF may be outdated
+        return Frame(pixels)
+    exif = image.getexif()
+    orientation, focal_35mm = exif.get(_ORIENTATION), exif.get_ifd(_EXIF_IFD).get(_FOCAL_35MM)
+    orientation = orientation if orientation in range(2, 9) else 1
+    return Frame(
+        np.ascontiguousarray(upright(pixels, orientation)),
+        Path(image.filename) if getattr(image, "filename", "") else None,
+        orientation=orientation,
+        focal_35mm=float(focal_35mm) if isinstance(focal_35mm, int) and focal_35mm > 0 else None,
+    )
+
+
+def _gray_or_rgb(image: Any) -> Any:  # noqa: ANN401 - PIL need not be installed
+    """The picture without a palette, alpha or other colours than RGB."""
+    if image.mode in _GRAY_MODES:
+        return image.convert("L")
+    is_plain = image.mode in _PLAIN_MODES or image.mode.startswith("I;16")
+    return image if is_plain else image.convert("RGB")

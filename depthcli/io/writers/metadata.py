@@ -1,0 +1,83 @@
+"""The metadata of a depth map in files and reports, with the same names everywhere."""
+
+from typing import NamedTuple, Self
+
+from depthcli._version import __version__
+from depthcli.core import scaling
+from depthcli.core.types import CameraSource, DepthMap, Provenance
+from depthcli.io.writers.formats import MILLIMETRES
+
+SOFTWARE = f"depthcli {__version__}"
+_UNKNOWN = Provenance()
+_SOURCE_TEXTS = {
+    CameraSource.OPTION: "given",
+    CameraSource.EXIF: "from EXIF",
+    CameraSource.CARD: "assumed, from the model's card",
+}
+
+
+class DepthMetadata(NamedTuple):
+    """Metadata of a map in all formats; the names are those in JSON."""
+
+    kind: str  #: metric, relative or inverse
+    unit: str | None  #: ``m``; None for relative and inverse maps
+    model: str | None  #: name of the model; None if unknown
+    model_sha256: str | None  #: checksum of its file; None if unknown
+    #: focal length that the metres are for, in pixels of the map; None if unknown
+    focal_px: float | None
+    #: ``option``, ``exif``, or ``card`` if it is assumed; None if unknown
+    camera_source: str | None
+    camera: str | None  #: both of them as a text; None if unknown
+
+    @classmethod
+    def of(cls, depth: DepthMap) -> Self:
+        """The metadata of a map."""
+        source = depth.provenance or _UNKNOWN
+        return cls(
+            kind=depth.kind.value,
+            unit="m" if depth.is_metric else None,
+            model=source.model,
+            model_sha256=source.model_sha256,
+            focal_px=source.focal_px,
+            camera_source=source.camera_source,
+            camera=camera_text(depth),
+        )
+
+    def origin(self) -> dict[str, str | float | None]:
+        """The fields about model and camera, ``ORIGIN_FIELDS``, by name."""
+        return {name: getattr(self, name) for name in ORIGIN_FIELDS}
+
+
+ORIGIN_FIELDS = tuple(name for name in DepthMetadata._fields if name not in {"kind", "unit"})
+"""Names of the fields about model and camera; formats without metadata have them in a sidecar."""
+
+
+def metadata_texts(depth: DepthMap) -> dict[str, str]:
+    """The metadata and the software as texts by name; what is unknown is left out.
+
+    The unit of a map without one is ``none``.
+    """
+    known = DepthMetadata.of(depth)
+    texts = {"kind": known.kind, "unit": known.unit or "none", "software": SOFTWARE}
+    return texts | {name: _value_text(value) for name, value in known.origin().items() if value}
+
+
+def _value_text(value: str | float | None) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def camera_text(depth: DepthMap) -> str | None:
+    """The camera that a map's metres are for, its source, and use of anchors; None if unknown."""
+    source = depth.provenance or _UNKNOWN
+    count = len(source.anchors)
+    fitted = f"; depth fitted to {count} anchor{'s'[: count - 1]}" if count else ""
+    if source.focal_px is None:
+        return f"unknown{fitted}" if fitted else None
+    hfov = f"hfov {scaling.hfov_deg(source.focal_px, depth.width):.1f}°"
+    known = "" if source.camera_source is None else f" ({_SOURCE_TEXTS[source.camera_source]})"
+    return f"{hfov}{known}{fitted}"
+
+
+def step_unit(scale: float) -> str:
+    """Unit of quantized depth: ``mm`` for 1000 steps a metre."""
+    return "mm" if scale == MILLIMETRES else f"1/{scale:g} m"

@@ -1,0 +1,98 @@
+"""Reading, summarising and merging manifests."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from depthcli.errors import UsageError
+from depthcli.io.manifest.files import open_rows, row_files
+from depthcli.io.manifest.journal import Journal, Rows, known_rows
+from depthcli.io.manifest.row import FAILED, ManifestFormat, Row
+from depthcli.io.manifest.rows_folder import rows_folder
+from depthcli.io.manifest.shard import WHOLE
+
+
+@dataclass(frozen=True, slots=True)
+class ModelInputs:
+    """Number of inputs that one model processed."""
+
+    model: str  #: its name
+    model_sha256: str  #: checksum of its file
+    version: str  #: of depthcli
+    inputs: int
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Sums over the rows of a manifest."""
+
+    inputs: int
+    failed: int
+    outputs: int  #: files
+    output_bytes: int
+    seconds: float  #: processing time of all inputs, each from opening it to its last output
+    models: tuple[ModelInputs, ...]
+
+
+def read_rows(path: Path) -> Rows:
+    """The latest row of each input.
+
+    Args:
+        path: an output folder, for the rows of all its shards; or one manifest.
+
+    Raises:
+        UsageError: there is no manifest.
+    """
+    if path.is_dir() and path.suffix != f".{ManifestFormat.PARQUET}":
+        rows = known_rows(path)
+        if not rows.has_files:
+            raise UsageError(f"no manifest in {path}; name the output folder of a batch")
+        return rows
+    try:
+        return Rows([open_rows(path)], WHOLE)
+    except OSError as error:
+        raise UsageError(f"cannot read the manifest {path}: {error.strerror}") from error
+
+
+def summarize(rows: Rows) -> Summary:
+    """Sums over all rows."""
+    models: Counter[tuple[str, str, str]] = Counter()
+    failed = outputs = output_bytes = 0
+    seconds = 0.0
+    for row in rows:
+        failed += row.status == FAILED
+        outputs += len(row.outputs)
+        output_bytes += sum(file.bytes for file in row.outputs)
+        seconds += row.seconds
+        models[row.origin.model, row.origin.model_sha256, row.origin.version] += 1
+    by_model = tuple(ModelInputs(*model, inputs) for model, inputs in models.items())
+    return Summary(models.total(), failed, outputs, output_bytes, round(seconds, 6), by_model)
+
+
+def failed_rows(rows: Rows) -> Iterator[Row]:
+    """The rows of inputs that failed."""
+    return (row for row in rows if row.status == FAILED)
+
+
+def merge_manifests(folder: Path, form: ManifestFormat | None = None) -> Path:
+    """Merge the manifests of shards and the journals of killed batches in an output folder.
+
+    Args:
+        folder: the output folder.
+        form: format of the manifest; None for that of the existing one, or JSON lines.
+
+    Returns:
+        The manifest.
+
+    Raises:
+        UsageError: there is none, or a batch is running there.
+        OutputError: it cannot be written; the existing files are kept.
+    """
+    place = rows_folder(folder)
+    if not row_files(place.path, WHOLE):
+        raise UsageError(f"no manifest in {folder}; name the output folder of a batch")
+    journal = Journal(place.path, form=form)
+    journal.finish(None)
+    place.finish()
+    return folder / journal.manifest.name

@@ -1,0 +1,77 @@
+"""Overrides of a configuration: TOML files, then ``a.b=c`` settings.
+
+Unknown names and values of a wrong type are refused.
+"""
+
+import ast
+import tomllib
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from depthcli.core.text import short_repr
+from depthcli.core.validation import FieldError, merged
+from depthcli.errors import UsageError
+from depthcli.io.storage.regular import read_regular
+from depthcli.training.config.ranges import check_range
+from depthcli.training.config.schema import TrainConfig
+
+T = TypeVar("T")
+_MAX_FILE_BYTES = 2**20
+
+
+def apply_overrides(
+    base: TrainConfig, files: Iterable[Path], settings: Iterable[str]
+) -> TrainConfig:
+    """Apply TOML files, then ``a.b=c`` settings, to a base configuration.
+
+    Raises:
+        UsageError: a name is unknown, a value has the wrong type or is out of range, or a file is
+            not TOML.
+    """
+    for file in files:
+        try:
+            changes = tomllib.loads(read_regular(file, _MAX_FILE_BYTES).decode())
+        except OSError as error:
+            raise UsageError(f"cannot read the configuration {file}: {error.strerror}") from None
+        except (ValueError, RecursionError) as error:
+            raise UsageError(f"the configuration {file} is not TOML in UTF-8: {error}") from None
+        try:
+            base = updated(base, changes)
+        except UsageError as error:
+            raise UsageError(f"{file}: {error}") from None
+    for setting in settings:
+        base = updated(base, _nested(setting))
+    check_range(base)
+    return base
+
+
+def updated(config: T, changes: object) -> T:
+    """A copy with some fields replaced; nested mappings replace fields of nested dataclasses.
+
+    Raises:
+        UsageError: a name is unknown or a value has the wrong type.
+    """
+    try:
+        return merged(config, changes)
+    except FieldError as refused:
+        raise UsageError(str(refused)) from None
+
+
+def _nested(setting: str) -> dict[str, Any]:
+    key, equals, text = setting.partition("=")
+    if not equals:
+        raise UsageError(f"{short_repr(setting)} is not of the form a.b=value")
+    words = {"true": True, "false": False}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # for example of "1if", which is text
+            value = words[text.lower()] if text.lower() in words else ast.literal_eval(text)
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+        value = text
+    *outer, last = key.split(".")
+    nested: dict[str, Any] = {last: value}
+    for part in reversed(outer):
+        nested = {part: nested}
+    return nested

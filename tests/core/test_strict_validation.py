@@ -1,0 +1,199 @@
+"""Foreign values: every type is read as it is stated, and what does not hold is named."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from depthcli.core.text import one_line, short_repr
+from depthcli.core.validation import FieldError, Rule, merged, parsed_json, validated
+
+
+class Colour(StrEnum):
+    RED = "red"
+    BLUE = "blue"
+
+
+EVEN = Rule("an even number", lambda number: number % 2 == 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Inner:
+    even: Annotated[int, EVEN] = 2
+    share: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Outer:
+    name: str
+    colour: Colour = Colour.RED
+    word: Literal["a", "b"] = "a"
+    flag: bool = False
+    inner: Inner = field(default_factory=Inner)
+    perhaps: Inner | None = None
+    numbers: tuple[float, ...] = ()
+    counts: Mapping[str, Annotated[int, EVEN]] = field(default_factory=dict)
+    score: Annotated[float, Rule("a number", lambda _: True, is_finite=False)] = 0.0
+    free: Any = None
+
+
+def test_every_type_is_read() -> None:
+    values = {
+        "name": "x",
+        "colour": "blue",
+        "word": "b",
+        "flag": True,
+        "inner": {"even": 4, "share": 1},
+        "perhaps": None,
+        "numbers": [1, 2.5],
+        "counts": {"a": 2},
+        "score": math.inf,
+        "free": {"a": [1, None, "b", 2**70]},
+    }
+    assert validated(Outer, values) == Outer(
+        "x",
+        Colour.BLUE,
+        "b",
+        True,
+        Inner(4, 1.0),
+        None,
+        (1.0, 2.5),
+        {"a": 2},
+        math.inf,
+        values["free"],
+    )
+    assert type(validated(Outer, values).inner.share) is float
+    assert validated(Outer, {"name": "x"}) == Outer("x")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([], "has to be a group of name, colour, word, "),
+        ({}, "name is missing"),
+        ({"name": 3}, "name has to be text, not 3"),
+        ({"colour": "green"}, "colour has to be one of red, blue, not 'green'"),
+        ({"colour": ["red"]}, "colour has to be one of red, blue, not ['red']"),
+        ({"word": None}, "word has to be one of a, b, not None"),
+        ({"flag": 1}, "flag has to be true or false, not 1"),
+        ({"inner": {"even": 3}}, "inner.even has to be an even number, not 3"),
+        ({"inner": {"even": True}}, "inner.even has to be an even number, not True"),
+        ({"inner": {"even": 2**63}}, "inner.even has to be an even number, not a number of more"),
+        ({"inner": {"share": math.nan}}, "inner.share has to be a number, not nan"),
+        ({"inner": {"share": "1"}}, "inner.share has to be a number, not '1'"),
+        ({"perhaps": {"odd": 1}}, "perhaps.odd is unknown; choose from even, share"),
+        ({"numbers": "12"}, "numbers has to be a list, not '12'"),
+        ({"numbers": [1, "2"]}, "numbers.1 has to be a number, not '2'"),
+        ({"counts": {"a": 1}}, "counts.a has to be an even number, not 1"),
+        ({"counts": {3: 2}}, "counts has to be an object, not {3: 2}"),
+        ({"free": [math.inf]}, "free has to be a finite number, not inf"),
+        ({"\x1b[2J": 1}, "'\\x1b[2J' is unknown; choose from name"),
+        ({3: 1}, "3 is unknown; choose from name"),
+    ],
+)
+def test_what_does_not_hold_is_named(values: Any, message: str) -> None:
+    named = {"name": "x", **values} if values else values
+    with pytest.raises(FieldError) as caught:
+        validated(Outer, named)
+    assert str(caught.value).startswith(message)
+    assert str(caught.value).isprintable()
+
+
+def test_what_is_merged_keeps_the_rest() -> None:
+    base = Outer("x", inner=Inner(4, 0.25), flag=True)
+    assert merged(base, {"inner": {"share": 1}}) == Outer("x", inner=Inner(4, 1.0), flag=True)
+    with pytest.raises(FieldError, match=r"^inner.even has to be an even number, not 5"):
+        merged(base, {"inner": {"even": 5}})
+    with pytest.raises(FieldError, match=r"^inner has to be a group of even, share, not 1"):
+        merged(base, {"inner": 1})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[" * 100_000,
+        '{"a":' * 100_000,
+        "9" * 5000,
+        b"\xff",
+        '{"a": 1, "a": 2}',
+        b"\xef\xbb",
+    ],
+)
+def test_what_is_no_json_is_refused(text: str | bytes) -> None:
+    with pytest.raises(FieldError, match=r"^is not valid JSON \(") as caught:
+        parsed_json(text)
+    assert len(str(caught.value)) < 200
+
+
+def test_nesting_is_refused_before_python_gives_up() -> None:
+    deep: Any = 1
+    for _ in range(5000):
+        deep = [deep]
+    for values in ({"name": deep}, {"name": "x", "free": deep}, {"name": "x", "numbers": deep}):
+        with pytest.raises(FieldError, match=r"nested too deeply|too deep"):
+            validated(Outer, values)
+
+
+@settings(max_examples=40)
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+        lambda inner: st.lists(inner) | st.dictionaries(st.text() | st.integers(), inner),
+    ),
+    st.sampled_from([name for name in Outer.__slots__ if name != "name"]),
+)
+def test_anything_is_read_or_refused_in_one_line(value: Any, name: str) -> None:
+    try:
+        validated(Outer, {"name": "x", name: value})
+    except FieldError as refused:
+        said = str(refused)
+    else:
+        return
+    assert said.startswith(name)
+    assert said.isprintable()
+    assert len(said) < 400
+
+
+@dataclass(frozen=True, slots=True)
+class Whole:
+    number: int
+
+
+@pytest.mark.parametrize("number", [2**63 - 1, -(2**63)])
+def test_whole_numbers_have_64_bits(number: int) -> None:
+    assert validated(Whole, {"number": number}) == Whole(number)
+    with pytest.raises(FieldError):
+        validated(Whole, {"number": number + (1 if number > 0 else -1)})
+
+
+def nested(depth: int) -> Any:
+    value: Any = 0
+    for _ in range(depth):
+        value = [value] if depth % 2 else {"a": value}
+    return value
+
+
+@pytest.mark.parametrize("depth", [31, 32])
+def test_free_values_are_as_deep_as_people_write_them(depth: int) -> None:
+    assert validated(Any, nested(depth)) == nested(depth)
+    with pytest.raises(FieldError, match="nested too deeply"):
+        validated(Any, nested(depth + 2))
+
+
+def test_messages_show_the_beginning_of_what_is_long() -> None:
+    refused = FieldError("is wrong", "b")
+    assert refused.within("x" * 60).path == refused.within("x" * 61).path == "x" * 60 + ".b"
+    assert short_repr("x" * 58) == f"'{'x' * 58}'"
+    assert short_repr("x" * 59) == f"'{'x' * 59}..."
+    assert (short_repr(2**63 - 1), short_repr(1 - 2**63)) == (str(2**63 - 1), str(1 - 2**63))
+    assert short_repr(2**63) == short_repr(-(2**63)) == "a number of more than 64 bits"
+    assert short_repr([10**5000]) == "something too deep or too long"
+    assert short_repr("a\né\u202e") == r"'a\n\xe9\u202e'"
+    assert one_line("é a\n\u202e\udcff") == r"é a\n\u202e\udcff"

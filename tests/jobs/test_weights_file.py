@@ -1,0 +1,48 @@
+"""What a training run can start from: bundled models by name, files, checkpoints."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from depthcli.errors import CheckpointError, ModelError
+from depthcli.inference.session import Session
+from depthcli.jobs.train.weights_file import weights_file
+from depthcli.models.catalog import find_model
+from depthcli.training.initial_weights import start_from
+from depthcli.training.networks.build import build_generator
+from depthcli.training.resolve import resolve_config
+
+
+@pytest.mark.parametrize("name", ["default", "fast", "float"])
+def test_a_bundled_model_gives_the_weights_of_its_float_model(name: str) -> None:
+    assert weights_file(Path(name)) == find_model("float").path
+
+
+def test_a_model_s_file_stands_for_its_float_model_too() -> None:
+    assert weights_file(find_model("fast").path) == find_model("float").path
+
+
+def test_the_preset_finetune_starts_where_the_bundled_model_is() -> None:
+    generator = build_generator(resolve_config("proposed", "finetune").generator).eval()
+    start_from(generator, [weights_file(Path("default"))])
+    gray = torch.rand(1, 1, 144, 192, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    with torch.no_grad():
+        mirrored = generator(gray.flip(3)).flip(3)
+        mean = (generator(gray) + mirrored) / 2
+    model = find_model("float")
+    exported = Session(model, provider="cpu", threads=1).run(gray.numpy())
+    np.testing.assert_allclose(mean.numpy().squeeze(), exported.squeeze(), atol=1e-3)
+
+
+def test_a_checkpoint_is_taken_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "last.ckpt").touch()
+    assert weights_file(tmp_path / "last.ckpt") == tmp_path / "last.ckpt"
+    with pytest.raises(CheckpointError, match=r"no checkpoint at .*lost\.ckpt"):
+        weights_file(tmp_path / "lost.ckpt")
+
+
+def test_an_unknown_name_is_refused() -> None:
+    with pytest.raises(ModelError, match="nope"):
+        weights_file(Path("nope"))

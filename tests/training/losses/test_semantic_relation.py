@@ -1,0 +1,64 @@
+"""Semantic relation consistency against plain loops."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from vectors import unit_vectors
+
+from depthcli.training.losses.semantic_relation import semantic_relation
+
+
+def _relation(vectors: np.ndarray, i: int) -> list[float]:
+    raw = [math.exp(vectors[i] @ other) for other in vectors]
+    return [value / sum(raw) for value in raw]
+
+
+def _looped(query: Tensor, key: Tensor) -> float:
+    images = []
+    for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
+        total = 0.0
+        for i in range(len(q)):
+            for a, b in zip(_relation(q, i), _relation(k, i), strict=True):
+                middle = (a + b) / 2
+                total += 0.5 * (a * math.log(a / middle) + b * math.log(b / middle))
+        images.append(total)
+    return float(np.mean(images))
+
+
+def test_is_its_formula() -> None:
+    query, key = unit_vectors(1), unit_vectors(2)
+    assert semantic_relation(query, key).item() == pytest.approx(_looped(query, key), rel=1e-4)
+
+
+def test_same_relations_lose_nothing_in_whatever_space() -> None:
+    key = unit_vectors(3)
+    turn, _ = torch.linalg.qr(torch.randn(5, 5, generator=torch.Generator().manual_seed(0)))
+    assert semantic_relation(key @ turn, key).item() == pytest.approx(0, abs=1e-6)
+    assert semantic_relation(unit_vectors(4), key).item() > 1e-3
+
+
+def test_divergence_is_symmetric_and_bounded() -> None:
+    query, key = 30 * unit_vectors(5), 30 * unit_vectors(6)
+    there, back = semantic_relation(query, key), semantic_relation(key, query)
+    torch.testing.assert_close(there, back)
+    assert 0 < there.item() <= 7 * math.log(2)
+
+
+def test_only_the_query_receives_a_gradient() -> None:
+    query, key = unit_vectors(7).requires_grad_(), unit_vectors(8).requires_grad_()
+    semantic_relation(query, key).backward()
+    assert key.grad is None
+    assert query.grad is not None
+    assert bool(query.grad.abs().sum() > 0)
+
+
+def test_relations_stay_in_full_precision_under_autocast() -> None:
+    query, key = unit_vectors(9), unit_vectors(10)
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = semantic_relation(query, key)
+    assert mixed.item() == semantic_relation(query, key).item()
