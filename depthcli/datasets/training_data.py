@@ -14,6 +14,7 @@ from depthcli.datasets.files import (
 from depthcli.datasets.layouts import opener_of
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.paired_folder import PairedFolder, list_files, open_paired_folder
+from depthcli.datasets.picture_folder import open_picture_folder
 from depthcli.datasets.splits import PAPER_TRAIN_COUNT, is_label
 from depthcli.datasets.subset import Subset
 from depthcli.datasets.unpaired_folder import open_unpaired_folder
@@ -62,6 +63,7 @@ def open_training_data(
     path: Path,
     *,
     paired: bool,
+    depth: bool = True,
     split: Literal["paper", "official"] = "paper",
     units_per_metre: float = MILLIMETRES,
 ) -> TrainingData:
@@ -74,6 +76,7 @@ def open_training_data(
             other names than NYU's numbers, whose subfolders are the scenes if it has no index.
         paired: whether each picture needs its depth. If not, and names or sizes in the two folders
             differ, they are opened as unpaired.
+        depth: whether depth is needed; if not, any folder of pictures will do.
         split: of NYU Depth v2, whose training part is used.
         units_per_metre: value of one metre in the depth images of a folder of your own.
 
@@ -90,6 +93,8 @@ def open_training_data(
         hfov_deg = whole.hfov_deg if isinstance(whole, HasCamera) else None
         return TrainingData(whole, f"own pairs ({path.resolve().name})", hfov_deg)
     title = path.resolve().name
+    if not depth:
+        return TrainingData(open_picture_folder(path), f"own pictures ({title})", None)
     if not paired and not _are_matching(path):
         lists = open_unpaired_folder(path, units_per_metre=units_per_metre)
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)

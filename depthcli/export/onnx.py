@@ -5,6 +5,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from depthcli.errors import CheckpointError
 from depthcli.export.card import card_of, card_path
 from depthcli.export.graph import (
     MirrorAverage,
@@ -20,6 +21,7 @@ from depthcli.io.storage.atomic import atomic_path
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.card_specs import InputSpec
 from depthcli.training.checkpoint import load_generator
+from depthcli.training.methods.registry import method_class
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +43,11 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
         OutputError: a file cannot be written.
     """
     generator, saved = load_generator(checkpoint, options.weights)
+    if not method_class(saved.config.method).DEPTH:
+        raise CheckpointError(
+            f"{checkpoint} learned from pictures alone and predicts no depth: train another method "
+            "with --init"
+        )
     model = build_graph(generator, opset=options.opset, mirror=options.mirror)
     card = card_of(saved, options)
     folder = options.int8_pictures

@@ -18,6 +18,7 @@ from depthcli.training.config.schema import DataConfig, TrainConfig
 from depthcli.training.data.batches import Batches
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, write_errors
+from depthcli.training.methods.registry import method_class
 from depthcli.training.run import Run
 from depthcli.training.validation import Validation
 
@@ -54,7 +55,8 @@ def set_up(
         _extra_store(data, config),
     )
     check_batch(config, batches.own_size)
-    validation = Validation(dataset, held_out, config) if held_out and first else None
+    scored = held_out and first and method_class(config.method).DEPTH
+    validation = Validation(dataset, held_out, config) if scored else None
     run = Run(config, fabric, batches.steps_per_epoch)
     run.progress = RunProgress(
         train_ids=tuple(dataset.ids[i] for i in train_rows),

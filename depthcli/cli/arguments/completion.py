@@ -67,9 +67,9 @@ def providers(incomplete: str) -> list[str]:
 
 def methods(incomplete: str) -> list[str]:
     """The training methods."""
-    from depthcli.training.methods.table import METHODS
+    from depthcli.training.methods.table import METHODS, PRETRAINING
 
-    return _starting_with(METHODS, incomplete)
+    return _starting_with(METHODS | PRETRAINING, incomplete)
 
 
 def method_lists(incomplete: str) -> list[str]:

@@ -24,7 +24,8 @@ def train(
         typer.Argument(
             metavar="[METHOD]",
             autocompletion=completion.methods,
-            help=f"One of {', '.join(METHODS)}.",
+            help=f"One of {', '.join(METHODS)}; or masked, which learns from pictures without "
+            "depth, for --init.",
         ),
     ] = None,
     every_method: Annotated[
@@ -49,7 +50,7 @@ def train(
         Path | None,
         typer.Option(
             help="NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
-            "folder with rgb/ and depth/."
+            "folder with rgb/ and depth/; for masked, any folder of pictures."
         ),
     ] = None,
     out: Annotated[

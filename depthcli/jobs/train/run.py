@@ -15,6 +15,7 @@ from depthcli.training.callbacks import Callback, TrainStart
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.launch import launched, open_fabric
+from depthcli.training.methods.registry import method_class
 from depthcli.training.setup import train_val_split
 from depthcli.training.tensorboard_logger import TensorBoardLogger
 from depthcli.training.threads import set_threads
@@ -72,6 +73,7 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
         if first:
             lacks_scenes = (
                 bool(config.data.holdout_every)
+                and method_class(config.method).DEPTH
                 and not train_val_split(data.dataset, config.data)[1]
             )
             callback.on_train_start(TrainStart(threads, lacks_scenes))
@@ -88,6 +90,7 @@ def _data(request: TrainRequest) -> TrainingData:
     data = open_training_data(
         request.data,
         paired=wanted.paired,
+        depth=method_class(request.config.method).DEPTH,
         split=wanted.split,
         units_per_metre=wanted.units_per_metre,
     )

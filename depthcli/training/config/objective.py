@@ -57,6 +57,9 @@ class LossConfig:
     relation: Amount = field(default=0.0, metadata=_weighs())
     gamma_start: PositiveFloat = 50.0  #: γ of HnegSRC's negatives at the first step
     gamma_end: PositiveFloat = 10.0  #: γ at the last step; linear in between
+    #: weight of the reconstruction of hidden blocks (masked)
+    reconstruction: Amount = field(default=0.0, metadata=_weighs())
+    hidden: Share = 0.55  #: probability that a block of a picture is hidden (masked)
     #: weight of the similarity loss (SimDCL)
     similarity: Amount = field(default=0.0, metadata=_weighs())
 

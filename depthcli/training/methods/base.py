@@ -27,6 +27,7 @@ class Method(nn.Module):
         TERMS: the weights of ``LossConfig`` that the method uses; others have to be zero.
         SETTINGS: the settings that this method uses and some other methods do not.
         PAIRED: whether it can be trained with aligned pairs of picture and depth map.
+        DEPTH: whether it learns from depth; if not, it is for ``--init``, and predicts no depth.
         phases: the order of the two half steps.
         generator: G, gray to depth: the network that is validated and exported.
         share_done: fraction of the schedule that is done, in [0, 1); set by the training loop.
@@ -35,6 +36,7 @@ class Method(nn.Module):
     TERMS: ClassVar[frozenset[str]]
     SETTINGS: ClassVar[frozenset[str]] = frozenset()
     PAIRED: ClassVar[bool] = False
+    DEPTH: ClassVar[bool] = True
     phases: tuple[Phase, ...]
 
     def __init__(self, config: TrainConfig) -> None:

@@ -9,7 +9,9 @@ from depthcli.training.config.objective import TERMS
 from depthcli.training.config.overrides import updated
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.methods.base import Method
-from depthcli.training.methods.table import METHODS
+from depthcli.training.methods.table import METHODS, PRETRAINING
+
+_ALL = METHODS | PRETRAINING
 
 DEFAULTS = Path(__file__).parent / "defaults"
 
@@ -20,9 +22,9 @@ def method_class(name: str) -> type[Method]:
     Raises:
         UsageError: there is no such method.
     """
-    if name not in METHODS:
-        raise UsageError(f"no method '{name}'; choose from {', '.join(METHODS)}")
-    module, _, attribute = METHODS[name].partition(":")
+    if name not in _ALL:
+        raise UsageError(f"no method '{name}'; choose from {', '.join(_ALL)}")
+    module, _, attribute = _ALL[name].partition(":")
     found: type[Method] = getattr(import_module(f"depthcli.training.methods.{module}"), attribute)
     return found
 
@@ -74,7 +76,7 @@ def check_terms(config: TrainConfig) -> None:
 
 def _check_settings(config: TrainConfig, supported: frozenset[str]) -> None:
     usual = default_config(config.method)
-    for path in sorted(frozenset().union(*(method_class(name).SETTINGS for name in METHODS))):
+    for path in sorted(frozenset().union(*(method_class(name).SETTINGS for name in _ALL))):
         if path not in supported and _setting(config, path) != _setting(usual, path):
             raise UsageError(f"{config.method} does not use {path}: remove it")
 

@@ -60,15 +60,24 @@ class EfficientGenerator(nn.Module):
         maps = dict(zip(self.TAPS, self._encode(x), strict=False))
         return [maps[tap] for tap in taps]
 
-    def forward(self, x: Tensor) -> Tensor:
-        """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, 1, H, W) in [-1, 1]."""
+    @property
+    def last_channels(self) -> int:
+        """Channels of :meth:`last_features`."""
+        return self.head.in_channels
+
+    def last_features(self, x: Tensor) -> Tensor:
+        """The last feature map (B, last_channels, ceil(H/2), ceil(W/2)) of x (B, 1, H, W)."""
         *skips, y = self._encode(x)
         y = y + self.whole_picture(y.mean((2, 3)))[:, :, None, None]
         y = self.dropout(y)
         for fusion, skip in zip(self.fusions, reversed(skips), strict=True):
             y = F.interpolate(y, size=skip.shape[2:], mode="bilinear", align_corners=False)
             y = fusion(torch.cat([y, skip], 1))
-        return self.head(y)  # type: ignore[no-any-return]
+        return y  # type: ignore[no-any-return]
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, 1, H, W) in [-1, 1]."""
+        return self.head(self.last_features(x))  # type: ignore[no-any-return]
 
     def _encode(self, x: Tensor) -> list[Tensor]:
         maps = [self.stem(x)]
