@@ -30,7 +30,10 @@ def train(
     ] = None,
     every_method: Annotated[
         bool,
-        typer.Option("--all", help="Train every method, each in a folder METHOD-seedK of --out."),
+        typer.Option(
+            "--all",
+            help="Train every method but masked, each in a folder METHOD-seedK of --out.",
+        ),
     ] = False,
     methods: Annotated[
         str | None,

@@ -34,10 +34,12 @@ class Masked(Method):
 
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G, and the layer in place of its last one, which gets no gradient."""
-        return [self.generator, self.reconstruct] if phase == "generator" else []
+        del phase
+        return [self.generator, self.reconstruct]
 
-    def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:  # noqa: ARG002
-        """The only term; there is one phase."""
+    def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
+        """The only term."""
+        del phase
         hidden = hidden_blocks(batch.gray, self.weights.hidden)
         output = self.reconstruct(self.generator.last_features(batch.gray.masked_fill(hidden, 0)))
         loss = reconstruction_loss(output.float(), batch.gray, hidden)
