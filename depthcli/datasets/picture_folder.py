@@ -1,6 +1,7 @@
 """A folder of pictures without depth, for methods that learn from pictures alone."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -32,11 +33,15 @@ class PictureFolder:
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Picture ``i``: (H, W, 3) RGB uint8."""
-        return read_image_rgb(self.images[i])
+        return _read(self.images[i])
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
         """A plane at 1 m, (H, W) float32, in place of the depth that is not known."""
         return np.ones(self.image(i).shape[:2], np.float32)
+
+
+# The size of a picture's depth is asked for right after the picture.
+_read = lru_cache(maxsize=1)(read_image_rgb)
 
 
 def open_picture_folder(path: Path) -> PictureFolder:
