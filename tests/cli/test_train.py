@@ -213,3 +213,15 @@ def test_a_method_with_pairs_does_not(folder: Path) -> None:
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "without a partner" in done.stderr
+
+
+@pytest.mark.parametrize("choice", [("masked",), ("--methods", "masked", "--seeds", "0")])
+def test_pictures_without_depth_start_another_run(folder: Path, choice: tuple[str, ...]) -> None:
+    (folder / "data" / "rgb").rename(folder / "pictures")
+    common = ("--config", "tiny.toml", "--threads", "1", "--accelerator", "cpu")
+    done = _run(folder, *choice, "--data", "pictures", "--out", "start", *common)
+    assert done.returncode == 0, done.stderr
+    assert "warning" not in done.stderr  # that nothing is validated is how it is meant
+    (checkpoint,) = (folder / "start").rglob("last.ckpt")
+    (folder / "pictures").rename(folder / "data" / "rgb")
+    assert _train(folder, "--init", str(checkpoint)).returncode == 0

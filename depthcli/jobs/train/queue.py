@@ -25,6 +25,7 @@ from depthcli.jobs.train.run_status import (
     run_status,
 )
 from depthcli.jobs.train.signal_forwarder import SignalForwarder
+from depthcli.training.methods.registry import method_class
 from depthcli.training.methods.table import METHODS
 from depthcli.training.planned_runs import PlannedRun, next_share_s, plan_runs
 from depthcli.training.resolve import resolve_config
@@ -140,6 +141,7 @@ def _planned(request: QueueRequest) -> list[PlannedRun]:
     open_training_data(
         request.data,
         paired=all(config.data.paired for config in configs),
+        depth=any(method_class(config.method).DEPTH for config in configs),
         split=data.split,
         units_per_metre=data.units_per_metre,
     )
