@@ -130,7 +130,7 @@ def test_those_behind_go_first_and_all_share_what_is_left(
     for run in TrainingQueue(replace(request_of, seeds=(0, 1, 2))).statuses:
         save(run.run, {0: 5e3, 1: 0, 2: 300e3}[run.run.config.seed])
     queue = Simulated(replace(request_of, seeds=(0, 1, 2, 3, 4), minutes=2e3))
-    queue.ends = {"fastcut-seed2": 3, "fastcut-seed3": -9}
+    queue.ends = {"fastcut-seed2": 3, "fastcut-seed3": -9, "fastcut-seed1": 143}
     monkeypatch.setattr("depthcli.jobs.train.queue.time", queue)
     events = list(queue)
     begun = [event for event in events if isinstance(event, RunStarted)]
@@ -145,9 +145,9 @@ def test_those_behind_go_first_and_all_share_what_is_left(
     ]
     assert [(after[seed].state, after[seed].reason) for seed in range(5)] == [
         ("stopped", ""),
-        ("stopped", ""),
+        ("failed", "ended by SIGTERM"),
         ("failed", "exit code 3, see its error above"),
-        ("failed", "ended by signal 9"),
+        ("failed", "ended by SIGKILL"),
         ("finished", ""),
     ]
     assert [after[seed].progress.seconds for seed in range(5)] == [15e3, 10e3, 310e3, 10e3, 10e3]

@@ -30,6 +30,8 @@ from depthcli.training.methods.table import METHODS
 from depthcli.training.planned_runs import PlannedRun, next_share_s, plan_runs
 from depthcli.training.resolve import resolve_config
 
+_SIGNAL_BASE = 128
+"""Exit code of a process that ends itself on a signal, less the signal's number."""
 _NO_TIME = "no time of --max-minutes was left for it; give more minutes"
 
 
@@ -124,7 +126,10 @@ class TrainingQueue:
 
 
 def _exit_reason(code: int) -> str:
-    return f"ended by signal {-code}" if code < 0 else f"exit code {code}, see its error above"
+    number = code - _SIGNAL_BASE if code > 0 else -code
+    if number in {one.value for one in signal.Signals}:
+        return f"ended by {signal.Signals(number).name}"
+    return f"exit code {code}, see its error above"
 
 
 def _planned(request: QueueRequest) -> list[PlannedRun]:
