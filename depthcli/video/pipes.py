@@ -4,9 +4,7 @@ import os
 from typing import BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError
-
-_HEAD_BYTES = 256
-"""Of a video, which state its container and often its length."""
+from depthcli.video.truncation import HEAD_BYTES
 
 
 class _Pipe:
@@ -53,7 +51,7 @@ class InputPipe(_Pipe):
         except BaseException as reason:  # noqa: BLE001 - raised by check
             self._stopped = reason
             return b""
-        self.head += data[: _HEAD_BYTES - len(self.head)]
+        self.head += data[: HEAD_BYTES - len(self.head)]
         self._count += len(data)
         return data
 

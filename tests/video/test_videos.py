@@ -427,7 +427,12 @@ def test_a_cut_pipe_says_so(tmp_path: Path) -> None:
     path = tmp_path / "a.mkv"
     write_depth(path, [np.ones((48, 64), np.float32)] * 20)
     whole = path.read_bytes()
-    for data, is_whole in ((whole, True), (whole[:-9], False), (whole[: len(whole) // 2], False)):
+    segment = whole.index(b"\x18S\x80g")
+    size = (segment - 5 + 303).to_bytes(2)  # of a header that ends with a void element
+    header = whole[:4] + bytes([size[0] | 0x40, size[1]]) + whole[5:segment]
+    padded = header + b"\xec\x41\x2c" + bytes(300) + whole[segment:]
+    cut = (whole[:-9], whole[: len(whole) // 2], padded[:-9])
+    for data, is_whole in ((whole, True), (padded, True), *((data, False) for data in cut)):
         path.write_bytes(data)
         with (
             subprocess.Popen(["cat", path], stdout=subprocess.PIPE) as sender,
