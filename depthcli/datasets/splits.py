@@ -11,6 +11,8 @@ from depthcli.datasets.base import DepthDataset
 from depthcli.errors import DatasetError
 
 NYU = "NYU Depth v2"
+TRAIN_IDS = "nyu_train_ids"
+"""Field of a card's ``training``: pairs of NYU, as :mod:`~depthcli.datasets.id_ranges`."""
 ALL_PAIRS = "all"
 """Name of the split of a data set without one: all of its pairs are test pairs."""
 LABELLED_COUNT = 1449

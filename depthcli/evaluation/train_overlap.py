@@ -5,14 +5,18 @@ from typing import Any, Protocol, runtime_checkable
 
 from depthcli.datasets import id_ranges
 from depthcli.datasets.base import DepthDataset
-from depthcli.datasets.splits import NYU, SplitName, held_out_scenes, train_positions
+from depthcli.datasets.splits import (
+    NYU,
+    TRAIN_IDS,
+    SplitName,
+    held_out_scenes,
+    train_positions,
+)
 from depthcli.errors import DatasetError
 from depthcli.models.card import ModelCard
 
-TRAIN_IDS = "nyu_train_ids"
-"""Field of a card's ``training``: ids of the pairs, as :mod:`~depthcli.datasets.id_ranges`."""
 TRAIN_SPLIT = "nyu_split"
-"""The same for third-party models: the split whose training scenes it was trained on."""
+"""Field of a third-party model's card: the split whose training scenes it was trained on."""
 
 
 @runtime_checkable

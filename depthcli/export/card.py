@@ -6,11 +6,14 @@ import math
 from pathlib import Path
 from typing import Any
 
+from depthcli.core.choices import Weights
 from depthcli.core.types import DepthKind
 from depthcli.datasets import id_ranges
+from depthcli.datasets.splits import NYU, TRAIN_IDS
 from depthcli.errors import ModelError, UsageError
 from depthcli.export.graph import IR_VERSION
 from depthcli.export.options import ExportOptions
+from depthcli.metrics.pixels import MIN_DEPTH_M
 from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
 from depthcli.models.locations import CARD_NAME
@@ -60,12 +63,12 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
             transform=codec.transform,
             scale=codec.scale,
             shift=codec.shift,
-            min_m=config.output.min_m,
+            min_m=config.output.min_m if config.output.coding == "log" else MIN_DEPTH_M,
             max_m=config.output.max_m,
         ),
         camera=None if hfov_deg is None else CameraSpec(hfov_deg),
         onnx=OnnxSpec(options.opset, IR_VERSION),
-        training=_training_facts(saved),
+        training=_training_facts(saved, options.weights),
         float_model=options.float_model,
     )
     try:
@@ -75,8 +78,9 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
         raise UsageError(f"{what}; correct the option") from error
 
 
-def _training_facts(saved: Checkpoint) -> dict[str, Any]:
+def _training_facts(saved: Checkpoint, weights: Weights) -> dict[str, Any]:
     progress = saved.progress
+    validated = saved.average is None or weights is Weights.AVERAGED
     return {
         "data": progress.data,
         **({"extra": progress.extra} if progress.extra else {}),
@@ -89,7 +93,9 @@ def _training_facts(saved: Checkpoint) -> dict[str, Any]:
         "steps": progress.step,
         "minutes": round(progress.seconds / 60, 1),
         "validation": {
-            name: round(value, 4) for name, value in progress.scores.items() if math.isfinite(value)
+            name: round(value, 4)
+            for name, value in progress.scores.items()
+            if validated and math.isfinite(value)
         },
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
@@ -97,6 +103,7 @@ def _training_facts(saved: Checkpoint) -> dict[str, Any]:
 
 def _nyu_pairs(progress: RunProgress) -> dict[str, str]:
     """Ids of the pairs of NYU Depth v2 that it was trained on, for evaluations of the model."""
-    if not progress.data.startswith("NYU Depth v2"):
+    if not progress.data.startswith(NYU):
         return {}
-    return {"nyu_train_ids": id_ranges.compact(i for i in progress.train_ids if i.isdecimal())}
+    ids = {*progress.train_ids, *progress.start_ids}
+    return {TRAIN_IDS: id_ranges.compact(i for i in ids if i.isdecimal())}

@@ -52,6 +52,7 @@ def open_run(folder: Path) -> TrainedRun:
         steps=progress.step,
         minutes=progress.seconds / 60,
         train_ids=progress.train_ids,
+        start_ids=progress.start_ids,
         held_out_ids=progress.held_out_ids,
     )
 

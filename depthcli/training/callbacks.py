@@ -12,6 +12,7 @@ class TrainStart:
 
     threads: Threads  #: CPU threads that it uses
     lacks_scenes: bool  #: whether there are too few scenes to hold some out as configured
+    seen_held_out: int  #: number of held-out pairs that the initial weights were trained on
 
 
 class Callback:

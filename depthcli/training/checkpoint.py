@@ -35,7 +35,7 @@ class RunProgress:
     step: Count = 0  #: optimisation steps done
     epoch: Count = 0  #: whole epochs done
     seconds: Amount = 0.0  #: training time so far, of all sessions
-    #: validation metrics of the last epoch by name; empty without held-out pairs
+    #: validation metrics after the last step by name; empty if it was not validated then
     scores: dict[str, _Score] = dataclasses.field(default_factory=dict)
     train_ids: tuple[str, ...] = ()  #: pairs the networks were trained on
     held_out_ids: tuple[str, ...] = ()  #: pairs they were validated on
@@ -44,6 +44,7 @@ class RunProgress:
     hfov_deg: Annotated[float, HFOV_DEG] | None = NYU_HFOV_DEG
     extra: str = ""  #: name of the extra pairs; "" if there are none
     start: str = ""  #: origin of the initial weights; "" for a random initialisation
+    start_ids: tuple[str, ...] = ()  #: pairs of this data set that those were trained on
     aspect: _Aspect = NYU_ASPECT  #: width over height of their first picture
     #: CPU threads of the last session, on which the last digits depend; 0 if unknown
     threads: Count = 0

@@ -10,8 +10,11 @@ import torch
 from onnx import numpy_helper
 from torch import Tensor, nn
 
+from depthcli.datasets import id_ranges
+from depthcli.datasets.splits import NYU, TRAIN_IDS
 from depthcli.errors import CheckpointError
-from depthcli.training.checkpoint import load_generator
+from depthcli.models.catalog import find_model
+from depthcli.training.checkpoint import Checkpoint, load_generator
 
 _MIRRORED = "network."  # prefix of weights in a graph that averages with the mirrored picture
 _HALF = "_half"  # suffix of float16 weights, which the graph casts to float32
@@ -43,6 +46,32 @@ def start_from(generator: nn.Module, paths: Sequence[Path]) -> str:
     hashes = [hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_LENGTH] for path in paths]
     names = [f"{path.name} {digest}" for path, digest in zip(paths, hashes, strict=True)]
     return names[0] if len(names) == 1 else f"mean of {', '.join(names)}"
+
+
+def trained_ids(paths: Sequence[Path], data: str, ids: Sequence[str]) -> tuple[str, ...]:
+    """Those of the ids of a data set whose pairs the weights of any file were trained on.
+
+    Args:
+        paths: as for :func:`start_from`; none is fine.
+        data: name of the data set, as in model cards.
+        ids: of its pairs.
+
+    Raises:
+        CheckpointError: a checkpoint cannot be read.
+        ModelError: a model cannot be read.
+    """
+    seen = {name for path in paths for name in _trained_on(path, data)}
+    return tuple(name for name in ids if name in seen)
+
+
+def _trained_on(path: Path, data: str) -> set[str]:
+    is_nyu = data.startswith(NYU)
+    if path.suffix == ".onnx":
+        stated = find_model(path).card.training.get(TRAIN_IDS)
+        return {f"{n:04d}" for n in id_ranges.parse(str(stated))} if is_nyu and stated else set()
+    progress = Checkpoint.load(path).progress
+    is_same = progress.data == data or (is_nyu and progress.data.startswith(NYU))
+    return {*progress.train_ids, *progress.start_ids} if is_same else set()
 
 
 def _fitting_weights(generator: nn.Module, path: Path) -> dict[str, Tensor]:

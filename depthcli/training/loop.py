@@ -72,7 +72,8 @@ def fit(
         while run.progress.step < run.steps:
             losses = run.step(batches[run.progress.step])
             step, elapsed_s = run.progress.step + 1, time.monotonic() - started
-            run.progress = replace(run.progress, step=step, seconds=before.seconds + elapsed_s)
+            seconds = before.seconds + elapsed_s
+            run.progress = replace(run.progress, step=step, seconds=seconds, scores={})
             if fabric.is_global_zero:
                 callback.on_step_end(run.progress, run.steps, losses)
             over = limits.reached(elapsed_s, step - before.step) or interrupt.number is not None

@@ -18,6 +18,7 @@ from depthcli.training.config.schema import DataConfig, TrainConfig
 from depthcli.training.data.batches import Batches
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, write_errors
+from depthcli.training.initial_weights import trained_ids
 from depthcli.training.methods.registry import method_class
 from depthcli.training.run import Run
 from depthcli.training.validation import Validation
@@ -65,6 +66,7 @@ def set_up(
         hfov_deg=data.hfov_deg,
         extra=data.extra_title,
         start=run.start_from(start) if start else "",
+        start_ids=trained_ids(start, data.title, dataset.ids),
         aspect=data.aspect,
     )
     run.resume(folder / CHECKPOINT)

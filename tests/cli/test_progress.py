@@ -105,7 +105,8 @@ def test_a_training_run_that_goes_on_has_a_bar_from_where_it_was(
     monkeypatch.setattr(progress, "_BAR_EVERY_S", 0)
     with ExitStack() as stack:
         lines = TextCallback(stack)
-        lines.on_train_start(TrainStart(Threads(1, 1, timed=False), lacks_scenes=False))
+        threads = Threads(1, 1, timed=False)
+        lines.on_train_start(TrainStart(threads, lacks_scenes=False, seen_held_out=0))
         lines.on_step_end(RunProgress(step=400), 1000, {})
     shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capfd.readouterr().err)
     assert "training" in shown

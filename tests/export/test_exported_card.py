@@ -7,8 +7,9 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from small import write_checkpoint
+from small import small_network, write_checkpoint
 
+from depthcli.core.choices import Weights
 from depthcli.export.card import card_of, card_path
 from depthcli.export.options import ExportOptions
 from depthcli.inference.preprocess import input_layout
@@ -91,6 +92,27 @@ def test_a_card_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
     }
     assert (card.name, card.version, card.license) == ("custom", "1.0.0", "NOASSERTION")
     assert (card.camera, card.onnx.opset) == (None, 17)
+
+
+def test_pairs_that_the_initial_weights_knew_are_known_to_the_model(tmp_path: Path) -> None:
+    ids = {"train_ids": ("0003", "0000"), "start_ids": ("0000", "0001")}
+    assert _card(tmp_path, **ids).training["nyu_train_ids"] == "0000-0001,0003"
+
+
+def test_scores_of_averaged_weights_are_not_those_of_the_raw_ones(tmp_path: Path) -> None:
+    raw = ExportOptions(weights=Weights.RAW)
+    assert _card(tmp_path, raw).training["validation"] == {"abs_rel": 0.25}  # there is no average
+    path = write_checkpoint(tmp_path / "both.ckpt", average=small_network())
+    assert card_of(Checkpoint.load(path), raw).training["validation"] == {}
+    assert card_of(Checkpoint.load(path), ExportOptions()).training["validation"] != {}
+
+
+def test_linear_depth_has_no_smallest_value_of_log_depth(tmp_path: Path) -> None:
+    saved = Checkpoint.load(write_checkpoint(tmp_path / "last.ckpt"))
+    linear = dataclasses.replace(saved.config.output, coding="linear")
+    saved = dataclasses.replace(saved, config=dataclasses.replace(saved.config, output=linear))
+    output = card_of(saved, ExportOptions()).output
+    assert (output.min_m, output.codec.decode(-1.0)) == (0.001, 0)
 
 
 @pytest.mark.parametrize("known", [None, 63.3])

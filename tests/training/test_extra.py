@@ -12,6 +12,7 @@ from lightning_fabric import Fabric
 from rooms import EFFICIENT, PAPER, TRAIN, room_data, rooms, write_rooms
 
 from depthcli.datasets.paired_folder import open_paired_folder
+from depthcli.datasets.training_data import NYU_OFFICIAL, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
@@ -21,7 +22,7 @@ from depthcli.training.config.objective import LossConfig
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT
-from depthcli.training.initial_weights import start_from
+from depthcli.training.initial_weights import start_from, trained_ids
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.proposed import Proposed
 from depthcli.training.networks.build import build_generator
@@ -42,8 +43,14 @@ SUPERVISED = replace(
 BARE = replace(SUPERVISED, generator=replace(SUPERVISED.generator, norm="none"))
 
 
-def _train(config: TrainConfig, folder: Path, start: Path | None = None, extra: Path | None = None):  # noqa: ANN202
-    data = room_data()
+def _train(  # noqa: ANN202
+    config: TrainConfig,
+    folder: Path,
+    start: Path | None = None,
+    extra: Path | None = None,
+    title: str = "rooms",
+):
+    data = room_data()._replace(title=title)
     if extra is not None:
         data = data._replace(extra=open_paired_folder(extra))
     fabric = Fabric(accelerator="cpu", devices=1)
@@ -144,6 +151,25 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
     assert card.training is not None
     assert card.training["start"] == progress.start
     assert card.training["extra"] == progress.extra
+
+
+def test_pairs_that_initial_weights_were_trained_on_are_passed_on(tmp_path: Path) -> None:
+    start, ids = tmp_path / "first" / CHECKPOINT, ("0000", "0001", "0002", "0009")
+    data = replace(SUPERVISED.data, holdout_every=0)
+    first = _train(replace(SUPERVISED, data=data), start.parent, title=NYU_PAPER)
+    model = start.with_name("model.onnx")
+    export_checkpoint(start, model, ExportOptions("first"))
+    assert len(first.train_ids) == 6
+    for source in (start, model):
+        assert trained_ids([source], NYU_OFFICIAL, ids) == ids[:3]
+        assert trained_ids([source], "own pairs (yard)", ids) == ()
+    assert trained_ids([], first.data, ids) == ()
+    second = _train(SUPERVISED, tmp_path / "second", start, title=NYU_PAPER)
+    assert set(second.held_out_ids) < set(second.start_ids) == set(first.train_ids)
+    later = tmp_path / "second" / CHECKPOINT
+    third = _train(SUPERVISED, tmp_path / "third", later, title=NYU_PAPER)
+    assert third.start_ids == second.start_ids
+    assert _train(SUPERVISED, tmp_path / "other", later).start_ids == ()
 
 
 def test_a_checkpoint_gives_its_weights(tmp_path: Path) -> None:

@@ -135,6 +135,14 @@ def test_validation_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
         "epoch-0002.jpg",
         "epoch-0003.jpg",
     ]
+    lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
+    assert [bool(json.loads(line)["scores"]) for line in lines] == [False, True, True]
+
+
+def test_scores_are_of_the_weights_they_are_saved_with(tmp_path: Path) -> None:
+    assert _train(EFFICIENT, tmp_path, steps=2).scores
+    assert _train(EFFICIENT, tmp_path, steps=1).scores == {}
+    assert Checkpoint.load(tmp_path / CHECKPOINT).progress.scores == {}
 
 
 def test_checkpoint_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:

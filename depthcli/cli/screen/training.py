@@ -65,6 +65,11 @@ class JsonCallback(Callback):
         """Warn if nothing will be validated."""
         if start.lacks_scenes:
             console.warn("too few scenes to hold one out, so nothing is validated")
+        if start.seen_held_out:
+            console.warn(
+                f"the initial weights were trained on {start.seen_held_out} of the held-out "
+                "pairs: their scores do not measure pictures that the model has not seen"
+            )
 
     def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """Store the losses for the end of the epoch."""
@@ -74,7 +79,7 @@ class JsonCallback(Callback):
     def on_epoch_end(self, progress: RunProgress) -> None:
         """Print step, seconds, scores, and the losses of the last step."""
         values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
-        del values["train_ids"], values["held_out_ids"]
+        del values["train_ids"], values["held_out_ids"], values["start_ids"]
         values["losses"] = self._losses
         console.out_json(values)
 
@@ -124,7 +129,8 @@ class TextCallback(JsonCallback):
         scores = " ".join(
             f"{name} {progress.scores[name]:.4f}" for name in _SHOWN if progress.scores
         )
+        held_out = f"held out: {scores}  " if scores else ""
         console.note(
             f"epoch {progress.epoch}  step {progress.step}/{self._steps}  {losses}  "
-            f"held out: {scores or 'none'}  {rate:.2f} steps/s  {to_go_min:.0f} min to go"
+            f"{held_out}{rate:.2f} steps/s  {to_go_min:.0f} min to go"
         )

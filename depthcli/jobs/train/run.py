@@ -2,6 +2,7 @@
 
 import math
 import signal
+from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +15,12 @@ from depthcli.training import loop
 from depthcli.training.callbacks import Callback, TrainStart
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
+from depthcli.training.initial_weights import trained_ids
 from depthcli.training.launch import launched, open_fabric
 from depthcli.training.methods.registry import method_class
 from depthcli.training.setup import train_val_split
 from depthcli.training.tensorboard_logger import TensorBoardLogger
-from depthcli.training.threads import set_threads
+from depthcli.training.threads import Threads, set_threads
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,18 +73,23 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
         first = fabric.is_global_zero
         threads = set_threads(request.threads, config, out, fabric)
         if first:
-            lacks_scenes = (
-                bool(config.data.holdout_every)
-                and method_class(config.method).DEPTH
-                and not train_val_split(data.dataset, config.data)[1]
-            )
-            callback.on_train_start(TrainStart(threads, lacks_scenes))
+            callback.on_train_start(_facts(threads, config, data, start))
         logger = TensorBoardLogger(callback, out, config) if request.tensorboard and first else None
         interrupt = Interrupt(*request.signals)
         with closing(logger) if logger else nullcontext(callback) as listener:
             limits = loop.Limits(minutes=request.minutes)
             done = loop.fit(config, data, out, fabric, listener, limits, interrupt, start)
     return TrainResult(done, interrupt.number, first)
+
+
+def _facts(
+    threads: Threads, config: TrainConfig, data: TrainingData, start: Sequence[Path]
+) -> TrainStart:
+    wanted = bool(config.data.holdout_every) and method_class(config.method).DEPTH
+    held_out = train_val_split(data.dataset, config.data)[1] if wanted else []
+    held_out_ids = [data.dataset.ids[i] for i in held_out]
+    seen = trained_ids(start, data.title, held_out_ids)
+    return TrainStart(threads, lacks_scenes=wanted and not held_out, seen_held_out=len(seen))
 
 
 def _data(request: TrainRequest) -> TrainingData:
