@@ -21,7 +21,7 @@ HEAD = """\
 
 # The whole command line
 
-What `--help` says of each command, on one page. [usage.md](usage.md) tells how they are used.
+The output of `--help` for each command, on one page. [usage.md](usage.md) explains how to use them.
 
 ```
 {root}```

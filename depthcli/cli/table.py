@@ -23,8 +23,11 @@ COMMANDS = {
     ),
     "info": ("depthcli.cli.commands.info", "Show unit, scale and range of a depth file."),
     "probe": ("depthcli.cli.commands.probe", "Show the depth at given pixels of a depth file."),
-    "eval": ("depthcli.cli.commands.eval.app", "Evaluate accuracy on NYU Depth v2 or own pairs."),
-    "render": ("depthcli.cli.commands.render", "Render rooms with exact depth to train on."),
+    "eval": (
+        "depthcli.cli.commands.eval.app",
+        "Evaluate accuracy on NYU Depth v2 or your own pairs.",
+    ),
+    "render": ("depthcli.cli.commands.render", "Render rooms with exact depth as training data."),
     "train": ("depthcli.cli.commands.train", "Train a model; can be resumed."),
     "export-onnx": (
         "depthcli.cli.commands.export",

@@ -156,5 +156,5 @@ def trivial_notes(split: Split) -> list[str]:
         return ["no training pair of this split is available: baselines are omitted"]
     if len(split.train) != split.train_count:
         known = f"{len(split.train)} of the split's {split.train_count} training pairs"
-        return [f"trivial rows know {known}"]
+        return [f"the mean rows were computed from {known}"]
     return []

@@ -55,7 +55,7 @@ def pipe_advice(source: Path | InputPipe) -> str:
     """Advice for a pipe that cannot be read; empty for a file."""
     if not isinstance(source, InputPipe):
         return ""
-    return "; send Matroska, MPEG-TS, NUT or Y4M through a pipe, for MP4 may need to be a file"
+    return "; through a pipe, send Matroska, MPEG-TS, NUT or Y4M: most MP4 files have to be files"
 
 
 def _is_cover(stream: VideoStream) -> bool:

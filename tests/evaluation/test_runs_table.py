@@ -209,7 +209,7 @@ def test_notes(task: EvalTask, models: list[TrainedModel]) -> None:
     paper = replace(task, split=replace(task.split, name=SplitName.PAPER, train_count=1000))
     assert _report(paper, whole).notes == (
         *notes[:2],
-        "trivial rows know 3 of the split's 1000 training pairs",
+        "the mean rows were computed from 3 of the split's 1000 training pairs",
     )
 
 

@@ -102,7 +102,7 @@ DEPTH_PNGS = {
         _png(np.zeros((4, 4, 3), np.uint16)), "is not 16-bit gray, so it holds no depth"
     ),
     "8 bits": Bad(_png(np.zeros((4, 4), np.uint8)), "is not 16-bit gray, so it holds no depth"),
-    "cut": Bad(_PNG16[:-20], "is truncated (the PNG has no end)"),
+    "cut": Bad(_PNG16[:-20], "is truncated (its end is missing)"),
     "checksum": Bad(_PNG16[:-17] + b"\0" + _PNG16[-16:], "a checksum of the PNG is wrong"),
     "an EXR": Bad(_EXR, "is not a picture"),
 }

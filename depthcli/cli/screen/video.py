@@ -24,7 +24,7 @@ def print_video(
         for warning in result.warnings:
             console.warn(f"{result.name}: {warning}")
     if result.problem:
-        written = f"the {result.frames} frames read are written"
+        written = f"frames written: {result.frames}"
         console.error(f"{result.name}: {result.problem}; {written}")
 
 

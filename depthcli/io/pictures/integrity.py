@@ -21,7 +21,7 @@ def find_problem(data: bytes) -> str | None:
         data: the whole file.
     """
     if data.startswith(JPEG_START):
-        return None if has_jpeg_end(data) else "is truncated (the JPEG has no end); copy it again"
+        return None if has_jpeg_end(data) else "is truncated (its end is missing); copy it again"
     if data.startswith(SIGNATURE):
         return _png_problem(data)
     if data.startswith(TIFF_STARTS):
@@ -46,4 +46,4 @@ def _png_problem(data: bytes) -> str | None:
             return "is damaged (a checksum of the PNG is wrong); copy it again"
         if kind == b"IEND":
             return None
-    return "is truncated (the PNG has no end); copy it again"
+    return "is truncated (its end is missing); copy it again"

@@ -116,7 +116,9 @@ def video_checksum(task: VideoTask, path: Path, camera: Camera) -> str:
         InputError: it cannot be read, or the options do not apply to videos.
     """
     if not set(task.outputs) - {VideoFormat.JSON}:
-        raise InputError(f"{path} is a video, which this format cannot hold; add --format png16")
+        raise InputError(
+            f"{path} is a video, and no format in --format holds one; add --format png16"
+        )
     if camera.anchors:
         raise InputError(f"{path} is a video, to which --anchor does not apply")
     if not path.is_file():

@@ -89,7 +89,9 @@ def _check_generator(config: TrainConfig) -> None:
     for name in ("width", "height"):
         value = getattr(config.data, name)
         if value % _RESNET_STRIDE:
-            raise UsageError(f"data.{name} is a multiple of 4 for generator.name=resnet: {value}")
+            raise UsageError(
+                f"data.{name} must be a multiple of 4 for generator.name=resnet, not {value}"
+            )
 
 
 def _check_levels(generator: GeneratorConfig) -> None:
