@@ -25,7 +25,7 @@ COMMANDS = {
     "probe": ("depthcli.cli.commands.probe", "Show the depth at given pixels of a depth file."),
     "eval": (
         "depthcli.cli.commands.eval.app",
-        "Evaluate accuracy on NYU Depth v2 or your own pairs.",
+        "Measure accuracy on NYU Depth v2 or your pairs.",
     ),
     "render": ("depthcli.cli.commands.render", "Render rooms with exact depth as training data."),
     "train": ("depthcli.cli.commands.train", "Train a model; can be resumed."),
