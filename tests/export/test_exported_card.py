@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from small import write_checkpoint
 
+from depthcli.errors import UsageError
 from depthcli.export.card import card_of, card_path
 from depthcli.export.options import ExportOptions
 from depthcli.inference.preprocess import input_layout
@@ -93,11 +94,17 @@ def test_a_card_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
     assert (card.camera, card.onnx.opset) == (None, 17)
 
 
-@pytest.mark.parametrize("known", [None, 63.3])
+@pytest.mark.parametrize("known", [None, 80.0])
 def test_the_camera_is_the_one_that_is_said(tmp_path: Path, known: float | None) -> None:
     camera = _card(tmp_path, ExportOptions(hfov_deg=80.0), hfov_deg=known).camera
     assert camera is not None
     assert camera.hfov_deg == 80
+
+
+def test_a_camera_that_is_known_is_not_contradicted(tmp_path: Path) -> None:
+    """Depth has been scaled to it; the user's own lens would be applied twice."""
+    with pytest.raises(UsageError, match=r"--hfov 80 contradicts .* 63\.3°: remove --hfov"):
+        _card(tmp_path, ExportOptions(hfov_deg=80.0), hfov_deg=63.3)
 
 
 @pytest.mark.parametrize(
