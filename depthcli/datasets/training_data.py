@@ -1,6 +1,7 @@
 """Opening training data: the training part of NYU Depth v2, or a folder of your own."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -21,6 +22,7 @@ from depthcli.datasets.paired_folder import (
 )
 from depthcli.datasets.picture_folder import open_picture_folder
 from depthcli.datasets.splits import PAPER_TRAIN_COUNT
+from depthcli.datasets.stated_focal import stated_focal_px
 from depthcli.datasets.subset import Subset
 from depthcli.datasets.unpaired_folder import open_unpaired_folder
 from depthcli.errors import DatasetError
@@ -45,9 +47,17 @@ class TrainingData(NamedTuple):
     extra: PairedFolder | None = None
 
     def with_extra(self, extra: PairedFolder) -> "TrainingData":
-        """Add further pairs, scaled to this data's camera if their focal lengths are known."""
-        if extra.focal_px:
-            extra = extra.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
+        """Add further pairs, scaled to this data's camera if their focal lengths are known.
+
+        Those of cameras.csv, else those that the depth images state.
+
+        Raises:
+            DatasetError: only some of the depth images state theirs, or one cannot be read.
+        """
+        focal_px = extra.focal_px or stated_focal_px(extra.depths)
+        if focal_px:
+            known = replace(extra, focal_px=focal_px)
+            extra = known.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
         return self._replace(extra=extra)
 
     @property
