@@ -15,9 +15,12 @@ from pathlib import Path
 from depthcli.core.text import short_repr
 from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.nyu_mat import NyuMat, open_mat
+from depthcli.datasets.paired_folder import PLAUSIBLE_M as OWN_PLAUSIBLE_M
 from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
+from depthcli.datasets.splits import is_label
 from depthcli.errors import DatasetError
 from depthcli.io.storage.regular import read_regular
+from depthcli.io.writers.formats import MILLIMETRES
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
 INDEX_NAME = "index.csv"
@@ -54,7 +57,18 @@ def open_nyu(path: Path) -> DepthDataset:
         )
     if (path / MAT_NAME).is_file():
         return _open_mat(path / MAT_NAME)
-    return _open_folder(path)
+    return open_indexed_folder(path)
+
+
+def has_own_index(folder: Path) -> bool:
+    """Whether a folder's index.csv is of pairs of one's own, with other ids than NYU's numbers.
+
+    Raises:
+        DatasetError: the index cannot be read.
+    """
+    if (folder / MAT_NAME).is_file() or not (folder / INDEX_NAME).is_file():
+        return False
+    return not all(map(is_label, read_index(folder / INDEX_NAME)))
 
 
 def _open_mat(path: Path) -> NyuMat:
@@ -67,9 +81,17 @@ def _open_mat(path: Path) -> NyuMat:
     return replace(dataset, official_split=named)
 
 
-def _open_folder(path: Path) -> PairedFolder:
-    pairs = open_paired_folder(path, plausible_m=PLAUSIBLE_M)
+def open_indexed_folder(path: Path, *, units_per_metre: float = MILLIMETRES) -> PairedFolder:
+    """Open a folder with rgb/, depth/ and index.csv, of NYU Depth v2 or of one's own.
+
+    ``units_per_metre`` is the value of one metre in the depth images: 1000 for millimetres.
+
+    Raises:
+        DatasetError: the set is missing, incomplete, damaged, or in another unit.
+    """
     index = read_index(path / INDEX_NAME)
+    plausible_m = PLAUSIBLE_M if all(map(is_label, index)) else OWN_PLAUSIBLE_M
+    pairs = open_paired_folder(path, units_per_metre=units_per_metre, plausible_m=plausible_m)
     differing = sorted(set(index) ^ set(pairs.ids))
     if differing:
         raise DatasetError(

@@ -1,6 +1,7 @@
 """Opening training data: the training part of NYU Depth v2, or a folder of your own."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -12,10 +13,16 @@ from depthcli.datasets.files import (
     read_image_rgb,
 )
 from depthcli.datasets.layouts import opener_of
-from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.paired_folder import PairedFolder, list_files, open_paired_folder
+from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
+from depthcli.datasets.paired_folder import (
+    CAMERAS_NAME,
+    PairedFolder,
+    list_files,
+    open_paired_folder,
+)
 from depthcli.datasets.picture_folder import open_picture_folder
-from depthcli.datasets.splits import PAPER_TRAIN_COUNT, is_label
+from depthcli.datasets.splits import PAPER_TRAIN_COUNT
+from depthcli.datasets.stated_focal import stated_focal_px
 from depthcli.datasets.subset import Subset
 from depthcli.datasets.unpaired_folder import open_unpaired_folder
 from depthcli.errors import DatasetError
@@ -40,9 +47,17 @@ class TrainingData(NamedTuple):
     extra: PairedFolder | None = None
 
     def with_extra(self, extra: PairedFolder) -> "TrainingData":
-        """Add further pairs, scaled to this data's camera if their focal lengths are known."""
-        if extra.focal_px:
-            extra = extra.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
+        """Add further pairs, scaled to this data's camera if their focal lengths are known.
+
+        Those of cameras.csv, else those that the depth images state.
+
+        Raises:
+            DatasetError: only some of the depth images state theirs, or one cannot be read.
+        """
+        focal_px = extra.focal_px or stated_focal_px(extra.depths)
+        if focal_px:
+            known = replace(extra, focal_px=focal_px)
+            extra = known.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
         return self._replace(extra=extra)
 
     @property
@@ -73,44 +88,67 @@ def open_training_data(
         path: NYU Depth v2, as :func:`~depthcli.datasets.nyu.open_nyu` takes it, of which only the
             training part is used; another folder of
             :data:`~depthcli.datasets.layouts.LAYOUTS`; or a folder of ``rgb/`` and ``depth/`` with
-            other names than NYU's numbers, whose subfolders are the scenes if it has no index.
+            other names than NYU's numbers, whose subfolders are the scenes if it has no index.csv.
         paired: whether each picture needs its depth. If not, and names or sizes in the two folders
             differ, they are opened as unpaired.
         depth: whether depth is needed; if not, any folder of pictures will do.
-        split: of NYU Depth v2, whose training part is used.
+        split: of NYU Depth v2, whose training part is used. Of other data, ``official`` is what the
+            data itself names "train", and ``paper`` is all of it.
         units_per_metre: value of one metre in the depth images of a folder of your own.
 
     Raises:
         DatasetError: the data is missing, incomplete, damaged, or in another unit.
     """
     opener = opener_of(path) if path.is_dir() else open_nyu
-    if opener is not None:
-        if units_per_metre != MILLIMETRES:
-            raise DatasetError(f"{path} is in a unit that is known: remove data.units_per_metre")
-        whole = opener(path)
-        if opener is open_nyu and all(map(is_label, whole.ids)):
-            return _training_part(whole, split)
-        hfov_deg = whole.hfov_deg if isinstance(whole, HasCamera) else None
-        return TrainingData(whole, f"own pairs ({path.resolve().name})", hfov_deg)
+    if opener is None or (opener is open_nyu and has_own_index(path)):
+        indexed = opener is not None
+        return _own_folder(path, indexed, paired, depth, split, units_per_metre)
+    if units_per_metre != MILLIMETRES:
+        raise DatasetError(f"{path} is in a unit that is known: remove data.units_per_metre")
+    whole = opener(path)
+    if opener is open_nyu:
+        if (path / CAMERAS_NAME).is_file():
+            raise DatasetError(
+                f"{path} has the ids of NYU Depth v2, whose camera is known: remove "
+                f"{CAMERAS_NAME}, or rename the pairs if they are your own"
+            )
+        return _training_part(whole, split)
+    hfov_deg = whole.hfov_deg if isinstance(whole, HasCamera) else None
+    return TrainingData(_own_part(whole, split), f"own pairs ({path.resolve().name})", hfov_deg)
+
+
+def _own_folder(
+    path: Path, indexed: bool, paired: bool, depth: bool, split: str, units_per_metre: float
+) -> TrainingData:
+    """A folder of one's own; if it has an index, its pairs."""
     title = path.resolve().name
-    if not depth:
-        return TrainingData(open_picture_folder(path), f"own pictures ({title})", None)
-    if not paired and not _are_matching(path):
-        lists = open_unpaired_folder(path, units_per_metre=units_per_metre)
+    if not (depth or indexed):
+        pictures = _own_part(open_picture_folder(path), split)
+        return TrainingData(pictures, f"own pictures ({title})", None)
+    if not (paired or indexed or _are_matching(path)):
+        lists = _own_part(open_unpaired_folder(path, units_per_metre=units_per_metre), split)
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
-    pairs = open_paired_folder(path, units_per_metre=units_per_metre)
-    data = TrainingData(pairs, f"own pairs ({title})", None)
+    opener = open_indexed_folder if indexed else open_paired_folder
+    pairs = opener(path, units_per_metre=units_per_metre)
+    data = TrainingData(_own_part(pairs, split), f"own pairs ({title})", None)
     if not pairs.focal_px:
         return data
-    pairs = pairs.for_camera(NYU_HFOV_DEG, data.aspect)
-    return data._replace(dataset=pairs, hfov_deg=NYU_HFOV_DEG)
+    scaled = _own_part(pairs.for_camera(NYU_HFOV_DEG, data.aspect), split)
+    return data._replace(dataset=scaled, hfov_deg=NYU_HFOV_DEG)
+
+
+def _own_part(whole: DepthDataset, split: str) -> DepthDataset:
+    """All pairs, or of the official split those that the data itself names "train"."""
+    if split != "official":
+        return whole
+    rows = [i for i, part in enumerate(whole.official_split) if part == "train"]
+    return _subset_or_all(whole, rows, split)
 
 
 def _training_part(whole: DepthDataset, split: str) -> TrainingData:
     """The training pairs of a split."""
     if split == "official":
-        rows = [i for i, part in enumerate(whole.official_split) if part == "train"]
-        return TrainingData(_subset_or_all(whole, rows, split), NYU_OFFICIAL, NYU_HFOV_DEG)
+        return TrainingData(_own_part(whole, split), NYU_OFFICIAL, NYU_HFOV_DEG)
     rows = [i for i, name in enumerate(whole.ids) if int(name) < PAPER_TRAIN_COUNT]
     return TrainingData(_subset_or_all(whole, rows, split), NYU_PAPER, NYU_HFOV_DEG)
 
@@ -119,7 +157,7 @@ def _subset_or_all(whole: DepthDataset, rows: Sequence[int], split: str) -> Dept
     if not rows:
         raise DatasetError(
             f"no pair here belongs to the training part of the {split} split: give the complete "
-            "labelled set, or another data.split"
+            "labelled set, an index.csv with the split, or another data.split"
         )
     return whole if len(rows) == len(whole) else Subset(whole, tuple(rows))
 

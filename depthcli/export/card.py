@@ -37,11 +37,11 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
     """The card of a checkpoint's generator, without the facts of the file.
 
     Raises:
-        UsageError: the value of an option is not valid in a card.
+        UsageError: the value of an option is not valid in a card, or contradicts the checkpoint.
     """
     config = saved.config
     codec = config.output.codec
-    hfov_deg = options.hfov_deg or saved.progress.hfov_deg
+    hfov_deg = _hfov_deg(options.hfov_deg, saved.progress.hfov_deg)
     card = ModelCard(
         name=options.name,
         version=options.version,
@@ -76,6 +76,17 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
     except ModelError as error:
         what, _, _ = str(error).partition(";")
         raise UsageError(f"{what}; correct the option") from error
+
+
+def _hfov_deg(given: float | None, known: float | None) -> float | None:
+    """The field of view of the training's camera, degrees; None if it is not known."""
+    if given is not None and known is not None and given != known:
+        # Depth from cameras.csv is already scaled to the known camera, whatever the true lens.
+        raise UsageError(
+            f"--hfov {given:g} contradicts the checkpoint, whose depth is that of a camera of "
+            f"{known:g}°: remove --hfov"
+        )
+    return known if given is None else given
 
 
 def _training_facts(saved: Checkpoint, weights: Weights) -> dict[str, Any]:

@@ -120,6 +120,41 @@ def test_an_index_with_names_that_are_no_numbers_of_nyu_is_one_s_own(tmp_path: P
     assert (data.title, data.hfov_deg) == (f"own pairs ({tmp_path.name})", None)
 
 
+OWN = ["a,attic,test", "b,attic,train", "c,bath,train"]
+
+
+def test_an_index_of_one_s_own_leaves_cameras_and_units_in_force(tmp_path: Path) -> None:
+    """It adds scenes and split to what the same folder is without it."""
+    folder = _fill(tmp_path, ["a", "b", "c"], ["a", "b", "c"])
+    (folder / "cameras.csv").write_text("id,focal_px\na,10\nb,20\nc,40\n")
+    plain = open_training_data(folder, paired=True, units_per_metre=50)  # 20 m: no room of NYU's
+    data = open_training_data(_nyu(folder, OWN), paired=True, units_per_metre=50)
+    assert (data.title, data.hfov_deg) == (plain.title, plain.hfov_deg) == (data.title, 63.3)
+    assert data.dataset.scenes == ("attic", "attic", "bath")
+    for i in range(3):
+        np.testing.assert_array_equal(data.dataset.depth_m(i), plain.dataset.depth_m(i))
+    assert data.dataset.depth_m(1)[0, 0] * 20 == pytest.approx(1001 / 50 * 6.4894, rel=1e-4)
+
+
+def test_the_official_split_of_one_s_own_is_the_pairs_that_its_index_names(tmp_path: Path) -> None:
+    folder = _nyu(tmp_path, OWN)
+    (folder / "cameras.csv").write_text("id,focal_px\na,10\nb,20\nc,40\n")
+    whole = open_training_data(folder, paired=True)
+    data = open_training_data(folder, paired=True, split="official")
+    assert (whole.dataset.ids, data.dataset.ids) == (("a", "b", "c"), ("b", "c"))
+    np.testing.assert_array_equal(data.dataset.depth_m(0), whole.dataset.depth_m(1))
+    (folder / "index.csv").unlink()
+    with pytest.raises(DatasetError, match="no pair here belongs to the training part of the off"):
+        open_training_data(folder, paired=True, split="official")
+
+
+def test_the_camera_of_nyu_is_known(tmp_path: Path) -> None:
+    rows = [f"{row[:4]},9" for row in ROWS]
+    (_nyu(tmp_path, ROWS) / "cameras.csv").write_text("\n".join(["id,focal_px", *rows]))
+    with pytest.raises(DatasetError, match=r"whose camera is known: remove cameras\.csv, or rena"):
+        open_training_data(tmp_path, paired=True)
+
+
 def test_same_names_and_other_sizes_are_two_lists(tmp_path: Path) -> None:
     folder = _fill(tmp_path, ["z1", "z2"], ["z1", "z2"])
     assert isinstance(open_training_data(folder, paired=False).dataset, UnpairedFolder)

@@ -70,7 +70,8 @@ def test_the_model_lies_beside_the_checkpoint_and_is_its_network(
     assert card.onnx.opset == 17
 
 
-def test_the_card_has_what_the_options_say(checkpoint: Path, tmp_path: Path) -> None:
+def test_the_card_has_what_the_options_say(tmp_path: Path) -> None:
+    checkpoint = write_checkpoint(tmp_path / "last.ckpt", hfov_deg=None)
     out = tmp_path / "models" / "room"
     said = ["--name", "room", "--model-version", "2.5.0", "--license", "CC0-1.0", "--hfov", "71.5"]
     assert main(["export-onnx", str(checkpoint), "-o", str(out), *said, "--opset", "18"]) == 0

@@ -10,6 +10,7 @@ import pytest
 from small import small_network, write_checkpoint
 
 from depthcli.core.choices import Weights
+from depthcli.errors import UsageError
 from depthcli.export.card import card_of, card_path
 from depthcli.export.options import ExportOptions
 from depthcli.inference.preprocess import input_layout
@@ -115,11 +116,17 @@ def test_linear_depth_has_no_smallest_value_of_log_depth(tmp_path: Path) -> None
     assert (output.min_m, output.codec.decode(-1.0)) == (0.001, 0)
 
 
-@pytest.mark.parametrize("known", [None, 63.3])
+@pytest.mark.parametrize("known", [None, 80.0])
 def test_the_camera_is_the_one_that_is_said(tmp_path: Path, known: float | None) -> None:
     camera = _card(tmp_path, ExportOptions(hfov_deg=80.0), hfov_deg=known).camera
     assert camera is not None
     assert camera.hfov_deg == 80
+
+
+def test_a_camera_that_is_known_is_not_contradicted(tmp_path: Path) -> None:
+    """Depth has been scaled to it; the user's own lens would be applied twice."""
+    with pytest.raises(UsageError, match=r"--hfov 80 contradicts .* 63\.3°: remove --hfov"):
+        _card(tmp_path, ExportOptions(hfov_deg=80.0), hfov_deg=63.3)
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ def export_onnx(
         typer.Option(
             callback=field_of_view,
             help="Horizontal field of view of the training pictures in degrees, for the card. "
-            "Default: that of NYU, if trained on NYU.",
+            "Only if the run does not know its camera: NYU's and that of cameras.csv are known.",
         ),
     ] = None,
     float_model: Annotated[
