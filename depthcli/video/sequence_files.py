@@ -13,7 +13,7 @@ from depthcli.io.storage.remote import RemotePath
 from depthcli.video.number_pattern import MAX_DIGITS, is_pattern, number_in
 
 EXR = ".exr"
-_LAST_NUMBER = re.compile(r"(.*?)(\d+)\D*", re.ASCII)
+_LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
 
 
 class NumberedPicture(NamedTuple):
@@ -26,8 +26,9 @@ class NumberedPicture(NamedTuple):
 def find_pictures(path: Path) -> list[NumberedPicture]:
     """The pictures of a sequence, in their order.
 
-    Those that match a pattern, or all of a folder by name except outputs of depthcli. Frame numbers
-    in a folder are the last numbers in the names if these increase, else they count from 0.
+    Those that match a pattern, or all of a folder except outputs of depthcli: by number if their
+    names differ in their last numbers alone, else by name. Frame numbers in a folder are the last
+    numbers in the names if these increase, else they count from 0.
 
     Raises:
         InputError: there is no such folder, or nothing in it.
@@ -62,10 +63,18 @@ def _by_name(folder: Path, names: list[str]) -> list[NumberedPicture]:
         and os.path.splitext(name)[1].lower() in (*PICTURE_SUFFIXES, EXR)  # noqa: PTH122
         and not is_own_output(str(folder / name))
     ]
-    matches = [_LAST_NUMBER.fullmatch(path.stem) for path in paths]
-    numbers = [int(match[2]) for match in matches if match and len(match[2]) <= MAX_DIGITS]
-    grows = len(numbers) == len(paths) and all(a < b for a, b in pairwise(numbers))
-    return [
-        NumberedPicture(number, path)
-        for number, path in zip(numbers if grows else range(len(paths)), paths, strict=True)
+    matches = [match for path in paths if (match := _LAST_NUMBER.fullmatch(path.stem))]
+    if len(matches) < len(paths):
+        return _counted(paths)
+    pictures = [
+        NumberedPicture(int(match[2]), path) for match, path in zip(matches, paths, strict=True)
     ]
+    if len({(match[1], match[3]) for match in matches}) == 1:  # by name, f10 is before f2
+        pictures.sort(key=lambda picture: picture.number)
+    grows = all(a.number < b.number for a, b in pairwise(pictures))
+    fits = all(picture.number < 10**MAX_DIGITS for picture in pictures)
+    return pictures if grows and fits else _counted([picture.path for picture in pictures])
+
+
+def _counted(paths: list[Path]) -> list[NumberedPicture]:
+    return [NumberedPicture(number, path) for number, path in enumerate(paths)]
