@@ -57,3 +57,28 @@ def test_unpadded_numbers_of_a_folder_are_those_of_its_pattern(inside: Cli) -> N
     assert folder["warnings"] == pattern["warnings"]
     written, expected = (sorted((inside.folder / out).iterdir()) for out in "ab")
     assert [path.read_bytes() for path in written] == [path.read_bytes() for path in expected]
+
+
+def test_outputs_in_a_folder_of_pictures_are_ignored_with_any_name(inside: Cli) -> None:
+    write_pictures(inside.folder / "f", (1, 2, 10))
+    assert inside("video", "f/f%d.png", "--out", "f/d%d.png").returncode == 0
+    assert inside("video", "f/f%d.png", "--out", "f/z.%04d.exr").returncode == 0
+    assert len(list((inside.folder / "f").iterdir())) == 9
+    found = find_pictures(inside.folder / "f")
+    assert [(file.number, file.path.name) for file in found] == [
+        (1, "f1.png"),
+        (2, "f2.png"),
+        (10, "f10.png"),
+    ]
+    assert json.loads(inside("video", "f/", "--out", "d.mkv", "--json").stdout)["frames"] == 3
+
+
+@pytest.mark.parametrize("source", ["d/", "d/d.%04d.exr"])
+def test_a_sequence_of_outputs_is_refused(source: str, inside: Cli) -> None:
+    write_pictures(inside.folder / "f", (1, 2))
+    assert inside("video", "f/", "--out", "d/d.%04d.exr").returncode == 0
+    done = inside("video", source, "--out", "again.mkv")
+    assert done.returncode == 1
+    (line,) = done.stderr.decode().splitlines()
+    assert "d/d.0001.exr was written by depthcli" in line
+    assert "'depthcli convert'" in line
