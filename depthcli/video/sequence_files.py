@@ -1,7 +1,6 @@
 """The files of an image sequence, in their order."""
 
 import os
-import re
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -10,10 +9,9 @@ from depthcli.errors import InputError
 from depthcli.io.listing.folder import PICTURE_SUFFIXES
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.remote import RemotePath
-from depthcli.video.number_pattern import MAX_DIGITS, is_pattern, number_in
+from depthcli.video.number_pattern import LAST_NUMBER, MAX_DIGITS, is_pattern, number_in
 
 EXR = ".exr"
-_LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
 
 
 class NumberedPicture(NamedTuple):
@@ -71,7 +69,7 @@ def _is_picture(name: str) -> bool:
 
 
 def _by_name(paths: list[Path]) -> list[NumberedPicture]:
-    matches = [match for path in paths if (match := _LAST_NUMBER.fullmatch(path.stem))]
+    matches = [match for path in paths if (match := LAST_NUMBER.fullmatch(path.stem))]
     if len(matches) < len(paths):
         return _counted(paths)
     pictures = [
