@@ -14,6 +14,7 @@ from depthcli.errors import InputError
 from depthcli.io.pictures.decode import check_size
 
 _LINEAR_UP_TO = 0.0031308
+_MAX_DENOMINATOR = 1000
 
 
 def read_exr_picture(
@@ -50,15 +51,30 @@ def read_exr_picture(
 
 def read_exr_rate(path: Path) -> Fraction | None:
     """Frames a second that an EXR's header states; None for other files, or if it does not."""
-    if path.suffix.lower() != ".exr":
-        return None
-    from depthcli.io.depth.exr import read_exr_header  # noqa: PLC0415 - OpenEXR is slow to load
-
-    stated: Any = read_exr_header(path).get("framesPerSecond")
+    stated = _header_value(path, "framesPerSecond")
     if not isinstance(stated, Fraction):  # releases of OpenEXR differ
         d = getattr(stated, "d", None)
         stated = Fraction(stated.n, d) if d else None
     return stated if stated and stated > 0 else None
+
+
+def read_exr_pixel_aspect(path: Path) -> Fraction | None:
+    """Width by height of a pixel that an EXR's header states; None for other files.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    stated = _header_value(path, "pixelAspectRatio")
+    return None if stated is None else Fraction(stated).limit_denominator(_MAX_DENOMINATOR)
+
+
+def _header_value(path: Path, name: str) -> Any:  # noqa: ANN401 - of any type that EXR has
+    """An attribute of an EXR; None for other files, or if it is not stated."""
+    if path.suffix.lower() != ".exr":
+        return None
+    from depthcli.io.depth.exr import read_exr_header  # noqa: PLC0415 - OpenEXR is slow to load
+
+    return read_exr_header(path).get(name)
 
 
 def _srgb(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

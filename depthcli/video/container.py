@@ -10,6 +10,7 @@ from av.video.stream import VideoStream
 
 from depthcli.errors import InputError
 from depthcli.video.pipes import InputPipe
+from depthcli.video.single_picture import single_picture_advice
 
 # Playlists are excluded, because they name other files and addresses.
 _FORMATS = (
@@ -43,10 +44,14 @@ def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
         pass  # reported below
     if container is not None:
         container.close()
+    advice = None
     if isinstance(source, InputPipe):
         source.check()
+    else:
+        advice = single_picture_advice(str(source))
     raise InputError(
-        f"{source} holds no video that can be read: damaged, cut off, without a video stream, "
+        advice
+        or f"{source} holds no video that can be read: damaged, cut off, without a video stream, "
         f"or of a codec that FFmpeg does not have here{pipe_advice(source)}"
     )
 

@@ -7,6 +7,10 @@ import re
 
 MAX_DIGITS = 12
 """Most digits of a frame's number."""
+LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
+"""The parts of a name without suffix: before its last number, that number, and after it."""
+_SHORT = 4
+"""Numbers with fewer digits and no leading zero are taken as not padded."""
 _PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(##+)", re.ASCII)
 _SEPARATORS = "._- "
 
@@ -34,6 +38,17 @@ def number_in(pattern: str, name: str) -> int | None:
     if not fits or len(digits) > MAX_DIGITS or numbered_name(pattern, int(digits)) != name:
         return None
     return int(digits)
+
+
+def pattern_of(stem: str) -> str | None:
+    """A pattern that a name without suffix fits: ``p.####`` for ``p.0001``; None without number."""
+    match = LAST_NUMBER.fullmatch(stem)
+    if match is None:
+        return None
+    start, digits, end = match.groups()
+    is_padded = len(digits) >= _SHORT or str(int(digits)) != digits
+    pattern = start + ("#" * len(digits) if is_padded else "%d") + end
+    return pattern if is_pattern(pattern) and number_in(pattern, stem) is not None else None
 
 
 def base_name(stem: str) -> str:

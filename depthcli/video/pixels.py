@@ -8,7 +8,6 @@ import numpy.typing as npt
 from av.sidedata.sidedata import Type
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
-from av.video.stream import VideoStream
 
 _EIGHT_BIT = 8
 _UNSPECIFIED = 2
@@ -68,17 +67,6 @@ def orientation_of(frame: VideoFrame) -> int:
     shares = a / across, b / down, c / across, d / down
     turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose(shares, turn, atol=_TOLERANCE))
     return _EXIF_OF_MATRIX[next(turns, _IDENTITY)]
-
-
-def pixel_aspect_warning(stream: VideoStream) -> str | None:
-    """A warning about pixels that are not square, as in anamorphic video."""
-    ratio = stream.sample_aspect_ratio
-    if not ratio or ratio == 1:
-        return None
-    return (
-        f"the pixels are not square ({ratio.numerator}:{ratio.denominator}), and the network sees "
-        "them as they are stored; for better depth, scale the video to square pixels first"
-    )
 
 
 def transfer_warning(frame: VideoFrame) -> str | None:

@@ -8,9 +8,10 @@ from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
-from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
+from depthcli.io.exr_pictures import read_exr_picture, read_exr_pixel_aspect, read_exr_rate
 from depthcli.io.pictures.read import read_image
 from depthcli.video.frames import FrameSource
+from depthcli.video.pixel_aspect import pixel_aspect_warning
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.sequence_files import EXR, NumberedPicture, find_pictures
 from depthcli.video.spans import WHOLE, Span
@@ -99,6 +100,9 @@ class ImageSequence(FrameSource):
     def _warnings(self, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
             yield f"no frame rate is given; {FALLBACK_RATE} is assumed; give --fps"
+        stretched = pixel_aspect_warning(read_exr_pixel_aspect(self.paths[0]))
+        if stretched:
+            yield stretched
         missing = self._files[-1].number - self._files[0].number + 1 - len(self._files)
         if missing:
             yield f"missing numbers in the sequence: {missing}; the other frames keep their times"

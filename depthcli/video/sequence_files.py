@@ -1,19 +1,17 @@
 """The files of an image sequence, in their order."""
 
 import os
-import re
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from depthcli.errors import InputError
 from depthcli.io.listing.folder import PICTURE_SUFFIXES
-from depthcli.io.listing.own_outputs import is_own_output
+from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.remote import RemotePath
-from depthcli.video.number_pattern import MAX_DIGITS, is_pattern, number_in
+from depthcli.video.number_pattern import LAST_NUMBER, MAX_DIGITS, is_pattern, number_in
 
 EXR = ".exr"
-_LAST_NUMBER = re.compile(r"(.*?)(\d+)\D*", re.ASCII)
 
 
 class NumberedPicture(NamedTuple):
@@ -26,11 +24,12 @@ class NumberedPicture(NamedTuple):
 def find_pictures(path: Path) -> list[NumberedPicture]:
     """The pictures of a sequence, in their order.
 
-    Those that match a pattern, or all of a folder by name except outputs of depthcli. Frame numbers
-    in a folder are the last numbers in the names if these increase, else they count from 0.
+    Those that match a pattern, or all of a folder, except outputs of depthcli. In a folder they are
+    sorted by number if their names differ in their last numbers alone, else by name. Frame numbers
+    there are the last numbers in the names if these increase, else they count from 0.
 
     Raises:
-        InputError: there is no such folder, or nothing in it.
+        InputError: there is no such folder, or no picture in it, or depthcli wrote all of them.
     """
     folder = path.parent if is_pattern(path.name) else path
     try:
@@ -40,32 +39,48 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
             names = sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
     except OSError as error:
         raise InputError(f"{folder} cannot be listed: {error.strerror}") from None
-    if folder is path:
-        found = _by_name(folder, names)
-    else:
-        found = sorted(
-            NumberedPicture(number, folder / name)
-            for name in names
-            if (number := number_in(path.name, name)) is not None
-        )
-    if not found:
-        what = "no picture" if folder is path else "no such picture: nothing fits the pattern"
-        raise InputError(f"{path} has {what}; see docs/video.md for image sequences")
-    return found
-
-
-def _by_name(folder: Path, names: list[str]) -> list[NumberedPicture]:
-    paths = [
+    is_folder = folder is path
+    matching = [
         folder / name
         for name in names
-        if not name.startswith(".")
-        and os.path.splitext(name)[1].lower() in (*PICTURE_SUFFIXES, EXR)  # noqa: PTH122
-        and not is_own_output(str(folder / name))
+        if (_is_picture(name) if is_folder else number_in(path.name, name) is not None)
     ]
-    matches = [_LAST_NUMBER.fullmatch(path.stem) for path in paths]
-    numbers = [int(match[2]) for match in matches if match and len(match[2]) <= MAX_DIGITS]
-    grows = len(numbers) == len(paths) and all(a < b for a, b in pairwise(numbers))
-    return [
-        NumberedPicture(number, path)
-        for number, path in zip(numbers if grows else range(len(paths)), paths, strict=True)
+    if not matching:
+        what = "no picture" if is_folder else "no such picture: nothing fits the pattern"
+        raise InputError(f"{path} has {what}; see docs/video.md for image sequences")
+    paths = [file for file in matching if not is_own_picture(file)]
+    if not paths:
+        raise InputError(
+            f"{matching[0]} was written by depthcli, as was all of {path}; name pictures, or use "
+            "'depthcli convert' for depth files"
+        )
+    if is_folder:
+        return _by_name(paths)
+    return sorted(
+        NumberedPicture(number, file)
+        for file in paths
+        if (number := number_in(path.name, file.name)) is not None
+    )
+
+
+def _is_picture(name: str) -> bool:
+    suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - names, not paths
+    return not name.startswith(".") and suffix in (*PICTURE_SUFFIXES, EXR)
+
+
+def _by_name(paths: list[Path]) -> list[NumberedPicture]:
+    matches = [match for path in paths if (match := LAST_NUMBER.fullmatch(path.stem))]
+    if len(matches) < len(paths):
+        return _counted(paths)
+    pictures = [
+        NumberedPicture(int(match[2]), path) for match, path in zip(matches, paths, strict=True)
     ]
+    if len({(match[1], match[3]) for match in matches}) == 1:  # by name, f10 is before f2
+        pictures.sort(key=lambda picture: picture.number)
+    grows = all(a.number < b.number for a, b in pairwise(pictures))
+    fits = all(picture.number < 10**MAX_DIGITS for picture in pictures)
+    return pictures if grows and fits else _counted([picture.path for picture in pictures])
+
+
+def _counted(paths: list[Path]) -> list[NumberedPicture]:
+    return [NumberedPicture(number, path) for number, path in enumerate(paths)]

@@ -20,7 +20,8 @@ from depthcli.video.decoder import FrameDecoder
 from depthcli.video.frames import FrameSource
 from depthcli.video.integrity import is_incomplete, matroska_end, states_frame_count
 from depthcli.video.pipes import InputPipe
-from depthcli.video.pixels import orientation_of, pixel_aspect_warning, rgb_pixels, transfer_warning
+from depthcli.video.pixel_aspect import pixel_aspect_warning
+from depthcli.video.pixels import orientation_of, rgb_pixels, transfer_warning
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.spans import WHOLE, Span
 from depthcli.video.stream_info import stream_info
@@ -124,7 +125,7 @@ class VideoSource(FrameSource):
         self._orientation = orientation_of(first)
         size = first.width, first.height
         self.width, self.height = size[::-1] if self._orientation >= _TRANSPOSED else size
-        warnings = transfer_warning(first), pixel_aspect_warning(stream)
+        warnings = transfer_warning(first), pixel_aspect_warning(stream.sample_aspect_ratio)
         self.warnings += tuple(warning for warning in warnings if warning)
 
     def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 FILM = Fraction(24000, 1001)
 
 
-def write_exr(path: Path, level: float, rate: Fraction | None = None) -> None:
+def write_exr(path: Path, level: float, rate: Fraction | None = None, aspect: float = 1) -> None:
     """Linear light, brighter to the right."""
     ramp = np.linspace(0, level, 64, dtype=np.float32)[None].repeat(48, 0)
-    header: dict[str, Any] = {"type": OpenEXR.scanlineimage}
+    header: dict[str, Any] = {"type": OpenEXR.scanlineimage, "pixelAspectRatio": float(aspect)}
     if rate:
         header["framesPerSecond"] = rate
     OpenEXR.File(header, dict.fromkeys("RGB", ramp)).write(str(path))
@@ -119,6 +119,18 @@ def test_linear_light_is_seen_as_on_a_display(tmp_path: Path) -> None:
     expected = np.clip(1.055 * linear ** (1 / 2.4) - 0.055, 0, 1)
     np.testing.assert_allclose(shown[4:], expected[4:], atol=1e-5)
     assert shown[-1] == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("aspect", "shown"),
+    [(2, "2:1"), (1.09, "109:100"), (1, None)],
+)
+def test_anamorphic_plates_give_a_warning(aspect: float, shown: str | None, tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.1.exr", 1.0, FILM, aspect)
+    with open_frames(tmp_path / "a.%d.exr") as source:
+        warnings = source.warnings
+    assert len(warnings) == (shown is not None)
+    assert all(f"the pixels are not square ({shown})" in warning for warning in warnings)
 
 
 def test_sixteen_bit_pictures_keep_their_bits(tmp_path: Path) -> None:

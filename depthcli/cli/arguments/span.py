@@ -8,6 +8,7 @@ from depthcli.errors import UsageError
 from depthcli.io.storage.remote import safe_name
 from depthcli.video.frame_source import is_sequence
 from depthcli.video.rates import exact_rate
+from depthcli.video.single_picture import single_picture_advice
 from depthcli.video.spans import Point, Span
 
 _POINT = re.compile(r"(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)", re.ASCII)
@@ -42,9 +43,9 @@ def parse_fps(word: str | None, file: str) -> Fraction | None:
     if word is None:
         return None
     if not is_sequence(file):
-        raise UsageError(
-            f"--fps is for image sequences, and {safe_name(file)} is a video; leave it out"
-        )
+        name = safe_name(file)
+        advice = single_picture_advice(name) or f"{name} is a video; leave it out"
+        raise UsageError(f"--fps is for image sequences, and {advice}")
     match = _RATE.fullmatch(word.strip())
     value = Fraction(match[0]) if match and Fraction(match[2] or 1) else None
     rate = None if value is None or "/" in word else exact_rate(value)

@@ -109,7 +109,7 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
         raise InputError(f"{name} is empty")
     size = picture_size(data)
     if size is None:
-        kind = "numbered EXR files" if data.startswith(_EXR_MAGIC) else ""
+        kind = "numbered EXR files, such as 'plate.####.exr'" if data.startswith(_EXR_MAGIC) else ""
         kind = "videos" if is_video(name) else kind
         hint = f"; 'depthcli video' reads {kind}" if kind else ""
         raise InputError(

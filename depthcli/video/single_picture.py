@@ -1,0 +1,23 @@
+"""What to do with a single picture where a video or an image sequence is expected."""
+
+from pathlib import PurePath
+
+from depthcli.io.listing.folder import PICTURE_SUFFIXES
+from depthcli.video.number_pattern import pattern_of
+from depthcli.video.sequence_files import EXR
+
+
+def single_picture_advice(name: str) -> str | None:
+    """A text that names the file and what to give instead; None if its suffix is no picture's.
+
+    A GIF counts as a video.
+    """
+    path = PurePath(name)
+    suffix = path.suffix.lower()
+    if suffix == ".gif" or suffix not in (*PICTURE_SUFFIXES, EXR):
+        return None
+    pattern = pattern_of(path.stem)
+    folder = name.removesuffix(path.name)
+    sequence = f"such as '{folder}{pattern}{path.suffix}'" if pattern else "as a folder of its own"
+    instead = "" if suffix == EXR else "use 'depthcli predict', or "
+    return f"{name} is a single picture: {instead}give its sequence, {sequence}"
