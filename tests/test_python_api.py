@@ -428,6 +428,12 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
         clouds.append((tmp_path / name).read_bytes())
     assert len(clouds[0]) == len(clouds[1])
     assert clouds[0] != clouds[1]
+    depth.save(tmp_path / "e.png", centre_px=(0.0, 0.0))
+    found = depthcli.read_depth(tmp_path / "e.png")
+    assert (found.centre_px, depth.centre_px) == ((0, 0), None)
+    np.testing.assert_array_equal(
+        found.to_points(focal_px=9).xyz_m, found.to_points(focal_px=9, centre_px=(0, 0)).xyz_m
+    )
     with pytest.raises(depthcli.UsageError, match=r"half is for \.depth\.exr"):
         depth.save(tmp_path / "b.png", half=True)
     with pytest.raises(depthcli.UsageError, match="selects a format"):

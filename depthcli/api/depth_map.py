@@ -67,6 +67,11 @@ class DepthMap(types.DepthMap):
         return self.provenance.focal_px if self.provenance else None
 
     @property
+    def centre_px(self) -> tuple[float, float] | None:
+        """Principal point in pixels of the map; None for the middle of the map."""
+        return self.provenance.centre_px if self.provenance else None
+
+    @property
     def camera_source(self) -> types.CameraSource | None:
         """Where the focal length comes from: given, EXIF, or assumed to be the model's own."""
         return self.provenance.camera_source if self.provenance else None
@@ -105,7 +110,7 @@ class DepthMap(types.DepthMap):
             focal_px: focal length in pixels of the map; None for the one it was predicted with.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
             centre_px: (cx, cy), the principal point, where (0, 0) is the middle of the first pixel;
-                None for the middle of the map.
+                None for the one that the file of the map stated, else the middle of the map.
 
         Raises:
             UsageError: the map has no metres, or no focal length is known.
@@ -208,7 +213,7 @@ class DepthMap(types.DepthMap):
             png_scale: steps per metre of a PNG; None for 1000.
             exr_channel: name of the channel of an EXR; None for the default.
             half: 16-bit floats in an EXR.
-            centre_px: principal point of a PLY, as for :meth:`to_points`.
+            centre_px: principal point, as for :meth:`to_points`; PNG, EXR and JSON store it.
 
         Raises:
             OutputError: it cannot be written, or the map cannot be expressed in the format.

@@ -146,6 +146,7 @@ def test_the_sidecar_says_what_the_outputs_mean(
         "model": "tiny",
         "model_sha256": loader.load().model.sha256,
         "focal_px": pytest.approx(32 / math.tan(math.radians(30))),
+        "centre_px": None,
         "camera_source": "option",
         "camera": "hfov 60.0° (given)",
     }

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.point_cloud import with_centre
 from depthcli.core.scaling import fitted
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
@@ -61,7 +62,7 @@ def _predict_picture(
     depth = Pipeline(session, request.detail).predict(
         frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
     )
-    depth = fitted(depth, camera.anchors)
+    depth = with_centre(fitted(depth, camera.anchors), request.writing.centre_px)
     warnings = list(session.warnings)
     for name, path in plan.outputs.items():
         warnings += _write_picture(request, name, depth, frame, path)
