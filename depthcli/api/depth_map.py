@@ -84,7 +84,8 @@ class DepthMap(types.DepthMap):
     def fit_anchors(self, anchors: Sequence[AnchorLike]) -> Self:
         """Metric depth that fits known points best.
 
-        One point fits the scale, two or more fit scale and shift.
+        One point fits the scale, two or more fit scale and shift. A ``DepthcliWarning`` tells how
+        many pixels have no depth because the fit puts them at or below 0 m.
 
         Args:
             anchors: (column, row, metres along the camera axis), one or more.
@@ -93,7 +94,10 @@ class DepthMap(types.DepthMap):
             UsageError: the points do not fit the map, or not each other.
         """
         points = [_anchor_of(anchor) for anchor in anchors]
-        return self.of(scaling.fit_anchors(self, points), self.frame)
+        fitted = scaling.fit_anchors(self, points)
+        for told in scaling.lost_in_fit(self, fitted):
+            warnings.warn(told, DepthcliWarning, stacklevel=2)
+        return self.of(fitted, self.frame)
 
     def to_points(
         self,
