@@ -77,6 +77,11 @@ class DepthMap(types.DepthMap):
         return self.provenance.camera_source if self.provenance else None
 
     @property
+    def time_s(self) -> float | None:
+        """Time in its video, in seconds from the video's first frame; None for a still picture."""
+        return self.provenance.time_s if self.provenance else None
+
+    @property
     def anchors(self) -> tuple[Anchor, ...]:
         """The known points that metres were fitted to."""
         return self.provenance.anchors if self.provenance else ()

@@ -108,6 +108,7 @@ class Provenance:
         camera_source: where ``focal_px`` comes from.
         centre_px: (cx, cy), the principal point in pixels of the map, where (0, 0) is the middle
             of the first pixel; None for the middle of the map.
+        time_s: time in its video, in seconds from the first frame; None for a still picture.
     """
 
     model: str | None = None
@@ -118,6 +119,7 @@ class Provenance:
     anchors: tuple[Anchor, ...] = ()
     camera_source: CameraSource | None = None
     centre_px: tuple[float, float] | None = None
+    time_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

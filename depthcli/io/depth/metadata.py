@@ -55,6 +55,7 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
         orientation=int(orientation) if orientation in _ORIENTATIONS else None,
         camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
         centre_px=_centre_px(metadata.get("centre_px")),
+        time_s=number(metadata.get("time_s")),
     )
     return None if found == Provenance() else found
 
@@ -64,20 +65,25 @@ def positive_number(text: str | None) -> float | None:
 
     Extremely small and large numbers are refused: depths divided by them would not be finite.
     """
-    try:
-        value = float(text or "")
-    except ValueError:
-        return None
-    return value if _LEAST < value < _MOST else None
+    value = number(text)
+    return value if value is not None and value > _LEAST else None
 
 
 def _centre_px(text: str | None) -> tuple[float, float] | None:
     """A principal point from an untrusted file; None for anything else."""
+    match [number(part) for part in (text or "").split(",")]:
+        case [float(x), float(y)]:
+            return x, y
+    return None
+
+
+def number(text: str | None) -> float | None:
+    """A finite number from an untrusted file; None for anything else, also for large ones."""
     try:
-        x, y = (float(part) for part in (text or "").split(","))
+        value = float(text or "")
     except ValueError:
         return None
-    return (x, y) if abs(x) < _MOST and abs(y) < _MOST else None
+    return value if abs(value) < _MOST else None
 
 
 def sidecar_metadata(path: Path) -> dict[str, object]:

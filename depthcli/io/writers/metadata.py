@@ -57,12 +57,14 @@ ORIGIN_FIELDS = tuple(name for name in DepthMetadata._fields if name not in {"ki
 
 
 def metadata_texts(depth: DepthMap) -> dict[str, str]:
-    """The metadata and the software as texts by name; what is unknown is left out.
+    """The metadata, the software and a frame's time as texts by name; what is unknown is left out.
 
     The unit of a map without one is ``none``.
     """
     known = DepthMetadata.of(depth)
     texts = {"kind": known.kind, "unit": known.unit or "none", "software": SOFTWARE}
+    if depth.provenance and depth.provenance.time_s is not None:
+        texts["time_s"] = f"{depth.provenance.time_s:.12g}"
     return texts | {name: _value_text(value) for name, value in known.origin().items() if value}
 
 
