@@ -339,6 +339,13 @@ def test_anchors_are_fitted_and_kept(model: depthcli.DepthModel) -> None:
     np.testing.assert_array_equal(again.values, depth.values)
 
 
+def test_pixels_that_a_fit_erases_give_a_warning() -> None:
+    with pytest.warns(depthcli.DepthcliWarning, match=r"^1 pixels \(25 %\) are at or") as told:
+        depth = metric([[math.nan, 1, 2, 3]]).fit_anchors([(2, 0, 1.0), (3, 0, 4.0)])
+    assert told[0].filename == __file__
+    np.testing.assert_allclose(depth.values, [[math.nan, math.nan, 1, 4]], rtol=1e-6)
+
+
 def test_valid_is_where_there_is_depth() -> None:
     depth = metric([[1, 0, -1], [math.nan, math.inf, 2]])
     np.testing.assert_array_equal(depth.valid, [[True, False, False], [False, False, True]])
@@ -428,6 +435,12 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
         clouds.append((tmp_path / name).read_bytes())
     assert len(clouds[0]) == len(clouds[1])
     assert clouds[0] != clouds[1]
+    depth.save(tmp_path / "e.png", centre_px=(0.0, 0.0))
+    found = depthcli.read_depth(tmp_path / "e.png")
+    assert (found.centre_px, depth.centre_px) == ((0, 0), None)
+    np.testing.assert_array_equal(
+        found.to_points(focal_px=9).xyz_m, found.to_points(focal_px=9, centre_px=(0, 0)).xyz_m
+    )
     with pytest.raises(depthcli.UsageError, match=r"half is for \.depth\.exr"):
         depth.save(tmp_path / "b.png", half=True)
     with pytest.raises(depthcli.UsageError, match="selects a format"):

@@ -67,9 +67,19 @@ class DepthMap(types.DepthMap):
         return self.provenance.focal_px if self.provenance else None
 
     @property
+    def centre_px(self) -> tuple[float, float] | None:
+        """Principal point in pixels of the map; None for the middle of the map."""
+        return self.provenance.centre_px if self.provenance else None
+
+    @property
     def camera_source(self) -> types.CameraSource | None:
         """Where the focal length comes from: given, EXIF, or assumed to be the model's own."""
         return self.provenance.camera_source if self.provenance else None
+
+    @property
+    def time_s(self) -> float | None:
+        """Time in its video, in seconds from the video's first frame; None for a still picture."""
+        return self.provenance.time_s if self.provenance else None
 
     @property
     def anchors(self) -> tuple[Anchor, ...]:
@@ -79,7 +89,8 @@ class DepthMap(types.DepthMap):
     def fit_anchors(self, anchors: Sequence[AnchorLike]) -> Self:
         """Metric depth that fits known points best.
 
-        One point fits the scale, two or more fit scale and shift.
+        One point fits the scale, two or more fit scale and shift. A ``DepthcliWarning`` tells how
+        many pixels have no depth because the fit puts them at or below 0 m.
 
         Args:
             anchors: (column, row, metres along the camera axis), one or more.
@@ -88,7 +99,10 @@ class DepthMap(types.DepthMap):
             UsageError: the points do not fit the map, or not each other.
         """
         points = [_anchor_of(anchor) for anchor in anchors]
-        return self.of(scaling.fit_anchors(self, points), self.frame)
+        fitted = scaling.fit_anchors(self, points)
+        for told in scaling.lost_in_fit(self, fitted):
+            warnings.warn(told, DepthcliWarning, stacklevel=2)
+        return self.of(fitted, self.frame)
 
     def to_points(
         self,
@@ -105,7 +119,7 @@ class DepthMap(types.DepthMap):
             focal_px: focal length in pixels of the map; None for the one it was predicted with.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
             centre_px: (cx, cy), the principal point, where (0, 0) is the middle of the first pixel;
-                None for the middle of the map.
+                None for the one that the file of the map stated, else the middle of the map.
 
         Raises:
             UsageError: the map has no metres, or no focal length is known.
@@ -208,7 +222,7 @@ class DepthMap(types.DepthMap):
             png_scale: steps per metre of a PNG; None for 1000.
             exr_channel: name of the channel of an EXR; None for the default.
             half: 16-bit floats in an EXR.
-            centre_px: principal point of a PLY, as for :meth:`to_points`.
+            centre_px: principal point, as for :meth:`to_points`; PNG, EXR and JSON store it.
 
         Raises:
             OutputError: it cannot be written, or the map cannot be expressed in the format.

@@ -1,12 +1,12 @@
 """Back-projection of a depth map to a point cloud."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import UsageError
 
 
@@ -49,7 +49,8 @@ def point_cloud(
         depth: a metric map.
         focal_px: focal length in pixels of the map.
         centre_px: (cx, cy), the principal point, where (0, 0) is the middle of the first pixel, as
-            OpenCV's and ROS's calibrations have it; None for the middle of the map.
+            OpenCV's and ROS's calibrations have it; None for the one that the map states, else the
+            middle of the map.
         frame: the picture, for colours.
 
     Raises:
@@ -59,7 +60,8 @@ def point_cloud(
         raise UsageError(
             f"a point cloud needs metres, and {depth.kind} depth has none; fit it to anchors"
         )
-    centre_x, centre_y = centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
+    stated_px = depth.provenance and depth.provenance.centre_px
+    centre_x, centre_y = centre_px or stated_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
     valid = np.isfinite(depth.values) & (depth.values > 0)
     rows, columns = np.nonzero(valid)
     xyz_m = np.empty((len(rows), 3), np.float32)
@@ -67,3 +69,11 @@ def point_cloud(
     xyz_m[:, 0] = (columns - centre_x) / focal_px * xyz_m[:, 2]
     xyz_m[:, 1] = (rows - centre_y) / focal_px * xyz_m[:, 2]
     return PointCloud(xyz_m, None if frame is None else frame.pixels_8bit()[valid])
+
+
+def with_centre(depth: DepthMap, centre_px: tuple[float, float] | None) -> DepthMap:
+    """The same depth with a principal point in pixels of the map; None for the one it states."""
+    if centre_px is None:
+        return depth
+    source = replace(depth.provenance or Provenance(), centre_px=centre_px)
+    return replace(depth, provenance=source)

@@ -105,6 +105,17 @@ def fitted(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
         raise InputError(str(error)) from error
 
 
+def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
+    """A warning about the pixels that a fit leaves without depth; none if there are none."""
+    if fitted.values is before.values:
+        return ()
+    lost = int(np.isnan(fitted.values).sum()) - int(np.isnan(before.values).sum())
+    if not lost:
+        return ()
+    share = f"{100 * lost / fitted.values.size:.3g} %"
+    return (f"{lost} pixels ({share}) are at or below 0 m after the fit and have no depth",)
+
+
 def _value_at(depth: DepthMap, point: Anchor) -> float:
     if not 0 < point.depth_m < math.inf:
         raise UsageError(

@@ -106,6 +106,9 @@ class Provenance:
         orientation: the EXIF orientation (1-8) of the picture that was undone on reading it.
         anchors: the known points that metres were fitted to; empty if they were not.
         camera_source: where ``focal_px`` comes from.
+        centre_px: (cx, cy), the principal point in pixels of the map, where (0, 0) is the middle
+            of the first pixel; None for the middle of the map.
+        time_s: time in its video, in seconds from the first frame; None for a still picture.
     """
 
     model: str | None = None
@@ -115,6 +118,8 @@ class Provenance:
     orientation: int | None = None
     anchors: tuple[Anchor, ...] = ()
     camera_source: CameraSource | None = None
+    centre_px: tuple[float, float] | None = None
+    time_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

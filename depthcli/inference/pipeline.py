@@ -161,6 +161,7 @@ class Pipeline:
             focal_px=camera.focal_px if camera else None,
             orientation=frame.orientation,
             camera_source=camera.source if camera else None,
+            time_s=frame.timestamp_s,
         )
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth.metadata import positive_number, provenance_of
+from depthcli.io.depth.metadata import number, positive_number, provenance_of
 from depthcli.io.depth.quantization import UINT16_MAX, dequantized
 from depthcli.io.writers.formats import MILLIMETRES
 from depthcli.video.codecs import DEPTH_PIXELS
@@ -78,14 +79,16 @@ class DepthVideo:
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, (H, W) float32: metres, NaN where there is no depth.
 
+        Their provenance has the time of each frame, as precise as the container stores it.
         In a normalized file, values are 0 to 1 over the range of the preview.
         """
-        for steps in self.steps():
+        source = provenance_of(self.labels) or Provenance()
+        for time_s, steps in self._timed_steps():
             # Normalized values are stored as 1 to 65535.
             known = dequantized(steps, self.scale or 1.0)
             if self.scale is None:
                 known = (known - 1) / np.float32(UINT16_MAX - 1)
-            yield DepthMap(known, self.kind, provenance_of(self.labels))
+            yield DepthMap(known, self.kind, replace(source, time_s=time_s))
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
         """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth.
@@ -93,6 +96,10 @@ class DepthVideo:
         Raises:
             InputError: a frame is damaged or missing; those before it have been yielded.
         """
+        return (steps for _, steps in self._timed_steps())
+
+    def _timed_steps(self) -> Iterator[tuple[float, npt.NDArray[np.uint16]]]:
+        """The stored values, and the time of each frame in seconds."""
         from depthcli.video.container import open_video  # noqa: PLC0415
         from depthcli.video.decoder import FrameDecoder  # noqa: PLC0415
         from depthcli.video.integrity import is_incomplete  # noqa: PLC0415
@@ -105,11 +112,14 @@ class DepthVideo:
         )
         try:
             decoder = FrameDecoder(container, stream)
-            count = 0
+            count = first_ticks = 0
+            start_s = number(self.labels.get("start_s")) or 0.0
             while (frame := decoder.next()) is not None:
                 self._check(decoder, count, frame.pts)
                 steps = frame.to_ndarray()
-                yield np.ascontiguousarray(steps[:height, :width], np.uint16)
+                first_ticks = first_ticks if count else frame.pts or 0
+                time_s = start_s + float(((frame.pts or 0) - first_ticks) * (frame.time_base or 0))
+                yield time_s, np.ascontiguousarray(steps[:height, :width], np.uint16)
                 count += 1
             self._check(decoder, count)
             if decoder.ended_early or is_incomplete(self.path):

@@ -82,7 +82,9 @@ class DepthVideoOutput:
         labels = metadata_texts(frame.depth) | {
             "frame_rate": rate_text(self._timing.rate),
             "first_frame": str(frame.picture.index),
+            "start_s": f"{frame.time_s:.12g}",
         }
+        labels.pop("time_s", None)  # each frame has its own
         if frame.depth.is_metric:
             labels |= {"scale": f"{self._scale:g}", "unit": step_unit(self._scale)}
         else:

@@ -28,11 +28,15 @@ if TYPE_CHECKING:
 DEPTH = DepthMap(np.full((6, 8), 2, np.float32), provenance=Provenance("m", "0" * 64, (4, 3), 16.0))
 
 
+def points_m(path: Path) -> np.ndarray:
+    """The points of a cloud, (N, 3) float32."""
+    body = path.read_bytes().partition(b"end_header\n")[2]
+    return np.frombuffer(body, [("xyz_m", "<f4", 3), ("rgb", "u1", 3)])["xyz_m"]
+
+
 def width_m(path: Path) -> float:
     """From the leftmost to the rightmost point."""
-    body = path.read_bytes().partition(b"end_header\n")[2]
-    x = np.frombuffer(body, "<f4,<f4,<f4,u1,u1,u1")["f0"]
-    return float(np.ptp(x))
+    return float(np.ptp(points_m(path)[:, 0]))
 
 
 @pytest.fixture
@@ -86,7 +90,7 @@ def test_a_cloud_of_an_assumed_camera_says_so(inside: Cli) -> None:
         (("a.ply", "--focal-px", "40", "--hfov", "90"), "not both"),
         (("a.exr", "--focal-px", "40"), "--focal-px is for ply"),
         (("a.exr", "--picture", "room.png"), "--picture is for ply"),
-        (("a.exr", "--centre-px", "4,4"), "--centre-px is for ply"),
+        (("a.npy", "--centre-px", "4,4"), "--centre-px is for png16, exr, ply or json"),
         (("a.ply", "--centre-px", "4"), "--centre-px '4' is not CX,CY"),
         (("a.ply", "--centre-px", "4,nan"), "is not CX,CY"),
         (("a.npy", "--half"), "--half is for exr"),
@@ -139,6 +143,41 @@ def test_a_preview_s_name_makes_a_preview(inside: Cli, files: Path) -> None:
     pixels = cv2.imread(str(files / "y.preview.png"), cv2.IMREAD_UNCHANGED)
     assert pixels is not None
     assert (pixels.dtype, pixels.shape) == (np.uint8, (6, 8, 3))
+
+
+def test_a_cloud_has_the_principal_point_of_the_prediction(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    options = "--centre-px", "20.1,-3.25", "--sidecar", "--json"
+    written = [word for name in ("exr", "npy", "png16", "ply") for word in ("--format", name)]
+    done = inside("predict", "room.png", "-o", "pc/", *options, *written)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["centre_px"] == [20.1, -3.25]
+    pc = inside.folder / "pc"
+    assert json.loads((pc / "room.depth.json").read_text())["centre_px"] == [20.1, -3.25]
+    for name in ("exr", "npy", "png"):  # npy has it from the sidecar
+        file = f"pc/room.depth.{name}"
+        told = json.loads(inside("info", file, "--json").stdout)["metadata"]
+        assert told["centre_px"] == "20.1,-3.25"
+        assert inside("convert", file, f"pc/{name}.ply").returncode == 0
+        clouds = [points_m(pc / f"{stem}.ply") for stem in ("room", name)]
+        np.testing.assert_allclose(clouds[1], clouds[0], atol=0.001)  # millimetres in PNG
+    assert inside("convert", "pc/room.depth.png", "own.ply", "--centre-px", "0,0").returncode == 0
+    assert points_m(inside.folder / "own.ply")[0, :2] == pytest.approx([0, 0])
+
+
+def test_a_sidecar_of_an_earlier_run_moves_no_principal_point(files: Path) -> None:
+    SidecarWriter(centre_px=(1.0, 2.0)).write(DEPTH, files / "d.json")
+    made_by = read_depth(files / "d.png").provenance
+    assert made_by is not None
+    assert made_by.centre_px is None
+
+
+@pytest.mark.parametrize("stated", ["1", "1,2,3", "nan,1", "1,inf", "1e12,0", "a,b"])
+def test_a_principal_point_that_is_none_is_not_used(inside: Cli, stated: str) -> None:
+    NpyWriter().write(DEPTH, inside.folder / "d.npy")
+    facts = {"software": "depthcli 1.0.0", "centre_px": stated}
+    (inside.folder / "d.json").write_text(json.dumps(facts))
+    assert read_depth(inside.folder / "d.npy").provenance is None
 
 
 @pytest.mark.parametrize("target", ["b.png", "b.exr"])

@@ -404,6 +404,21 @@ def test_anchors_set_the_scale(inside: Cli) -> None:
     assert (depth[40, 5], depth[40, 60]) == pytest.approx((2, 12), rel=1e-4)
 
 
+def test_pixels_that_a_fit_erases_are_counted(inside: Cli) -> None:
+    room(inside)
+    words = ("--anchor", "20,40,0.1", "--anchor", "60,40,12", "-o", "d.npy")
+    done = inside("predict", "room.png", *words, "--json")
+    lost = np.isnan(np.load(inside.folder / "d.npy"))
+    assert 0 < lost.sum() < lost.size
+    told = (
+        f"{lost.sum()} pixels ({100 * lost.mean():.3g} %) are at or below 0 m after the fit and "
+        "have no depth"
+    )
+    assert (done.returncode, json.loads(done.stdout)["warnings"]) == (0, [told])
+    done = inside("predict", "room.png", *words)
+    assert error_lines(done) == [f"depthcli: warning: room.png: {told}"]
+
+
 def test_anchors_give_a_relative_model_metres(inside: Cli) -> None:
     room(inside)
     write_model(inside.models / "rel", output__kind="relative")

@@ -287,6 +287,7 @@ def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
         "model": "m",
         "model_sha256": "ab",
         "focal_px": 3.0,
+        "centre_px": None,
         "camera_source": "card",
         "camera": f"hfov {hfov_deg:.1f}° (assumed, from the model's card)",
     }

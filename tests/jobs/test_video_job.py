@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import itertools
 import json
 import math
 from fractions import Fraction
@@ -15,6 +16,7 @@ import pytest
 from tiny import write_model
 from videos import NTSC, encode, flat_frames, with_sound, write_mp4, write_video
 
+import depthcli
 from depthcli._version import __version__
 from depthcli.core.camera import Camera
 from depthcli.core.choices import Detail
@@ -22,8 +24,10 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import load
+from depthcli.io.depth.metadata import read_metadata
 from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.video.plan import plan_video, video_formats
 from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
@@ -146,9 +150,21 @@ def test_the_sidecar_says_what_the_outputs_mean(
         "model": "tiny",
         "model_sha256": loader.load().model.sha256,
         "focal_px": pytest.approx(32 / math.tan(math.radians(30))),
+        "centre_px": None,
         "camera_source": "option",
         "camera": "hfov 60.0° (given)",
     }
+
+
+def test_a_depth_video_states_the_principal_point(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    writing = WriterOptions(centre_px=(1.5, -2.0))  # which batch passes on
+    done = run(clip, tmp_path / "d.mkv", loader, writing=writing)
+    assert done.metadata()["centre_px"] == (1.5, -2.0)
+    depth = next(iter(DepthVideo(tmp_path / "d.mkv")))
+    assert depth.provenance is not None
+    assert depth.provenance.centre_px == (1.5, -2.0)
 
 
 @pytest.mark.parametrize(
@@ -662,6 +678,28 @@ def test_frames_off_the_grid_are_told(
 ) -> None:
     path = write_mp4(tmp_path / "a.mp4", flat_frames([9, 50, 99, 200]), Fraction(25), times_s)
     assert run(path, tmp_path / "d.mkv", loader).is_regular is is_regular
+
+
+@pytest.mark.parametrize("smooth_s", [0.0, 0.2])
+def test_each_frame_states_its_time(tmp_path: Path, loader: SessionLoader, smooth_s: float) -> None:
+    times_s = [0, 0.04, 0.1, 0.12]
+    path = write_mp4(tmp_path / "a.mp4", flat_frames([9, 50, 99, 200]), Fraction(25), times_s)
+    formats = VideoFormat.MKV, VideoFormat.PNG16, VideoFormat.EXR
+    settings = VideoSettings(span=Span(frame_number(1)), smooth_s=smooth_s)
+    video(VideoRequest(str(path), f"{tmp_path}/o/", formats, model=loader, settings=settings))
+    for i in (1, 2, 3):
+        for suffix in ("png", "exr"):
+            file = tmp_path / "o" / f"a.depth.{i:06}.{suffix}"
+            assert float(read_metadata(file)["time_s"]) == pytest.approx(times_s[i], abs=1e-9)
+            assert depthcli.read_depth(file).time_s == pytest.approx(times_s[i], abs=1e-9)
+    read = depthcli.DepthVideo(tmp_path / "o" / "a.depth.mkv")
+    assert "time_s" not in read.labels
+    assert [depth.time_s for depth in read] == pytest.approx(times_s[1:], abs=0.0006)
+    frame = ConvertRequest(str(read.path), str(tmp_path / "c.png"), frame=1)
+    assert (
+        read_depth(convert(frame).target).provenance
+        == next(itertools.islice(read, 1, 2)).provenance
+    )
 
 
 def colours(path: Path) -> list[np.ndarray[Any, Any]]:

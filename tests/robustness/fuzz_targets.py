@@ -184,6 +184,7 @@ def _sidecars() -> list[bytes]:
         "model": "tiny",
         "model_sha256": "0" * 64,
         "focal_px": 500.0,
+        "centre_px": [319.5, 239.5],
         "camera_source": "exif",
     }
     return [json.dumps(facts).encode()]

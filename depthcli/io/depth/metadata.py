@@ -54,6 +54,8 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
         focal_px=positive_number(metadata.get("focal_px")),
         orientation=int(orientation) if orientation in _ORIENTATIONS else None,
         camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
+        centre_px=_centre_px(metadata.get("centre_px")),
+        time_s=number(metadata.get("time_s")),
     )
     return None if found == Provenance() else found
 
@@ -63,11 +65,25 @@ def positive_number(text: str | None) -> float | None:
 
     Extremely small and large numbers are refused: depths divided by them would not be finite.
     """
+    value = number(text)
+    return value if value is not None and value > _LEAST else None
+
+
+def _centre_px(text: str | None) -> tuple[float, float] | None:
+    """A principal point from an untrusted file; None for anything else."""
+    match [number(part) for part in (text or "").split(",")]:
+        case [float(x), float(y)]:
+            return x, y
+    return None
+
+
+def number(text: str | None) -> float | None:
+    """A finite number from an untrusted file; None for anything else, also for large ones."""
     try:
         value = float(text or "")
     except ValueError:
         return None
-    return value if _LEAST < value < _MOST else None
+    return value if abs(value) < _MOST else None
 
 
 def sidecar_metadata(path: Path) -> dict[str, object]:
@@ -94,4 +110,10 @@ def _sidecar_texts(path: Path, own: Mapping[str, str]) -> dict[str, str]:
     model = metadata.get("model_sha256")
     if own.get("model_sha256", model) != model:
         return {}
-    return {name: str(metadata[name]) for name in _SHARED if metadata.get(name) is not None}
+    if "software" in own:  # without a principal point, the file has that of its middle
+        metadata.pop("centre_px", None)
+    return {name: _text(metadata[name]) for name in _SHARED if metadata.get(name) is not None}
+
+
+def _text(value: object) -> str:
+    return ",".join(map(str, value)) if isinstance(value, list) else str(value)

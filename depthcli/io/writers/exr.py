@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.exr import write_exr
 from depthcli.io.writers.metadata import metadata_texts
@@ -17,12 +18,15 @@ class ExrWriter:
     #: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``
     exr_channel: str = "Y"
     half: bool = False  #: 16-bit instead of 32-bit floats
+    #: (cx, cy), principal point in pixels of the map; None for what the map states
+    centre_px: tuple[float, float] | None = None
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""
         rate = frame.rate if frame else None
         values = np.ascontiguousarray(depth.values)
-        texts = {f"depthcli:{name}": text for name, text in metadata_texts(depth).items()}
+        metadata = metadata_texts(with_centre(depth, self.centre_px))
+        texts = {f"depthcli:{name}": text for name, text in metadata.items()}
         if not self.half:
             write_exr(path, {self.exr_channel: values}, texts, rate)
             return ()

@@ -28,7 +28,8 @@ class FormatFacts(NamedTuple):
 
 
 _COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
-_PNG = ("png_scale", "png_normalize")
+_EXR = ("exr_channel", "half", "centre_px")
+_PNG = ("png_scale", "png_normalize", "centre_px")
 
 
 class Format(StrEnum):
@@ -46,7 +47,7 @@ class Format(StrEnum):
         return member
 
     PNG16 = "png16", FormatFacts("png16:Png16Writer", ".depth.png", ".png", _PNG, use_bytes=13)
-    EXR = "exr", FormatFacts("exr:ExrWriter", ".depth.exr", ".exr", ("exr_channel", "half"))
+    EXR = "exr", FormatFacts("exr:ExrWriter", ".depth.exr", ".exr", _EXR)
     NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy")
     PREVIEW = (
         "preview",

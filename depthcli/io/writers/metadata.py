@@ -1,6 +1,6 @@
 """The metadata of a depth map in files and reports, with the same names everywhere."""
 
-from typing import NamedTuple, Self
+from typing import NamedTuple, Self, TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core import scaling
@@ -8,6 +8,7 @@ from depthcli.core.types import CameraSource, DepthMap, Provenance
 from depthcli.io.writers.formats import MILLIMETRES
 
 SOFTWARE = f"depthcli {__version__}"
+_Value: TypeAlias = str | float | tuple[float, float]
 _UNKNOWN = Provenance()
 _SOURCE_TEXTS = {
     CameraSource.OPTION: "given",
@@ -25,9 +26,11 @@ class DepthMetadata(NamedTuple):
     model_sha256: str | None  #: checksum of its file; None if unknown
     #: focal length that the metres are for, in pixels of the map; None if unknown
     focal_px: float | None
+    #: (cx, cy), principal point in pixels of the map; None for the middle of the map
+    centre_px: tuple[float, float] | None
     #: ``option``, ``exif``, or ``card`` if it is assumed; None if unknown
     camera_source: str | None
-    camera: str | None  #: both of them as a text; None if unknown
+    camera: str | None  #: focal length and source as a text; None if unknown
 
     @classmethod
     def of(cls, depth: DepthMap) -> Self:
@@ -39,11 +42,12 @@ class DepthMetadata(NamedTuple):
             model=source.model,
             model_sha256=source.model_sha256,
             focal_px=source.focal_px,
+            centre_px=source.centre_px,
             camera_source=source.camera_source,
             camera=camera_text(depth),
         )
 
-    def origin(self) -> dict[str, str | float | None]:
+    def origin(self) -> dict[str, _Value | None]:
         """The fields about model and camera, ``ORIGIN_FIELDS``, by name."""
         return {name: getattr(self, name) for name in ORIGIN_FIELDS}
 
@@ -53,16 +57,20 @@ ORIGIN_FIELDS = tuple(name for name in DepthMetadata._fields if name not in {"ki
 
 
 def metadata_texts(depth: DepthMap) -> dict[str, str]:
-    """The metadata and the software as texts by name; what is unknown is left out.
+    """The metadata, the software and a frame's time as texts by name; what is unknown is left out.
 
     The unit of a map without one is ``none``.
     """
     known = DepthMetadata.of(depth)
     texts = {"kind": known.kind, "unit": known.unit or "none", "software": SOFTWARE}
+    if depth.provenance and depth.provenance.time_s is not None:
+        texts["time_s"] = f"{depth.provenance.time_s:.12g}"
     return texts | {name: _value_text(value) for name, value in known.origin().items() if value}
 
 
-def _value_text(value: str | float | None) -> str:
+def _value_text(value: _Value) -> str:
+    if isinstance(value, tuple):
+        return ",".join(f"{part:.9g}" for part in value)
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

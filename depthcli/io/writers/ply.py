@@ -23,8 +23,8 @@ class PlyWriter:
 
     #: horizontal field of view if the map states no focal length
     hfov_deg: float = _NYU_HFOV_DEG
-    #: (cx, cy), the principal point, (0, 0) being the middle of the first pixel; None for the
-    #: middle of the map
+    #: (cx, cy), the principal point, (0, 0) being the middle of the first pixel; None for what
+    #: the map states, else its middle
     centre_px: tuple[float, float] | None = None
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
-from depthcli.core.scaling import fitted
+from depthcli.core.point_cloud import with_centre
+from depthcli.core.scaling import fitted, lost_in_fit
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.pipeline import Pipeline
@@ -58,11 +59,12 @@ def _predict_picture(
     frame = _read_picture(request, plan)
     session = loading.result()
     camera = request.camera
-    depth = Pipeline(session, request.detail).predict(
+    predicted = Pipeline(session, request.detail).predict(
         frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
     )
-    depth = fitted(depth, camera.anchors)
-    warnings = list(session.warnings)
+    depth = with_centre(fitted(predicted, camera.anchors), request.writing.centre_px)
+    warnings = [*session.warnings, *lost_in_fit(predicted, depth)]
+    del predicted  # the writers need the memory
     for name, path in plan.outputs.items():
         warnings += _write_picture(request, name, depth, frame, path)
     return PictureResult(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.point_cloud import with_centre
 from depthcli.core.temporal import changes as temporal
 from depthcli.core.temporal.range_lock import RangeLock
 from depthcli.core.temporal.smoothing import (
@@ -84,6 +85,7 @@ class FrameStages:
         if self._scale is not None and kept is None:
             values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
             depth = dataclasses.replace(depth, values=values)
+        depth = with_centre(depth, self._settings.writing.centre_px)
         thumbnail = temporal.thumbnail(picture.pixels)
         small = DepthMap(sample_cells(depth.values, thumbnail.shape), depth.kind)
         steps = to_log(depth) if self._settings.smooth_s else None
