@@ -417,6 +417,10 @@ def test_pixels_that_a_fit_erases_are_counted(inside: Cli) -> None:
     assert (done.returncode, json.loads(done.stdout)["warnings"]) == (0, [told])
     done = inside("predict", "room.png", *words)
     assert error_lines(done) == [f"depthcli: warning: room.png: {told}"]
+    (inside.folder / "in").mkdir()
+    (inside.folder / "room.png").rename(inside.folder / "in" / "room.png")
+    assert inside("batch", "in", "--out", "out", *words[:4]).returncode == 0
+    assert json.loads((inside.folder / "out" / "manifest.jsonl").read_text())["warnings"] == [told]
 
 
 def test_anchors_give_a_relative_model_metres(inside: Cli) -> None:

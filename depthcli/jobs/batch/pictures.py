@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from depthcli.core.scaling import fitted
+from depthcli.core.scaling import fitted, lost_in_fit
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
@@ -98,8 +98,8 @@ class PictureWorker:
         if isinstance(depth, Exception):
             return self._failed(task, depth, start_s, opened.sha256)
         try:
-            depth = fitted(depth, self.options.camera.anchors)
-            warnings: list[str] = []
+            predicted, depth = depth, fitted(depth, self.options.camera.anchors)
+            warnings = [*lost_in_fit(predicted, depth)]
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, opened.frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())
