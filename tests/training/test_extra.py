@@ -30,6 +30,8 @@ from depthcli.training.networks.build import build_generator
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from torch import Tensor
+
     from depthcli.training.config.schema import TrainConfig
 
 CPU = torch.device("cpu")
@@ -87,6 +89,14 @@ def test_a_share_that_is_no_part_of_a_batch_is_refused(share: float) -> None:
         Batches(store, data, 4, 0, CPU, extra=store)
 
 
+def _pull(method: Proposed, gray: Tensor, depth_m: Tensor, extra: Tensor) -> float:
+    """Derivative of eq. 1 with respect to a constant added to the output, log depth."""
+    shift = torch.zeros((), requires_grad=True)
+    with method.generator.register_forward_hook(lambda *call: call[2] + shift):
+        l1 = method(TrainingBatch(gray, depth_m, None, extra), "generator")["l1"]
+    return float(torch.autograd.grad(l1, shift)[0])
+
+
 @pytest.mark.parametrize("scale", [0.0, 0.4, 1.0])
 def test_the_scale_of_an_extra_pair_counts_in_part(scale: float) -> None:
     """A truth that is farther by a factor costs the logarithm of it times ``extra_scale``."""
@@ -96,6 +106,8 @@ def test_the_scale_of_an_extra_pair_counts_in_part(scale: float) -> None:
     depth_m = method.codec.decode(method.generator(gray).detach().numpy())
     depth_m = torch.nn.functional.interpolate(torch.from_numpy(depth_m), (32, 32))
     farther = depth_m * 1.5
+    uneven = farther.clone()
+    uneven[..., 16:, 16:] *= 2
     for extra in (torch.tensor([True, True]), torch.tensor([False, False])):
         same = method(TrainingBatch(gray, depth_m, None, extra), "generator")["l1"]
         apart = method(TrainingBatch(gray, farther, None, extra), "generator")["l1"]
@@ -103,6 +115,8 @@ def test_the_scale_of_an_extra_pair_counts_in_part(scale: float) -> None:
         wanted = wanted * scale if extra[0] else wanted
         assert float(same.detach()) == pytest.approx(0, abs=1e-6)
         assert float(apart.detach()) == pytest.approx(float(wanted), abs=1e-4)
+        pull = _pull(method, gray, uneven, extra)
+        assert pull == pytest.approx(-scale if extra[0] else -1, abs=1e-6)
 
 
 def test_what_is_not_known_of_an_extra_pair_does_not_move_its_scale() -> None:

@@ -16,64 +16,89 @@ from depthcli.training.views import Geometry, draw_views, view_size
 DATA = DataConfig(width=64, height=48, zoom=1.6, turn=1.0)
 HALF_X = math.tan(math.radians(63.3 / 2))
 HALF_Y = HALF_X * 48 / 64
+NYU = (HALF_X, HALF_Y)
 
 
 def _random(seed: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
-def _point(geometry: Geometry, i: int, row: int, column: int) -> tuple[float, float, float]:
+def _point(
+    geometry: Geometry, i: int, row: int, column: int, halves: tuple[float, float]
+) -> tuple[float, float, float]:
     """Where a wall at z = 1 is hit, and the depth that the view gives it."""
     x, y = geometry.grid[i, row, column].tolist()
     scale = geometry.depth_scale.expand(-1, 1, *geometry.grid.shape[1:3])
-    return x * HALF_X, y * HALF_Y, float(scale[i, 0, row, column])
+    return x * halves[0], y * halves[1], float(scale[i, 0, row, column])
 
 
-def _view_ray(row: int, column: int, size: tuple[int, int], zoom: float) -> tuple[float, float]:
+def _view_ray(
+    row: int, column: int, size: tuple[int, int], zoom: float, halves: tuple[float, float]
+) -> tuple[float, float]:
     """Direction of a view's pixel, z = 1, for the network's focal length times the zoom."""
-    across, down = HALF_X * size[0] / 64, HALF_Y * size[1] / 48
+    across, down = halves[0] * size[0] / 64, halves[1] * size[1] / 48
     x = ((column * 2 + 1) / size[0] - 1) * across / zoom
     y = ((row * 2 + 1) / size[1] - 1) * down / zoom
     return x, y
 
 
+@pytest.mark.parametrize("rotate_deg", [0, 8])
+@pytest.mark.parametrize("halves", [NYU, (1.0, 0.75), (0.7, 0.7), (0.8, 0.45), (0.4, 0.7)])
 @pytest.mark.parametrize("size", [(64, 48), (48, 64)])
-def test_a_turned_view_is_what_a_turned_camera_sees(size: tuple[int, int]) -> None:
-    """Angles between rays are kept, and depth is the distance along the turned axis."""
-    geometry = draw_views(12, size, DATA, _random(1))
+def test_a_turned_view_is_what_a_turned_camera_sees(
+    size: tuple[int, int], halves: tuple[float, float], rotate_deg: float
+) -> None:
+    """Angles between rays are kept, and depth is the distance along the turned axis.
+
+    ``halves`` is half the width and height of the picture at depth 1.
+    """
+    fov = None if halves == NYU else torch.tensor([halves], dtype=torch.float64).expand(12, 2)
+    geometry = draw_views(12, size, replace(DATA, rotate_deg=rotate_deg), _random(1), fov)
     wide, high = size
     for i in range(12):
         corners = [(0, 0), (0, wide - 1), (high - 1, 0), (high // 2, wide // 3)]
-        points = [_point(geometry, i, *corner) for corner in corners]
+        points = [_point(geometry, i, *corner, halves) for corner in corners]
         # The zoom divides depth on top of the geometry; it is found from one pair of rays.
         rays = [(x / n, y / n, 1 / n) for x, y, _ in points for n in [math.hypot(x, y, 1)]]
         apart = sum(a * b for a, b in zip(rays[0], rays[3], strict=True))
-        zoom = _zoom_for(apart, corners[0], corners[3], size)
+        zoom = _zoom_for(apart, corners[0], corners[3], size, halves)
         for k in range(3):
             for m in range(k):
-                wanted = _cosine(corners[k], corners[m], size, zoom)
+                wanted = _cosine(corners[k], corners[m], size, zoom, halves)
                 found = sum(a * b for a, b in zip(rays[k], rays[m], strict=True))
                 assert found == pytest.approx(wanted, abs=2e-5)
             x, y, scale = points[k]
-            view_x, view_y = _view_ray(*corners[k], size, zoom)
+            view_x, view_y = _view_ray(*corners[k], size, zoom, halves)
             # The same length along the ray: |(x, y, 1)| = depth · zoom · |(view_x, view_y, 1)|.
             length = scale * zoom * math.hypot(view_x, view_y, 1)
             assert length == pytest.approx(math.hypot(x, y, 1), rel=1e-4)
 
 
-def _cosine(a: tuple[int, int], b: tuple[int, int], size: tuple[int, int], zoom: float) -> float:
-    first, second = (*_view_ray(*a, size, zoom), 1), (*_view_ray(*b, size, zoom), 1)
+def _cosine(
+    a: tuple[int, int],
+    b: tuple[int, int],
+    size: tuple[int, int],
+    zoom: float,
+    halves: tuple[float, float],
+) -> float:
+    first, second = ((*_view_ray(*pixel, size, zoom, halves), 1) for pixel in (a, b))
     dot = sum(p * q for p, q in zip(first, second, strict=True))
     return dot / (math.hypot(*first) * math.hypot(*second))
 
 
 def _zoom_for(
-    cosine: float, a: tuple[int, int], b: tuple[int, int], size: tuple[int, int]
+    cosine: float,
+    a: tuple[int, int],
+    b: tuple[int, int],
+    size: tuple[int, int],
+    halves: tuple[float, float],
 ) -> float:
     low, high = 0.5, 5.0
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if _cosine(a, b, size, middle) < cosine else (low, middle)
+        low, high = (
+            (middle, high) if _cosine(a, b, size, middle, halves) < cosine else (low, middle)
+        )
     return low
 
 

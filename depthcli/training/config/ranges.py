@@ -7,7 +7,7 @@ from depthcli.training.config.objective import PAIRED_LOSSES
 from depthcli.training.config.rules import LARGEST
 from depthcli.training.config.schema import GeneratorConfig, TrainConfig
 
-_ROTATION_ROOM = 0.2  # a zoom of 1.2 has room to rotate a view by all of data.rotate_deg
+_MOST_ROTATE_DEG = math.degrees(0.2)  # that a zoom of 1.2 has room for in a square picture
 _RESNET_STRIDE = 4
 _EFFICIENT_STRIDE = 32
 _LEVELS = {"encoder": 5, "decoder": 4, "depths": 4}
@@ -37,12 +37,11 @@ def _check_views(config: TrainConfig) -> None:
     data = config.data
     if data.rotate_deg and data.zoom == 1:
         raise UsageError("data.rotate_deg needs room to turn: set data.zoom above 1")
-    longest = max(data.width / data.height, data.height / data.width)
-    most_deg = math.degrees(_ROTATION_ROOM / longest)
-    if data.rotate_deg > most_deg:
+    if data.rotate_deg > _MOST_ROTATE_DEG:
+        most_deg = math.floor(10 * _MOST_ROTATE_DEG) / 10
         raise UsageError(
-            f"data.rotate_deg is at most {math.floor(10 * most_deg) / 10} at {data.width} x "
-            f"{data.height}, or views would leave the picture; not {data.rotate_deg}"
+            f"data.rotate_deg is at most {most_deg}, or views would leave the picture; "
+            f"not {data.rotate_deg}"
         )
     if data.turn and data.zoom == 1:
         raise UsageError("data.turn needs room to turn: set data.zoom above 1")

@@ -30,6 +30,7 @@ def augment(
     random: torch.Generator,
     known: Tensor | None = None,
     size: tuple[int, int] | None = None,
+    tan_half_fov: Tensor | None = None,
 ) -> Views:
     """Random views of pairs.
 
@@ -40,9 +41,10 @@ def augment(
         random: the only source of randomness.
         known: (B, 1, h, w) bool, where depth was measured; None if it was everywhere.
         size: width and height of the views, px; sampled if it is None.
+        tan_half_fov: (B, 2) float64, as :func:`~depthcli.training.views.draw_views` takes it.
     """
     size = view_size(data, random) if size is None else size
-    geometry = draw_views(len(rgb), size, data, random)
+    geometry = draw_views(len(rgb), size, data, random, tan_half_fov)
     grid = geometry.grid.to(rgb.device)
     gray = _gray(_jitter_colour(rgb, data, random), data)  # before resampling, as at inference
     gray = _sample_with_borders(gray, grid, data, random)

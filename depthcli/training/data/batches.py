@@ -86,7 +86,7 @@ class Batches:
         views = self._augmented(self.store, rows, size, random)
         if not self.data.paired:
             rows = self._rows(self.store, step, self.batch_size, stream=3)
-            others = self._augmented(self.store, rows, size, random)
+            others = self._augmented(self.store, rows, size, random, part=1)
             views = Views(views.gray, others.depth_m, others.known)
         if self.extra is None:
             return self._part(TrainingBatch(*views))
@@ -107,12 +107,19 @@ class Batches:
         return order[index * size : (index + 1) * size]
 
     def _augmented(
-        self, store: PairStore, rows: Tensor, size: tuple[int, int], random: torch.Generator
+        self,
+        store: PairStore,
+        rows: Tensor,
+        size: tuple[int, int],
+        random: torch.Generator,
+        part: int = 0,
     ) -> Views:
+        """Views with the geometry of the pictures (``part`` 0) or of the depth (1)."""
         rgb = store.rgb.index_select(0, rows).to(self.device).float().div_(255)
         depth_m = store.depth_m.index_select(0, rows).to(self.device).float()
         known = None if store.known is None else store.known[rows].to(self.device)
-        return augment(rgb, depth_m, self.data, random, known, size)
+        halves = store.tan_half_fov[rows, part]
+        return augment(rgb, depth_m, self.data, random, known, size, halves)
 
 
 def _concatenated(views: Views, more: Views) -> TrainingBatch:

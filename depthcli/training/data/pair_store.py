@@ -10,6 +10,7 @@ from depthcli.datasets.base import DepthDataset
 from depthcli.errors import DatasetError
 from depthcli.training.config.schema import DataConfig
 from depthcli.training.data.augment import network_input
+from depthcli.training.data.field_of_view import tan_half_fov
 from depthcli.training.data.holes import downsample
 
 _STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
@@ -27,6 +28,8 @@ class PairStore:
         rgb: (N, 3, h, w) uint8.
         depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m; holes are filled.
         known: (N, 1, h, w) bool, False in the holes; None if no pair has one.
+        tan_half_fov: (N, 2, 2) float64, of each picture and of its depth, which differ only in
+            unpaired data: the tangent of half the angle of view, across and down.
 
     Raises:
         DatasetError: there is no pair, or one without depth.
@@ -40,10 +43,14 @@ class PairStore:
         self.rgb = torch.empty(shape, dtype=torch.uint8)
         self.depth_m = torch.empty((len(positions), 1, *shape[2:]), dtype=torch.float16)
         self.known: Tensor | None = None
+        self.tan_half_fov = torch.empty((len(positions), 2, 2), dtype=torch.float64)
         for row, position in enumerate(positions):
-            rgb = cv2.resize(dataset.image(position), size, interpolation=cv2.INTER_AREA)
+            image, depth_m = dataset.image(position), dataset.depth_m(position)
+            views = [tan_half_fov(dataset, position, pixels.shape) for pixels in (image, depth_m)]
+            self.tan_half_fov[row] = torch.tensor(views, dtype=torch.float64)
+            rgb = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
             self.rgb[row] = torch.from_numpy(rgb).permute(2, 0, 1)
-            measured = downsample(dataset.depth_m(position), size)
+            measured = downsample(depth_m, size)
             if measured is None:
                 raise DatasetError(
                     f"pair {dataset.ids[position]} has almost no depth: remove or repair it"
