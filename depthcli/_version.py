@@ -1,3 +1,3 @@
 """The version, which packaging, outputs and ``--version`` read here."""
 
-__version__ = "0.5.1"
+__version__ = "0.6.0"
