@@ -149,6 +149,8 @@ def _check_collisions(plans: Sequence[OutputPlan]) -> None:
             if place in inputs:
                 raise UsageError(f"{path} is an input; choose another -o")
             if place in owners:
+                if places.of(plan.source or "") == places.of(owners[place] or ""):
+                    raise UsageError(f"{plan.source} is given twice; give it once")
                 raise UsageError(
                     f"{plan.source} and {owners[place]} would both become {path}; "
                     "run them one by one with different -o"
