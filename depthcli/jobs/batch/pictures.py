@@ -99,7 +99,7 @@ class PictureWorker:
             return self._failed(task, depth, start_s, opened.sha256)
         try:
             depth = fitted(depth, self.options.camera.anchors)
-            warnings: list[str] = []
+            warnings = list(opened.frame.warnings)
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, opened.frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())

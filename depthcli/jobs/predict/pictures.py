@@ -62,7 +62,7 @@ def _predict_picture(
         frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
     )
     depth = fitted(depth, camera.anchors)
-    warnings = list(session.warnings)
+    warnings = [*session.warnings, *frame.warnings]
     for name, path in plan.outputs.items():
         warnings += _write_picture(request, name, depth, frame, path)
     return PictureResult(
