@@ -23,10 +23,12 @@ def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) 
 
     Args:
         path: the file, with the suffix of its format.
-        png_scale: steps per metre of a PNG; None for what the file states, or millimetres.
+        png_scale: steps per metre of a PNG, None for what the file states, or millimetres; or of
+            integers in an NPY file, which need it to be metric.
 
     Raises:
-        InputError: missing, damaged, or without depth.
+        InputError: missing, damaged, without depth, or metric integers without a scale.
+        UsageError: a scale for an NPY file of floats, which are metres.
     """
     path = path_of(path)
     if path.suffix.lower() == ".mkv":

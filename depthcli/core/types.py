@@ -51,6 +51,7 @@ class Frame:
         orientation: the EXIF orientation (1-8) that was undone on reading.
         focal_35mm: EXIF 35-mm-equivalent focal length in millimetres, if the file states one.
         rate: frames a second of the video that is made of it; None for a still picture.
+        warnings: about its file, one line each.
     """
 
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
@@ -60,6 +61,7 @@ class Frame:
     orientation: int = 1
     focal_35mm: float | None = None
     rate: "Fraction | None" = None
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the pixels.

@@ -18,6 +18,7 @@ from depthcli.video.depth import DepthVideo
 from depthcli.video.rates import rate_text
 
 _VIDEO_SUFFIX = ".mkv"
+_SCALED_SUFFIXES = (".png", ".npy", _VIDEO_SUFFIX)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,7 @@ class DepthVideoInfo:
 def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthVideoInfo:
     """Unit, scale, size, range and model of a depth file, which is read completely.
 
-    ``scale`` is units per metre of a PNG or a video; None for what the file states.
+    ``scale`` is units per metre of integers; None for what the file states.
 
     Raises:
         InputError: missing, damaged or without depth.
@@ -83,7 +84,7 @@ def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthV
 def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> DepthMap:
     """A depth map from any file that depthcli writes; for a video, that of frame number ``frame``.
 
-    ``scale`` is units per metre of a PNG or a video; None for what the file states.
+    ``scale`` is units per metre of integers; None for what the file states.
 
     Raises:
         InputError: missing, damaged, without depth, or a video without this frame.
@@ -117,10 +118,11 @@ def _is_video(path: Path) -> bool:
 
 
 def _check_scale(path: Path, scale: float | None) -> None:
-    """Refuse a scale for a file that stores metres."""
-    if scale is not None and path.suffix.lower() != ".png" and not _is_video(path):
+    """Refuse a scale for a file that cannot hold integers."""
+    if scale is not None and path.suffix.lower() not in _SCALED_SUFFIXES:
         raise UsageError(
-            f"a scale is for PNG and depth videos (.mkv), but {path} is neither; remove it"
+            f"a scale is for PNG, depth videos (.mkv) and NPY of integers, but {path} is none of "
+            "them; remove it"
         )
 
 

@@ -3,6 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,8 +12,9 @@ from depthcli.io.listing.folder import is_media
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.storage.atomic import is_special
-from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
+from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.io.writers.formats import Format, file_suffix_of, fits, stem_of
+from depthcli.jobs.namesakes import namesakes
 
 STDIN_STEM = "stdin"
 
@@ -131,21 +133,8 @@ def output_bases(sources: Sequence[Path | None]) -> list[str]:
 
 def _with_namesakes(folder: Path, own: set[str]) -> set[str]:
     """Inputs of one folder, and the pictures and videos there whose outputs could collide."""
-    try:
-        there = _names_in(folder, own)
-    except OSError:
-        return own
-    stems = {os.path.splitext(name)[0].casefold() for name in own}  # noqa: PTH122 - names
-    alike = (name for name in there if os.path.splitext(name)[0].casefold() in stems)  # noqa: PTH122
-    return own | {n for n in alike if is_media(n) and not is_own_picture(folder / n)}
-
-
-def _names_in(folder: Path, own: set[str]) -> list[str]:
-    """Names in a folder; in a store, which may have millions, only those with the inputs' stems."""
-    if not isinstance(folder, RemotePath):
-        return os.listdir(folder)  # noqa: PTH208 - a name is all that is needed
-    stems = {os.path.splitext(name)[0] for name in own}  # noqa: PTH122 - names
-    return [name for stem in stems for name in folder.names_after(stem)]
+    others = set(chain(*namesakes(folder, own).values())) - own
+    return own | {n for n in others if is_media(n) and not is_own_picture(folder / n)}
 
 
 def _check_collisions(plans: Sequence[OutputPlan]) -> None:
@@ -160,6 +149,8 @@ def _check_collisions(plans: Sequence[OutputPlan]) -> None:
             if place in inputs:
                 raise UsageError(f"{path} is an input; choose another -o")
             if place in owners:
+                if places.of(plan.source or "") == places.of(owners[place] or ""):
+                    raise UsageError(f"{plan.source} is given twice; give it once")
                 raise UsageError(
                     f"{plan.source} and {owners[place]} would both become {path}; "
                     "run them one by one with different -o"

@@ -2,12 +2,13 @@
 
 import hashlib
 import os
-import unicodedata
 from collections.abc import Iterable
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from depthcli.jobs.namesakes import normalised, stem
 
 _Hashes: TypeAlias = NDArray[np.uint64]
 _FIELDS = np.dtype([("name", np.uint64), ("whole", np.uint64), ("stem", np.uint64)])
@@ -32,7 +33,7 @@ class TreeNames:
         """
         found = np.fromiter(
             (
-                (_hash(name), _hash(_normalised(name)), _hash(_normalised(_stem(name))))
+                (_hash(name), _hash(normalised(name)), _hash(normalised(stem(name))))
                 for name in names
             ),
             _FIELDS,
@@ -47,18 +48,9 @@ class TreeNames:
 
     def base(self, name: str) -> str:
         """Path of an input's outputs from the output folder, without a suffix."""
-        if _is_in(self._alike, _normalised(name)):
+        if _is_in(self._alike, normalised(name)):
             return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
-        return name if _is_in(self._shared, _normalised(_stem(name))) else _stem(name)
-
-
-def _stem(name: str) -> str:
-    return os.path.splitext(name)[0]  # noqa: PTH122 - a name with "/" on any system
-
-
-def _normalised(name: str) -> str:
-    """The name in the form that case- or Unicode-insensitive file systems compare."""
-    return unicodedata.normalize("NFC", name).casefold()
+        return name if _is_in(self._shared, normalised(stem(name))) else stem(name)
 
 
 def _hash(name: str) -> int:

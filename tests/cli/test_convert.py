@@ -95,7 +95,7 @@ def test_a_cloud_of_an_assumed_camera_says_so(inside: Cli) -> None:
         (("a.ply", "--centre-px", "4,nan"), "is not CX,CY"),
         (("a.npy", "--half"), "--half is for exr"),
         (("a.npy", "--png-scale", "256"), "--png-scale is for png16"),
-        (("a.npy", "--from-scale", "256"), "a scale is for PNG and depth videos"),
+        (("a.npy", "--from-scale", "256"), "a scale is for PNG, depth videos"),
         (("a.png", "--png-scale", "256", "--png-normalize"), "not both"),
     ],
 )

@@ -71,6 +71,17 @@ def test_kind_can_be_told(tmp_path: Path) -> None:
     assert predictor.predict(Sample(small_set(), 0)).kind is DepthKind.INVERSE
 
 
+def test_metric_integers_are_refused(tmp_path: Path) -> None:
+    """Nobody can tell millimetres from other units; errors of other kinds do not depend on it."""
+    for dataset_id in IDS:
+        np.save(tmp_path / f"{dataset_id}.npy", np.full((4, 4), 2206, np.uint16))
+    for kind in (None, DepthKind.METRIC):
+        with pytest.raises(DatasetError, match="holds uint16, not float metres"):
+            open_predictions(tmp_path, IDS, kind).predict(Sample(small_set(), 0))
+    relative = open_predictions(tmp_path, IDS, DepthKind.RELATIVE).predict(Sample(small_set(), 0))
+    np.testing.assert_array_equal(relative.values, np.full((4, 4), 2206))
+
+
 def test_missing_prediction_is_an_error(tmp_path: Path) -> None:
     _write_npy(tmp_path)
     (tmp_path / "0001.npy").unlink()

@@ -158,14 +158,19 @@ def test_own_pictures_are_known_by_their_content(tmp_path: Path) -> None:
         ([Path("a.jpg"), Path("b.jpg")], "one.png"),
         ([Path("a.png")], "a.png"),
         ([Path("a.jpg"), Path("a.depth.png")], None),
-        ([Path("a.jpg"), Path("a.jpg")], None),
         ([Path("a.jpg")], "https://host/out/"),
     ],
-    ids=["same name", "one file for two", "input", "input of another", "twice", "behind HTTP"],
+    ids=["same name", "one file for two", "input", "input of another", "behind HTTP"],
 )
 def test_shared_outputs_and_inputs_are_refused(sources: list[Path], out: str | None) -> None:
     with pytest.raises(UsageError):
         plan_outputs(sources, out, PNG)
+
+
+@pytest.mark.parametrize("again", ["a.jpg", Path.cwd() / "a.jpg", "x/../a.jpg"])
+def test_a_file_that_is_given_twice_is_told(again: str | Path) -> None:
+    with pytest.raises(UsageError, match=r"a\.jpg is given twice; give it once$"):
+        plan_outputs([Path("a.jpg"), Path(again)], "out/", PNG)
 
 
 @pytest.mark.parametrize("name", ["..png", "...png", ".png", "a..png"])

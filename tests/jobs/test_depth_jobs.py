@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from videos import NTSC
 
 from depthcli.core.camera import Camera
-from depthcli.core.types import CameraSource, DepthMap, Frame
+from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.formats import Format
@@ -40,7 +41,7 @@ def test_a_file_s_facts_are_values(depth_npy: Path) -> None:
     assert isinstance(facts, DepthMapInfo)
     assert (facts.kind, facts.unit, facts.width, facts.height) == ("metric", "m", 4, 1)
     assert (facts.valid, facts.min, facts.median, facts.max) == (3, VALUES_M[0, 0], 2, 70)
-    with pytest.raises(UsageError, match="a scale is for PNG"):
+    with pytest.raises(UsageError, match="a scale is for integers"):
         inspect_file(str(depth_npy), 256)
 
 
@@ -120,8 +121,23 @@ def test_a_scale_is_one_of_steps(tmp_path: Path, depth_npy: Path) -> None:
         assert found == pytest.approx((6, unit_m, 2 * unit_m, 3 * unit_m))
         found_m = read_map(path, scale=scale).values
         np.testing.assert_allclose(found_m, FRAMES_M[0] * unit_m, rtol=1e-6)
-    with pytest.raises(UsageError, match="a scale is for PNG"):
+    with pytest.raises(UsageError, match="a scale is for integers"):
         read_map(depth_npy, scale=100)
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.uint8, np.int64])
+def test_integers_need_a_scale(tmp_path: Path, dtype: type[np.integer[Any]]) -> None:
+    path, metres = tmp_path / "mm.npy", tmp_path / "m.npy"
+    np.save(path, np.array([[100, 0], [25, 120]], dtype))
+    problem = f"{re.escape(str(path))} holds {np.dtype(dtype)}, not float metres; .*--from-scale"
+    with pytest.raises(InputError, match=problem):
+        inspect_file(str(path))
+    convert(ConvertRequest(str(path), str(metres), scale=100))
+    for depth in (read_map(path, scale=100), read_map(metres)):
+        np.testing.assert_array_equal(depth.values, np.float32([[1, np.nan], [0.25, 1.2]]))
+    # Without a unit, numbers are what they are.
+    relative = read_depth(path, kind=DepthKind.RELATIVE)
+    np.testing.assert_array_equal(relative.values, [[100, 0], [25, 120]])
 
 
 def test_what_a_conversion_cost(depth_npy: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -276,6 +276,23 @@ def test_lists_name_objects(tmp_path: Path, bucket: Bucket, tree: dict[str, byte
         list(read_list(bucket.uri("none.txt")))
 
 
+def test_listed_objects_are_named_as_in_their_folder(
+    bucket: Bucket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("depthcli.io.storage.objects._PAGE_NAMES", 2)
+    monkeypatch.setattr("depthcli.jobs.namesakes._NEAR", 2)
+    names = ["a.jpg", "a.png", "a1.jpg", "a2/b.jpg", "b.jpg", "b.jpg.png", "b.png", "z.png"]
+    for name in names:
+        bucket.put(f"in/{name}", b"")
+    whole = plan_folder(bucket.uri("in"), bucket.uri("out"))
+    for listed in ([name] for name in names), (names[::2], names[1::3]):
+        for words in listed:
+            paths = [bucket.uri(f"in/{name}") for name in words]
+            plan = plan_files(paths, "mine", bucket.uri("in"), bucket.uri("out"))
+            found = {file.name: plan.names.base(file.name) for file in plan.inputs}
+            assert found == {name: whole.names.base(name) for name in words}
+
+
 @pytest.mark.parametrize("end", [run_exit_hooks, gc.collect])
 def test_a_batch_that_does_not_finish_leaves_no_copy_of_its_rows(
     bucket: Bucket, end: Callable[[], object]

@@ -14,7 +14,8 @@ ScaleOption = Annotated[
     float | None,
     typer.Option(
         callback=png_scale_range,
-        help="Units per metre of a PNG or video. Default: from the file, else 1000.",
+        help="Units per metre of a PNG or video (default: from the file, else 1000), or NPY of "
+        "integers.",
     ),
 ]
 FrameOption = Annotated[

@@ -42,7 +42,8 @@ def convert(
         float | None,
         typer.Option(
             callback=png_scale_range,
-            help="Units per metre of the input PNG or video. Default: from the file, else 1000.",
+            help="Units per metre of a PNG or video (default: from the file, else 1000), or NPY "
+            "of integers.",
         ),
     ] = None,
     frame: FrameOption = None,

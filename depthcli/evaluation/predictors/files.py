@@ -1,7 +1,7 @@
 """Depth files that another tool wrote, as rows of the table."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.core.types import DepthKind, DepthMap
@@ -35,7 +35,7 @@ class FilePredictor:
         Raises:
             DatasetError: the file is damaged.
         """
-        return replace(_read(self.folder / f"{sample.id}{self.suffix}"), kind=self.kind)
+        return _read(self.folder / f"{sample.id}{self.suffix}", self.kind)
 
 
 def open_predictions(
@@ -65,8 +65,8 @@ def open_predictions(
     return FilePredictor(folder, suffix, kind or _read(folder / f"{ids[0]}{suffix}").kind)
 
 
-def _read(path: Path) -> DepthMap:
+def _read(path: Path, kind: DepthKind | None = None) -> DepthMap:
     try:
-        return read_depth(path)
+        return read_depth(path, kind=kind)
     except InputError as error:
         raise DatasetError(str(error)) from error

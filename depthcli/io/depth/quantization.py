@@ -41,6 +41,6 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
 
 
 def dequantized(steps: npt.NDArray[np.generic], scale: float) -> npt.NDArray[np.float32]:
-    """Metres of :func:`quantized` steps: (H, W) uint16 in, float32 out, NaN where they are 0."""
+    """Metres of integer steps per metre: (H, W) in, float32 out, NaN where they are 0."""
     values = steps.astype(np.float32) / np.float32(scale)
     return np.where(steps == 0, np.float32(np.nan), values)

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from depthcli.core.text import one_line
 from depthcli.core.types import DepthKind, DepthMap
-from depthcli.errors import InputError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.metadata import (
     positive_number,
     provenance_of,
@@ -28,32 +29,39 @@ _DIMENSIONS = 2
 _FARTHEST = 1e12  # no depth is larger, in any unit
 
 
-def read_depth(path: str | Path, *, png_scale: float | None = None) -> DepthMap:
+def read_depth(
+    path: str | Path, *, png_scale: float | None = None, kind: DepthKind | None = None
+) -> DepthMap:
     """Depth of a 16-bit PNG, EXR or NPY file, chosen by its suffix.
 
     Args:
         path: the file.
-        png_scale: steps per metre of a PNG; None for what the file states, or millimetres.
+        png_scale: steps per metre of a PNG, None for what the file states, or millimetres; or of
+            integers in an NPY file, which need it to be metric.
+        kind: kind of the depth; None for what the file states, or metric.
 
     Returns:
-        (H, W); NaN where there is no depth. Metric unless the file says otherwise. Its provenance
+        (H, W); NaN where there is no depth. Its provenance
         is what the file or the sidecar beside it states of model, focal length and orientation.
 
     Raises:
-        InputError: missing, damaged, or without depth.
+        InputError: missing, damaged, without depth, or metric integers without a scale.
+        UsageError: a scale for an NPY file of floats, which are metres.
     """
     path = path_of(path)
     match path.suffix.lower():
         case ".png":
-            return _png(path, png_scale)
+            depth = _png(path, png_scale)
         case ".exr":
-            return _read_exr(path)
+            depth = _read_exr(path)
         case ".npy":
-            return _npy(path)
-    raise InputError(
-        f"{path} is not .png, .exr or .npy, so no depth is read from it; 'depthcli predict' and "
-        "'depthcli video' make depth of pictures and videos"
-    )
+            depth = _npy(path, png_scale, kind)
+        case _:
+            raise InputError(
+                f"{path} is not .png, .exr or .npy, so no depth is read from it; "
+                "'depthcli predict' and 'depthcli video' make depth of pictures and videos"
+            )
+    return replace(depth, kind=kind or depth.kind)
 
 
 def _png(path: Path, png_scale: float | None) -> DepthMap:
@@ -75,7 +83,7 @@ def _png(path: Path, png_scale: float | None) -> DepthMap:
     return DepthMap(depth, _kind_named(metadata.get("kind")), provenance_of(metadata))
 
 
-def _npy(path: Path) -> DepthMap:
+def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
     data = read_bytes(path)
     try:
         with warnings.catch_warnings():
@@ -88,10 +96,20 @@ def _npy(path: Path) -> DepthMap:
         values = values.squeeze(values.shape.index(1))
     if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu" or not values.size:
         raise InputError(f"{path} is {values.shape} {values.dtype}; depth is one (H, W) of numbers")
+    # The format cannot state its kind itself.
+    kind = kind or _kind_named(str(sidecar_metadata(path).get("kind")))
+    is_float = values.dtype.kind == "f"
+    if is_float and scale is not None:
+        raise UsageError(f"a scale is for integers, but {path} holds {values.dtype}; remove it")
+    if not is_float and scale is None and kind is DepthKind.METRIC:
+        raise InputError(
+            f"{path} holds {values.dtype}, not float metres; state its units per metre: "
+            f"'depthcli convert {path} OUT.npy --from-scale 1000' makes metres of millimetres"
+        )
     with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is infinitely far
         depth = np.ascontiguousarray(values, np.float32)
-    # The format cannot state its kind itself.
-    kind = _kind_named(str(sidecar_metadata(path).get("kind")))
+    if scale is not None:
+        depth = dequantized(values, scale)
     return DepthMap(depth, kind, provenance_of(with_sidecar(path, {})))
 
 

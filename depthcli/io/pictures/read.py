@@ -10,6 +10,7 @@ from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
+from depthcli.io.pictures.count import count_warnings
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
 from depthcli.io.pictures.levels import full_range
@@ -57,7 +58,11 @@ def read_image(
     if not data.startswith(TIFF_STARTS):  # TIFF comes upright from the decoder
         pixels = upright(pixels, exif.orientation)
     return Frame(
-        np.ascontiguousarray(pixels), path, orientation=exif.orientation, focal_35mm=exif.focal_35mm
+        np.ascontiguousarray(pixels),
+        path,
+        orientation=exif.orientation,
+        focal_35mm=exif.focal_35mm,
+        warnings=count_warnings(data),
     )
 
 

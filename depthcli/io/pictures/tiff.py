@@ -1,10 +1,11 @@
-"""The first picture of a TIFF file (TIFF 6.0, and BigTIFF): its size and its integrity."""
+"""The first picture of a TIFF file (TIFF 6.0, and BigTIFF): its size and integrity; the others."""
 
 import struct
 import zlib
 from collections.abc import Collection, Iterator, Mapping
 from typing import NamedTuple
 
+_SUBFILE_TYPE, _REDUCED_OR_MASK = 254, 0b101
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
 _PHOTOMETRIC, _PLANES = 262, 284
 _WHITE_IS_ZERO, _PLANAR, _EIGHT = (0,), (2,), 8
@@ -68,6 +69,27 @@ def tiff_tags(
 def _unpack(form: str, data: bytes, at: int) -> tuple[int, ...]:
     """As ``struct.unpack_from``, at a position of any size."""
     return struct.unpack(form, data[at : at + struct.calcsize(form)])
+
+
+def tiff_directories(data: bytes) -> Iterator[bool]:
+    """For each directory in the file's chain, whether it is a picture of its own.
+
+    Others are reduced copies (thumbnails) and masks.
+
+    Raises:
+        struct.error: the file is truncated.
+    """
+    layout, seen = _LAYOUTS[data[:4]], {0}
+    order, number = layout.order, layout.order + layout.number
+    (at,) = _unpack(number, data, layout.start)
+    while at not in seen:
+        seen.add(at)
+        (count,) = _unpack(order + layout.total, data, at)
+        first = at + struct.calcsize(layout.total)
+        (at,) = _unpack(number, data, first + layout.entry * count)
+        (tag,) = _unpack(order + "H", data, first)  # in ascending order, so this one is first
+        (kind,) = _unpack(order + "I", data, first + layout.value)
+        yield not (tag == _SUBFILE_TYPE and kind & _REDUCED_OR_MASK)
 
 
 def tiff_size(data: bytes) -> tuple[int, int] | None:

@@ -60,10 +60,11 @@ def _dry_run_of(
                 sha256 = video_checksum(video, source, request.options.camera)
             kept = video.reusable_row(request.plan.out, sha256, origin)
         else:
-            data = read_input(file)
+            picture = outputs.picture(file, rows)
+            data = read_input(picture.input)
             check(data, safe_name(file.path), request.options.limit)
             sha256 = hashlib.sha256(data).hexdigest()
-            kept = outputs.picture(file, rows).reusable_row(request.plan.out, sha256, origin)
+            kept = picture.reusable_row(request.plan.out, sha256, origin)
     except InputError as error:
         return DryRunResult(file.name, "fail", paths, str(error))
     return DryRunResult(file.name, "keep" if kept else "do", paths)

@@ -1,6 +1,8 @@
 """Mapping inputs to the paths of their outputs."""
 
 import os
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,6 +52,8 @@ class OutputMap:
         outputs, row = self._of_picture(file), rows.row(file.name)
         names = [path.relative_to(self.plan.out).as_posix() for path in outputs.values()]
         has_names = row is not None and [file.path for file in row.outputs] == names
+        if not has_names:
+            file = self._unless_taken(file, outputs.values(), rows)
         return Task(file, outputs, row if has_names else None, has_crashed(row))
 
     def video(self, file: InputFile, rows: Rows) -> Task[VideoFormat]:
@@ -58,7 +62,24 @@ class OutputMap:
         # The number of frames is not known in advance.
         start = f"{self.plan.names.base(file.name)}."
         has_names = row is not None and all(file.path.startswith(start) for file in row.outputs)
-        return Task(file, self._of_video(file), row if has_names else None, has_crashed(row))
+        outputs = self._of_video(file)
+        if not has_names:
+            file = self._unless_taken(file, outputs.values(), rows)
+        return Task(file, outputs, row if has_names else None, has_crashed(row))
+
+    def _unless_taken(self, file: InputFile, outputs: Iterable[Path], rows: Rows) -> InputFile:
+        """The input, with a problem if its output is that of a file which is left out."""
+        names = {path.relative_to(self.plan.out).as_posix() for path in outputs}
+        for other in self.plan.unlisted.get(file.name, ()):
+            row = rows.row(other)
+            for made in row.outputs if row else ():
+                # Frames of a sequence are named by their pattern.
+                if names & {made.path, re.sub(r"\d{6,}(?=\.\w+$)", "%06d", made.path)}:
+                    return file._replace(
+                        problem=f"{self.plan.out / made.path} is the output for {other}, which "
+                        "this batch leaves out; list both, or choose another --out"
+                    )
+        return file
 
     def _of_picture(self, file: InputFile) -> dict[Format, Path]:
         base = self.plan.names.base(file.name)

@@ -99,7 +99,7 @@ class PictureWorker:
             return self._failed(task, depth, start_s, opened.sha256)
         try:
             predicted, depth = depth, fitted(depth, self.options.camera.anchors)
-            warnings = [*lost_in_fit(predicted, depth)]
+            warnings = [*opened.frame.warnings, *lost_in_fit(predicted, depth)]
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, opened.frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())

@@ -1,12 +1,13 @@
 """The inputs of a batch, and the names of their outputs."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 
 from depthcli.errors import InputError, UsageError
-from depthcli.io.listing.folder import InputFile, is_video, list_folder
+from depthcli.io.listing.folder import InputFile, is_video, list_folder, why_skipped
 from depthcli.io.listing.globs import ANY, NameFilter
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.listing.path_list import listed_inputs
@@ -25,10 +26,12 @@ from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.storage.remote import (
     RemotePath,
     check_writable,
+    join,
     path_of,
     safe_name,
     without_file_scheme,
 )
+from depthcli.jobs.namesakes import namesakes
 from depthcli.jobs.tree_names import TreeNames
 
 
@@ -45,6 +48,8 @@ class Plan:
     #: paths of the inputs, of all shards, that lie in the output folder
     inputs_in_out: frozenset[str] = frozenset()
     shard: Shard = WHOLE  #: the part of the inputs that is planned
+    #: by input of a list: files beside it, not in the batch, whose outputs may have had its names
+    unlisted: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @property
     def warnings(self) -> Iterator[str]:
@@ -114,6 +119,8 @@ def plan_files(
 ) -> Plan:
     """Plan the files of a list, with any suffix.
 
+    Their folders are listed, so that their outputs have the names that a batch of the folder gives.
+
     Args:
         words: the paths of the list.
         source: name of the list in messages.
@@ -136,7 +143,7 @@ def plan_files(
             else:
                 yield found
 
-    plan = collector.plan(pictures(), f"the list {safe_name(source)}")
+    plan = collector.plan(pictures(), f"the list {safe_name(source)}", is_list=True)
     # So that nothing depends on the order of the list.
     return replace(plan, inputs=tuple(sorted(plan.inputs)))
 
@@ -150,6 +157,7 @@ class _InputCollector:
         self._inputs: dict[str, InputFile] = {}
         self._skipped: dict[Skipped, None] = {}
         self._inputs_in_out: set[str] = set()
+        self._unlisted: dict[str, list[str]] = {}
         self._has_inputs = False
         self._unmatched = list(zip(wanted.include_words, wanted.include, strict=True))
 
@@ -158,10 +166,17 @@ class _InputCollector:
         if self._shard.holds(file.name):
             self._skipped[file] = None
 
-    def plan(self, media: Iterable[InputFile], where: str, loops: tuple[str, ...] = ()) -> Plan:
+    def plan(
+        self,
+        media: Iterable[InputFile],
+        where: str,
+        loops: tuple[str, ...] = (),
+        *,
+        is_list: bool = False,
+    ) -> Plan:
         """Make a plan of pictures and videos."""
-        # Output names depend on all files, not on the patterns.
-        names = TreeNames(self._names(media))
+        # Output names depend on all files, not on the patterns or the list.
+        names = TreeNames(chain(self._names(media), self._neighbours() if is_list else ()))
         plan = Plan(
             path_of(self._out),
             tuple(self._inputs.values()),
@@ -171,6 +186,7 @@ class _InputCollector:
             tuple(word for word, _ in self._unmatched),
             frozenset(self._inputs_in_out),
             self._shard,
+            self._unlisted,
         )
         if not self._has_inputs:
             _check_any(plan.skipped, where)
@@ -189,6 +205,24 @@ class _InputCollector:
             self._inputs_in_out.update(p for p in places.all_of(found.path) if p.startswith(inside))
             if self._shard.holds(found.name):
                 self._add_input(found, places)
+
+    def _neighbours(self) -> Iterator[str]:
+        """Names of the pictures and videos beside the inputs whose outputs could collide."""
+        folders: dict[tuple[str, str], list[str]] = {}
+        for found in self._inputs.values():
+            if found.problem is None:
+                above, slash, name = found.name.rpartition("/")
+                folder = os.path.dirname(found.path)  # noqa: PTH120 - may be a URI
+                folders.setdefault((folder, above + slash), []).append(name)
+        for (folder, above), own in folders.items():
+            for name, others in namesakes(path_of(folder), own).items():
+                there = [other for other in others if above + other not in self._inputs]
+                if there:
+                    self._unlisted[above + name] = [above + other for other in there]
+                for other in there:
+                    path = join(folder, other)
+                    if why_skipped(path) is None and not os.path.isdir(path):  # noqa: PTH112
+                        yield above + other
 
     def _add_input(self, found: InputFile, places: RealPaths) -> None:
         """Add an input, unless it is listed twice.

@@ -113,8 +113,10 @@ def video_checksum(task: VideoTask, path: Path, camera: Camera) -> str:
     """SHA-256 of a video, in constant memory.
 
     Raises:
-        InputError: it cannot be read, or the options do not apply to videos.
+        InputError: it cannot be processed, or the options do not apply to videos.
     """
+    if task.input.problem is not None:
+        raise InputError(task.input.problem)
     if not set(task.outputs) - {VideoFormat.JSON}:
         raise InputError(
             f"{path} is a video, and no format in --format holds one; add --format png16"

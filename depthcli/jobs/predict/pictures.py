@@ -63,7 +63,7 @@ def _predict_picture(
         frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
     )
     depth = with_centre(fitted(predicted, camera.anchors), request.writing.centre_px)
-    warnings = [*session.warnings, *lost_in_fit(predicted, depth)]
+    warnings = [*session.warnings, *frame.warnings, *lost_in_fit(predicted, depth)]
     del predicted  # the writers need the memory
     for name, path in plan.outputs.items():
         warnings += _write_picture(request, name, depth, frame, path)

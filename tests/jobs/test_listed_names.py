@@ -1,0 +1,102 @@
+"""Outputs of listed files have the names that those of the whole folder have."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from batches import outputs
+from tiny import synthetic_picture, write_model, write_picture
+
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.manifest.row import FAILED, OK
+from depthcli.io.manifest.shard import Shard
+from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.dry_run import dry_run
+from depthcli.jobs.batch.options import BatchOptions, BatchRequest
+from depthcli.jobs.batch.plan import plan_files, plan_folder
+from depthcli.jobs.batch.run import Batch
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.io.manifest.row import Row
+
+
+def listed(
+    folder: Path, *words: str, formats: tuple[Format, ...] = (Format.PNG16,)
+) -> BatchRequest:
+    """A batch of some files of the folder ``in``."""
+    plan = plan_files(words, "mine", str(folder / "in"), str(folder / "out"))
+    loader = SessionLoader(write_model(folder / "model"), "cpu")
+    return BatchRequest(plan, BatchOptions(formats), loader)
+
+
+def rows(job: BatchRequest) -> dict[str, Row]:
+    """Runs a batch; the row of each input."""
+    return {result.row.input: result.row for result in Batch(job)}
+
+
+def test_a_file_that_comes_later_replaces_no_output(tmp_path: Path) -> None:
+    write_picture(tmp_path / "in" / "hall" / "a.jpg", synthetic_picture(24, 32))
+    rows(listed(tmp_path, "hall/a.jpg"))
+    before = outputs(tmp_path / "out")
+    write_picture(tmp_path / "in" / "hall" / "a.png", synthetic_picture(24, 40))
+    row = rows(listed(tmp_path, "hall/a.png"))["hall/a.png"]
+    assert [file.path for file in row.outputs] == ["hall/a.png.depth.png"]
+    assert before.items() < outputs(tmp_path / "out").items()
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("a.jpg", "a.png"),
+        ("a.jpg", "A.PNG", "b.png"),
+        ("e\u0301.jpg", "\u00e9.png"),
+        ("a.jpg", "a.depth.jpg", "a.jpg.png"),
+        ("a.jpg", "a.txt", ".a.png"),
+        ("hall/a.jpg", "a.png", "hall/a.mp4"),
+    ],
+)
+def test_names_are_those_of_the_folder(tmp_path: Path, names: tuple[str, ...]) -> None:
+    root, out = str(tmp_path / "in"), str(tmp_path / "out")
+    for name in names:
+        write_picture(tmp_path / "in" / "x.png").rename(_made(tmp_path / "in" / name))
+    whole = plan_folder(root, out)
+    for found in whole.inputs:
+        for shard in (Shard(1, 2), Shard(2, 2)):
+            one = plan_files([found.name], "mine", root, out, shard=shard)
+            if one.inputs:
+                assert one.names.base(found.name) == whole.names.base(found.name)
+
+
+def _made(path: Path) -> Path:
+    path.parent.mkdir(exist_ok=True)
+    return path
+
+
+@pytest.mark.parametrize("formats", [(Format.PNG16, Format.NPY), (Format.NPY,)])
+def test_the_output_of_a_file_that_is_left_out_stays(
+    tmp_path: Path, formats: tuple[Format, ...]
+) -> None:
+    """A list takes files of any suffix, which no folder's batch knows."""
+    other = tmp_path / "in" / "a.raw"
+    write_picture(tmp_path / "in" / "a.png", synthetic_picture(24, 32)).rename(other)
+    rows(listed(tmp_path, "a.raw", formats=formats))
+    before = outputs(tmp_path / "out")
+    write_picture(tmp_path / "in" / "a.png", synthetic_picture(24, 40))
+    job = listed(tmp_path, "a.png", formats=formats)
+    (would,) = dry_run(job, job.model.load())
+    assert would.would == "fail"
+    row = rows(job)["a.png"]
+    assert row.status == FAILED
+    assert row.error is not None
+    assert row.error.endswith(
+        "is the output for a.raw, which this batch leaves out; list both, or choose another --out"
+    )
+    assert outputs(tmp_path / "out") == before
+    both = rows(listed(tmp_path, "a.png", "a.raw", formats=formats))
+    assert {row.status for row in both.values()} == {OK}
+    other.unlink()
+    again = rows(listed(tmp_path, "a.png", formats=formats))["a.png"]
+    assert again.outputs[0].path.startswith("a.depth.")
