@@ -244,7 +244,7 @@ def test_a_png_is_whole_up_to_its_end() -> None:
     assert find_problem(data) is None
     assert find_problem(data + b"trailing") is None
     for cut in range(8, len(data)):
-        assert "has no end" in (find_problem(data[:cut]) or ""), cut
+        assert "its end is missing" in (find_problem(data[:cut]) or ""), cut
     for at in range(8, end):  # a changed length may lead anywhere
         found = find_problem(_flipped(data, at))
         assert (found is None) is (first + 4 <= at < last), at
