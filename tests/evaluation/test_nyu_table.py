@@ -62,7 +62,9 @@ def test_trivial_rows_know_the_training_part_only() -> None:
     dataset.depths_m[5:] *= 0.5
     changed = evaluate_models(task, [], EvalOptions(ANY_SIZE))
     assert report.rows[0].scores != changed.rows[0].scores
-    assert any("computed from 5 of the split's 1000 training pairs" in note for note in report.notes)
+    assert any(
+        "computed from 5 of the split's 1000 training pairs" in note for note in report.notes
+    )
 
 
 def test_trivial_rows_get_every_alignment_that_is_asked_for() -> None:
