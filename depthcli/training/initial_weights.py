@@ -67,8 +67,11 @@ def trained_ids(paths: Sequence[Path], data: str, ids: Sequence[str]) -> tuple[s
 def _trained_on(path: Path, data: str) -> set[str]:
     is_nyu = data.startswith(NYU)
     if path.suffix == ".onnx":
-        stated = find_model(path).card.training.get(TRAIN_IDS)
-        return {f"{n:04d}" for n in id_ranges.parse(str(stated))} if is_nyu and stated else set()
+        stated = str(find_model(path).card.training.get(TRAIN_IDS, "")) if is_nyu else ""
+        try:
+            return {f"{number:04d}" for number in id_ranges.parse(stated)}
+        except ValueError:  # ``training`` in a card is free-form
+            return set()
     progress = Checkpoint.load(path).progress
     is_same = progress.data == data or (is_nyu and progress.data.startswith(NYU))
     return {*progress.train_ids, *progress.start_ids} if is_same else set()

@@ -178,6 +178,11 @@ def test_pairs_that_initial_weights_were_trained_on_are_passed_on(tmp_path: Path
         assert trained_ids([source], NYU_OFFICIAL, ids) == ids[:3]
         assert trained_ids([source], "own pairs (yard)", ids) == ()
     assert trained_ids([], first.data, ids) == ()
+    free = onnx.load(model)
+    for entry in free.metadata_props:
+        entry.value = entry.value.replace('"0000-0005"', '"all of them"')
+    onnx.save(free, tmp_path / "free.onnx")
+    assert trained_ids([tmp_path / "free.onnx"], first.data, ids) == ()
     second = _train(SUPERVISED, tmp_path / "second", start, title=NYU_PAPER)
     assert set(second.held_out_ids) < set(second.start_ids) == set(first.train_ids)
     later = tmp_path / "second" / CHECKPOINT
