@@ -20,6 +20,7 @@ from depthcli.core.temporal.smoothing import (
     to_log,
 )
 from depthcli.core.types import DepthMap, Frame
+from depthcli.core.windows import over_window
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.quantization import dequantized, quantized
 from depthcli.io.writers.preview import percentiles
@@ -86,8 +87,14 @@ class FrameStages:
             values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
             depth = dataclasses.replace(depth, values=values)
         depth = with_centre(depth, self._settings.writing.centre_px)
-        thumbnail = temporal.thumbnail(picture.pixels)
-        small = DepthMap(sample_cells(depth.values, thumbnail.shape), depth.kind)
+        thumbnail, shown = temporal.thumbnail(picture.pixels), depth.values
+        if (windows := picture.windows) is not None:
+            # Files of earlier runs are read over the display window.
+            covered = windows.pixels if kept is None else windows.display
+            values = over_window(depth.values, covered, windows.pixels)
+            depth = dataclasses.replace(depth, values=windows.only(windows.valid, values))
+            shown = windows.only(windows.display, depth.values)
+        small = DepthMap(sample_cells(shown, thumbnail.shape), depth.kind)
         steps = to_log(depth) if self._settings.smooth_s else None
         spread, is_kept = percentiles(small), kept is not None
         return PredictedFrame(picture, depth, thumbnail, steps, to_log(small), spread, is_kept)
@@ -100,8 +107,9 @@ class FrameStages:
             self.times_s.append(now_s)
             self.numbers.append(frame.picture.index)
             if self.first is None:
-                alone = dataclasses.replace(frame.picture, pixels=np.zeros((1, 1), np.uint8))
-                self.first = (alone, frame.depth)
+                shown = DepthFrame(frame.picture, frame.depth, frame.spread).displayed()
+                alone = dataclasses.replace(shown.picture, pixels=np.zeros((1, 1), np.uint8))
+                self.first = (alone, shown.depth)
             yield self._smoothed(frame, interval_s)
 
     def _smoothed(self, frame: PredictedFrame, interval_s: float) -> DepthFrame:

@@ -109,7 +109,8 @@ def _process_frames(
 
     def encoded(frame: DepthFrame) -> list[Any]:
         whole = stages.restore(frame)
-        return [output.encode(whole) for output in outputs]
+        shown = whole.displayed()
+        return [output.encode(whole if output.has_overscan else shown) for output in outputs]
 
     with (
         one_thread_each(workers),
