@@ -44,7 +44,7 @@ def read_exr_picture(
     from depthcli.io.depth.exr_channels import read_exr_channels  # noqa: PLC0415
 
     channels = read_exr_channels(path)
-    names = _colours(path, list(channels))
+    names = _colour_names(path, list(channels))
     first = channels[names[0]]
     display = first.display
     whole = display.union(first.data)
@@ -60,7 +60,7 @@ def read_exr_picture(
     )
 
 
-def _colours(path: Path, names: Sequence[str]) -> tuple[str, ...]:
+def _colour_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
     """The names of the channels R, G and B, or of the channel Y."""
     layers = sorted({name[:-1] for name in names if name.endswith("R")}, key=len)
     for layer in layers:

@@ -136,6 +136,7 @@ def video(
     sidecar: options.SidecarOption = False,
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
+    centre_px: options.CentrePxOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
     max_memory: options.MaxMemoryOption = None,
@@ -171,7 +172,8 @@ def video(
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
-    refuse_unused(context, chosen, {which: which.facts.options for which in VideoFormat})
+    written = [*chosen, VideoFormat.JSON] if sidecar else chosen
+    refuse_unused(context, written, {which: which.facts.options for which in VideoFormat})
     use_bytes = [which.facts.use_bytes for which in chosen]
     request = VideoRequest(
         video=file,

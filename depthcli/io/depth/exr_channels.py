@@ -16,7 +16,7 @@ from depthcli.io.pictures.decode import read_bytes
 _WINDOWS = ("dataWindow", "displayWindow")
 
 
-class ExrChannel(NamedTuple):
+class StoredChannel(NamedTuple):
     """One channel of a part."""
 
     pixels: npt.NDArray[Any]  #: (H, W) over the data window: float32, float16 or uint32
@@ -32,7 +32,7 @@ class ExrChannel(NamedTuple):
         return over_window(values, Window(left, top, left + width, top + height), window)
 
 
-def read_exr_channels(path: Path) -> dict[str, ExrChannel]:
+def read_exr_channels(path: Path) -> dict[str, StoredChannel]:
     """All channels of all parts, by name.
 
     In a file of several parts, a part's name precedes the names of its channels.
@@ -41,7 +41,7 @@ def read_exr_channels(path: Path) -> dict[str, ExrChannel]:
         InputError: missing, damaged, or too large.
     """
     read_bytes(path)
-    channels: dict[str, ExrChannel] = {}
+    channels: dict[str, StoredChannel] = {}
     problem = "is not an EXR file that can be read"
     try:
         with utf8_name(path) as name, silenced():
@@ -56,7 +56,7 @@ def read_exr_channels(path: Path) -> dict[str, ExrChannel]:
             data, display = (_window(part.header[which]) for which in _WINDOWS)
             aspect = float(part.header["pixelAspectRatio"])
             for channel, content in part.channels.items():
-                channels[layer + channel] = ExrChannel(content.pixels, data, display, aspect)
+                channels[layer + channel] = StoredChannel(content.pixels, data, display, aspect)
     except OPENEXR_ERRORS as error:
         raise InputError(f"{path} {problem}") from error
     return channels
