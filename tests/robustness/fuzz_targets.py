@@ -187,13 +187,15 @@ def _sidecars() -> list[bytes]:
         "centre_px": [319.5, 239.5],
         "camera_source": "exif",
     }
-    return [json.dumps(facts).encode()]
+    times_s = {"times_s": {"7": 0.25}}
+    return [json.dumps(facts).encode(), json.dumps(facts | times_s).encode()]
 
 
 def _read_sidecar(path: Path) -> None:
-    np.save(path.with_suffix(".npy"), _depth().values)
-    read_depth(path.with_suffix(".npy"))
-    read_metadata(path.with_suffix(".npy"))
+    for array in (path.with_suffix(".npy"), path.with_name(f"{path.stem}.7.npy")):
+        np.save(array, _depth().values)
+        read_depth(array)
+        read_metadata(array)
 
 
 def _cards() -> list[bytes]:
