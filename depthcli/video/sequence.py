@@ -30,18 +30,22 @@ class ImageSequence(FrameSource):
         *,
         rate: Fraction | None = None,
         max_pixels: int | PictureLimit = MAX_PIXELS,
+        white_level: int | None = None,
     ) -> None:
         """Find the pictures of a folder or of a pattern such as ``%04d``, and read the first.
 
-        Without a rate, that of the first EXR is used. Larger pictures than ``max_pixels`` are
-        refused.
+        Args:
+            path: the folder or the pattern.
+            rate: frames a second; None for that of the first EXR.
+            max_pixels: larger pictures are refused.
+            white_level: value of white in 16-bit pictures; None for 65535.
 
         Raises:
             InputError: there is none, or the first cannot be read.
         """
         self._files = find_pictures(path)
         self.paths = tuple(file.path for file in self._files)
-        self._max_pixels = max_pixels
+        self._max_pixels, self._white_level = max_pixels, white_level
         self._overscan: Window | None = None  # that of the first picture
         stated = rate or read_exr_rate(self.paths[0])
         self.rate = stated or FALLBACK_RATE
@@ -100,13 +104,15 @@ class ImageSequence(FrameSource):
                 file.path, max_pixels=self._max_pixels, overscan=self._overscan
             )
         else:
-            picture = read_image(file.path, max_pixels=self._max_pixels)
-        time_s = float(self._time_s(file))
-        return replace(picture, index=file.number, timestamp_s=time_s, warnings=())
+            picture = read_image(
+                file.path, max_pixels=self._max_pixels, white_level=self._white_level
+            )
+        return replace(picture, index=file.number, timestamp_s=float(self._time_s(file)))
 
     def _warnings(self, first: Frame, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
             yield f"no frame rate is given; {FALLBACK_RATE} is assumed; give --fps"
+        yield from (f"{first.path}: {warning}" for warning in first.warnings)
         stretched = pixel_aspect_warning(first.pixel_aspect)
         if stretched:
             yield stretched

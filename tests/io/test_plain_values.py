@@ -20,7 +20,7 @@ from PIL import Image
 
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth import exr_channels
+from depthcli.io.depth import exr_channels, metadata
 from depthcli.io.depth.exr import _has_all_rows, write_exr
 from depthcli.io.depth.exr_channels import read_exr_channels
 from depthcli.io.depth.exr_library import silenced
@@ -324,8 +324,14 @@ SIDECAR = {"software": "depthcli 1", "model": "m", "model_sha256": "ab", "focal_
     ],
 )
 def test_facts_are_a_file_s_own_before_its_sidecar_s(
-    name: str, beside: object, own: dict[str, str], facts: dict[str, object], tmp_path: Path
+    name: str,
+    beside: object,
+    own: dict[str, str],
+    facts: dict[str, object],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(metadata, "_MAX_SIDECAR_BYTES", 2**20)
     labels = {f"depthcli:{key}": text for key, text in own.items()} | {"model": "somebody's"}
     data = encode_png(np.ones((1, 2), np.uint16), labels)
     (tmp_path / name).write_text(json.dumps(beside))

@@ -51,7 +51,12 @@ def write_video(
     _refuse_folders(plan)
     limit = PictureLimit(settings.max_pixels, settings.detail)
     with (
-        open_frames(plan.source, rate=settings.fps, max_pixels=limit) as source,
+        open_frames(
+            plan.source,
+            rate=settings.fps,
+            max_pixels=limit,
+            white_level=settings.camera.white_level,
+        ) as source,
         ExitStack() as stack,
     ):
         rate = settings.span.rate(source.rate)
