@@ -13,7 +13,7 @@ from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.storage.transfer import local_copy
 
-OPENEXR_ERRORS = (RuntimeError, ValueError, TypeError, OSError, MemoryError)
+OPENEXR_ERRORS = (RuntimeError, ValueError, TypeError, OSError, MemoryError, ArithmeticError)
 _LOCK = threading.Lock()  # standard output is redirected meanwhile
 
 

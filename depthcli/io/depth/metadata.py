@@ -15,7 +15,7 @@ from depthcli.io.writers.metadata import ORIGIN_FIELDS
 _MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
 _LEAST, _MOST = 1e-9, 1e12
 _PREFIX = "depthcli:"
-_FRAME_NAME = re.compile(r"(.*?)([._\- ]*)(\d+)(\D*)", re.ASCII)
+_FRAME_NAME = re.compile(r"(.*?)([._\- ]*)(\d+)(\D*)", re.ASCII | re.DOTALL)
 _MIN_DIGITS = 6  # of the names that depthcli chooses
 _ORIENTATIONS = frozenset("12345678")
 _SHARED = ("software", "orientation", "time_s", *ORIGIN_FIELDS)
