@@ -73,6 +73,28 @@ def test_every_way_to_give_a_picture_gives_the_same_depth(
             np.testing.assert_array_equal(model.predict(way).values, wanted)
 
 
+def test_white_can_be_below_the_maximum(model: depthcli.DepthModel, tmp_path: Path) -> None:
+    low = np.random.default_rng(0).integers(0, 1024, (48, 64), np.uint16)
+    path = tmp_path / "a.png"
+    Image.fromarray(low).save(path)
+    wanted = model.predict(np.rint(low * (65535 / 1023)).astype(np.uint16))
+    ways: list[Any] = [path, path.read_bytes(), low, Image.fromarray(low)]
+    for way in ways:
+        found = model.predict(way, white_level=1023)
+        np.testing.assert_array_equal(found.values, wanted.values)
+    for found in model.predict_many(ways, white_level=1023):
+        np.testing.assert_array_equal(found.values, wanted.values)
+    gray = np.asarray(low // 4, np.uint8)
+    assert (model.predict(gray, white_level=9).values == model.predict(gray).values).all()
+    read = depthcli.read_image(path, white_level=1023)
+    np.testing.assert_array_equal(model.predict(read).values, wanted.values)
+    with pytest.raises(depthcli.UsageError, match="give white_level to read_image"):
+        model.predict(read, white_level=1023)
+    for use in (model.predict, model.predict_many):
+        with pytest.raises(depthcli.UsageError, match="white level of 0 is not a whole number"):
+            use([low], white_level=0)
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, ">u2"])
 def test_gray_of_each_depth(dtype: Any, model: depthcli.DepthModel) -> None:
     white = np.full((12, 16), np.iinfo(dtype).max, dtype)

@@ -23,6 +23,7 @@ from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.providers import AUTO
 from depthcli.io.pictures.convert import frame_of
+from depthcli.io.pictures.levels import check_white_level
 from depthcli.models.locations import DEFAULT_MODEL
 
 if TYPE_CHECKING:
@@ -98,6 +99,7 @@ class DepthModel:
         focal_px: float | None = None,
         hfov_deg: float | None = None,
         anchors: Sequence[AnchorLike] = (),
+        white_level: int | None = None,
     ) -> DepthMap:
         """Depth of every pixel of a picture.
 
@@ -109,6 +111,8 @@ class DepthModel:
                 the 35-mm focal length in the picture's EXIF is used, if it has one, else the camera
                 that the model learned is assumed; ``camera_source`` of the map states which.
             anchors: known points that metres are fitted to; see :meth:`DepthMap.fit_anchors`.
+            white_level: value of white in a 16-bit picture, such as 4095 for data of 12 bits; None
+                for 65535. Not for a ``Frame``, whose white is 65535.
 
         Returns:
             (H, W) of the upright picture.
@@ -116,10 +120,11 @@ class DepthModel:
         Raises:
             InputError: the picture cannot be read, or is not a picture.
             ModelError: the network failed.
-            UsageError: the camera or the anchors are not valid for this model and picture.
+            UsageError: the camera, the anchors or the white level are not valid for this model and
+                picture.
         """
         self.pipeline.check_focal(focal_px, hfov_deg)
-        frame = frame_of(picture)
+        frame = frame_of(picture, white_level)
         depth = self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
         return _with_anchors(DepthMap.of(depth, frame), anchors)
 
@@ -130,6 +135,7 @@ class DepthModel:
         focal_px: float | None = None,
         hfov_deg: float | None = None,
         anchors: Sequence[AnchorLike] = (),
+        white_level: int | None = None,
         batch_size: int = 1,
         workers: int = 0,
     ) -> Iterator[DepthMap]:
@@ -140,6 +146,7 @@ class DepthModel:
             focal_px: as in :meth:`predict`.
             hfov_deg: as in :meth:`predict`.
             anchors: as in :meth:`predict`.
+            white_level: as in :meth:`predict`.
             batch_size: pictures in one run of the network, which is faster on a GPU.
             workers: threads; 0 works in the calling thread and never reads ahead. With more, twice
                 as many batches are read ahead: use 0 for a live camera, all cores for a folder.
@@ -149,13 +156,15 @@ class DepthModel:
             of that picture, and ends the iterator.
 
         Raises:
-            UsageError: the camera is not valid, or ``pictures`` is a single picture.
+            UsageError: the camera or the white level is not valid, or ``pictures`` is a single
+                picture.
         """
         self.pipeline.check_focal(focal_px, hfov_deg)
+        check_white_level(white_level)
         _check_several(pictures, batch_size, workers)
 
         def batch(some: Sequence[Picture]) -> list[DepthMap]:
-            frames = [frame_of(picture) for picture in some]
+            frames = [frame_of(picture, white_level) for picture in some]
             depths = self.pipeline.predict_many(frames, focal_px=focal_px, hfov_deg=hfov_deg)
             return [
                 _with_anchors(DepthMap.of(depth, frame), anchors)

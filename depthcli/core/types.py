@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from depthcli.core.camera import Anchor
 from depthcli.core.pixels import check_pixels
+from depthcli.core.windows import Windows
 
 if TYPE_CHECKING:  # pictures need not wait for it
     from fractions import Fraction
@@ -52,6 +53,9 @@ class Frame:
         focal_35mm: EXIF 35-mm-equivalent focal length in millimetres, if the file states one.
         rate: frames a second of the video that is made of it; None for a still picture.
         warnings: about its file, one line each.
+        pixel_aspect: width by height of a pixel; 1 is square.
+        windows: which part of the image plane the pixels cover, of an EXR; None if they are all of
+            the frame.
     """
 
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
@@ -62,6 +66,8 @@ class Frame:
     focal_35mm: float | None = None
     rate: "Fraction | None" = None
     warnings: tuple[str, ...] = ()
+    pixel_aspect: float = 1.0
+    windows: Windows | None = None
 
     def __post_init__(self) -> None:
         """Check the pixels.
@@ -80,6 +86,13 @@ class Frame:
     def width(self) -> int:
         """Columns."""
         return int(self.pixels.shape[1])
+
+    @property
+    def display_size_px(self) -> tuple[int, int]:
+        """(columns, rows) that its field of view is of: those of its pixels without overscan."""
+        if self.windows is None:
+            return self.width, self.height
+        return self.windows.display.width, self.windows.display.height
 
     def __repr__(self) -> str:
         colours = "gray" if self.pixels.ndim == 2 else "RGB"  # noqa: PLR2004

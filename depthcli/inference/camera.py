@@ -65,10 +65,11 @@ def _stated_camera(
 ) -> PictureCamera | None:
     if focal_px is not None:
         return PictureCamera(focal_px, CameraSource.OPTION)
+    width, height = frame.display_size_px
     if hfov_deg is not None:
-        return PictureCamera(scaling.focal_px_of_hfov(hfov_deg, frame.width), CameraSource.OPTION)
+        return PictureCamera(scaling.focal_px_of_hfov(hfov_deg, width), CameraSource.OPTION)
     if frame.focal_35mm is not None:
-        in_px = scaling.focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
+        in_px = scaling.focal_px_of_35mm(frame.focal_35mm, width, height)
         return PictureCamera(in_px, CameraSource.EXIF)
     return None
 
@@ -80,7 +81,7 @@ def _assumed(spec: InputSpec, camera: CameraSpec, frame: Frame) -> PictureCamera
     or portrait; docs/cameras.md has measurements of alternatives.
     """
     aspect = spec.width / spec.height * spec.pixel_aspect
-    long, short = sorted((frame.width, frame.height), reverse=True)
+    long, short = sorted(frame.display_size_px, reverse=True)
     long_px = max(long, short * max(aspect, 1 / aspect))
     width_px = long_px if aspect >= 1 else long_px * aspect
     return PictureCamera(width_px * scaling.focal_px_of_hfov(camera.hfov_deg, 1), CameraSource.CARD)

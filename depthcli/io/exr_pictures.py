@@ -1,5 +1,6 @@
 """Pictures in OpenEXR files, converted from linear light to sRGB."""
 
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -10,21 +11,27 @@ import numpy.typing as npt
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.text import one_line
+from depthcli.core.types import Frame
+from depthcli.core.windows import Window, Windows
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import check_size
 
 _LINEAR_UP_TO = 0.0031308
-_MAX_DENOMINATOR = 1000
 
 
 def read_exr_picture(
-    path: Path, *, max_pixels: int | PictureLimit = MAX_PIXELS
-) -> npt.NDArray[np.float32]:
-    """The colours of an EXR, encoded for display.
+    path: Path,
+    *,
+    max_pixels: int | PictureLimit = MAX_PIXELS,
+    overscan: Window | None = None,
+) -> Frame:
+    """The colours of an EXR, encoded for display, with its windows and the shape of its pixels.
 
     Args:
         path: the file; its R, G and B, or those of its first layer that has them, or its Y.
         max_pixels: pictures with more are refused.
+        overscan: the window to read, relative to the corner of the display window; None for the
+            display window and all that the data window has around it.
 
     Returns:
         (H, W, 3) RGB or (H, W) gray, float32 in [0, 1]: linear light in the sRGB curve, clipped; 0
@@ -33,20 +40,37 @@ def read_exr_picture(
     Raises:
         InputError: missing, damaged, without colours, or too large.
     """
-    from depthcli.io.depth.exr import read_exr_channels  # noqa: PLC0415 - OpenEXR is slow to load
+    # OpenEXR is slow to load.
+    from depthcli.io.depth.exr_channels import read_exr_channels  # noqa: PLC0415
 
     channels = read_exr_channels(path)
-    first = next(iter(channels.values()))
-    check_size(str(path), first.shape[1], first.shape[0], max_pixels)
-    layers = sorted({name[:-1] for name in channels if name.endswith("R")}, key=len)
+    names = _colour_names(path, list(channels))
+    first = channels[names[0]]
+    display = first.display
+    whole = display.union(first.data)
+    if overscan is not None:
+        whole = overscan.moved(display.left, display.top)
+    check_size(str(path), whole.width, whole.height, max_pixels)
+    planes = [channels[name].over(whole) for name in names]
+    return Frame(
+        _srgb(np.dstack(planes) if len(planes) > 1 else planes[0]),
+        path,
+        pixel_aspect=first.pixel_aspect,
+        windows=Windows(whole, first.data, display),
+    )
+
+
+def _colour_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """The names of the channels R, G and B, or of the channel Y."""
+    layers = sorted({name[:-1] for name in names if name.endswith("R")}, key=len)
     for layer in layers:
-        if {f"{layer}G", f"{layer}B"} <= channels.keys():
-            return _srgb(np.dstack([channels[layer + colour] for colour in "RGB"]))
-    if "Y" not in channels:
+        if {f"{layer}G", f"{layer}B"} <= set(names):
+            return tuple(layer + colour for colour in "RGB")
+    if "Y" not in names:
         raise InputError(
-            f"{path} has no channels R, G, B or Y; it has {one_line(', '.join(channels))}"
+            f"{path} has no channels R, G, B or Y; it has {one_line(', '.join(names))}"
         )
-    return _srgb(channels["Y"])
+    return ("Y",)
 
 
 def read_exr_rate(path: Path) -> Fraction | None:
@@ -56,16 +80,6 @@ def read_exr_rate(path: Path) -> Fraction | None:
         d = getattr(stated, "d", None)
         stated = Fraction(stated.n, d) if d else None
     return stated if stated and stated > 0 else None
-
-
-def read_exr_pixel_aspect(path: Path) -> Fraction | None:
-    """Width by height of a pixel that an EXR's header states; None for other files.
-
-    Raises:
-        InputError: missing or damaged.
-    """
-    stated = _header_value(path, "pixelAspectRatio")
-    return None if stated is None else Fraction(stated).limit_denominator(_MAX_DENOMINATOR)
 
 
 def _header_value(path: Path, name: str) -> Any:  # noqa: ANN401 - of any type that EXR has

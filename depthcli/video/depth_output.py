@@ -44,6 +44,8 @@ def depth_video(
 class DepthVideoOutput:
     """Quantized depth as lossless 16-bit gray: 0 = no depth, saturating."""
 
+    has_overscan = False
+
     def __init__(self, file: VideoFile, timing: Timing, scale: float) -> None:
         self._file = file
         self._timing = timing

@@ -70,7 +70,12 @@ class VideoFormat(StrEnum):
     MKV = (
         "mkv",
         VideoFormatFacts(
-            ".depth.mkv", ".mkv", None, Format.PNG16, ("png_scale", "lock"), use_bytes=16
+            ".depth.mkv",
+            ".mkv",
+            None,
+            Format.PNG16,
+            ("png_scale", "centre_px", "lock"),
+            use_bytes=16,
         ),
     )
     MP4 = "mp4", _preview(".mp4", Format.PREVIEW)

@@ -36,6 +36,7 @@ def open_frames(
     *,
     rate: Fraction | None = None,
     max_pixels: int | PictureLimit = MAX_PIXELS,
+    white_level: int | None = None,
 ) -> FrameSource:
     """Open a video or a sequence.
 
@@ -43,6 +44,7 @@ def open_frames(
         source: a file, a folder, a pattern such as ``plate.%04d.exr``, or a pipe.
         rate: frames a second of a sequence; None for what it states.
         max_pixels: frames that claim more are refused.
+        white_level: value of white in 16-bit pictures of a sequence; None for 65535.
 
     Raises:
         InputError: it cannot be read.
@@ -51,7 +53,7 @@ def open_frames(
     if isinstance(source, Path) and is_sequence(source):
         from depthcli.video.sequence import ImageSequence  # noqa: PLC0415
 
-        return ImageSequence(source, rate=rate, max_pixels=max_pixels)
+        return ImageSequence(source, rate=rate, max_pixels=max_pixels, white_level=white_level)
     from depthcli.video.source import VideoSource  # noqa: PLC0415
 
     return VideoSource(source, max_pixels=max_pixels)

@@ -1,9 +1,12 @@
 """The interface of a video's outputs."""
 
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, Self
+
+import numpy as np
 
 from depthcli.core.types import DepthMap, Frame
+from depthcli.core.windows import over_window
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,9 +23,29 @@ class DepthFrame:
         """When the frame is shown."""
         return self.picture.timestamp_s or 0.0
 
+    def displayed(self) -> Self:
+        """The frame without overscan, which formats without a display window cannot mark."""
+        windows = self.picture.windows
+        if windows is None or windows.pixels == windows.display:
+            return self
+        pixels: Any = np.ascontiguousarray(
+            self.picture.pixels[windows.display.within(windows.pixels)]
+        )
+        values = over_window(self.depth.values, windows.pixels, windows.display)
+        return replace(
+            self,
+            picture=replace(self.picture, pixels=pixels, windows=None),
+            depth=replace(self.depth, values=values),
+        )
+
 
 class VideoOutput(Protocol):
     """One output of a video."""
+
+    @property
+    def has_overscan(self) -> bool:
+        """Whether its frames include the pixels outside the display window."""
+        ...
 
     def encode(self, frame: DepthFrame) -> Any:  # noqa: ANN401 - each output has its own
         """Encode a frame; in any thread, in any order."""

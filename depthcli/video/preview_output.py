@@ -37,6 +37,8 @@ def preview_video(
 class PreviewVideoOutput:
     """Previews in the colour range of each frame's ``spread``."""
 
+    has_overscan = False
+
     def __init__(self, file: VideoFile, codec: Codec, writer: PreviewWriter) -> None:
         self._file = file
         self._codec = codec

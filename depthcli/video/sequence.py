@@ -1,20 +1,24 @@
 """Numbered pictures as a video: ``plate.%04d.exr``, or a folder in the order of its names."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import Frame
+from depthcli.core.windows import Window
 from depthcli.errors import InputError
-from depthcli.io.exr_pictures import read_exr_picture, read_exr_pixel_aspect, read_exr_rate
+from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.read import read_image
 from depthcli.video.frames import FrameSource
 from depthcli.video.pixel_aspect import pixel_aspect_warning
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.sequence_files import EXR, NumberedPicture, find_pictures
 from depthcli.video.spans import WHOLE, Span
+
+_CUT = "pictures with more overscan than the first one, which is cut off"
 
 
 class ImageSequence(FrameSource):
@@ -26,25 +30,31 @@ class ImageSequence(FrameSource):
         *,
         rate: Fraction | None = None,
         max_pixels: int | PictureLimit = MAX_PIXELS,
+        white_level: int | None = None,
     ) -> None:
         """Find the pictures of a folder or of a pattern such as ``%04d``, and read the first.
 
-        Without a rate, that of the first EXR is used. Larger pictures than ``max_pixels`` are
-        refused.
+        Args:
+            path: the folder or the pattern.
+            rate: frames a second; None for that of the first EXR.
+            max_pixels: larger pictures are refused.
+            white_level: value of white in 16-bit pictures; None for 65535.
 
         Raises:
             InputError: there is none, or the first cannot be read.
         """
         self._files = find_pictures(path)
         self.paths = tuple(file.path for file in self._files)
-        self._max_pixels = max_pixels
+        self._max_pixels, self._white_level = max_pixels, white_level
+        self._overscan: Window | None = None  # that of the first picture
         stated = rate or read_exr_rate(self.paths[0])
         self.rate = stated or FALLBACK_RATE
         first = self._read(self._files[0])
-        self.width, self.height = first.width, first.height
+        self._size_px, self._overscan = (first.width, first.height), _overscan(first)
+        self.width, self.height = first.display_size_px
         self.tick_s = Fraction(1, self.rate.numerator)
         self.frames_stated = len(self._files)
-        self.warnings = tuple(self._warnings(is_timed=stated is not None))
+        self.warnings = tuple(self._warnings(first, is_timed=stated is not None))
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Read the frames of a span.
@@ -53,7 +63,8 @@ class ImageSequence(FrameSource):
             (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 of EXR; ``index`` is the number
             in the file's name, and ``timestamp_s`` counts from the first picture of all.
         """
-        unreadable = 0
+        unreadable = cut = 0
+        told = self.warnings
         for file, is_wanted in zip(
             self._files, span.selected(self._numbers_and_times()), strict=False
         ):
@@ -67,9 +78,13 @@ class ImageSequence(FrameSource):
                     f"{unreadable} of its pictures cannot be read, the last of them: {error}"
                 )
                 continue
-            if (frame.width, frame.height) != (self.width, self.height):
+            size_px, shown_px = (frame.width, frame.height), frame.display_size_px
+            if (size_px, shown_px) != (self._size_px, (self.width, self.height)):
                 self.problem = f"{file.path} has another size; the pictures before it are done"
                 return
+            if frame.windows and frame.windows.valid != frame.windows.data:
+                cut += 1
+                self.warnings = (*told, f"{_CUT}: {cut}, the last of them: {file.path}")
             yield frame
 
     def count(self, span: Span) -> int:
@@ -85,24 +100,30 @@ class ImageSequence(FrameSource):
 
     def _read(self, file: NumberedPicture) -> Frame:
         if file.path.suffix.lower() == EXR:
-            picture = Frame(read_exr_picture(file.path, max_pixels=self._max_pixels), file.path)
+            picture = read_exr_picture(
+                file.path, max_pixels=self._max_pixels, overscan=self._overscan
+            )
         else:
-            picture = read_image(file.path, max_pixels=self._max_pixels)
-        return Frame(
-            picture.pixels,
-            file.path,
-            file.number,
-            float(self._time_s(file)),
-            orientation=picture.orientation,
-            focal_35mm=picture.focal_35mm,
-        )
+            picture = read_image(
+                file.path, max_pixels=self._max_pixels, white_level=self._white_level
+            )
+        return replace(picture, index=file.number, timestamp_s=float(self._time_s(file)))
 
-    def _warnings(self, *, is_timed: bool) -> Iterator[str]:
+    def _warnings(self, first: Frame, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
             yield f"no frame rate is given; {FALLBACK_RATE} is assumed; give --fps"
-        stretched = pixel_aspect_warning(read_exr_pixel_aspect(self.paths[0]))
+        yield from (f"{first.path}: {warning}" for warning in first.warnings)
+        stretched = pixel_aspect_warning(first.pixel_aspect)
         if stretched:
             yield stretched
         missing = self._files[-1].number - self._files[0].number + 1 - len(self._files)
         if missing:
             yield f"missing numbers in the sequence: {missing}; the other frames keep their times"
+
+
+def _overscan(frame: Frame) -> Window:
+    """What its pixels cover, relative to the corner of the display window."""
+    if frame.windows is None:
+        return Window(0, 0, frame.width, frame.height)
+    left, top = frame.windows.display[:2]
+    return frame.windows.pixels.moved(-left, -top)

@@ -20,6 +20,8 @@ class SequenceOutput:
         name: Callable[[int], str],
         writer: Writer,
         inputs: Sequence[Path],
+        *,
+        has_overscan: bool = False,
     ) -> None:
         """Prepare the output.
 
@@ -29,7 +31,9 @@ class SequenceOutput:
             name: the name of a file by the frame's number.
             writer: of the format.
             inputs: files that must not be replaced.
+            has_overscan: whether frames include the pixels outside the display window.
         """
+        self.has_overscan = has_overscan
         self._label = label
         self._folder = folder
         self._name = name

@@ -20,7 +20,7 @@ from depthcli.video.decoder import FrameDecoder
 from depthcli.video.frames import FrameSource
 from depthcli.video.integrity import is_incomplete, matroska_end, states_frame_count
 from depthcli.video.pipes import InputPipe
-from depthcli.video.pixel_aspect import pixel_aspect_warning
+from depthcli.video.pixel_aspect import pixel_aspect_of, pixel_aspect_warning
 from depthcli.video.pixels import orientation_of, rgb_pixels, transfer_warning
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.spans import WHOLE, Span
@@ -104,6 +104,7 @@ class VideoSource(FrameSource):
                 self._timeline.index,
                 float(self._timeline.time_s),
                 orientation=self._orientation,
+                pixel_aspect=self._pixel_aspect,
             )
 
     def close(self) -> None:
@@ -124,8 +125,11 @@ class VideoSource(FrameSource):
         self._check_size(first.width, first.height, max_pixels)
         self._orientation = orientation_of(first)
         size = first.width, first.height
-        self.width, self.height = size[::-1] if self._orientation >= _TRANSPOSED else size
-        warnings = transfer_warning(first), pixel_aspect_warning(stream.sample_aspect_ratio)
+        is_turned = self._orientation >= _TRANSPOSED
+        self.width, self.height = size[::-1] if is_turned else size
+        aspect = stream.sample_aspect_ratio
+        self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
+        warnings = transfer_warning(first), pixel_aspect_warning(self._pixel_aspect)
         self.warnings += tuple(warning for warning in warnings if warning)
 
     def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:

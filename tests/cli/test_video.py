@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from command_line import Cli
 
 
+CAMERA = {"hfov_deg": 60.0}
+
+
 def here(cli: Cli) -> set[str]:
     """Every file in the command's folder."""
     return {str(p.relative_to(cli.folder)) for p in cli.folder.rglob("*") if p.is_file()}
@@ -342,3 +345,42 @@ def test_stretched_frames_have_no_scale(cli: Cli) -> None:
     done = cli(*words, "--format", "mkv")
     assert done.returncode == 2
     assert b"mkv is in millimetres" in done.stderr
+
+
+def test_the_principal_point_is_stored_and_makes_the_same_points(inside: Cli) -> None:
+    write_video(inside.folder / "clip.avi", flat_frames(range(2)))
+    given = ("--centre-px", "20.1,-3.25", "--hfov", "60", "--sidecar", "--json")
+    options = (*given, "--model", os.fspath(write_model(inside.folder / "m", camera=CAMERA)))
+    done = inside("video", "clip.avi", "--out", "mkv/", "--format", "mkv", *options)
+    assert report(done)["centre_px"] == [20.1, -3.25]
+    done = inside("video", "clip.avi", "--out", "npy/", "--format", "npy", *options)
+    assert done.returncode == 0, done.stderr
+    for sidecar in ("mkv/clip.depth.json", "npy/clip.depth.json"):
+        assert json.loads((inside.folder / sidecar).read_text())["centre_px"] == [20.1, -3.25]
+    for depth in DepthVideo(inside.folder / "mkv" / "clip.depth.mkv"):
+        assert depth.provenance is not None
+        assert depth.provenance.centre_px == (20.1, -3.25)
+    formats = ("--format", "png16", "--format", "exr")
+    assert inside("video", "clip.avi", "--out", "files/", *formats, *options).returncode == 0
+    for name in ("clip.depth.000001.png", "clip.depth.000001.exr"):
+        assert read_metadata(inside.folder / "files" / name)["centre_px"] == "20.1,-3.25"
+    sources = ("mkv/clip.depth.mkv", "--frame", "1"), ("files/clip.depth.000001.png",)
+    for number, source in enumerate(sources):
+        assert inside("convert", source[0], f"{number}.ply", *source[1:]).returncode == 0
+    clouds = [(inside.folder / f"{number}.ply").read_bytes() for number in range(2)]
+    assert clouds[0] == clouds[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("1,2,3",), "--centre-px '1,2,3' is not CX,CY"),
+        (("1,2", "--format", "mp4"), "--centre-px is for mkv, png16, exr or json, and only mp4"),
+    ],
+)
+def test_what_is_no_principal_point_of_a_video(
+    words: tuple[str, ...], told: str, inside: Cli
+) -> None:
+    done = inside("video", "clip.avi", "--out", "d/", "--centre-px", *words)
+    assert done.returncode == 2
+    assert told in done.stderr.decode()

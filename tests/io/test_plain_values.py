@@ -20,8 +20,10 @@ from PIL import Image
 
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth import exr
-from depthcli.io.depth.exr import _has_all_rows, _silenced, read_exr_channels, write_exr
+from depthcli.io.depth import exr_channels, metadata
+from depthcli.io.depth.exr import _has_all_rows, write_exr
+from depthcli.io.depth.exr_channels import read_exr_channels
+from depthcli.io.depth.exr_library import silenced
 from depthcli.io.depth.metadata import positive_number, read_metadata
 from depthcli.io.depth.quantization import dequantized, quantized
 from depthcli.io.depth.read import read_depth
@@ -164,7 +166,7 @@ def test_light_is_shown_in_the_srgb_curve(tmp_path: Path) -> None:
         expected.append(12.92 * part if linear else 1.055 * part ** (1 / 2.4) - 0.055)
     path = tmp_path / "a.exr"
     write_exr(path, {"Y": F32([light])}, {})
-    np.testing.assert_allclose(read_exr_picture(path)[0], expected, atol=1e-6)
+    np.testing.assert_allclose(read_exr_picture(path).pixels[0], expected, atol=1e-6)
 
 
 def test_colours_are_those_of_the_outermost_layer_that_has_them(tmp_path: Path) -> None:
@@ -173,10 +175,10 @@ def test_colours_are_those_of_the_outermost_layer_that_has_them(tmp_path: Path) 
     long = {f"view.long.{c}": one * k for c, k in zip("RGB", (0, 0, 0), strict=True)}
     short = {f"zz.{c}": one * k for c, k in zip("RGB", (0, 0.0031, 1), strict=True)}
     write_exr(path, long | short | {"R": one, "Y": one}, {})
-    picture = read_exr_picture(path)
+    picture = read_exr_picture(path).pixels
     np.testing.assert_allclose(picture[0, 0], [0, 0.0031 * 12.92, 1], atol=1e-6)
     assert picture.shape == (2, 3, 3)
-    assert read_exr_picture(path, max_pixels=6).shape == (2, 3, 3)
+    assert read_exr_picture(path, max_pixels=6).pixels.shape == (2, 3, 3)
     with pytest.raises(InputError, match="3×2"):
         read_exr_picture(path, max_pixels=5)
     write_exr(path, {"R": one, "G": one}, {})
@@ -212,8 +214,8 @@ def test_an_exr_that_claims_too_much_is_not_decoded(
 ) -> None:
     path = tmp_path / "a.exr"
     write_exr(path, {"Y": np.ones((3, 4), F32)}, {})
-    monkeypatch.setattr(exr, "MAX_PIXELS", 12)
-    assert read_exr_channels(path)["Y"].shape == (3, 4)
+    monkeypatch.setattr(exr_channels, "MAX_PIXELS", 12)
+    assert read_exr_channels(path)["Y"].pixels.shape == (3, 4)
     data, value = path.read_bytes(), b"\0box2i\0\x10\0\0\0"
     at = data.index(window.encode() + value) + len(window) + len(value)
     claim = np.array([-1, -2, 3, 2], "<i4").tobytes()
@@ -241,7 +243,7 @@ def test_names_of_channels_have_those_of_parts_only_where_there_are_several(tmp_
 
 
 def test_silence_is_of_one_thread(capsys: pytest.CaptureFixture[str]) -> None:
-    with _silenced():
+    with silenced():
         sys.stdout.write("mine")
         other = threading.Thread(target=sys.stdout.write, args=("another's",))
         other.start()
@@ -322,8 +324,14 @@ SIDECAR = {"software": "depthcli 1", "model": "m", "model_sha256": "ab", "focal_
     ],
 )
 def test_facts_are_a_file_s_own_before_its_sidecar_s(
-    name: str, beside: object, own: dict[str, str], facts: dict[str, object], tmp_path: Path
+    name: str,
+    beside: object,
+    own: dict[str, str],
+    facts: dict[str, object],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(metadata, "_MAX_SIDECAR_BYTES", 2**20)
     labels = {f"depthcli:{key}": text for key, text in own.items()} | {"model": "somebody's"}
     data = encode_png(np.ones((1, 2), np.uint16), labels)
     (tmp_path / name).write_text(json.dumps(beside))

@@ -47,6 +47,7 @@ def test_what_is_right_is_left_alone(tmp_path: Path) -> None:
         BatchOptions(detail=Detail(max_memory_bytes=1_000_000_000)),
         BatchOptions(camera=Camera(focal_px=300.0)),
         BatchOptions(camera=Camera(hfov_deg=80.0)),
+        BatchOptions(camera=Camera(white_level=4095)),
         BatchOptions(camera=Camera(anchors=(Anchor(3, 4, 2.5),))),
         BatchOptions((Format.PREVIEW,), WriterOptions(legend=True)),
     ],

@@ -35,6 +35,7 @@ from depthcli.video.codecs import PreviewCodec
 from depthcli.video.depth import DepthVideo
 from depthcli.video.depth_output import depth_video
 from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat
+from depthcli.video.number_pattern import numbered_name
 from depthcli.video.output import DepthFrame
 from depthcli.video.partial import partial_video
 from depthcli.video.rates import Timing
@@ -684,14 +685,16 @@ def test_frames_off_the_grid_are_told(
 def test_each_frame_states_its_time(tmp_path: Path, loader: SessionLoader, smooth_s: float) -> None:
     times_s = [0, 0.04, 0.1, 0.12]
     path = write_mp4(tmp_path / "a.mp4", flat_frames([9, 50, 99, 200]), Fraction(25), times_s)
-    formats = VideoFormat.MKV, VideoFormat.PNG16, VideoFormat.EXR
+    formats = VideoFormat.MKV, VideoFormat.PNG16, VideoFormat.EXR, VideoFormat.NPY, VideoFormat.JSON
     settings = VideoSettings(span=Span(frame_number(1)), smooth_s=smooth_s)
     video(VideoRequest(str(path), f"{tmp_path}/o/", formats, model=loader, settings=settings))
     for i in (1, 2, 3):
-        for suffix in ("png", "exr"):
+        for suffix in ("png", "exr", "npy"):
             file = tmp_path / "o" / f"a.depth.{i:06}.{suffix}"
             assert float(read_metadata(file)["time_s"]) == pytest.approx(times_s[i], abs=1e-9)
             assert depthcli.read_depth(file).time_s == pytest.approx(times_s[i], abs=1e-9)
+    stated = json.loads((tmp_path / "o" / "a.depth.json").read_text())["times_s"]
+    assert stated == pytest.approx({str(i): times_s[i] for i in (1, 2, 3)}, abs=1e-9)
     read = depthcli.DepthVideo(tmp_path / "o" / "a.depth.mkv")
     assert "time_s" not in read.labels
     assert [depth.time_s for depth in read] == pytest.approx(times_s[1:], abs=0.0006)
@@ -700,6 +703,42 @@ def test_each_frame_states_its_time(tmp_path: Path, loader: SessionLoader, smoot
         read_depth(convert(frame).target).provenance
         == next(itertools.islice(read, 1, 2)).provenance
     )
+
+
+@pytest.mark.parametrize(
+    ("pattern", "sidecar"),
+    [
+        ("d.%04d.npy", "d.json"),
+        ("left_#####_depth.npy", "left.json"),
+        ("%d.npy", "sequence.json"),
+    ],
+)
+def test_numbered_arrays_find_their_time_and_kind_in_the_sidecar(
+    pattern: str, sidecar: str, tmp_path: Path
+) -> None:
+    loader = SessionLoader(write_model(tmp_path / "model", output__kind="relative"), "cpu")
+    clip = write_video(tmp_path / "a.avi", flat_frames(range(3)))
+    settings = VideoSettings(start_number=1001)
+    video(
+        VideoRequest(str(clip), f"{tmp_path}/{pattern}", (), True, model=loader, settings=settings)
+    )
+    assert (tmp_path / sidecar).exists()
+    for number in range(3):
+        depth = depthcli.read_depth(tmp_path / numbered_name(pattern, 1001 + number))
+        assert (depth.time_s, depth.kind.value) == (number / 25, "relative")
+    np.save(tmp_path / numbered_name(pattern, 1004), np.ones((2, 2), np.float32))  # no frame of it
+    other = depthcli.read_depth(tmp_path / numbered_name(pattern, 1004))
+    assert (other.time_s, other.kind.value) == (None, "metric")
+
+
+def test_only_a_sidecar_of_numbered_files_lists_times(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    for which, has_times in ((VideoFormat.MKV, False), (VideoFormat.NPY, True)):
+        request = VideoRequest(str(clip), f"{tmp_path}/{which}/", (which,), True, model=loader)
+        done = video(request)
+        told = json.loads((tmp_path / which / "clip.depth.json").read_text())
+        assert ("times_s" in told, "times_s" in done.metadata()) == (has_times, False)
 
 
 def colours(path: Path) -> list[np.ndarray[Any, Any]]:

@@ -24,13 +24,15 @@ from pyarrow import parquet
 from tiny import CARD, tiny_onnx, write_model
 from videos import encode, flat_frames
 
-from depthcli.core.types import DepthKind, DepthMap, Provenance
+from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.windows import Window, Windows
 from depthcli.datasets.files import read_depth_m, read_image_rgb
 from depthcli.datasets.nyu import read_index
 from depthcli.datasets.nyu_mat import open_mat
 from depthcli.inference.trial import try_model
 from depthcli.io.depth.metadata import read_metadata
 from depthcli.io.depth.read import read_depth
+from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.path_list import listed_inputs, parse_list
 from depthcli.io.manifest.files import TableRows
@@ -139,10 +141,12 @@ def _depth() -> DepthMap:
     return DepthMap(metres, DepthKind.METRIC, Provenance("tiny", "0" * 64, 500.0, 6))
 
 
-def _written(writer: Any, name: str, depth: DepthMap | None = None) -> bytes:
+def _written(
+    writer: Any, name: str, depth: DepthMap | None = None, frame: Frame | None = None
+) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / name
-        writer.write(depth or _depth(), path)
+        writer.write(depth or _depth(), path, frame)
         return path.read_bytes()
 
 
@@ -157,6 +161,20 @@ def depth_pngs() -> list[bytes]:
 
 def _exrs() -> list[bytes]:
     return [_written(ExrWriter(), "a.exr"), _written(ExrWriter(half=True), "a.exr")]
+
+
+def _plates() -> list[bytes]:
+    windows = Windows(Window(-4, 0, 9, 9), Window(-4, 2, 9, 9), Window(0, 0, 8, 8))
+    pixels = np.zeros((9, 13), np.float32)
+    frame = Frame(pixels, rate=Fraction(24), pixel_aspect=2.0, windows=windows)
+    return [_written(ExrWriter(), "a.exr", DepthMap(pixels + 0.5), frame), flat_exr()]
+
+
+def _read_plate(path: Path) -> None:
+    frame = read_exr_picture(path, max_pixels=_MAX_PIXELS)
+    read_exr_rate(path)
+    depth = np.zeros((frame.height, frame.width), np.float32)
+    ExrWriter().write(DepthMap(depth), path.with_name("b.exr"), frame)
 
 
 def flat_exr() -> bytes:
@@ -187,13 +205,15 @@ def _sidecars() -> list[bytes]:
         "centre_px": [319.5, 239.5],
         "camera_source": "exif",
     }
-    return [json.dumps(facts).encode()]
+    times_s = {"times_s": {"7": 0.25}}
+    return [json.dumps(facts).encode(), json.dumps(facts | times_s).encode()]
 
 
 def _read_sidecar(path: Path) -> None:
-    np.save(path.with_suffix(".npy"), _depth().values)
-    read_depth(path.with_suffix(".npy"))
-    read_metadata(path.with_suffix(".npy"))
+    for array in (path.with_suffix(".npy"), path.with_name(f"{path.stem}.7.npy")):
+        np.save(array, _depth().values)
+        read_depth(array)
+        read_metadata(array)
 
 
 def _cards() -> list[bytes]:
@@ -428,6 +448,7 @@ TARGETS: dict[str, Target] = {
     "own-png": Target("a.depth.png", depth_pngs, is_own_picture),
     "depth-png": Target("a.png", depth_pngs, _exr_or_facts),
     "exr": Target("a.exr", _exrs, _exr_or_facts, 2),
+    "exr-plate": Target("a.exr", _plates, _read_plate, 2),
     "npy": Target("a.npy", _npys, _exr_or_facts, 2),
     "sidecar": Target("a.json", _sidecars, _read_sidecar),
     "card": Target("card.json", _cards, lambda path: ModelCard.from_json(path.read_bytes()), 2),

@@ -40,7 +40,7 @@ assert_type(cloud.xyz_m, npt.NDArray[np.float32])
 assert_type(len(cloud), int)
 
 model.predict("room.jpg", hfov_deg=70)
-model.predict(Path("room.jpg"))
+model.predict(Path("room.jpg"), white_level=4095)
 model.predict(Path("room.jpg").read_bytes())
 model.predict(depthcli.read_image("room.jpg", max_pixels=10_000_000))
 model.predict(depthcli.Frame(camera_frame))

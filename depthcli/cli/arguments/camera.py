@@ -11,7 +11,10 @@ _PARTS = 3
 
 
 def choose_camera(
-    focal_px: float | None, hfov_deg: float | None, anchors: Sequence[str] | None
+    focal_px: float | None,
+    hfov_deg: float | None,
+    anchors: Sequence[str] | None,
+    white_level: int | None = None,
 ) -> Camera:
     """The camera of the options.
 
@@ -20,7 +23,7 @@ def choose_camera(
     """
     if focal_px is not None and hfov_deg is not None:
         raise UsageError("give --focal-px or --hfov, not both")
-    return Camera(focal_px, hfov_deg, tuple(map(_anchor, anchors or ())))
+    return Camera(focal_px, hfov_deg, tuple(map(_anchor, anchors or ())), white_level)
 
 
 def parse_pixel(word: str) -> tuple[int, int]:

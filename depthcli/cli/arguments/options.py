@@ -164,6 +164,15 @@ AnchorOption = Annotated[
         "repeatable. One point fits scale, two or more fit scale and shift.",
     ),
 ]
+WhiteLevelOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=65535,
+        help="Value of white in 16-bit pictures of a camera with fewer bits: 1023 (10 bits), 4095 "
+        "(12), 16383 (14). Default: 65535.",
+    ),
+]
 UpsampleOption = Annotated[
     Upsampling,
     typer.Option(

@@ -2,7 +2,9 @@
 
 import re
 from fractions import Fraction
+from typing import Any
 
+from depthcli.cli.arguments.unused import is_given
 from depthcli.core.text import short_repr
 from depthcli.errors import UsageError
 from depthcli.io.storage.remote import safe_name
@@ -53,6 +55,19 @@ def parse_fps(word: str | None, file: str) -> Fraction | None:
     if not found:
         raise UsageError(f"--fps {word!r} is not a frame rate; give 24, 23.976 or 24000/1001")
     return found
+
+
+def refuse_for_videos(context: Any, file: str) -> None:  # noqa: ANN401 - typer's own
+    """Refuse ``--white-level`` on the command line for a video; a profile may have it.
+
+    Raises:
+        UsageError: it is given, and the input is no image sequence.
+    """
+    if is_given(context, "white_level") and not is_sequence(file):
+        raise UsageError(
+            f"--white-level is for image sequences, and {safe_name(file)} is a video, whose range "
+            "is known; leave it out"
+        )
 
 
 def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:

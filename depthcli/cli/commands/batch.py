@@ -168,6 +168,7 @@ def batch(
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
     anchor: options.AnchorOption = None,
+    white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
     max_memory: options.MaxMemoryOption = None,
@@ -190,7 +191,7 @@ def batch(
     from depthcli.jobs.batch.failure_budget import FailureBudget
 
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, anchor)
+    camera = choose_camera(focal_px, hfov, anchor, white_level)
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
     refuse_unused(context, chosen, PICTURE_OPTIONS)
     use_bytes = [which.facts.use_bytes for which in chosen]

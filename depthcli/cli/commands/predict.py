@@ -54,6 +54,7 @@ def predict(
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
     anchor: options.AnchorOption = None,
+    white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
     max_memory: options.MaxMemoryOption = None,
@@ -81,7 +82,7 @@ def predict(
     if as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, anchor)
+    camera = choose_camera(focal_px, hfov, anchor, white_level)
     chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen
     refuse_unused(context, written, PICTURE_OPTIONS)

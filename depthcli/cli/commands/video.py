@@ -136,6 +136,8 @@ def video(
     sidecar: options.SidecarOption = False,
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
+    centre_px: options.CentrePxOption = None,
+    white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
     max_memory: options.MaxMemoryOption = None,
@@ -154,7 +156,7 @@ def video(
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
-    from depthcli.cli.arguments.span import parse_fps, parse_span
+    from depthcli.cli.arguments.span import parse_fps, parse_span, refuse_for_videos
     from depthcli.cli.arguments.unused import refuse_unused
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.cli.screen.progress import show_progress
@@ -171,7 +173,9 @@ def video(
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
-    refuse_unused(context, chosen, {which: which.facts.options for which in VideoFormat})
+    written = [*chosen, VideoFormat.JSON] if sidecar else chosen
+    refuse_unused(context, written, {which: which.facts.options for which in VideoFormat})
+    refuse_for_videos(context, file)
     use_bytes = [which.facts.use_bytes for which in chosen]
     request = VideoRequest(
         video=file,
@@ -186,7 +190,7 @@ def video(
             span=parse_span(start, end, every),
             smooth_s=smooth,
             lock_s=lock,
-            camera=choose_camera(focal_px, hfov, None),
+            camera=choose_camera(focal_px, hfov, None, white_level),
             detail=choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side),
             max_pixels=max_pixels,
             fps=parse_fps(fps, file),

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 
 from depthcli.core.types import CameraSource, Provenance
@@ -11,12 +12,13 @@ from depthcli.io.png.chunks import read_text
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.metadata import ORIGIN_FIELDS
 
-_MAX_SIDECAR_BYTES = 2**20
+_MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
 _LEAST, _MOST = 1e-9, 1e12
 _PREFIX = "depthcli:"
-_FRAME_NUMBER = r"\.\d{6,}$"
+_FRAME_NAME = re.compile(r"(.*?)([._\- ]*)(\d+)(\D*)", re.ASCII | re.DOTALL)
+_MIN_DIGITS = 6  # of the names that depthcli chooses
 _ORIENTATIONS = frozenset("12345678")
-_SHARED = ("software", "orientation", *ORIGIN_FIELDS)
+_SHARED = ("software", "orientation", "time_s", *ORIGIN_FIELDS)
 
 
 def read_metadata(path: Path) -> dict[str, str]:
@@ -87,22 +89,47 @@ def number(text: str | None) -> float | None:
 
 
 def sidecar_metadata(path: Path) -> dict[str, object]:
-    """Content of depthcli's sidecar of a file, or of the video that the file is a frame of."""
+    """Content of depthcli's sidecar of a file, or of the video that the file is a frame of.
+
+    The latter has the time of that frame as ``time_s``.
+    """
     own = path.with_suffix(".json")
-    return _read_sidecar(own) or _read_sidecar(own.with_stem(re.sub(_FRAME_NUMBER, "", own.stem)))
+    return _read_sidecar(own) or _frame_metadata(own)
+
+
+def _frame_metadata(own: Path) -> dict[str, object]:
+    """What the sidecar of a video states for one of its frames; empty if there is none."""
+    name = _FRAME_NAME.fullmatch(own.stem)
+    if name is None:
+        return {}
+    base, separator, digits, end = name.groups()
+    metadata = _read_sidecar(own.with_stem(base or "sequence"))
+    times_s = metadata.pop("times_s", None)
+    if not isinstance(times_s, dict):  # of version 0.6 and before
+        is_default = separator == "." and len(digits) >= _MIN_DIGITS and not end
+        return metadata if is_default else {}
+    time_s = times_s.get(str(int(digits)))
+    return {} if time_s is None else metadata | {"time_s": time_s}
 
 
 def _read_sidecar(path: Path) -> dict[str, object]:
     """The content of a sidecar of depthcli; empty if there is none."""
     try:
-        metadata = parsed_json(read_regular(path, _MAX_SIDECAR_BYTES))
+        metadata = _parsed(read_regular(path, _MAX_SIDECAR_BYTES))
     except (OSError, FieldError):
         return {}
     if not (isinstance(metadata, dict) and str(metadata.get("software")).startswith("depthcli ")):
         return {}
+    metadata = dict(metadata)
     if "sha256" in metadata:  # as version 0.1 called it in the sidecar of a video
         metadata.setdefault("model_sha256", metadata.pop("sha256"))
     return metadata
+
+
+@lru_cache(maxsize=1)
+def _parsed(sidecar: bytes) -> object:
+    """The value of a sidecar, which all frames of a long video share; not to be changed."""
+    return parsed_json(sidecar)
 
 
 def _sidecar_texts(path: Path, own: Mapping[str, str]) -> dict[str, str]:

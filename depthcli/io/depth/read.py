@@ -115,9 +115,11 @@ def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
 
 def _read_exr(path: Path) -> DepthMap:
     # Reading PNG need not wait for OpenEXR.
-    from depthcli.io.depth.exr import read_exr_channels, read_exr_texts  # noqa: PLC0415
+    from depthcli.io.depth.exr import read_exr_texts  # noqa: PLC0415
+    from depthcli.io.depth.exr_channels import read_exr_channels  # noqa: PLC0415
 
-    channels = read_exr_channels(path)
+    stored = read_exr_channels(path)
+    channels = {name: channel.over(channel.display) for name, channel in stored.items()}
     name = depth_channel(list(channels))
     if name is None:
         raise InputError(

@@ -1,6 +1,7 @@
 """Converting a path, bytes, an array or a PIL picture to a frame."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
@@ -8,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.types import Frame
-from depthcli.errors import InputError
+from depthcli.errors import InputError, UsageError
+from depthcli.io.pictures.levels import check_white_level, with_white_level
 from depthcli.io.pictures.read import read_image, upright
 from depthcli.io.storage.remote import path_of
 
@@ -42,29 +44,38 @@ Picture: TypeAlias = (
 """A path, the content of a file, pixels, or a PIL picture."""
 
 
-def frame_of(picture: Picture) -> Frame:
+def frame_of(picture: Picture, white_level: int | None = None) -> Frame:
     """A picture as a frame.
 
     Args:
         picture: a path; the content of a file; an RGB array or tensor (H, W) or (H, W, C) of
             uint8, uint16 or float32 in [0, 1], whose alpha is dropped; a PIL picture; a frame.
             Files, and PIL pictures that were opened from one, are rotated by their EXIF.
+        white_level: value of white in 16-bit pixels, as for :func:`read_image`.
 
     Returns:
         The same frame, or a new one with a copy of the pixels.
 
     Raises:
         InputError: it is not a picture, or cannot be read.
+        UsageError: the white level is not valid, or the picture is a frame, which has its own.
     """
+    check_white_level(white_level)
     if isinstance(picture, Frame):
+        if white_level is not None:
+            raise UsageError(
+                "a Frame is scaled to full range already; give white_level to read_image"
+            )
         return picture
     if isinstance(picture, (str, os.PathLike)):
-        return read_image(path_of(picture))
+        return read_image(path_of(picture), white_level=white_level)
     if isinstance(picture, (bytes, bytearray, memoryview)):
-        return read_image(None, bytes(picture), name="the picture in memory")
-    if hasattr(picture, "getexif"):
-        return _of_pil(picture)
-    return Frame(_pixels(picture))
+        name = "the picture in memory"
+        return read_image(None, bytes(picture), name=name, white_level=white_level)
+    frame = _of_pil(picture) if hasattr(picture, "getexif") else Frame(_pixels(picture))
+    if white_level is None:
+        return frame
+    return replace(frame, pixels=with_white_level(frame.pixels, white_level))
 
 
 def _pixels(picture: ArrayLike) -> npt.NDArray[Any]:

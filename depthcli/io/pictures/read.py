@@ -13,7 +13,7 @@ from depthcli.errors import InputError
 from depthcli.io.pictures.count import count_warnings
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
-from depthcli.io.pictures.levels import full_range
+from depthcli.io.pictures.levels import check_white_level, full_range
 from depthcli.io.pictures.tiff import TIFF_STARTS
 from depthcli.io.storage.remote import path_of
 
@@ -27,6 +27,7 @@ def read_image(
     *,
     max_pixels: int | PictureLimit = MAX_PIXELS,
     name: str = "standard input",
+    white_level: int | None = None,
 ) -> Frame:
     """Decode a picture at its own bit depth and undo its EXIF rotation.
 
@@ -38,6 +39,8 @@ def read_image(
         data: the file's content, if it was read already (from standard input, for instance).
         max_pixels: pictures that claim more are refused before they are decoded.
         name: what messages call data without a path.
+        white_level: value of white in a 16-bit picture, such as 4095 for data of 12 bits; it is
+            scaled so that this is 65535. None for 65535, or what an AVIF or Netpbm states.
 
     Returns:
         Gray (H, W) or RGB (H, W, 3); uint8, uint16 or float32.
@@ -45,14 +48,16 @@ def read_image(
     Raises:
         InputError: missing, empty, truncated, damaged, not a picture, too large, or float with
             another range than [0, 1].
+        UsageError: the white level is not a whole number from 1 to 65535.
     """
+    check_white_level(white_level)
     path = None if path is None else path_of(path)
     name = name if path is None else str(path)
     if data is None:
         if path is None:
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
-    pixels = full_range(decode(data, name, max_pixels=max_pixels), data)
+    pixels, warnings = full_range(decode(data, name, max_pixels=max_pixels), data, white_level)
     pixels = _as_frame_dtype(pixels, name)
     exif = read_exif(data)
     if not data.startswith(TIFF_STARTS):  # TIFF comes upright from the decoder
@@ -62,7 +67,7 @@ def read_image(
         path,
         orientation=exif.orientation,
         focal_35mm=exif.focal_35mm,
-        warnings=count_warnings(data),
+        warnings=(*count_warnings(data), *warnings),
     )
 
 

@@ -102,6 +102,15 @@ def tiff_size(data: bytes) -> tuple[int, int] | None:
     return (tags[_WIDTH][0], tags[_HEIGHT][0]) if all(map(tags.get, (_WIDTH, _HEIGHT))) else None
 
 
+def tiff_bits(data: bytes) -> int:
+    """Bits of a channel, which packed files have other numbers of than 8 or 16; 1 if not stated."""
+    try:
+        tags = dict(tiff_tags(data, (_BITS,)))
+    except struct.error:
+        return 1
+    return max(tags.get(_BITS, ()), default=1)
+
+
 def tiff_problem(data: bytes) -> str | None:
     """A problem with the compression or a strip of a TIFF, in words; None if there is none.
 

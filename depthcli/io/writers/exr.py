@@ -1,12 +1,14 @@
 """OpenEXR: floating-point depth, for compositing."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
+from depthcli.core.windows import Window, over_window
 from depthcli.io.depth.exr import write_exr
 from depthcli.io.writers.metadata import metadata_texts
 
@@ -22,16 +24,39 @@ class ExrWriter:
     centre_px: tuple[float, float] | None = None
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""
-        rate = frame.rate if frame else None
-        values = np.ascontiguousarray(depth.values)
-        metadata = metadata_texts(with_centre(depth, self.centre_px))
+        """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN.
+
+        The data window, the display window and the shape of pixels are those of the frame.
+        """
+        shown, stored, windows = _windowed(depth, frame)
+        values = np.ascontiguousarray(stored)
+        metadata = metadata_texts(with_centre(shown, self.centre_px))
         texts = {f"depthcli:{name}": text for name, text in metadata.items()}
-        if not self.half:
-            write_exr(path, {self.exr_channel: values}, texts, rate)
-            return ()
-        with np.errstate(over="ignore"):
-            halves = values.astype(np.float16)
-        write_exr(path, {self.exr_channel: halves}, texts, rate)
-        lost = np.count_nonzero(np.isinf(halves) & np.isfinite(values))
+        if self.half:
+            with np.errstate(over="ignore"):
+                values = values.astype(np.float16)
+        write_exr(
+            path,
+            {self.exr_channel: values},
+            texts,
+            frame.rate if frame else None,
+            pixel_aspect=frame.pixel_aspect if frame else 1.0,
+            windows=windows,
+        )
+        lost = np.count_nonzero(np.isinf(values) & np.isfinite(stored)) if self.half else 0
         return (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()
+
+
+def _windowed(
+    depth: DepthMap, frame: Frame | None
+) -> tuple[DepthMap, npt.NDArray[np.float32], tuple[Window, Window] | None]:
+    """The map in the display window, which its camera is of; the data, and both windows."""
+    windows = frame.windows if frame else None
+    if windows is None:
+        return depth, depth.values, None
+    display = windows.display
+    # A file has to have a pixel.
+    corner = Window(display.left, display.top, display.left + 1, display.top + 1)
+    data = corner if windows.valid.is_empty else windows.valid
+    shown, stored = (over_window(depth.values, windows.pixels, one) for one in (display, data))
+    return replace(depth, values=shown), stored, (data, display)

@@ -73,7 +73,12 @@ class PictureWorker:
                 return Result(row, is_kept=True)
             if task.is_suspect:
                 check_picture(task.input.path, data)
-            frame = read_image(path_of(task.input.path), data, max_pixels=self.options.limit)
+            frame = read_image(
+                path_of(task.input.path),
+                data,
+                max_pixels=self.options.limit,
+                white_level=self.options.camera.white_level,
+            )
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
         return _OpenedPicture(task, frame, sha256, time.perf_counter() - start_s)

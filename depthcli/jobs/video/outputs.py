@@ -47,7 +47,10 @@ def open_output(
     writer = writing.writer(picture)
     if not isinstance(writer, PreviewWriter):
         name = partial(numbered_name, plan.names[which])
-        return nullcontext(SequenceOutput(which.value, plan.folder, name, writer, inputs))
+        is_exr = which is VideoFormat.EXR
+        return nullcontext(
+            SequenceOutput(which.value, plan.folder, name, writer, inputs, has_overscan=is_exr)
+        )
     codec = plan.codecs.get(which) or preview_codec(target.suffix.lower(), None)
     audio = None
     if plan.has_audio and source.start_s is not None:

@@ -18,6 +18,7 @@ class VideoResult:
     #: the files written; a sequence's with ``%06d`` for the frame's number
     outputs: tuple[str, ...]
     numbers: Sequence[int]  #: numbers of the frames written; the first of the file has 0
+    times_s: Sequence[float]  #: time of each of them, from the first frame of the video
     rate: Fraction  #: frames per second of the outputs, exact
     source_rate: Fraction  #: frames per second of the video
     is_regular: bool  #: whether the frame rate is constant
@@ -64,7 +65,12 @@ class VideoResult:
             **known.origin(),
         }
 
-    def sidecar(self) -> str:
-        """The text of the sidecar, the same for every run."""
+    def sidecar(self, *, has_times: bool) -> str:
+        """The text of the sidecar, the same for every run.
+
+        With ``has_times``, it also states the time of each frame by its number, for numbered files.
+        """
         metadata = {"software": SOFTWARE, **self.metadata()}
+        if has_times:
+            metadata["times_s"] = dict(zip(self.numbers, self.times_s, strict=True))
         return json.dumps(metadata, indent=2, allow_nan=False) + "\n"

@@ -20,6 +20,7 @@ from depthcli.core.temporal.smoothing import (
     to_log,
 )
 from depthcli.core.types import DepthMap, Frame
+from depthcli.core.windows import Windows, over_window
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.quantization import dequantized, quantized
 from depthcli.io.writers.preview import percentiles
@@ -86,8 +87,9 @@ class FrameStages:
             values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
             depth = dataclasses.replace(depth, values=values)
         depth = with_centre(depth, self._settings.writing.centre_px)
+        depth, shown = _in_windows(depth, picture.windows, is_kept=kept is not None)
         thumbnail = temporal.thumbnail(picture.pixels)
-        small = DepthMap(sample_cells(depth.values, thumbnail.shape), depth.kind)
+        small = DepthMap(sample_cells(shown, thumbnail.shape), depth.kind)
         steps = to_log(depth) if self._settings.smooth_s else None
         spread, is_kept = percentiles(small), kept is not None
         return PredictedFrame(picture, depth, thumbnail, steps, to_log(small), spread, is_kept)
@@ -100,8 +102,9 @@ class FrameStages:
             self.times_s.append(now_s)
             self.numbers.append(frame.picture.index)
             if self.first is None:
-                alone = dataclasses.replace(frame.picture, pixels=np.zeros((1, 1), np.uint8))
-                self.first = (alone, frame.depth)
+                shown = DepthFrame(frame.picture, frame.depth, frame.spread).displayed()
+                alone = dataclasses.replace(shown.picture, pixels=np.zeros((1, 1), np.uint8))
+                self.first = (alone, shown.depth)
             yield self._smoothed(frame, interval_s)
 
     def _smoothed(self, frame: PredictedFrame, interval_s: float) -> DepthFrame:
@@ -125,3 +128,23 @@ class FrameStages:
         depth = frame.depth
         values = from_log(depth.values, depth.kind)
         return dataclasses.replace(frame, depth=dataclasses.replace(depth, values=values))
+
+
+def _in_windows(
+    depth: DepthMap, windows: Windows | None, *, is_kept: bool
+) -> tuple[DepthMap, npt.NDArray[np.float32]]:
+    """Depth over all pixels of its frame, without any where the file has no pixels.
+
+    Args:
+        depth: of all pixels; of the display window alone if an earlier run wrote it.
+        windows: of the frame.
+        is_kept: whether an earlier run wrote it.
+
+    Returns:
+        The map, and its values without overscan, (H, W) float32 of the same size.
+    """
+    if windows is None:
+        return depth, depth.values
+    covered = windows.display if is_kept else windows.pixels
+    values = windows.only(windows.valid, over_window(depth.values, covered, windows.pixels))
+    return dataclasses.replace(depth, values=values), windows.only(windows.display, values)

@@ -22,7 +22,7 @@ from depthcli.jobs.video.request import VideoSettings
 from depthcli.jobs.video.result import VideoResult
 from depthcli.jobs.video.resume import earlier_frames, rounding_scale
 from depthcli.jobs.video.stages import FrameStages
-from depthcli.video.formats import VideoFormat
+from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frame_source import open_frames
 from depthcli.video.frames import FrameSource
 from depthcli.video.output import DepthFrame, VideoOutput
@@ -51,7 +51,12 @@ def write_video(
     _refuse_folders(plan)
     limit = PictureLimit(settings.max_pixels, settings.detail)
     with (
-        open_frames(plan.source, rate=settings.fps, max_pixels=limit) as source,
+        open_frames(
+            plan.source,
+            rate=settings.fps,
+            max_pixels=limit,
+            white_level=settings.camera.white_level,
+        ) as source,
         ExitStack() as stack,
     ):
         rate = settings.span.rate(source.rate)
@@ -78,7 +83,8 @@ def write_video(
         done = _video_done(plan, pipeline, settings, source, stages, stages.first)
         warnings = [warning for output in outputs for warning in output.finish()]
         if sidecar is not None:
-            sidecar.write_text(done.sidecar(), "utf-8")
+            is_numbered = not set(SEQUENCES).isdisjoint(plan.names)
+            sidecar.write_text(done.sidecar(has_times=is_numbered), "utf-8")
     seconds = time.perf_counter() - start_s
     return dataclasses.replace(done, seconds=seconds, warnings=(*done.warnings, *warnings))
 
@@ -109,7 +115,8 @@ def _process_frames(
 
     def encoded(frame: DepthFrame) -> list[Any]:
         whole = stages.restore(frame)
-        return [output.encode(whole) for output in outputs]
+        shown = whole.displayed()
+        return [output.encode(whole if output.has_overscan else shown) for output in outputs]
 
     with (
         one_thread_each(workers),
@@ -148,6 +155,7 @@ def _video_done(
         name=plan.name,
         outputs=tuple(str(plan.path(which)) for which in plan.names),
         numbers=stages.numbers,
+        times_s=stages.times_s,
         rate=rate,
         source_rate=source.rate,
         is_regular=_is_regular(stages.times_s, rate),

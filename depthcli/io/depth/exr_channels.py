@@ -1,0 +1,76 @@
+"""Reading the pixels of OpenEXR files, and the windows that they are in."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import OpenEXR
+
+from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.windows import Window, over_window
+from depthcli.errors import InputError
+from depthcli.io.depth.exr_library import OPENEXR_ERRORS, silenced, utf8_name
+from depthcli.io.pictures.decode import read_bytes
+
+_WINDOWS = ("dataWindow", "displayWindow")
+
+
+class StoredChannel(NamedTuple):
+    """One channel of a part."""
+
+    pixels: npt.NDArray[Any]  #: (H, W) over the data window: float32, float16 or uint32
+    data: Window  #: the data window of its part
+    display: Window  #: the display window of its part
+    pixel_aspect: float  #: width by height of a pixel, as the header states it
+
+    def over(self, window: Window) -> npt.NDArray[np.float32]:
+        """The pixels of a window, (H, W) float32, NaN outside the data."""
+        values = np.ascontiguousarray(self.pixels, np.float32)
+        left, top = self.data[:2]  # a channel may have fewer columns and rows than its window
+        height, width = values.shape
+        return over_window(values, Window(left, top, left + width, top + height), window)
+
+
+def read_exr_channels(path: Path) -> dict[str, StoredChannel]:
+    """All channels of all parts, by name.
+
+    In a file of several parts, a part's name precedes the names of its channels.
+
+    Raises:
+        InputError: missing, damaged, or too large.
+    """
+    read_bytes(path)
+    channels: dict[str, StoredChannel] = {}
+    problem = "is not an EXR file that can be read"
+    try:
+        with utf8_name(path) as name, silenced():
+            for part in OpenEXR.File(name, header_only=True).parts:
+                _check_pixel_count(path, part.header)
+            problem = "is damaged: its pixels cannot be read; copy it again"
+            parts = OpenEXR.File(name, separate_channels=True).parts
+        if not parts or not all(part.channels for part in parts):  # all that becomes of damage
+            raise InputError(f"{path} {problem}")
+        for part in parts:
+            layer = f"{part.header['name']}." if len(parts) > 1 else ""
+            data, display = (_window(part.header[which]) for which in _WINDOWS)
+            aspect = float(part.header["pixelAspectRatio"])
+            for channel, content in part.channels.items():
+                channels[layer + channel] = StoredChannel(content.pixels, data, display, aspect)
+    except OPENEXR_ERRORS as error:
+        raise InputError(f"{path} {problem}") from error
+    return channels
+
+
+def _check_pixel_count(path: Path, header: dict[str, Any]) -> None:
+    for which in _WINDOWS:
+        window = _window(header[which])
+        if window.width * window.height > MAX_PIXELS:
+            claimed = f"{window.width}×{window.height} pixels"
+            raise InputError(f"{path} claims {claimed}, more than {MAX_PIXELS:,}")
+
+
+def _window(corners: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]) -> Window:
+    """A window of a header, which names the first and the last pixel."""
+    (left, top), (right, bottom) = (map(int, corner) for corner in corners)
+    return Window(left, top, right + 1, bottom + 1)

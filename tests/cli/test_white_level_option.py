@@ -1,0 +1,84 @@
+"""``--white-level``: 16-bit pictures of cameras with 10 or 12 bits."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from videos import flat_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from command_line import Cli
+
+RNG = np.random.default_rng(0)
+SENSOR = RNG.integers(0, 4096, (48, 64, 3), dtype=np.uint16)
+"""Of 12 bits, without a plateau at white."""
+
+
+@pytest.fixture
+def folder(inside: Cli) -> Path:
+    """Two pictures of 12 bits in ``low``, and the same ones over the whole range in ``full``."""
+    for number, pixels in enumerate((SENSOR, SENSOR[::-1])):
+        for name, stored in (("low", pixels), ("full", np.rint(pixels * (65535 / 4095)))):
+            (inside.folder / name).mkdir(exist_ok=True)
+            cv2.imwrite(str(inside.folder / name / f"f{number}.png"), stored.astype(np.uint16))
+    return inside.folder
+
+
+def depths(folder: Path) -> list[np.ndarray]:
+    return [np.load(path) for path in sorted(folder.glob("*.npy"))]
+
+
+@pytest.mark.parametrize("command", ["predict", "batch", "video"])
+def test_depth_is_that_of_the_whole_range(command: str, folder: Path, inside: Cli) -> None:
+    for name, options in (("low", ("--white-level", "4095")), ("full", ())):
+        pictures = [f"{name}/f0.png", f"{name}/f1.png"] if command == "predict" else [name]
+        extra = ("--fps", "25") if command == "video" else ()
+        words = (*pictures, "--out", f"out-{name}/", "--format", "npy", *options, *extra)
+        words = tuple("--output" if word == "--out" else word for word in words)
+        done = inside(command, *words)
+        assert (done.returncode, done.stderr) == (0, b"")
+    low, full = depths(folder / "out-low"), depths(folder / "out-full")
+    assert len(low) == len(full) == 2
+    np.testing.assert_array_equal(low, full)
+    assert np.median(low[0]) > 4  # of 1 to 9 m; dark pictures are near for the tiny model
+
+
+def test_pictures_that_end_at_a_sensor_s_white_name_the_option(folder: Path, inside: Cli) -> None:
+    pixels = np.minimum(SENSOR, 1023)
+    for number in range(2):
+        cv2.imwrite(str(folder / "low" / f"f{number}.png"), pixels)
+    advice = "as in data of 10 bits; if that is white, give --white-level 1023"
+    done = inside("predict", "low/f0.png", "-o", "a.npy")
+    assert done.stderr.decode().count(advice) == 1
+    done = inside("video", "low/f%d.png", "--out", "b.mkv", "--fps", "25")
+    assert done.stderr.decode().count(advice) == 1
+    assert b"low/f0.png: its brightest pixels are 1023" in done.stderr
+    assert inside("batch", "low", "--out", "c").returncode == 0
+    rows = [json.loads(line) for line in (folder / "c" / "manifest.jsonl").read_text().splitlines()]
+    assert all(advice in row["warnings"][0] for row in rows)
+    assert inside("predict", "low/f0.png", "-o", "a.npy", "--white-level", "1023").stderr == b""
+    done = inside("predict", "low/f0.png", "-o", "a.npy", "--white-level", "1000")
+    assert b"has pixels up to 1023, above the white level of 1000" in done.stderr
+
+
+@pytest.mark.parametrize("level", ["0", "65536", "10bit"])
+def test_what_is_no_white_level(level: str, folder: Path, inside: Cli) -> None:
+    done = inside("predict", str(folder / "low" / "f0.png"), "--white-level", level)
+    assert done.returncode == 2
+    assert b"--white-level" in done.stderr
+
+
+def test_a_video_has_a_range_of_its_own(inside: Cli) -> None:
+    write_video(inside.folder / "clip.avi", flat_frames(range(2)))
+    done = inside("video", "clip.avi", "--out", "d.mkv", "--white-level", "1023")
+    assert done.returncode == 2
+    assert b"--white-level is for image sequences, and clip.avi is a video" in done.stderr
+    assert inside("profile", "save", "camera", "--white-level", "1023").returncode == 0
+    done = inside("video", "clip.avi", "--out", "d.mkv", "--profile", "camera")
+    assert (done.returncode, done.stderr) == (0, b"")

@@ -1,0 +1,289 @@
+"""Plates with overscan, crops and non-square pixels: their depth lines up with them."""
+
+from __future__ import annotations
+
+import dataclasses
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import av
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+from tiny import write_model
+from videos import flat_frames
+
+from depthcli.core import scaling
+from depthcli.core.camera import Camera
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.metadata import read_metadata
+from depthcli.io.depth.read import read_depth
+from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.video.request import VideoRequest, VideoSettings
+from depthcli.jobs.video.run import video
+from depthcli.video.depth import DepthVideo
+from depthcli.video.formats import VideoFormat
+from depthcli.video.frame_source import open_frames
+from depthcli.video.source import VideoSource
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from depthcli.jobs.video.result import VideoResult
+
+Box = tuple[int, int, int, int]
+"""First and last column and row, as headers state them: left, top, right, bottom."""
+DISPLAY: Box = (100, 50, 163, 97)
+OVERSCAN: Box = (92, 46, 171, 99)
+CROP: Box = (110, 60, 149, 79)
+MIXED: Box = (90, 60, 149, 105)
+WINDOWS = pytest.mark.parametrize("data", [OVERSCAN, CROP, MIXED, DISPLAY])
+
+
+def size_of(box: Box) -> tuple[int, int]:
+    return box[3] - box[1] + 1, box[2] - box[0] + 1
+
+
+def inside(box: Box, outer: Box) -> tuple[slice, slice]:
+    """Rows and columns of a box in an array over an outer one."""
+    height, width = size_of(box)
+    top, left = box[1] - outer[1], box[0] - outer[0]
+    return slice(top, top + height), slice(left, left + width)
+
+
+def write_plate(
+    folder: Path, number: int, data: Box, display: Box = DISPLAY, aspect: float = 1
+) -> Path:
+    """Linear light that grows with x and y, which are those of the file."""
+    folder.mkdir(exist_ok=True)
+    y, x = np.mgrid[data[1] : data[3] + 1, data[0] : data[2] + 1]
+    light = ((x - 80 + y - 40) / 200 + number % 10 / 50).clip(0, 1).astype(np.float32)
+    header = {
+        "type": OpenEXR.scanlineimage,
+        "dataWindow": (data[:2], data[2:]),
+        "displayWindow": (display[:2], display[2:]),
+        "pixelAspectRatio": float(aspect),
+        "framesPerSecond": Fraction(24),
+    }
+    path = folder / f"plate.{number}.exr"
+    OpenEXR.File(header, dict.fromkeys("RGB", light)).write(str(path))
+    return path
+
+
+def written(path: Path) -> tuple[Box, Box, float, np.ndarray[Any, Any]]:
+    """Data window, display window, pixel aspect and depth of a file, as OpenEXR reads it."""
+    file = OpenEXR.File(str(path))
+    header = file.header()
+    boxes = [tuple(map(int, np.ravel(header[f"{which}Window"]))) for which in ("data", "display")]
+    return (*boxes, header["pixelAspectRatio"], file.channels()["Y"].pixels)
+
+
+@pytest.fixture
+def loader(tmp_path: Path) -> SessionLoader:
+    return SessionLoader(write_model(tmp_path / "model", camera={"hfov_deg": 60.0}), "cpu")
+
+
+@pytest.fixture
+def depth_of(tmp_path: Path, loader: SessionLoader) -> Callable[..., VideoResult]:
+    """Predict the plates in the folder ``in``, into the folder ``out``."""
+
+    def predicted(*formats: VideoFormat, **settings: Any) -> VideoResult:
+        chosen = VideoSettings(**settings)
+        request = VideoRequest(
+            f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out/", formats, model=loader
+        )
+        return video(dataclasses.replace(request, settings=chosen))
+
+    return predicted
+
+
+@WINDOWS
+def test_depth_has_the_windows_and_the_pixels_of_its_plate(
+    data: Box, tmp_path: Path, depth_of: Callable[..., VideoResult]
+) -> None:
+    write_plate(tmp_path / "in", 1001, data, aspect=2)
+    done = depth_of(VideoFormat.EXR, VideoFormat.NPY)
+    assert (done.depth.height, done.depth.width) == size_of(DISPLAY)
+    out, name = tmp_path / "out", "plate.depth.001001"
+    *windows, aspect, stored = written(out / f"{name}.exr")
+    assert (*windows, aspect) == (data, DISPLAY, 2)
+    assert stored.shape == size_of(data)
+    assert np.isfinite(stored).all()
+    shown = np.load(out / f"{name}.npy")
+    np.testing.assert_array_equal(read_depth(out / f"{name}.exr").values, shown)
+    left, top, right, bottom = (
+        pick(a, b) for pick, a, b in zip((max, max, min, min), data, DISPLAY, strict=True)
+    )
+    common = (left, top, right, bottom)
+    np.testing.assert_array_equal(stored[inside(common, data)], shown[inside(common, DISPLAY)])
+    hole = np.ones(shown.shape, bool)
+    hole[inside(common, DISPLAY)] = False
+    assert np.isnan(shown[hole]).all()
+
+
+def test_overscan_is_seen_and_is_as_deep_as_its_pixels_say(
+    tmp_path: Path, depth_of: Callable[..., VideoResult]
+) -> None:
+    """The tiny network takes bright for far, and the plate gets brighter to the right."""
+    write_plate(tmp_path / "in", 1, OVERSCAN)
+    depth_of(VideoFormat.EXR)
+    stored = written(tmp_path / "out" / "plate.depth.000001.exr")[3]
+    assert (np.diff(stored[:, ::20]) > 0).all()
+
+
+@WINDOWS
+def test_the_field_of_view_is_that_of_the_display_window(
+    data: Box, tmp_path: Path, depth_of: Callable[..., VideoResult]
+) -> None:
+    write_plate(tmp_path / "in", 1, data)
+    given_px = scaling.focal_px_of_hfov(40, 64)
+    done = depth_of(
+        VideoFormat.EXR,
+        camera=Camera(hfov_deg=40),
+        writing=WriterOptions(centre_px=(30.5, 22.25)),
+    )
+    assert done.depth.provenance is not None
+    assert done.depth.provenance.focal_px == pytest.approx(given_px)
+    facts = read_metadata(tmp_path / "out" / "plate.depth.000001.exr")
+    assert float(facts["focal_px"]) == pytest.approx(given_px, rel=1e-5)
+    assert facts["camera"] == "hfov 40.0° (given)"
+    assert facts["centre_px"] == "30.5,22.25"
+    assumed = depth_of(VideoFormat.EXR).depth.provenance
+    assert assumed is not None
+    assert assumed.focal_px == pytest.approx(scaling.focal_px_of_hfov(60, 64))
+
+
+def test_formats_without_windows_show_the_display_window(
+    tmp_path: Path, depth_of: Callable[..., VideoResult]
+) -> None:
+    for number in range(3):
+        write_plate(tmp_path / "in", number, OVERSCAN)
+    formats = (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.PNG16, VideoFormat.EXR)
+    depth_of(*formats, writing=WriterOptions(side_by_side=True))
+    out = tmp_path / "out"
+    depth = read_depth(out / "plate.depth.000002.exr").values
+    assert depth.shape == size_of(DISPLAY)
+    steps = np.rint(depth * 1000).astype(np.uint16)
+    np.testing.assert_array_equal(cv2.imread(str(out / "plate.depth.000002.png"), -1), steps)
+    np.testing.assert_array_equal(list(DepthVideo(out / "plate.depth.mkv").steps())[2], steps)
+    with VideoSource(out / "plate.preview.mp4") as preview:
+        assert (preview.width, preview.height) == (2 * 64, 48)
+        plate = next(preview.frames()).pixels[:, :64, 0] / np.float32(255)
+    with open_frames(tmp_path / "in" / "plate.%d.exr") as source:
+        pixels = next(source.frames()).pixels[inside(DISPLAY, OVERSCAN)][..., 0]
+    assert np.abs(plate - pixels).mean() < 0.03
+
+
+def test_overscan_is_smoothed_over_time(
+    tmp_path: Path, depth_of: Callable[..., VideoResult]
+) -> None:
+    for number in range(3):
+        write_plate(tmp_path / "in", number, OVERSCAN)
+    depth_of(VideoFormat.EXR)
+    path = tmp_path / "out" / "plate.depth.000002.exr"
+    plain = written(path)[3]
+    depth_of(VideoFormat.EXR, smooth_s=1.0)
+    *windows, _, smoothed = written(path)
+    assert windows == [OVERSCAN, DISPLAY]
+    assert (smoothed < plain).all()
+
+
+class _Stop:
+    """A Progress that ends the run after three frames."""
+
+    def begin(self, *_: object) -> Callable[[int], None]:
+        count = iter(range(3))
+        return lambda _: None if next(count) < 2 else (_ for _ in ()).throw(KeyboardInterrupt)
+
+
+@pytest.mark.parametrize(
+    "formats",
+    [
+        (VideoFormat.EXR, VideoFormat.MP4),
+        (VideoFormat.NPY, VideoFormat.EXR, VideoFormat.MKV),
+        (VideoFormat.MKV, VideoFormat.MP4),
+    ],
+)
+@pytest.mark.parametrize("data", [OVERSCAN, MIXED])
+def test_a_run_with_overscan_that_was_stopped_goes_on_to_the_same_bytes(
+    data: Box, formats: tuple[VideoFormat, ...], tmp_path: Path, loader: SessionLoader
+) -> None:
+    for number in range(8):
+        write_plate(tmp_path / "in", number, data)
+    request = VideoRequest(
+        f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out/", formats, sidecar=True, model=loader
+    )
+    with pytest.raises(KeyboardInterrupt):
+        video(request, _Stop())
+    video(request)
+    video(dataclasses.replace(request, output=f"{tmp_path}/whole/"))
+    resumed, whole = (
+        {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
+        for name in ("out", "whole")
+    )
+    assert resumed == whole
+
+
+def test_each_plate_has_windows_of_its_own(
+    tmp_path: Path, depth_of: Callable[..., VideoResult]
+) -> None:
+    elsewhere = (300, 300, 309, 309)
+    for number, data in enumerate((MIXED, CROP, OVERSCAN, elsewhere)):
+        write_plate(tmp_path / "in", number, data)
+    done = depth_of(VideoFormat.EXR, VideoFormat.PNG16)
+    (warning,) = done.warnings
+    assert warning.startswith("pictures with more overscan than the first one, which is cut off: 2")
+    assert (done.frames, done.problem) == (4, None)
+    paths = sorted((tmp_path / "out").glob("*.exr"))
+    found = [written(path) for path in paths]
+    assert [display for _, display, _, _ in found] == [DISPLAY] * 4
+    assert [data for data, *_ in found] == [
+        MIXED,
+        CROP,
+        (92, 50, 163, 99),  # the overscan that the first plate has, too
+        (100, 50, 100, 50),  # a file has to have a pixel
+    ]
+    assert np.isnan(found[3][3]).all()
+
+
+def test_a_plate_of_another_display_window_ends_the_sequence(
+    tmp_path: Path, depth_of: Callable[..., VideoResult]
+) -> None:
+    write_plate(tmp_path / "in", 0, CROP)
+    write_plate(tmp_path / "in", 1, CROP, display=(100, 50, 162, 97))
+    done = depth_of(VideoFormat.EXR)
+    assert done.frames == 1
+    assert "plate.1.exr has another size" in str(done.problem)
+
+
+@pytest.mark.parametrize(
+    ("stated", "matrix", "expected"),
+    [
+        (Fraction(4, 3), None, 4 / 3),
+        (Fraction(4, 3), (0, 1 << 16, 0, -1 << 16, 0, 0, 0, 0, 1 << 30), 3 / 4),
+        (None, None, 1),
+    ],
+)
+def test_depth_of_an_anamorphic_video_has_its_pixels(
+    stated: Fraction | None,
+    matrix: tuple[int, ...] | None,
+    expected: float,
+    tmp_path: Path,
+    loader: SessionLoader,
+) -> None:
+    path = tmp_path / "a.mp4"
+    with av.open(str(path), "w") as output:
+        stream = output.add_stream("mpeg4", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.set_display_matrix(matrix)
+        if stated is not None:
+            stream.codec_context.sample_aspect_ratio = stated
+        for pixels in flat_frames(range(2)):
+            output.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, "rgb24")))
+        output.mux(stream.encode(None))
+    video(VideoRequest(str(path), f"{tmp_path}/out/", (VideoFormat.EXR,), model=loader))
+    data, display, aspect, stored = written(tmp_path / "out" / "a.depth.000001.exr")
+    assert aspect == pytest.approx(expected)
+    assert data == display == (0, 0, stored.shape[1] - 1, stored.shape[0] - 1)
