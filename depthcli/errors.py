@@ -24,6 +24,8 @@ from typing import ClassVar
 NO_THREADS = (
     "no more threads can be started; give fewer --workers, or see 'ulimit -v' and 'ulimit -u'"
 )
+SIGNAL_BASE = 128
+"""Exit code of a process that a signal ended, less the signal's number."""
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, without loading OpenCV
 
 

@@ -189,4 +189,6 @@ MaxPixelsOption = Annotated[int, typer.Option(min=1, help="Maximum number of pix
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object per input to stdout.")
 ]
+JsonObjectOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+JsonOutputOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 QuietOption = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import completion
+from depthcli.cli.arguments.options import JsonOutputOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
 
 if TYPE_CHECKING:
     from depthcli.models.card import ModelCard
-
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
 def add_model_file(
@@ -46,7 +45,7 @@ def add_model_file(
     sha256: Annotated[
         str | None, typer.Option(metavar="HEX", help="SHA-256 checksum that the file must have.")
     ] = None,
-    as_json: _Json = False,
+    as_json: JsonOutputOption = False,
 ) -> int:
     """Add an ONNX model after checking its card.
 
@@ -91,7 +90,7 @@ def remove_models(
     return ExitCode.OK
 
 
-def list_cards(as_json: _Json = False) -> int:
+def list_cards(as_json: JsonOutputOption = False) -> int:
     """List ready cards for well-known models to download."""
     from depthcli.models.ready_cards import ready_card, ready_names
 

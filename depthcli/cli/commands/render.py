@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli.arguments.numbers import parse_hfov_range, parse_size
-from depthcli.cli.arguments.options import QuietOption
+from depthcli.cli.arguments.options import JsonObjectOption, QuietOption
 from depthcli.core.choices import Sensor
 from depthcli.errors import ExitCode
 
@@ -43,7 +43,7 @@ def rooms(
         int | None,
         typer.Option(min=1, max=1024, help="Number of processes. Default: one per core."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: JsonObjectOption = False,
     quiet: QuietOption = False,
 ) -> int:
     """Render pictures of furnished rooms with exact depth.

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import show_progress
-from depthcli.cli.signals import SIGNAL_BASE
 from depthcli.core.interrupt import Interrupt
 from depthcli.core.text import one_line
-from depthcli.errors import ModelError
+from depthcli.errors import SIGNAL_BASE, ModelError
 from depthcli.io.listing.skipped import skip_summary
 from depthcli.jobs.batch.dry_run import DryRunResult
 from depthcli.jobs.batch.plan import Plan
