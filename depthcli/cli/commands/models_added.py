@@ -66,8 +66,8 @@ def add_model_file(
             | _preprocessing_json(model.card)
         )
         return ExitCode.OK
-    said = one_line(f"{model.card.name}: {output_text(model.card)}")
-    console.report(f"{said}, in {one_line(str(model.path.parent))}")
+    added = f"{model.card.name}: {output_text(model.card)}, in {model.path.parent}"
+    console.report(one_line(added))
     if is_remote(file) and sha256 is None:
         console.note(f"to get exactly this file again: --sha256 {model.sha256}")
     _warn_of_preprocessing(model.card)

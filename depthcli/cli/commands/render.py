@@ -62,9 +62,9 @@ def rooms(
     settings = RoomSettings(seed, parse_size(size), parse_hfov_range(hfov), sensor)
     request = RenderRequest(out, count, settings, share_cores(workers)[0])
     with show_progress(silent=quiet or as_json) as progress:
-        done = render(request, progress)
+        rendered = render(request, progress)
     if as_json:
-        console.out_json({"out": str(done.out), "rooms": done.count, "rendered": done.rendered})
+        console.out_json({"out": str(out), "rooms": count, "rendered": rendered})
     elif not quiet:
-        console.report(f"{done.out}: {done.count} rooms, {done.rendered} rendered now")
+        console.report(f"{out}: {count} rooms, {rendered} rendered now")
     return ExitCode.OK

@@ -126,5 +126,5 @@ def _print_dry_run_result(
     if as_json:
         console.out_json({"input": name, "would": what, "outputs": outputs, "error": problem})
     else:
-        fate = f": {problem}" if problem else f" -> {', '.join(outputs)}"
-        console.out(one_line(f"{what:<4}  {name}{fate}"))
+        result = f": {problem}" if problem else f" -> {', '.join(outputs)}"
+        console.out(one_line(f"{what:<4}  {name}{result}"))
