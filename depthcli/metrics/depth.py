@@ -55,7 +55,7 @@ METRICS: dict[str, Metric] = {}
 def _metric(
     finish: Callable[..., float] = float, *, higher_is_better: bool = False
 ) -> Callable[[Sums], Metric]:
-    """Enter a function in :data:`METRICS` under its own name; by default, it is the mean itself."""
+    """Enter a function in :data:`METRICS` by its name; its value is the mean by default."""
 
     def register(sums: Sums) -> Metric:
         metric = Metric(sums.__name__, sums, finish, higher_is_better)
