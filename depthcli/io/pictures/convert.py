@@ -25,7 +25,6 @@ class ArrayLike(Protocol):
 
     def __array__(self) -> npt.NDArray[Any]:
         """The pixels."""
-        ...
 
 
 class PilPicture(Protocol):
@@ -33,7 +32,6 @@ class PilPicture(Protocol):
 
     def getexif(self) -> Any:  # noqa: ANN401 - PIL need not be installed
         """Its EXIF."""
-        ...
 
 
 Picture: TypeAlias = (
