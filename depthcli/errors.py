@@ -24,6 +24,8 @@ from typing import ClassVar
 NO_THREADS = (
     "no more threads can be started; give fewer --workers, or see 'ulimit -v' and 'ulimit -u'"
 )
+SIGNAL_BASE = 128
+"""Exit code of a process that a signal ended, less the signal's number."""
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, without loading OpenCV
 
 
@@ -44,7 +46,7 @@ class DepthcliError(Exception):
 
 
 class DepthcliWarning(UserWarning):
-    """Something that a caller should know of a result that is there, in Python's own way."""
+    """A caveat about a result, issued through Python's warnings."""
 
 
 class UsageError(DepthcliError):
@@ -103,5 +105,5 @@ def is_out_of_memory(error: BaseException) -> bool:
 
 
 def is_out_of_threads(error: BaseException) -> bool:
-    """Whether the system starts no more threads, for lack of address space, say."""
+    """Whether the system cannot start more threads, for lack of address space for example."""
     return isinstance(error, RuntimeError) and str(error) == "can't start new thread"

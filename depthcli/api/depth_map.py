@@ -34,7 +34,7 @@ _ENDS = ("warm", "white", "black")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DepthMap(types.DepthMap):
-    """Depth of every pixel of one picture; NumPy takes it for the array of its values.
+    """Depth of every pixel of one picture; NumPy's functions accept it as an array.
 
     Attributes:
         values: (H, W) float32. Metres for ``DepthKind.METRIC``. NaN where there is no depth.
@@ -100,8 +100,8 @@ class DepthMap(types.DepthMap):
         """
         points = [_anchor_of(anchor) for anchor in anchors]
         fitted = scaling.fit_anchors(self, points)
-        for told in scaling.lost_in_fit(self, fitted):
-            warnings.warn(told, DepthcliWarning, stacklevel=2)
+        for message in scaling.lost_in_fit(self, fitted):
+            warnings.warn(message, DepthcliWarning, stacklevel=2)
         return self.of(fitted, self.frame)
 
     def to_points(
@@ -128,8 +128,10 @@ class DepthMap(types.DepthMap):
         if hfov_deg is not None:
             focal_px = scaling.focal_px_of_hfov(hfov_deg, self.width)
         if focal_px is None and self.camera_source is types.CameraSource.CARD:
-            told = "no focal length is known; the point cloud assumes the camera the model learned"
-            warnings.warn(told, DepthcliWarning, stacklevel=2)
+            message = (
+                "no focal length is known; the point cloud assumes the camera the model learned"
+            )
+            warnings.warn(message, DepthcliWarning, stacklevel=2)
         focal_px = focal_px or self.focal_px
         if focal_px is None:
             raise UsageError("no focal length is known; give focal_px or hfov_deg to predict")
@@ -234,9 +236,8 @@ class DepthMap(types.DepthMap):
             "half": half,
             "centre_px": centre_px,
         }
-        told = write_depth(self, path_of(path), self.frame, options)
-        for text in told:
-            warnings.warn(f"{path}: {text}", DepthcliWarning, stacklevel=2)
+        for message in write_depth(self, path_of(path), self.frame, options):
+            warnings.warn(f"{path}: {message}", DepthcliWarning, stacklevel=2)
 
 
 def _anchor_of(point: AnchorLike) -> Anchor:

@@ -1,7 +1,7 @@
 """Importing commands, without the options that the shell adds."""
 
-import importlib
 from collections.abc import Iterable
+from importlib import import_module
 from typing import Any
 
 from typer.main import get_command
@@ -13,7 +13,7 @@ _COMPLETION = {"install_completion", "show_completion"}
 
 def plain_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
     """Import one command."""
-    module = importlib.import_module(COMMANDS[name][0])
+    module = import_module(f"depthcli.cli.commands.{COMMANDS[name][0]}")
     command = get_command(module.app)
     command.name = name
     # Completion is installed for the program, not for each of its commands.

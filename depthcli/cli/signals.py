@@ -16,10 +16,9 @@ from typing import NoReturn
 
 from depthcli.core.exit_hooks import run_exit_hooks
 from depthcli.core.interrupt import Interrupt
+from depthcli.errors import SIGNAL_BASE
 from depthcli.io.storage.temporaries import remove_own
 
-SIGNAL_BASE = 128
-"""Exit code of a process that a signal ended, less the signal's number."""
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 
 _GRACE_PERIOD_S = 0.5

@@ -1,6 +1,6 @@
 """How to install what training, export and some files need; ``[train]`` in pyproject.toml.
 
-The packages are named one by one: no package index has depthcli, so ``depthcli[train]`` is nowhere.
+The packages are named one by one: no package index has depthcli, so pip does not find its extras.
 """
 
 INSTALL_TRAIN = "pip install torch lightning-fabric onnx onnxscript h5py"

@@ -18,22 +18,18 @@ def fingerprint(*values: object) -> str:
     Raises:
         TypeError: a value of another type, whose text form may not be stable.
     """
-    text = json.dumps([_json_value(value) for value in values], sort_keys=True)
+    text = json.dumps(values, default=_json_value, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _json_value(value: object) -> object:
-    """The value as types that JSON has."""
+    """A value of a type that JSON does not have, as one that it has."""
     if isinstance(value, Enum):
         return value.value
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
     if isinstance(value, Fraction | PurePath):
         return str(value)
     if is_dataclass(value):
-        return {field.name: _json_value(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): _json_value(part) for key, part in value.items()}
-    if isinstance(value, tuple | list):
-        return [_json_value(part) for part in value]
+        return dict(value)
     raise TypeError(f"{type(value).__name__} has no fingerprint")

@@ -16,8 +16,8 @@ _UNITS = (("G", 1_000_000_000), ("M", 1_000_000), ("K", 1_000))
 class PictureLimit(NamedTuple):
     """The limits that a picture is checked against before it is decoded."""
 
-    pixels: int  #: most pixels, of ``--max-pixels``
-    detail: Detail = DEFAULT_DETAIL  #: has the limit of memory, of ``--max-memory``
+    pixels: int  #: maximum number of pixels (``--max-pixels``)
+    detail: Detail = DEFAULT_DETAIL  #: contains the memory limit (``--max-memory``)
 
     def check(self, name: str, width: int, height: int) -> None:
         """Refuse a picture by the size that its header claims.

@@ -13,7 +13,7 @@ def one_line(text: str) -> str:
 
 def short_repr(value: object) -> str:
     """An untrusted value for a message: short, and of printable ASCII characters only."""
-    if isinstance(value, int) and abs(value) >= _INT64_END:  # its digits can take for ever
+    if isinstance(value, int) and abs(value) >= _INT64_END:  # its digits can take very long
         return "a number of more than 64 bits"
     try:
         text = one_line(ascii(value))  # that of a tensor has lines

@@ -17,27 +17,22 @@ class DepthDataset(Protocol):
     @property
     def ids(self) -> Sequence[str]:
         """Name of each pair, unique."""
-        ...
 
     @property
     def scenes(self) -> Sequence[str]:
         """Scene of each pair; "" where it is not known."""
-        ...
 
     @property
     def official_split(self) -> Sequence[str]:
         """The data set's own division: "train", "test", or "" where it is not known."""
-        ...
 
     def __len__(self) -> int: ...
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Picture of pair ``i``: (H, W, 3) RGB uint8."""
-        ...
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
         """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
-        ...
 
 
 @runtime_checkable
@@ -50,7 +45,6 @@ class HasRawDepth(Protocol):
         Raises:
             DatasetError: it is missing or cannot be read.
         """
-        ...
 
 
 @runtime_checkable
@@ -60,7 +54,6 @@ class HasFocalLengths(Protocol):
     @property
     def focal_px(self) -> Sequence[float]:
         """Focal length of each picture, in its own pixels; empty if they are not known."""
-        ...
 
 
 @runtime_checkable
@@ -70,4 +63,3 @@ class HasCamera(Protocol):
     @property
     def hfov_deg(self) -> float:
         """Horizontal field of view over the full picture width, degrees."""
-        ...

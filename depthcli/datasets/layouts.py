@@ -1,8 +1,8 @@
 """The table of data sets that are recognized by a file in their folder."""
 
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TypeAlias
 
 from depthcli.datasets.base import DepthDataset
@@ -20,7 +20,6 @@ def opener_of(folder: Path) -> Opener | None:
     """The function that opens a folder; None if no file is recognized."""
     for name, entry in LAYOUTS.items():
         if (folder / name).is_file():
-            module, _, function = entry.partition(":")
-            found: Opener = getattr(import_module(f"depthcli.datasets.{module}"), function)
+            found: Opener = resolve_name(f"depthcli.datasets.{entry}")
             return found
     return None

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from depthcli.core.text import short_repr
 from depthcli.datasets.base import DepthDataset
-from depthcli.datasets.nyu_mat import NyuMat, open_mat
+from depthcli.datasets.nyu_mat import MAT_NAME, NyuMat, open_mat
 from depthcli.datasets.paired_folder import PLAUSIBLE_M as OWN_PLAUSIBLE_M
 from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
 from depthcli.datasets.splits import is_label
@@ -22,7 +22,6 @@ from depthcli.errors import DatasetError
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.formats import MILLIMETRES
 
-MAT_NAME = "nyu_depth_v2_labeled.mat"
 INDEX_NAME = "index.csv"
 PLAUSIBLE_M = (0.8, 9.0)
 """Depth stored in metres × 256 would read as 0.7 m, in metres × 4000 as 11 m."""

@@ -16,7 +16,7 @@ from depthcli.core.extras import INSTALL_H5PY
 from depthcli.datasets.files import check_plausible, median_m, sample_positions
 from depthcli.errors import DatasetError
 
-_OFFICIAL = "nyu_depth_v2_labeled.mat"
+MAT_NAME = "nyu_depth_v2_labeled.mat"
 _REQUIRED = {"images": "u", "depths": "f", "scenes": "O"}
 """Arrays that the file must have, and their kinds of NumPy types."""
 _DAMAGED = (KeyError, OSError, RuntimeError, TypeError, ValueError)
@@ -97,7 +97,7 @@ def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no t
     """Number of pairs, after checking that pictures and depth agree."""
     for name in _REQUIRED:
         if name not in file:
-            raise DatasetError(f"{path} has no {name}: this is not {_OFFICIAL}")
+            raise DatasetError(f"{path} has no {name}: this is not {MAT_NAME}")
     for name, kinds in (*_REQUIRED.items(), ("rawDepths", "f")):
         if name in file:
             _check_array(path, file, name, kinds)
@@ -106,7 +106,7 @@ def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no t
     if not agree or images != (depths[0], 3, *depths[1:]) or not depths[0]:
         raise DatasetError(
             f"{path} holds images {images} and depths {depths}: "
-            f"expected (N, 3, W, H) and (N, W, H) as in {_OFFICIAL}"
+            f"expected (N, 3, W, H) and (N, W, H) as in {MAT_NAME}"
         )
     if depths[0] > _MAX_PAIRS or depths[1] * depths[2] > _MAX_PAIR_PIXELS:
         raise DatasetError(f"{path} claims {depths[0]} pairs of {depths[1]}×{depths[2]} pixels")
@@ -121,7 +121,7 @@ def _check_array(path: Path, file: Any, name: str, kinds: str) -> None:  # noqa:
 
     array, link = file[name], file.get(name, getlink=True)
     if not isinstance(array, h5py.Dataset) or array.dtype.kind not in kinds:
-        raise DatasetError(f"{path} has another kind of {name}: this is not {_OFFICIAL}")
+        raise DatasetError(f"{path} has another kind of {name}: this is not {MAT_NAME}")
     if isinstance(link, h5py.ExternalLink) or array.external or array.is_virtual:
         raise DatasetError(f"{path} keeps {name} in another file: use the complete official file")
     chunk_bytes = math.prod(array.chunks or (0,)) * array.dtype.itemsize

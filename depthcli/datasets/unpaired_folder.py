@@ -28,7 +28,6 @@ class UnpairedFolder:
     the same position are not related, and their sizes can differ.
     """
 
-    root: Path  #: the folder that holds ``rgb/`` and ``depth/``
     images: tuple[Path, ...]  #: file of each picture
     depths: tuple[Path, ...]  #: file of each depth image
     units_per_metre: float = MILLIMETRES  #: value of one metre in the depth images
@@ -77,7 +76,6 @@ def open_unpaired_folder(path: Path, *, units_per_metre: float = MILLIMETRES) ->
     images = list_files(path, "rgb", IMAGE_SUFFIXES)
     depths = list_files(path, "depth", DEPTH_SUFFIXES)
     dataset = UnpairedFolder(
-        path,
         tuple(images[name] for name in sorted(images)),
         tuple(depths[name] for name in sorted(depths)),
         units_per_metre,

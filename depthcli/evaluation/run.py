@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
-from typing import Self
+from dataclasses import dataclass
 
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
@@ -16,7 +15,7 @@ from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, Truth, compare_
 from depthcli.evaluation.report import ImageScores, ReportRow
 from depthcli.metrics.accumulate import Accumulator, PixelSums
 from depthcli.metrics.alignment import SUITABLE
-from depthcli.metrics.boundary import BoundaryAccumulator, BoundaryScores
+from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
 from depthcli.metrics.choices import Alignment
 
 
@@ -56,43 +55,36 @@ class _ImageScores:
     boundary: BoundaryScores | None
 
 
-@dataclass(slots=True)
 class _RowAccumulator:
     """Accumulates the scores of a row over the images."""
 
-    predictor: Predictor
-    alignment: Alignment
-    total: Accumulator
-    train_overlap: int | None
-    images: list[ImageScores] = field(default_factory=list)
-    edges: BoundaryAccumulator | None = None
-
-    @classmethod
-    def of(cls, entry: Entry, alignment: Alignment, protocol: EvalProtocol) -> Self:
-        edges = BoundaryAccumulator() if protocol.boundary else None
-        total = Accumulator(protocol.averaging)
-        return cls(entry.predictor, alignment, total, entry.train_overlap, edges=edges)
+    def __init__(self, entry: Entry, alignment: Alignment, protocol: EvalProtocol) -> None:
+        self._entry, self._alignment = entry, alignment
+        self._total = Accumulator(protocol.averaging)
+        self._boundaries: list[BoundaryScores] = []
+        self._images: list[ImageScores] = []
 
     def add(self, image_id: str, measured: _ImageScores, *, keep: bool) -> None:
-        scores = self.total.add(measured.sums)
-        if self.edges is not None and measured.boundary is not None:
-            self.edges.update(measured.boundary)
+        scores = self._total.add(measured.sums)
+        if measured.boundary is not None:
+            self._boundaries.append(measured.boundary)
         if keep:
-            self.images.append(ImageScores(image_id, scores, measured.boundary))
+            self._images.append(ImageScores(image_id, scores, measured.boundary))
 
     def close(self) -> ReportRow:
+        predictor, total = self._entry.predictor, self._total
         return ReportRow(
-            name=self.predictor.name,
-            source=self.predictor.source,
-            alignment=self.alignment,
-            image_count=self.total.image_count,
-            scores=self.total.compute(),
-            empty_count=self.total.empty_count,
-            model_sha256=self.predictor.model_sha256,
-            images=tuple(self.images),
-            boundary=self.edges.compute() if self.edges else None,
-            train_overlap=self.train_overlap,
-            note=_footnote(self.predictor.name, self.train_overlap),
+            name=predictor.name,
+            source=predictor.source,
+            alignment=self._alignment,
+            image_count=total.image_count,
+            scores=total.compute(),
+            empty_count=total.empty_count,
+            model_sha256=predictor.model_sha256,
+            images=tuple(self._images),
+            boundary=mean_boundary_scores(self._boundaries) if self._boundaries else None,
+            train_overlap=self._entry.train_overlap,
+            note=_footnote(predictor.name, self._entry.train_overlap),
         )
 
 
@@ -126,7 +118,7 @@ def evaluate(
         DepthcliError: a predictor failed.
     """
     rows = [
-        _RowAccumulator.of(entry, alignment, protocol)
+        _RowAccumulator(entry, alignment, protocol)
         for entry in entries
         for alignment in entry.alignments
     ]

@@ -1,7 +1,7 @@
 """Overlap of the evaluated pairs of NYU Depth v2 with those that a model was trained on."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from depthcli.datasets import id_ranges
 from depthcli.datasets.base import DepthDataset
@@ -19,24 +19,11 @@ TRAIN_SPLIT = "nyu_split"
 """Field of a third-party model's card: the split whose training scenes it was trained on."""
 
 
-@runtime_checkable
-class HasCard(Protocol):
-    """A predictor that is a model."""
-
-    @property
-    def card(self) -> ModelCard:
-        """Its card."""
-        ...
-
-
 def train_overlap(predictor: object, dataset: DepthDataset, ids: Iterable[str]) -> int | None:
     """Number of images that a predictor was trained on; None if unknown."""
-    if not isinstance(predictor, HasCard):
-        return None
-    numbers = trained_numbers(predictor.card, dataset)
-    if numbers is None:
-        return None
-    return sum(int(name) in numbers for name in ids)
+    card = getattr(predictor, "card", None)  # only models have one
+    numbers = trained_numbers(card, dataset) if isinstance(card, ModelCard) else None
+    return None if numbers is None else sum(int(name) in numbers for name in ids)
 
 
 def trained_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | None:

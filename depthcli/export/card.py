@@ -16,11 +16,10 @@ from depthcli.export.options import ExportOptions
 from depthcli.metrics.pixels import MIN_DEPTH_M
 from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
-from depthcli.models.locations import CARD_NAME
+from depthcli.models.locations import CARD_NAME, CARD_SUFFIX
 from depthcli.training.checkpoint import Checkpoint, RunProgress
 
 MODEL_NAME = "model.onnx"
-_CARD_SUFFIX = f".{CARD_NAME}"
 _FULL_STRIDE = 4
 
 
@@ -30,7 +29,7 @@ def card_path(model: Path) -> Path:
     That of ``model.onnx`` is ``card.json``; any other ``name.onnx`` may share its folder with other
     models and has ``name.card.json``.
     """
-    return model.with_name(CARD_NAME if model.name == MODEL_NAME else model.stem + _CARD_SUFFIX)
+    return model.with_name(CARD_NAME if model.name == MODEL_NAME else model.stem + CARD_SUFFIX)
 
 
 def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:

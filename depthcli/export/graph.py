@@ -2,7 +2,6 @@
 
 import copy
 import warnings
-from collections.abc import Mapping
 
 import numpy as np
 import onnx
@@ -117,8 +116,3 @@ def weights_to_float16(model: onnx.ModelProto) -> None:
     nodes = [*casts, *graph.node]
     del graph.node[:]
     graph.node.extend(nodes)
-
-
-def set_metadata(model: onnx.ModelProto, values: Mapping[str, str]) -> None:
-    """Replace the model's metadata."""
-    helper.set_model_props(model, dict(values))

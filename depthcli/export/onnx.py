@@ -5,13 +5,14 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from onnx import helper
+
 from depthcli.errors import CheckpointError
 from depthcli.export.card import card_of, card_path
 from depthcli.export.graph import (
     MirrorAverage,
     build_graph,
     fold_batch_norm,
-    set_metadata,
     weights_to_float16,
 )
 from depthcli.export.int8 import calibration_batches, quantize
@@ -56,7 +57,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
         model = quantize(model, pictures)
     elif options.half:
         weights_to_float16(model)
-    set_metadata(model, {METADATA_KEY: card.to_json()})
+    helper.set_model_props(model, {METADATA_KEY: card.to_json()})
     data = model.SerializeToString()
     network = MirrorAverage(fold_batch_norm(generator)) if options.mirror else generator
     cases = _parity_cases(card.input)[: 1 if pictures else None]

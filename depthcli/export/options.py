@@ -7,9 +7,6 @@ from depthcli.core.choices import Weights
 from depthcli.export.graph import OPSET
 from depthcli.export.parity import FLOAT16_TOLERANCE, INT8_TOLERANCE, TOLERANCE
 
-NO_LICENSE = "NOASSERTION"
-"""SPDX's value for an unstated licence."""
-
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
@@ -23,7 +20,7 @@ class ExportOptions:
     #: maximum difference between torch and onnxruntime; None for the default
     tolerance: float | None = None
     int8_pictures: Path | None = None  #: folder of pictures to calibrate int8; None for no int8
-    license: str = NO_LICENSE  #: of the weights, an SPDX identifier
+    license: str = "NOASSERTION"  #: of the weights, an SPDX identifier
     #: horizontal field of view of the training pictures, degrees; None for that of the checkpoint
     hfov_deg: float | None = None
     float_model: str | None = None  #: name of the model that replaces an int8 one off the CPU

@@ -4,22 +4,9 @@ import numpy as np
 
 from depthcli.core.types import Frame
 from depthcli.inference.pipeline import Pipeline
-from depthcli.inference.providers import AUTO
 from depthcli.inference.session import Session
-from depthcli.models.catalog import Model
 
 _GRAY = 128
-
-
-def try_model(model: Model, *, provider: str = AUTO) -> Session:
-    """Load a model and run it on a gray picture of its own size; returns the session.
-
-    Raises:
-        ModelError: it does not load or run, or has no finite output.
-    """
-    session = Session(model, provider=provider)
-    try_session(session)
-    return session
 
 
 def try_session(session: Session) -> None:

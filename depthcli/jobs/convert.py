@@ -49,9 +49,9 @@ class RoundTrip:
         """The errors between two maps of the same size."""
         here, there = np.isfinite(depth.values), np.isfinite(read_back.values)
         both = here & there
-        gap = np.abs(depth.values[both].astype(np.float64) - read_back.values[both])
+        error = np.abs(depth.values[both].astype(np.float64) - read_back.values[both])
         lost = int((here & ~there).sum())
-        return cls(*(float(gap.max()), float(gap.mean())) if gap.size else (0.0, 0.0), lost)
+        return cls(*(float(error.max()), float(error.mean())) if error.size else (0.0, 0.0), lost)
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,17 +37,8 @@ class RenderRequest:
     workers: int = 1  #: processes
 
 
-@dataclass(frozen=True, slots=True)
-class RenderResult:
-    """The result of a run."""
-
-    out: Path
-    count: int  #: number of rooms that were requested
-    rendered: int  #: number of rooms that this run rendered
-
-
-def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> RenderResult:
-    """Render the missing rooms.
+def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> int:
+    """Render the missing rooms; returns how many there were.
 
     The same options give the same bytes, independent of count and workers.
 
@@ -63,7 +54,7 @@ def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> RenderRe
     write = partial(_write_pair, request.out, request.settings)
     for _ in process_map(write, missing, workers=min(request.workers, len(missing))):
         done(1)
-    return RenderResult(request.out, request.count, len(missing))
+    return len(missing)
 
 
 def _check_folder(request: RenderRequest) -> None:

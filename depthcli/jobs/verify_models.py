@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from depthcli.errors import DepthcliError
-from depthcli.inference.trial import try_model
+from depthcli.inference.session import Session
+from depthcli.inference.trial import try_session
 from depthcli.models.catalog import Model, find_model
 from depthcli.models.locations import list_locations
 
@@ -26,7 +27,7 @@ def verify_models(names: Sequence[str] = ()) -> Iterator[ModelCheck]:
     for name in names or [name for name, _ in list_locations()]:
         try:
             model = find_model(name)
-            try_model(model)
+            try_session(Session(model))
         except DepthcliError as error:
             yield ModelCheck(name, error)
         else:

@@ -9,7 +9,7 @@ Than a Second", ICLR 2025 (boundary F1); Canny, "A Computational Approach to Edg
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 
 import cv2
@@ -55,20 +55,11 @@ HIGHER_IS_BETTER = frozenset({"edge_f1"})
 NO_BOUNDARY = BoundaryScores(math.nan, math.nan, math.nan)
 
 
-class BoundaryAccumulator:
-    """Mean over images of each score, over those images that have it."""
-
-    def __init__(self) -> None:
-        self._scores: list[tuple[float, ...]] = []
-
-    def update(self, scores: BoundaryScores) -> None:
-        """Add one image."""
-        self._scores.append(astuple(scores))
-
-    def compute(self) -> BoundaryScores:
-        """Means so far; NaN for a score that no image has."""
-        columns = zip(*self._scores, strict=True) if self._scores else [()] * len(BOUNDARY_NAMES)
-        return BoundaryScores(*(_mean_or_nan([v for v in c if not math.isnan(v)]) for c in columns))
+def mean_boundary_scores(images: Sequence[BoundaryScores]) -> BoundaryScores:
+    """Mean of each score over the images that have it; NaN for a score that none has."""
+    columns = ([getattr(image, name) for image in images] for name in BOUNDARY_NAMES)
+    known = ([value for value in column if not math.isnan(value)] for column in columns)
+    return BoundaryScores(*(math.fsum(c) / len(c) if c else math.nan for c in known))
 
 
 def boundary_scores(
@@ -177,7 +168,3 @@ def _steps(
     right = np.diff(log_depth, axis=1)[valid[:, 1:] & valid[:, :-1]]
     down = np.diff(log_depth, axis=0)[valid[1:] & valid[:-1]]
     return right, down
-
-
-def _mean_or_nan(values: list[float]) -> float:
-    return math.fsum(values) / len(values) if values else math.nan

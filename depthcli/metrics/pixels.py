@@ -83,8 +83,14 @@ class DepthPixels:
 
     @cached_property
     def predicted_m(self) -> npt.NDArray[np.float64]:
-        """(N,) p, metres, > 0, clamped."""
-        return clamp(self.prediction, self.min_m, self.max_m, out=self._scratch_row(1))
+        """(N,) p, metres, > 0, clamped; NaN becomes ``min_m``."""
+        values, low_m, high_m = self.prediction, self.min_m, self.max_m
+        exact = _as_float64(values, self._scratch_row(1))
+        if exact.size and low_m <= float(values.min()) and float(values.max()) <= high_m:
+            return exact  # the usual case; NaN fails the comparison
+        np.clip(exact, low_m, high_m, out=exact)
+        exact[np.isnan(exact)] = low_m
+        return exact
 
     @cached_property
     def error_m(self) -> npt.NDArray[np.float64]:
@@ -110,21 +116,6 @@ class DepthPixels:
     def squared_log_error(self) -> float:
         """Σ (ln p − ln g)²."""
         return cv2.norm(self.log_error, cv2.NORM_L2SQR)
-
-
-def clamp(
-    predicted_m: npt.NDArray[np.floating],
-    min_m: float = MIN_DEPTH_M,
-    max_m: float = MAX_DEPTH_M,
-    out: npt.NDArray[np.float64] | None = None,
-) -> npt.NDArray[np.float64]:
-    """Clamp a prediction of any shape to [min_m, max_m], in float64; NaN becomes ``min_m``."""
-    exact = _as_float64(predicted_m, out)
-    if exact.size and min_m <= float(predicted_m.min()) and float(predicted_m.max()) <= max_m:
-        return exact  # the usual case; NaN fails the comparison
-    np.clip(exact, min_m, max_m, out=exact)
-    exact[np.isnan(exact)] = min_m
-    return exact
 
 
 def _as_float64(

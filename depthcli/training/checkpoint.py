@@ -81,7 +81,8 @@ class Checkpoint:
         try:
             with temporary_beside(path) as temporary:
                 torch.save(content, temporary)
-                _fsync(temporary)  # before it replaces the previous one
+                with temporary.open("rb+") as file:
+                    os.fsync(file.fileno())  # before it replaces the previous one
                 temporary.replace(path)
         except (OSError, RuntimeError) as error:
             # torch's message of a failed write names no cause.
@@ -146,11 +147,6 @@ class Checkpoint:
         own = {"rng": self.rng, "device_rng": self.device_rng, "extra": self.extra}
         for process in [own, *self.others]:
             check_process(process)
-
-
-def _fsync(path: Path) -> None:
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
 
 
 def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:

@@ -1,4 +1,4 @@
-"""Several runs under one time budget: the folder of each, and how long it may train."""
+"""Several runs under one time budget: how far each has come, and how long it may train."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,11 +39,6 @@ class PlannedRun:
     def is_finished(self, progress: RunProgress) -> bool:
         """Whether all epochs of the schedule are done."""
         return progress.epoch >= self.config.optim.epochs
-
-
-def plan_runs(configs: Sequence[TrainConfig], out: Path) -> tuple[PlannedRun, ...]:
-    """Plan a run for each configuration, in a folder ``METHOD-seedK``."""
-    return tuple(PlannedRun(c, out / f"{c.method}-seed{c.seed}") for c in configs)
 
 
 def fair_shares_s(spent_s: Sequence[float], budget_s: float) -> tuple[float, ...]:

@@ -59,7 +59,7 @@ def ending(monkeypatch: pytest.MonkeyPatch) -> Callable[[BaseException], int]:
             """Fail."""
             raise error
 
-        monkeypatch.setitem(sys.modules, "a_command", module)
+        monkeypatch.setitem(sys.modules, "depthcli.cli.commands.a_command", module)
         monkeypatch.setitem(COMMANDS, "fail", ("a_command", "Fail."))
         return shell.run(["fail"])
 

@@ -14,7 +14,7 @@ from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import ModelError, UsageError
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.session import Session
-from depthcli.inference.trial import try_model
+from depthcli.inference.trial import try_session
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
@@ -121,16 +121,16 @@ def test_a_model_without_a_camera_takes_no_focal_length(model_folder: Path) -> N
 
 
 def test_a_trial_runs_the_model(model_folder: Path) -> None:
-    assert try_model(find_model(model_folder), provider="cpu").provider == "cpu"
+    try_session(Session(find_model(model_folder)))
 
 
 def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
     proto = onnx.load_from_string(tiny_onnx())
     nothing = np.full((1, 1, 1, 1), np.nan, np.float32)
     proto.graph.initializer[0].CopyFrom(onnx.numpy_helper.from_array(nothing, "weight"))
-    model = find_model(write_model(tmp_path, proto.SerializeToString()))
+    session = Session(find_model(write_model(tmp_path, proto.SerializeToString())))
     with pytest.raises(ModelError, match="gives no depth"):
-        try_model(model)
+        try_session(session)
 
 
 def test_many_pictures_give_what_each_gives_alone(kinect: Pipeline) -> None:

@@ -55,22 +55,15 @@ def test_the_principal_point_is_the_calibration_s(tmp_path: Path) -> None:
     np.testing.assert_allclose(cloud["y"] / cloud["z"], [-0.25] * 4 + [0.25] * 2)
 
 
-@pytest.mark.parametrize("hfov_deg", [40.0, 90.0])
-def test_without_a_focal_length_the_field_of_view_counts(hfov_deg: float, tmp_path: Path) -> None:
+def test_without_a_focal_length_nyu_s_field_of_view_is_assumed(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
-    (warning,) = PlyWriter(hfov_deg).write(seen_by(None), path)
-    assert f"{hfov_deg:g}°" in warning
+    (warning,) = PlyWriter().write(seen_by(None), path)
+    assert "63.3°" in warning
     cloud = points(path)
     # The middles of the outer pixels are 3/4 of the way to the edges.
-    edge = math.tan(math.radians(hfov_deg / 2))
+    edge = math.tan(math.radians(63.3 / 2))
     np.testing.assert_allclose(cloud["x"][0] / cloud["z"][0], -0.75 * edge, rtol=1e-5)
     np.testing.assert_allclose(cloud["x"][3] / cloud["z"][3], 0.75 * edge, rtol=1e-5)
-
-
-def test_a_stated_focal_length_precedes_the_field_of_view(tmp_path: Path) -> None:
-    PlyWriter(10.0).write(seen_by(2.0), tmp_path / "a.ply")
-    PlyWriter(90.0).write(seen_by(2.0), tmp_path / "b.ply")
-    assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
 
 
 def test_points_have_the_picture_s_colours(tmp_path: Path) -> None:

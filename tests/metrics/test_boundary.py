@@ -12,11 +12,11 @@ import pytest
 
 from depthcli.metrics.boundary import (
     BOUNDARY_NAMES,
-    BoundaryAccumulator,
     BoundaryScores,
     _edges,
     _log,
     boundary_scores,
+    mean_boundary_scores,
 )
 
 if TYPE_CHECKING:
@@ -133,14 +133,15 @@ def test_the_rim_of_a_hole_is_no_edge() -> None:
 
 
 def test_means_leave_out_images_without_a_score() -> None:
-    total = BoundaryAccumulator()
-    total.update(BoundaryScores(1.0, 4.0, 0.5))
-    total.update(BoundaryScores(math.nan, math.nan, 0.1))
-    total.update(BoundaryScores(3.0, 6.0, math.nan))
-    assert total.compute() == BoundaryScores(2.0, 5.0, 0.3)
+    images = [
+        BoundaryScores(1.0, 4.0, 0.5),
+        BoundaryScores(math.nan, math.nan, 0.1),
+        BoundaryScores(3.0, 6.0, math.nan),
+    ]
+    assert mean_boundary_scores(images) == BoundaryScores(2.0, 5.0, 0.3)
 
 
 def test_no_image_has_no_mean() -> None:
-    named = dict(BoundaryAccumulator().compute().items())
+    named = dict(mean_boundary_scores(()).items())
     assert tuple(named) == BOUNDARY_NAMES
     assert all(math.isnan(value) for value in named.values())

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from depthcli.metrics.depth import METRICS
-from depthcli.metrics.pixels import DepthPixels, clamp
+from depthcli.metrics.pixels import DepthPixels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -142,9 +142,10 @@ def test_bounds_of_the_truth_are_strict() -> None:
     assert DepthPixels.of(truth, np.ones(8)).truth_m.tolist() == [1.1e-3, 9.99]
 
 
-def test_clamp_takes_nan_to_near_and_infinity_to_far() -> None:
+def test_predictions_are_clamped_nan_to_near_and_infinity_to_far() -> None:
     predicted = np.array([np.nan, np.inf, -np.inf, -1.0, 0.0, 0.5, 10.5])
-    assert clamp(predicted).tolist() == [1e-3, 10.0, 1e-3, 1e-3, 1e-3, 0.5, 10.0]
+    clamped = DepthPixels.of(np.ones(7), predicted).predicted_m
+    assert clamped.tolist() == [1e-3, 10.0, 1e-3, 1e-3, 1e-3, 0.5, 10.0]
 
 
 def test_inputs_are_left_as_they_are() -> None:

@@ -29,7 +29,8 @@ from depthcli.core.windows import Window, Windows
 from depthcli.datasets.files import read_depth_m, read_image_rgb
 from depthcli.datasets.nyu import read_index
 from depthcli.datasets.nyu_mat import open_mat
-from depthcli.inference.trial import try_model
+from depthcli.inference.session import Session
+from depthcli.inference.trial import try_session
 from depthcli.io.depth.metadata import read_metadata
 from depthcli.io.depth.read import read_depth
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
@@ -233,7 +234,7 @@ def _read_onnx(path: Path) -> None:
 
 def _run_model(path: Path) -> None:
     find_model(path)
-    try_model(find_model(path), provider="cpu")
+    try_session(Session(find_model(path), provider="cpu"))
 
 
 def videos() -> list[bytes]:

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, PAPER, room_data
+from rooms import EFFICIENT, room_data
 
 from depthcli.errors import CheckpointError
 from depthcli.training.callbacks import Callback
 from depthcli.training.loop import Limits, fit
-from depthcli.training.planned_runs import PlannedRun, fair_shares_s, next_share_s, plan_runs
+from depthcli.training.planned_runs import PlannedRun, fair_shares_s, next_share_s
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,12 +49,6 @@ def test_what_starting_costs_is_kept_for_each_that_waits() -> None:
     assert next_share_s([30, 60], left_s=100, overhead_s=5) == 60  # both end at 90
     assert next_share_s([0, 0, 0], left_s=30, overhead_s=10) == 0  # nothing but starting
     assert next_share_s([7], left_s=math.inf, overhead_s=10) == math.inf
-
-
-def test_names_by_method_and_seed(tmp_path: Path) -> None:
-    runs = plan_runs([PAPER, replace(PAPER, seed=0), replace(PAPER, method="cut")], tmp_path)
-    assert [run.name for run in runs] == ["proposed-seed3", "proposed-seed0", "cut-seed3"]
-    assert {run.folder.parent for run in runs} == {tmp_path}
 
 
 def test_progress_of_a_folder(tmp_path: Path) -> None:

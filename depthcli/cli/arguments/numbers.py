@@ -2,58 +2,36 @@
 
 import math
 import re
+from collections.abc import Callable
 
 import typer
 
 from depthcli.core.camera import FOCAL_PX, HFOV_DEG
 from depthcli.core.text import short_repr
+from depthcli.core.validation import Rule
 from depthcli.errors import UsageError
 
-_PNG_SCALES = (1e-3, 1e6)
 _LARGEST_M = 1e9
 _LARGEST_PX = 20_000
 
 
-def finite(value: float | None) -> float | None:
-    """Refuse NaN and numbers beyond ±1e9."""
-    if value is not None and not abs(value) <= _LARGEST_M:
-        raise typer.BadParameter("must be a number up to 1e9")
-    return value
+def _must_be(rule: Rule) -> Callable[[float | None], float | None]:
+    """A callback of typer that refuses a value, unless it is None."""
+
+    def check(value: float | None) -> float | None:
+        if value is not None and not rule.holds(value):
+            raise typer.BadParameter(f"must be {rule.what}")
+        return value
+
+    return check
 
 
-def positive(value: float | None) -> float | None:
-    """Refuse numbers that are not finite and above 0."""
-    if value is not None and not 0 < value < math.inf:
-        raise typer.BadParameter("must be greater than 0")
-    return value
-
-
-def png_scale_range(value: float | None) -> float | None:
-    """Refuse a PNG scale outside of 0.001 to 1000000 units per metre."""
-    if value is not None and not _PNG_SCALES[0] <= value <= _PNG_SCALES[1]:
-        raise typer.BadParameter("must be from 0.001 to 1000000")
-    return value
-
-
-def not_negative(value: float | None) -> float | None:
-    """Refuse numbers that are not finite and at least 0."""
-    if value is not None and not 0 <= value < math.inf:
-        raise typer.BadParameter("must be 0 or greater")
-    return value
-
-
-def focal_length(value: float | None) -> float | None:
-    """Refuse a focal length in pixels that is out of range."""
-    if value is not None and not FOCAL_PX.holds(value):
-        raise typer.BadParameter(f"must be {FOCAL_PX.what}")
-    return value
-
-
-def field_of_view(value: float | None) -> float | None:
-    """Refuse a field of view in degrees that is out of range."""
-    if value is not None and not HFOV_DEG.holds(value):
-        raise typer.BadParameter(f"must be {HFOV_DEG.what}")
-    return value
+finite = _must_be(Rule("a number up to 1e9", lambda x: abs(x) <= _LARGEST_M))
+positive = _must_be(Rule("greater than 0", lambda x: 0 < x < math.inf))
+not_negative = _must_be(Rule("0 or greater", lambda x: 0 <= x < math.inf))
+png_scale_range = _must_be(Rule("from 0.001 to 1000000", lambda x: 1e-3 <= x <= 1e6))  # noqa: PLR2004
+focal_length = _must_be(FOCAL_PX)
+field_of_view = _must_be(HFOV_DEG)
 
 
 def parse_size(word: str) -> tuple[int, int]:

@@ -7,7 +7,7 @@ import typer
 
 from depthcli.cli.arguments import completion
 from depthcli.cli.arguments.numbers import field_of_view, finite, focal_length, png_scale_range
-from depthcli.core.choices import Upsampling
+from depthcli.core.choices import Upsampling, Weights
 from depthcli.io.writers.formats import Format
 
 
@@ -195,7 +195,15 @@ MaxMemoryOption = Annotated[
     ),
 ]
 MaxPixelsOption = Annotated[int, typer.Option(min=1, help="Maximum number of pixels of a picture.")]
+WeightsOption = Annotated[
+    Weights,
+    typer.Option(
+        help="averaged: the moving average, if the run keeps one; raw: those of the last step."
+    ),
+]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object per input to stdout.")
 ]
+JsonObjectOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+JsonOutputOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 QuietOption = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]

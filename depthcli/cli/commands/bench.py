@@ -56,7 +56,7 @@ def bench(
             min=0, max=3600, callback=not_negative, help="Duration of each measurement in seconds."
         ),
     ] = 3.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: options.JsonObjectOption = False,
 ) -> int:
     """Measure network latency, end-to-end latency, throughput and peak memory.
 

@@ -73,7 +73,7 @@ def convert(
         str | None,
         typer.Option(metavar="IMG", help="Picture of the same size that colours the point cloud."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: options.JsonObjectOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
     """Convert a depth file and report the round-trip error."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments.numbers import field_of_view, not_negative
+from depthcli.cli.arguments.options import WeightsOption
 from depthcli.cli.screen import console
 from depthcli.core.choices import Weights
 from depthcli.errors import ExitCode, UsageError
@@ -84,12 +85,7 @@ def export_onnx(
             "place of this one on GPUs and OpenVINO.",
         ),
     ] = None,
-    weights: Annotated[
-        Weights,
-        typer.Option(
-            help="averaged: the moving average, if the run keeps one; raw: those of the last step."
-        ),
-    ] = Weights.AVERAGED,
+    weights: WeightsOption = Weights.AVERAGED,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object to stdout.")
     ] = False,

@@ -1,10 +1,11 @@
 """``depthcli info``: unit, scale, size and range of a depth file."""
 
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from depthcli.cli.arguments.depth_file import FileArgument, ScaleOption
+from depthcli.cli.arguments.options import JsonObjectOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
@@ -16,7 +17,7 @@ app = typer.Typer(rich_markup_mode=None)
 def info(
     file: FileArgument,
     png_scale: ScaleOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: JsonObjectOption = False,
 ) -> int:
     """Show unit, scale, size, range and model of a depth file."""
     from dataclasses import asdict

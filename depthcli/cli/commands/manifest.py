@@ -5,10 +5,11 @@ from typing import Annotated
 
 import typer
 
+from depthcli.cli.arguments.options import JsonOutputOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
-from depthcli.io.manifest.row import ManifestFormat
+from depthcli.io.manifest.row import FAILED, ManifestFormat
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -16,14 +17,13 @@ app = typer.Typer(
     help="Sum up, search and merge the manifests of a batch.",
 )
 
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 _Manifest = Annotated[
     str, typer.Argument(metavar="OUT", help="Output folder of a batch, or a manifest in it.")
 ]
 
 
 @app.command("summary")
-def show_summary(out: _Manifest, as_json: _Json = False) -> int:
+def show_summary(out: _Manifest, as_json: JsonOutputOption = False) -> int:
     """Count inputs, failures and outputs, of all shards together."""
     from depthcli.io.storage.remote import path_of
     from depthcli.jobs.batch.manifests import read_rows, summarize
@@ -42,12 +42,13 @@ def show_summary(out: _Manifest, as_json: _Json = False) -> int:
 
 
 @app.command("failed")
-def list_failed(out: _Manifest, as_json: _Json = False) -> int:
+def list_failed(out: _Manifest, as_json: JsonOutputOption = False) -> int:
     """List the inputs that failed, each with the reason."""
     from depthcli.io.storage.remote import path_of
-    from depthcli.jobs.batch.manifests import failed_rows, read_rows
+    from depthcli.jobs.batch.manifests import read_rows
 
-    for row in failed_rows(read_rows(path_of(out))):
+    failed = (row for row in read_rows(path_of(out)) if row.status == FAILED)
+    for row in failed:
         if as_json:
             console.out_json(row.as_json())
         else:
@@ -65,7 +66,7 @@ def merge_parts(
             help="Format of the result. Default: that of the manifest in OUT, else jsonl.",
         ),
     ] = None,
-    as_json: _Json = False,
+    as_json: JsonOutputOption = False,
 ) -> int:
     """Merge the manifests of all shards into one, and remove them."""
     from depthcli.io.storage.remote import path_of

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import completion
+from depthcli.cli.arguments.options import JsonOutputOption
 from depthcli.cli.commands import models_added
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
@@ -20,12 +21,10 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     rich_markup_mode=None,
-    no_args_is_help=False,
     invoke_without_command=True,
     help="List, inspect, verify, add and remove models.",
 )
 
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 _Name = Annotated[
     str,
     typer.Argument(
@@ -48,7 +47,7 @@ def _models_group(context: typer.Context) -> None:
 
 
 @app.command("list")
-def list_models(as_json: _Json = False) -> int:
+def list_models(as_json: JsonOutputOption = False) -> int:
     """List the models available by name.
 
     Search order: folders in DEPTHCLI_MODELS, models added with 'depthcli models add', bundled
@@ -90,7 +89,7 @@ def verify(
             help="Model names or paths. Default: all listed models.",
         ),
     ] = None,
-    as_json: _Json = False,
+    as_json: JsonOutputOption = False,
 ) -> int:
     """Verify size, checksum and card, and run each model once."""
     from depthcli.jobs.verify_models import verify_models

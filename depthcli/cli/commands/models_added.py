@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import completion
+from depthcli.cli.arguments.options import JsonOutputOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
 
 if TYPE_CHECKING:
     from depthcli.models.card import ModelCard
-
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
 def add_model_file(
@@ -46,7 +45,7 @@ def add_model_file(
     sha256: Annotated[
         str | None, typer.Option(metavar="HEX", help="SHA-256 checksum that the file must have.")
     ] = None,
-    as_json: _Json = False,
+    as_json: JsonOutputOption = False,
 ) -> int:
     """Add an ONNX model after checking its card.
 
@@ -67,8 +66,8 @@ def add_model_file(
             | _preprocessing_json(model.card)
         )
         return ExitCode.OK
-    said = one_line(f"{model.card.name}: {output_text(model.card)}")
-    console.report(f"{said}, in {one_line(str(model.path.parent))}")
+    added = f"{model.card.name}: {output_text(model.card)}, in {model.path.parent}"
+    console.report(one_line(added))
     if is_remote(file) and sha256 is None:
         console.note(f"to get exactly this file again: --sha256 {model.sha256}")
     _warn_of_preprocessing(model.card)
@@ -91,7 +90,7 @@ def remove_models(
     return ExitCode.OK
 
 
-def list_cards(as_json: _Json = False) -> int:
+def list_cards(as_json: JsonOutputOption = False) -> int:
     """List ready cards for well-known models to download."""
     from depthcli.models.ready_cards import ready_card, ready_names
 

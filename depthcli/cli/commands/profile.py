@@ -10,6 +10,8 @@ import typer
 
 from depthcli.cli import profile_files
 from depthcli.cli.arguments import completion
+from depthcli.cli.arguments.options import JsonOutputOption
+from depthcli.cli.arguments.unused import is_given
 from depthcli.cli.profile_files import Scalar, Value
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
@@ -17,13 +19,11 @@ from depthcli.errors import ExitCode, UsageError
 
 app = typer.Typer(
     rich_markup_mode=None,
-    no_args_is_help=False,
     invoke_without_command=True,
     help="Save options under a name, for --profile.",
 )
 
 _META_KEY = "depthcli.profile"
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 _Name = Annotated[
     str, typer.Argument(metavar="NAME", autocompletion=completion.profiles, help="Profile name.")
 ]
@@ -60,7 +60,7 @@ def save(
 
 
 @app.command("list")
-def list_profiles(as_json: _Json = False) -> int:
+def list_profiles(as_json: JsonOutputOption = False) -> int:
     """List the profiles."""
     names = profile_files.profile_names()
     if not names and not as_json:
@@ -139,8 +139,7 @@ def _recording_option(key: str, variants: list[Any]) -> Any:  # noqa: ANN401 - t
 
     def record(context: Any, used: Any, value: Any) -> Any:  # noqa: ANN401 - typer's own types
         value = check(context, used, value) if check else value
-        source = context.get_parameter_source(used.name)
-        if source is not None and source.name == "COMMANDLINE":
+        if is_given(context, used.name):
             context.meta.setdefault(_META_KEY, {})[key] = _toml_value(key, value)
         return value
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli.arguments.numbers import parse_hfov_range, parse_size
-from depthcli.cli.arguments.options import QuietOption
+from depthcli.cli.arguments.options import JsonObjectOption, QuietOption
 from depthcli.core.choices import Sensor
 from depthcli.errors import ExitCode
 
@@ -43,7 +43,7 @@ def rooms(
         int | None,
         typer.Option(min=1, max=1024, help="Number of processes. Default: one per core."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: JsonObjectOption = False,
     quiet: QuietOption = False,
 ) -> int:
     """Render pictures of furnished rooms with exact depth.
@@ -62,9 +62,9 @@ def rooms(
     settings = RoomSettings(seed, parse_size(size), parse_hfov_range(hfov), sensor)
     request = RenderRequest(out, count, settings, share_cores(workers)[0])
     with show_progress(silent=quiet or as_json) as progress:
-        done = render(request, progress)
+        rendered = render(request, progress)
     if as_json:
-        console.out_json({"out": str(done.out), "rooms": done.count, "rendered": done.rendered})
+        console.out_json({"out": str(out), "rooms": count, "rendered": rendered})
     elif not quiet:
-        console.report(f"{done.out}: {done.count} rooms, {done.rendered} rendered now")
+        console.report(f"{out}: {count} rooms, {rendered} rendered now")
     return ExitCode.OK

@@ -8,12 +8,12 @@ import typer
 
 from depthcli.cli.arguments import completion, options
 from depthcli.cli.arguments.numbers import not_negative
-from depthcli.cli.signals import SIGNAL_BASE, ending_signals
-from depthcli.errors import ExitCode, UsageError
+from depthcli.cli.signals import ending_signals
+from depthcli.errors import SIGNAL_BASE, ExitCode, UsageError
 from depthcli.training.config.presets import preset_names
 from depthcli.training.methods.table import METHODS
 
-app = typer.Typer(rich_markup_mode=None, add_completion=False)
+app = typer.Typer(rich_markup_mode=None)
 
 
 @app.command()

@@ -6,8 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from depthcli.cli.signals import SIGNAL_BASE, ending_signals
-from depthcli.errors import ExitCode, UsageError
+from depthcli.cli.signals import ending_signals
+from depthcli.errors import SIGNAL_BASE, ExitCode, UsageError
 
 if TYPE_CHECKING:
     import typer

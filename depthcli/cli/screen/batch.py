@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import show_progress
-from depthcli.cli.signals import SIGNAL_BASE
 from depthcli.core.interrupt import Interrupt
 from depthcli.core.text import one_line
-from depthcli.errors import ModelError
+from depthcli.errors import SIGNAL_BASE, ModelError
 from depthcli.io.listing.skipped import skip_summary
 from depthcli.jobs.batch.dry_run import DryRunResult
 from depthcli.jobs.batch.plan import Plan
@@ -127,5 +126,5 @@ def _print_dry_run_result(
     if as_json:
         console.out_json({"input": name, "would": what, "outputs": outputs, "error": problem})
     else:
-        fate = f": {problem}" if problem else f" -> {', '.join(outputs)}"
-        console.out(one_line(f"{what:<4}  {name}{fate}"))
+        result = f": {problem}" if problem else f" -> {', '.join(outputs)}"
+        console.out(one_line(f"{what:<4}  {name}{result}"))

@@ -46,7 +46,7 @@ def _start_worker() -> None:
 
 
 def _exit_with_parent() -> None:
-    """Exit when the parent was killed; the worker would wait for work for ever."""
+    """Exit when the parent was killed; else the worker would wait for work forever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

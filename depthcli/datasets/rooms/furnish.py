@@ -27,7 +27,6 @@ _CHAIRS = {"desk": "office_chair", "table": "chair", "round_table": "chair"}
 class Room:
     """A furnished room."""
 
-    kind: str  #: its type, of :data:`~depthcli.datasets.rooms.layout.ROOM_TYPES`
     shell: Shell
     materials: Materials
     is_day: bool  #: whether it is bright outdoors
@@ -49,7 +48,7 @@ def make_room(random: np.random.Generator, kind: str = "") -> Room:
     materials = Materials(random)
     kind = kind or str(random.choice(list(ROOM_TYPES)))
     shell = build_shell(random, materials, kind)
-    room = Room(kind, shell, materials, is_day=bool(random.random() < 0.75))
+    room = Room(shell, materials, is_day=bool(random.random() < 0.75))
     for name in shell.kind.furniture.split():
         if random.random() < 0.95:
             _place_piece(random, room, name)

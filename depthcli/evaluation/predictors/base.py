@@ -37,22 +37,18 @@ class Predictor(Protocol):
     @property
     def name(self) -> str:
         """Name of the row."""
-        ...
 
     @property
     def source(self) -> Source:
         """Origin of its predictions."""
-        ...
 
     @property
     def kind(self) -> DepthKind:
         """Kind of its depth."""
-        ...
 
     @property
     def model_sha256(self) -> str | None:
         """Checksum of the model file, if there is one."""
-        ...
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth of one image, any size.
@@ -60,4 +56,3 @@ class Predictor(Protocol):
         Raises:
             DepthcliError: the prediction fails.
         """
-        ...

@@ -27,7 +27,6 @@ class ArrayLike(Protocol):
 
     def __array__(self) -> npt.NDArray[Any]:
         """The pixels."""
-        ...
 
 
 class PilPicture(Protocol):
@@ -35,7 +34,6 @@ class PilPicture(Protocol):
 
     def getexif(self) -> Any:  # noqa: ANN401 - PIL need not be installed
         """Its EXIF."""
-        ...
 
 
 Picture: TypeAlias = (

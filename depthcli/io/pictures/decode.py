@@ -94,9 +94,9 @@ def decoded(data: bytes, flags: int) -> npt.NDArray[np.generic] | None:
     Raises:
         cv2.error: the decoder failed.
     """
-    with decoder_messages() as said:
+    with decoder_messages() as messages:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    return None if pixels is None or pixels.size == 0 or _DATA_LOSS.search(said) else pixels
+    return None if pixels is None or pixels.size == 0 or _DATA_LOSS.search(messages) else pixels
 
 
 def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:

@@ -86,7 +86,7 @@ def _locked(temporary: Path) -> int | None:
 def remove_own() -> None:
     """Remove this process's temporary files, and keep other threads from creating more.
 
-    The process must end now: those threads wait for ever.
+    The process must end now: those threads wait forever.
     """
     _lock.acquire(timeout=_LOCK_TIMEOUT_S)
     for path in tuple(_own):

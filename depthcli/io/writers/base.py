@@ -28,4 +28,3 @@ class Writer(Protocol):
             OSError: the file cannot be written.
             OutputError: the map cannot be expressed in this format.
         """
-        ...

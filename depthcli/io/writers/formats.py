@@ -1,8 +1,8 @@
 """The table of output formats; free of numpy, so that help texts can list it."""
 
 from enum import StrEnum
-from importlib import import_module
 from pathlib import PurePath
+from pkgutil import resolve_name
 from typing import NamedTuple, Self
 
 from depthcli.io.writers.base import Writer
@@ -96,6 +96,5 @@ def stem_of(path: str | PurePath) -> str:
 
 def writer_class(name: Format) -> type[Writer]:
     """The writer of a format."""
-    module, _, attribute = FORMATS[name].writer.partition(":")
-    found: type[Writer] = getattr(import_module(f"depthcli.io.writers.{module}"), attribute)
+    found: type[Writer] = resolve_name(f"depthcli.io.writers.{FORMATS[name].writer}")
     return found

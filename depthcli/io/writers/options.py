@@ -9,7 +9,7 @@ from depthcli.io.writers.formats import FORMATS, MILLIMETRES, Format, writer_cla
 
 @dataclass(frozen=True, slots=True)
 class WriterOptions:
-    """Options of all formats; the table of formats says which of them each writer takes."""
+    """Options of all formats; the table of formats states which of them each writer uses."""
 
     png_scale: float = MILLIMETRES  #: steps a metre in 16-bit PNG
     png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range

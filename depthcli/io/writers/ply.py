@@ -11,7 +11,7 @@ from depthcli.core.point_cloud import PointCloud, point_cloud
 from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
 
-_NYU_HFOV_DEG = 63.3
+_NYU_HFOV_DEG = 63.3  # assumed if the map states no focal length
 _POINT = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
 _WHITE = 255
 _TYPES = {"<f4": "float", "u1": "uchar"}
@@ -21,8 +21,6 @@ _TYPES = {"<f4": "float", "u1": "uchar"}
 class PlyWriter:
     """Metres: x right, y down, z along the camera axis."""
 
-    #: horizontal field of view if the map states no focal length
-    hfov_deg: float = _NYU_HFOV_DEG
     #: (cx, cy), the principal point, (0, 0) being the middle of the first pixel; None for what
     #: the map states, else its middle
     centre_px: tuple[float, float] | None = None
@@ -34,7 +32,7 @@ class PlyWriter:
                 f"a point cloud needs metres, and {depth.kind} depth has none; fit it with --anchor"
             )
         source = depth.provenance or Provenance()
-        focal_px = source.focal_px or scaling.focal_px_of_hfov(self.hfov_deg, depth.width)
+        focal_px = source.focal_px or scaling.focal_px_of_hfov(_NYU_HFOV_DEG, depth.width)
         points = _points(point_cloud(depth, focal_px, centre_px=self.centre_px, frame=frame))
         lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]

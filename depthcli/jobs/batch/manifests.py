@@ -1,14 +1,13 @@
 """Reading, summarising and merging manifests."""
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
 from depthcli.io.manifest.files import open_rows, row_files
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
-from depthcli.io.manifest.row import FAILED, ManifestFormat, Row
+from depthcli.io.manifest.row import FAILED, ManifestFormat
 from depthcli.io.manifest.rows_folder import rows_folder
 from depthcli.io.manifest.shard import WHOLE
 
@@ -68,11 +67,6 @@ def summarize(rows: Rows) -> Summary:
         models[row.origin.model, row.origin.model_sha256, row.origin.version] += 1
     by_model = tuple(ModelInputs(*model, inputs) for model, inputs in models.items())
     return Summary(models.total(), failed, outputs, output_bytes, round(seconds, 6), by_model)
-
-
-def failed_rows(rows: Rows) -> Iterator[Row]:
-    """The rows of inputs that failed."""
-    return (row for row in rows if row.status == FAILED)
 
 
 def merge_manifests(folder: Path, form: ManifestFormat | None = None) -> Path:

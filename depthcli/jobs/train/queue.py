@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from depthcli.datasets.training_data import open_training_data
-from depthcli.errors import CheckpointError, UsageError
+from depthcli.errors import SIGNAL_BASE, CheckpointError, UsageError
 from depthcli.jobs.train.run_status import (
     EpochDone,
     RunStarted,
@@ -27,11 +27,9 @@ from depthcli.jobs.train.run_status import (
 from depthcli.jobs.train.signal_forwarder import SignalForwarder
 from depthcli.training.methods.registry import method_class
 from depthcli.training.methods.table import METHODS
-from depthcli.training.planned_runs import PlannedRun, next_share_s, plan_runs
+from depthcli.training.planned_runs import PlannedRun, next_share_s
 from depthcli.training.resolve import resolve_config
 
-_SIGNAL_BASE = 128
-"""Exit code of a process that ends itself on a signal, less the signal's number."""
 _NO_TIME = "no time of --max-minutes was left for it; give more minutes"
 
 
@@ -126,7 +124,7 @@ class TrainingQueue:
 
 
 def _exit_reason(code: int) -> str:
-    number = code - _SIGNAL_BASE if code > 0 else -code
+    number = code - SIGNAL_BASE if code > 0 else -code
     if number in {one.value for one in signal.Signals}:
         return f"ended by {signal.Signals(number).name}"
     return f"exit code {code}, see its error above"
@@ -150,7 +148,8 @@ def _planned(request: QueueRequest) -> list[PlannedRun]:
         split=data.split,
         units_per_metre=data.units_per_metre,
     )
-    return [_with_saved_config(run, request) for run in plan_runs(configs, request.out)]
+    runs = [PlannedRun(c, request.out / f"{c.method}-seed{c.seed}") for c in configs]
+    return [_with_saved_config(run, request) for run in runs]
 
 
 def _with_saved_config(run: PlannedRun, request: QueueRequest) -> PlannedRun:

@@ -1,7 +1,7 @@
 """The losses that compare a depth map with its ground truth, by the names of their weights."""
 
 from collections.abc import Callable
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import TypeAlias
 
 from torch import Tensor
@@ -15,10 +15,8 @@ None for all; to a scalar."""
 
 def paired_losses(weights: LossConfig) -> dict[str, PairedLoss]:
     """The losses with a weight above zero, by the weight's name."""
-    return {name: _loss(place) for name, place in PAIRED_LOSSES.items() if getattr(weights, name)}
-
-
-def _loss(place: str) -> PairedLoss:
-    module, _, function = place.partition(":")
-    found: PairedLoss = getattr(import_module(f"depthcli.training.losses.{module}"), function)
-    return found
+    return {
+        name: resolve_name(f"depthcli.training.losses.{place}")
+        for name, place in PAIRED_LOSSES.items()
+        if getattr(weights, name)
+    }

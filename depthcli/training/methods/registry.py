@@ -1,8 +1,8 @@
 """The class and the default configuration of each method."""
 
 import tomllib
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 
 from depthcli.errors import UsageError
 from depthcli.training.config.objective import TERMS
@@ -24,8 +24,7 @@ def method_class(name: str) -> type[Method]:
     """
     if name not in _ALL:
         raise UsageError(f"no method '{name}'; choose from {', '.join(_ALL)}")
-    module, _, attribute = _ALL[name].partition(":")
-    found: type[Method] = getattr(import_module(f"depthcli.training.methods.{module}"), attribute)
+    found: type[Method] = resolve_name(f"depthcli.training.methods.{_ALL[name]}")
     return found
 
 

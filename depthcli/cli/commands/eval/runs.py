@@ -31,12 +31,7 @@ def runs(
         ),
     ] = SplitName.VAL,
     align: evaluation.AlignOption = None,
-    weights: Annotated[
-        Weights,
-        typer.Option(
-            help="averaged: the moving average, if the run keeps one; raw: those of the last step."
-        ),
-    ] = Weights.AVERAGED,
+    weights: options.WeightsOption = Weights.AVERAGED,
     trivial: evaluation.TrivialOption = True,
     published: Annotated[bool, typer.Option(help="Include the paper's rows.")] = True,
     against: Annotated[
