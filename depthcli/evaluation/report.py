@@ -66,7 +66,7 @@ class Comparison:
         count = f"{self.image_count} images"
         if self.image_count != self.split_count:
             count = f"{self.image_count} of {self.split_count} images"
-        return f"{self.dataset} · {split}, {count} · {self.protocol.name} protocol"
+        return f"{self.dataset} · {split}, {count} · protocol: {self.protocol.name}"
 
     def document(self, rows: list[dict[str, Any]], **more: object) -> str:
         """The table as JSON."""

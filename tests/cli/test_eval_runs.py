@@ -185,7 +185,7 @@ def test_text_csv_and_page_show_the_same_table(
     options = ("--csv", str(table), "--html", str(page), "--figures", str(sheets))
     assert _run(trained, data, *options, "--align", "none", "--align", "median") == 0
     out = capsys.readouterr().out.splitlines()
-    assert out[0] == ("NYU Depth v2 · scenes that the runs held out, 2 images · headline protocol")
+    assert out[0] == ("NYU Depth v2 · scenes that the runs held out, 2 images · protocol: headline")
     header = out[3].split()
     lines = {tuple(line.split()[:2]): line.split() for line in out if line.startswith("fastcut")}
     assert set(lines) == {("fastcut", "none"), ("fastcut", "median")}

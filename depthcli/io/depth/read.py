@@ -56,10 +56,12 @@ def read_depth(
             depth = _read_exr(path)
         case ".npy":
             depth = _npy(path, png_scale, kind)
+        case ".mkv":
+            raise InputError(f"{path} is a video; depthcli.DepthVideo reads its frames")
         case _:
             raise InputError(
-                f"{path} is not .png, .exr or .npy, so no depth is read from it; "
-                "'depthcli predict' and 'depthcli video' make depth of pictures and videos"
+                f"{path} is not a depth file (.png, .exr, .npy, .mkv); "
+                "'depthcli predict' and 'depthcli video' estimate the depth of pictures and videos"
             )
     return replace(depth, kind=kind or depth.kind)
 
@@ -103,8 +105,9 @@ def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
         raise UsageError(f"a scale is for integers, but {path} holds {values.dtype}; remove it")
     if not is_float and scale is None and kind is DepthKind.METRIC:
         raise InputError(
-            f"{path} holds {values.dtype}, not float metres; state its units per metre: "
-            f"'depthcli convert {path} OUT.npy --from-scale 1000' makes metres of millimetres"
+            f"{path} holds {values.dtype}, not float metres; state its units per metre (info and "
+            "probe: --png-scale, convert: --from-scale), for millimetres for example "
+            f"'depthcli convert {path} OUT.npy --from-scale 1000'"
         )
     with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is infinitely far
         depth = np.ascontiguousarray(values, np.float32)

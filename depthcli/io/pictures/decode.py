@@ -49,7 +49,7 @@ def read_bytes(path: Path) -> bytes:
         raise InputError(f"{path} {what}") from None
     except IsADirectoryError:
         raise InputError(
-            f"{path} is a folder; name the files in it, or use 'depthcli batch'"
+            f"{path} is a folder; name the files in it, or give it to 'depthcli batch'"
         ) from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
