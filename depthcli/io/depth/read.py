@@ -56,8 +56,6 @@ def read_depth(
             depth = _read_exr(path)
         case ".npy":
             depth = _npy(path, png_scale, kind)
-        case ".mkv":
-            raise InputError(f"{path} is a video; depthcli.DepthVideo reads its frames")
         case _:
             raise InputError(
                 f"{path} is not a depth file (.png, .exr, .npy, .mkv); "
