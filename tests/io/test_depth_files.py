@@ -193,7 +193,7 @@ def test_npy_with_batch_or_channel_axes(
 )
 def test_arrays_that_are_no_depth(values: np.ndarray, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", values, allow_pickle=True)
-    with pytest.raises(InputError, match=r"a\.npy holds"):
+    with pytest.raises(InputError, match=r"a\.npy (is|holds)"):
         read_depth(tmp_path / "a.npy")
 
 
