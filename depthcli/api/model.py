@@ -190,6 +190,6 @@ def _check_several(pictures: object, batch_size: int, workers: int) -> None:
     is_array = isinstance(pictures, np.ndarray) and pictures.ndim < _BATCH_RANK
     if is_array or isinstance(pictures, _SINGLE) or not hasattr(pictures, "__iter__"):
         raise UsageError(
-            "predict_many takes several pictures, in a list say (an array of them has four axes); "
-            "predict takes one"
+            "predict_many takes several pictures, as a list, an iterator or an array of four axes; "
+            "use predict for one"
         )

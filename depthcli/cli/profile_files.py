@@ -55,8 +55,9 @@ def profile_text(name: str) -> str:
     try:
         return read_regular(path, _MAX_BYTES).decode()
     except FileNotFoundError:
-        there = ", ".join(profile_names()) or "none yet"
-        raise UsageError(f"no profile named {name!r}; there are: {there}") from None
+        names = ", ".join(profile_names())
+        there = f"there are: {names}" if names else "'depthcli profile save' saves one"
+        raise UsageError(f"no profile named {name!r}; {there}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"profile {path} cannot be read ({error}); save it again") from error
 

@@ -29,7 +29,7 @@ class PictureLimit(NamedTuple):
         if count > self.pixels:
             raise InputError(
                 f"{name} claims {width}×{height} pixels, more than {self.pixels:,}; "
-                "raise --max-pixels if it is genuine"
+                "raise --max-pixels if you trust the file"
             )
         if bytes_needed(width, height, self.detail, count) > memory_limit(self.detail):
             about = bytes_needed(width, height, self.detail, _COLOUR_BYTES * count)

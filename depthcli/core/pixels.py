@@ -21,13 +21,13 @@ def check_pixels(pixels: npt.NDArray[Any]) -> None:
     """
     shape, dtype = pixels.shape, pixels.dtype
     if len(shape) == _COLOUR_RANK and shape[0] in _CHANNELS and shape[-1] not in _CHANNELS:
-        raise InputError(f"pixels of shape {shape} have channels first; np.moveaxis(a, 0, -1) them")
+        raise InputError(f"pixels of shape {shape} have channels first; use np.moveaxis(a, 0, -1)")
     if len(shape) not in (_GRAY_RANK, _COLOUR_RANK) or shape[_GRAY_RANK:] not in ((), (_RGB,)):
         raise InputError(f"pixels of shape {shape} are not a picture; give (H, W) or (H, W, 3) RGB")
     if 0 in shape:
         raise InputError(f"pixels of shape {shape} are an empty picture")
     if dtype not in (np.uint8, np.uint16, np.float32):
-        raise InputError(f"pixels are uint8, uint16 or float32, not {dtype}; convert them")
+        raise InputError(f"pixels have to be uint8, uint16 or float32, not {dtype}; convert them")
     if dtype == np.float32:
         _check_floats(pixels)
 
@@ -35,7 +35,9 @@ def check_pixels(pixels: npt.NDArray[Any]) -> None:
 def _check_floats(pixels: npt.NDArray[np.float32]) -> None:
     low, high = float(pixels.min()), float(pixels.max())
     if not (math.isfinite(low) and math.isfinite(high)):
-        raise InputError("float pixels are not all finite; np.nan_to_num them")
+        raise InputError(
+            "some float pixels are NaN or infinite; replace them, for example with np.nan_to_num"
+        )
     # Highlights may pass 1; where most of a picture does, it is in 0-255 or another unit.
     if (low < 0 or high > 1) and np.count_nonzero((pixels < 0) | (pixels > 1)) * 2 > pixels.size:
-        raise InputError(f"float pixels are 0 to 1, not {low:g} to {high:g}; scale them")
+        raise InputError(f"float pixels have to be in [0, 1], not {low:g} to {high:g}; scale them")

@@ -94,7 +94,8 @@ def check_plausible(
     if not low_m <= typical_m <= high_m:
         raise DatasetError(
             f"{where} has a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m: "
-            "check the unit, depth is expected in millimetres"
+            "check the unit, which is millimetres unless --png-scale (eval pairs) or "
+            "data.units_per_metre (train) states another"
         )
 
 

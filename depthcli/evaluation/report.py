@@ -63,10 +63,11 @@ class Comparison:
 
     def titled(self, split: str) -> str:
         """Data set, split in words, number of images and protocol in one line."""
-        count = f"{self.image_count} images"
+        count = str(self.image_count)
         if self.image_count != self.split_count:
-            count = f"{self.image_count} of {self.split_count} images"
-        return f"{self.dataset} · {split}, {count} · {self.protocol.name} protocol"
+            count = f"{count} of {self.split_count}"
+        count += " image" if self.split_count == 1 else " images"
+        return f"{self.dataset} · {split}, {count} · protocol: {self.protocol.name}"
 
     def document(self, rows: list[dict[str, Any]], **more: object) -> str:
         """The table as JSON."""

@@ -34,6 +34,19 @@ class ExportResult:
     parity: Parity  #: difference from torch
 
 
+def check_predicts_depth(checkpoint: Path, method: str) -> None:
+    """Check that a checkpoint is of a method that learns depth.
+
+    Raises:
+        CheckpointError: it is of one that learns from pictures alone.
+    """
+    if not method_class(method).DEPTH:
+        raise CheckpointError(
+            f"{checkpoint} learned from pictures alone and predicts no depth: train another method "
+            "with --init"
+        )
+
+
 def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> ExportResult:
     """Export the generator of a checkpoint to an ONNX file, with its card beside it.
 
@@ -44,11 +57,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
         OutputError: a file cannot be written.
     """
     generator, saved = load_generator(checkpoint, options.weights)
-    if not method_class(saved.config.method).DEPTH:
-        raise CheckpointError(
-            f"{checkpoint} learned from pictures alone and predicts no depth: train another method "
-            "with --init"
-        )
+    check_predicts_depth(checkpoint, saved.config.method)
     model = build_graph(generator, opset=options.opset, mirror=options.mirror)
     card = card_of(saved, options)
     folder = options.int8_pictures

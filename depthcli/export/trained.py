@@ -7,7 +7,7 @@ from pathlib import Path
 
 from depthcli.core.choices import Weights
 from depthcli.errors import ModelError, OutputError, UsageError
-from depthcli.export.onnx import export_checkpoint
+from depthcli.export.onnx import check_predicts_depth, export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.models.catalog import read_model
 from depthcli.models.locations import ModelLocation
@@ -41,6 +41,7 @@ def open_run(folder: Path) -> TrainedRun:
     """
     generator, saved = load_generator(folder / CHECKPOINT)
     config, progress = saved.config, saved.progress
+    check_predicts_depth(folder / CHECKPOINT, config.method)
     return TrainedRun(
         folder=folder,
         seed=config.seed,

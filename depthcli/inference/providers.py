@@ -22,6 +22,12 @@ PROVIDERS = {
 """Name on the command line -> name in onnxruntime."""
 SLOW_TO_START = "tensorrt"
 """Builds an engine for minutes before the first picture, so ``auto`` never selects it."""
+_PACKAGES = {
+    "cuda": "onnxruntime-gpu",
+    "tensorrt": "onnxruntime-gpu",
+    DIRECTML: "onnxruntime-directml",
+    OPENVINO: "onnxruntime-openvino",
+}
 # Usually fastest first.
 _AUTO_ORDER = tuple(name for name in PROVIDERS if name != SLOW_TO_START)
 
@@ -57,9 +63,16 @@ def wanted_providers(provider: str) -> tuple[str, ...]:
     if provider not in available:
         raise ProviderError(
             f"provider {provider!r} is not in this onnxruntime (it has {', '.join(available)}); "
-            "install the onnxruntime build for it, or give --provider auto"
+            f"{_how_to_install(provider)}, or choose the provider 'auto'"
         )
     return (provider,)
+
+
+def _how_to_install(provider: str) -> str:
+    package = _PACKAGES.get(provider)
+    if package is None:
+        return "install the onnxruntime build for it"
+    return f"run 'pip uninstall onnxruntime' and 'pip install {package}'"
 
 
 def prefers_int8(provider: str) -> bool:
@@ -99,7 +112,7 @@ def fallback_warnings(asked: str, best: str, active: str) -> tuple[str, ...]:
     if asked != AUTO:
         raise ProviderError(
             f"provider {asked!r} does not start here, onnxruntime fell back to {active!r}; "
-            "see 'depthcli doctor', or give --provider auto"
+            "see 'depthcli doctor', or choose the provider 'auto'"
         )
     return (f"provider {best!r} does not start here, running on {active!r}",)
 

@@ -199,8 +199,8 @@ def _channels_problem(model: Model, shape: list[Any], channels: int | None) -> s
     if shape[3 if other is TensorLayout.NHWC else 1] == spec.colour.channels:
         return f"{model.path} takes {shape}; set input.layout to {other.value} in the card"
     return (
-        f"{model.path} takes {channels} channels, its card says {spec.colour.channels}; "
-        "correct the card's input.colour"
+        f"{model.path} has an input of {channels} channel{'s' * (channels != 1)}, but its card "
+        f"says {spec.colour.channels}; correct the card's input.colour"
     )
 
 

@@ -32,7 +32,8 @@ class ConvertRequest:
     frame: int | None = None  #: of a depth video, from 0
     #: camera of a point cloud, instead of that of the source; depth is not changed
     camera: Camera = field(default_factory=Camera)
-    picture: str | None = None  #: of the same size, for the colours of a point cloud
+    #: of the same size, for the colours of a point cloud, or beside a preview
+    picture: str | None = None
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
 
 

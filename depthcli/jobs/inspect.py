@@ -10,15 +10,18 @@ import numpy as np
 from depthcli.core.summary import DepthRange
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.metadata import read_metadata
+from depthcli.io.depth.metadata import positive_number, read_metadata
 from depthcli.io.depth.read import read_depth
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
+from depthcli.io.writers.formats import MILLIMETRES
 from depthcli.video.depth import DepthVideo
 from depthcli.video.rates import rate_text
 
 _VIDEO_SUFFIX = ".mkv"
-_SCALED_SUFFIXES = (".png", ".npy", _VIDEO_SUFFIX)
+_INTEGER_SUFFIXES = (".png", _VIDEO_SUFFIX)
+_SCALED_SUFFIXES = (*_INTEGER_SUFFIXES, ".npy")
+_NORMALIZED = "normalized"
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +31,8 @@ class DepthMapInfo:
     input: str  #: the file, as the user wrote it
     kind: str  #: metric, relative or inverse
     unit: str | None  #: ``m``; None for relative and inverse maps
+    scale: float | None  #: integers per metre; None if the file does not hold such integers
+    scale_source: str | None  #: ``file``, ``option`` or ``assumed``; None without a scale
     width: int  #: columns
     height: int  #: rows
     valid: int  #: pixels with depth
@@ -44,6 +49,8 @@ class DepthVideoInfo:
     input: str  #: the file, as the user wrote it
     kind: str  #: metric, relative or inverse
     unit: str | None  #: ``m``; None if the video is not metric
+    scale: float | None  #: integers per metre; None if the video is normalized
+    scale_source: str | None  #: ``file``, ``option`` or ``assumed``; None without a scale
     width: int  #: columns
     height: int  #: rows
     frames: int  #: number of frames
@@ -67,17 +74,20 @@ def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthV
     _check_scale(path, scale)
     if _is_video(path):
         with local_copy(path) as video:
-            return _video_info(DepthVideo(video, scale=scale), safe_name(file))
-    depth = read_depth(path, png_scale=scale)
+            return _video_info(DepthVideo(video, scale=scale), safe_name(file), scale)
+    depth, metadata = read_depth(path, png_scale=scale), read_metadata(path)
+    stated, source = _scale_and_source(path, scale, metadata)
     return DepthMapInfo(
         input=safe_name(file),
         kind=depth.kind.value,
         unit="m" if depth.is_metric else None,
+        scale=stated,
+        scale_source=source,
         width=depth.width,
         height=depth.height,
         valid=int(np.isfinite(depth.values).sum()),
         **DepthRange.of(depth)._asdict(),
-        metadata=read_metadata(path),
+        metadata=metadata,
     )
 
 
@@ -134,7 +144,19 @@ def _video_frame(path: Path, scale: float | None, number: int) -> DepthMap:
     raise InputError(f"{path} has no frame {number}; its last one is {count - 1}")
 
 
-def _video_info(video: DepthVideo, file: str) -> DepthVideoInfo:
+def _scale_and_source(
+    path: Path, option: float | None, metadata: Mapping[str, str]
+) -> tuple[float | None, str | None]:
+    """Integers per metre of a file, and who states them; (None, None) for metres and ranges."""
+    if option is not None:
+        return option, "option"
+    if path.suffix.lower() not in _INTEGER_SUFFIXES or metadata.get("scale") == _NORMALIZED:
+        return None, None
+    stated = positive_number(metadata.get("scale"))
+    return (MILLIMETRES, "assumed") if stated is None else (stated, "file")
+
+
+def _video_info(video: DepthVideo, file: str, scale: float | None) -> DepthVideoInfo:
     frames = valid = width = height = 0
     low, high = math.inf, -math.inf
     for depth in video:
@@ -143,10 +165,13 @@ def _video_info(video: DepthVideo, file: str) -> DepthVideoInfo:
         height, width = depth.values.shape
         low = min(low, float(known.min(initial=np.inf)))
         high = max(high, float(known.max(initial=-np.inf)))
+    stated, source = _scale_and_source(video.path, scale, video.labels)
     return DepthVideoInfo(
         input=file,
         kind=video.kind.value,
         unit=None if video.scale is None else "m",
+        scale=stated,
+        scale_source=source,
         width=width,
         height=height,
         frames=frames,

@@ -108,7 +108,7 @@ class Checkpoint:
             raise CheckpointError(f"no checkpoint at {path}") from None
         except Exception as error:  # a file that is not a pickle can raise anything
             raise CheckpointError(
-                f"{path} is not a complete checkpoint; use an earlier one"
+                f"{path} is not a complete checkpoint of 'depthcli train'; use another one"
             ) from error
         if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
             raise CheckpointError(f"{path} was not made by `depthcli train`")

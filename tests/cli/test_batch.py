@@ -612,3 +612,10 @@ def test_what_names_no_part_no_column_and_no_cluster(
     assert done.returncode == 2
     assert line in done.stderr
     assert done.stderr.count(b"\n") == 1
+
+
+def test_a_single_file_is_sent_to_the_commands_for_files(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    done = inside("batch", "room.png", "--out", "out")
+    assert done.returncode == 2
+    assert b"'depthcli predict' and 'depthcli video' take files" in done.stderr

@@ -89,7 +89,7 @@ def test_a_cloud_of_an_assumed_camera_says_so(inside: Cli) -> None:
     [
         (("a.ply", "--focal-px", "40", "--hfov", "90"), "not both"),
         (("a.exr", "--focal-px", "40"), "--focal-px is for ply"),
-        (("a.exr", "--picture", "room.png"), "--picture is for ply"),
+        (("a.exr", "--picture", "room.png"), "--picture is for preview or ply"),
         (("a.npy", "--centre-px", "4,4"), "--centre-px is for png16, exr, ply or json"),
         (("a.ply", "--centre-px", "4"), "--centre-px '4' is not CX,CY"),
         (("a.ply", "--centre-px", "4,nan"), "is not CX,CY"),
@@ -143,6 +143,23 @@ def test_a_preview_s_name_makes_a_preview(inside: Cli, files: Path) -> None:
     pixels = cv2.imread(str(files / "y.preview.png"), cv2.IMREAD_UNCHANGED)
     assert pixels is not None
     assert (pixels.dtype, pixels.shape) == (np.uint8, (6, 8, 3))
+
+
+def test_a_preview_of_stored_depth_is_that_of_predict(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    options = ("--vmin", "0.5", "--vmax", "6", "--near", "white", "--legend", "--side-by-side")
+    assert inside("predict", "room.png", "-o", "d.npy").returncode == 0
+    assert inside("predict", "room.png", "-o", "p.preview.png", *options).returncode == 0
+    command = ("convert", "d.npy", "c.preview.png", *options)
+    assert inside(*command, "--picture", "room.png").returncode == 0
+    predicted, converted = (
+        cv2.imread(str(inside.folder / f"{name}.preview.png")) for name in ("p", "c")
+    )
+    np.testing.assert_array_equal(converted, predicted)
+    done = inside(*command)
+    assert done.returncode == 2
+    assert "a preview needs both --side-by-side and --picture" in done.stderr.decode()
+    assert inside("convert", "d.npy", "c.exr", "--vmin", "1").returncode == 2
 
 
 def test_a_cloud_has_the_principal_point_of_the_prediction(inside: Cli) -> None:

@@ -25,7 +25,7 @@ from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
-from depthcli.errors import DepthcliError, ModelError
+from depthcli.errors import DepthcliError, ExitCode, ModelError
 from depthcli.evaluation.table import HEADLINE_TABLE
 from depthcli.export.trained import export_run
 from depthcli.inference.pipeline import load
@@ -185,7 +185,7 @@ def test_text_csv_and_page_show_the_same_table(
     options = ("--csv", str(table), "--html", str(page), "--figures", str(sheets))
     assert _run(trained, data, *options, "--align", "none", "--align", "median") == 0
     out = capsys.readouterr().out.splitlines()
-    assert out[0] == ("NYU Depth v2 · scenes that the runs held out, 2 images · headline protocol")
+    assert out[0] == ("NYU Depth v2 · scenes that the runs held out, 2 images · protocol: headline")
     header = out[3].split()
     lines = {tuple(line.split()[:2]): line.split() for line in out if line.startswith("fastcut")}
     assert set(lines) == {("fastcut", "none"), ("fastcut", "median")}
@@ -322,7 +322,7 @@ def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(
     shown = capsys.readouterr()
     assert "fastcut" in shown.out
     assert shown.err.splitlines()[-1].startswith(
-        "depthcli: error: 1 runs are skipped: proposed-seed0 ("
+        "depthcli: error: 1 run is skipped: proposed-seed0 ("
     )
 
 
@@ -372,3 +372,14 @@ def test_folder_without_runs(
 ) -> None:
     assert _run(tmp_path, data) == 2
     assert "holds no run" in capsys.readouterr().err
+
+
+def test_a_run_that_learned_no_depth_is_left_out(
+    runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As ``train masked`` makes it, beside the run that starts from it."""
+    settings = {"data": SMALL["data"], "generator": {"norm": "batch"}}
+    config = updated(default_config("masked"), settings)
+    _train(config, open_nyu(data), runs / "masked", steps=1)
+    assert _run(runs, data, "--quiet") == ExitCode.SOME_FAILED
+    assert "1 run is skipped: masked (" in capsys.readouterr().err

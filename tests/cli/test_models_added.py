@@ -120,7 +120,7 @@ def test_a_card_that_nobody_ran_with_real_weights_says_so(inside: Cli, download:
     assert b"depthcli eval nyu --data NYU --split val --limit 20 --model NAME" in listed.stderr
     added = inside("models", "add", download, "--card", "midas-small")
     (warning,) = added.stderr.decode().splitlines()
-    assert "nobody has run this card with the real weights" in warning
+    assert "this card was never run with the real weights" in warning
     assert "eval nyu --data NYU --split val --limit 20 --model midas-small --align disp" in warning
     told = json.loads(
         inside("models", "add", download, "--card", "midas-small", "--force", "--json").stdout

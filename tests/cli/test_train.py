@@ -65,7 +65,7 @@ def test_trains_stops_continues_and_reports(folder: Path) -> None:
     command = [sys.executable, "-m", "depthcli", "train", *COMMON]
     stopped = finished([*command, *settings, "--max-minutes", "0"], folder)
     assert stopped.returncode == 0, stopped.stderr
-    assert "1 steps in" in stopped.stderr
+    assert "1 step in" in stopped.stderr
     assert stopped.stdout == ""
     done = _train(folder, *settings, "--json")
     assert done.returncode == 0, done.stderr
@@ -203,7 +203,7 @@ def test_a_method_without_pairs_takes_two_lists(folder: Path) -> None:
     settings = [word for setting in (*small, "optim.epochs_decay=0") for word in ("--set", setting)]
     done = _run(folder, "cyclegan", *common, *settings, "--threads", "1", "--max-minutes", "0")
     assert done.returncode == 0, done.stderr
-    assert "1 steps in" in done.stderr
+    assert "1 step in" in done.stderr
     assert (folder / "run" / "last.ckpt").is_file()
 
 

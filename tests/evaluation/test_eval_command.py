@@ -113,7 +113,7 @@ def test_table_names_protocol_split_and_images(
     assert _run(data, "--split", "val") == ExitCode.OK
     output = capsys.readouterr()
     lines = output.out.splitlines()
-    assert lines[0] == "NYU Depth v2 · val split, 2 images · headline protocol"
+    assert lines[0] == "NYU Depth v2 · val split, 2 images · protocol: headline"
     assert lines[3].split()[:4] == ["row", "align", "images", "abs_rel"]
     assert {len(line) for line in lines[3:9]} == {len(lines[3])}
     assert "comparing images: 2" in output.err
@@ -331,7 +331,7 @@ def test_sheets_and_page(
     for line in shown.out.splitlines()[4:10]:
         for cell in line.split()[-9:]:
             assert f"<td>{cell}</td>" in text
-    assert "headline protocol" in text
+    assert "protocol: headline" in text
     assert text.count("data:image/png;base64,") == 2
     ids = split_nyu(open_nyu(data), SplitName.VAL).test
     assert all(f"{i:04d}" in text for i in ids)

@@ -70,6 +70,16 @@ def test_only_depth_up_to_the_farthest_counts(
     assert row["scores"]["abs_rel"] == pytest.approx((0 + 1) / 2, abs=0.1)
 
 
+def test_depth_may_be_in_other_units(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for file in data.glob("depth/*/*.png"):
+        millimetres = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(file), np.round(millimetres * 0.256).astype(np.uint16))
+    assert _row(data, capsys, "--png-scale", "256")["scores"]["abs_rel"] < 0.03
+    rows = [f"{name},,test" for name in FACTORS]
+    (data / "index.csv").write_text("\n".join(["id,scene,official_split", *rows, ""]))
+    assert _row(data, capsys, "--png-scale", "256")["scores"]["abs_rel"] < 0.03
+
+
 def test_files_of_another_tool_and_a_title(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in FACTORS:
         file = data.parent / f"files/{name}.png"

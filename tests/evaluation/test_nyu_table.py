@@ -113,7 +113,7 @@ def test_limit_is_spread_over_the_split() -> None:
 def test_title_names_split_images_and_protocol() -> None:
     task = plan_nyu(small_set(**AROUND_1000), SplitName.PAPER)
     report = evaluate_models(task, [], EvalOptions(ANY_SIZE))
-    assert report.title == ("NYU Depth v2 · paper split, 3 of 449 images · 16×12 protocol")
+    assert report.title == ("NYU Depth v2 · paper split, 3 of 449 images · protocol: 16×12")
     val = evaluate_models(plan_nyu(small_set(), SplitName.OFFICIAL), [], EvalOptions(ANY_SIZE))
     assert "official split, 3 of 654 images" in val.title
 

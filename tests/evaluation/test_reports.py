@@ -45,7 +45,7 @@ REPORT = EvalReport(
     rows=(PRINTED, MODEL),
 )
 TEXT = """\
-rooms · paper split, 3 of 449 images · headline protocol
+rooms · paper split, 3 of 449 images · protocol: headline
 in-filled depth, full frame at 640×480, 0.001 < g < 10 m, mean of images
 
 row          align   images  abs_rel  sq_rel    rmse  rms_log   log10      d1      d2      d3  silog  dbe_acc  dbe_comp  edge_f1
@@ -134,8 +134,8 @@ def test_json() -> None:
 @pytest.mark.parametrize(
     ("split", "count", "title"),
     [
-        ("val", 449, "rooms · val split, 449 images · headline protocol"),
-        (ALL_PAIRS, 450, "rooms · all pairs, 449 of 450 images · headline protocol"),
+        ("val", 449, "rooms · val split, 449 images · protocol: headline"),
+        (ALL_PAIRS, 450, "rooms · all pairs, 449 of 450 images · protocol: headline"),
     ],
 )
 def test_title(split: str, count: int, title: str) -> None:

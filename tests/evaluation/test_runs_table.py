@@ -234,7 +234,7 @@ def test_titles(
 ) -> None:
     runs = [replace(model.run, train_ids=("0003",)) for model in models]
     report = _report(plan_comparison(small_set(), runs, split, limit), models)
-    assert report.title == f"{title} · {PROTOCOL.name} protocol"
+    assert report.title == f"{title} · protocol: {PROTOCOL.name}"
 
 
 def test_one_row_minus_each_other(task: EvalTask, models: list[TrainedModel]) -> None:

@@ -64,7 +64,7 @@ def test_the_model_lies_beside_the_checkpoint_and_is_its_network(
     shown = capsys.readouterr().out
     assert str(path) in shown
     assert str(card.sha256) in shown
-    assert "parity over 5 sizes" in shown
+    assert "parity at 5 sizes" in shown
     assert "(allowed 0.001)" in shown
     assert (card.name, card.version, card.license) == ("custom", "1.0.0", "NOASSERTION")
     assert card.onnx.opset == 17

@@ -74,6 +74,12 @@ def test_a_named_provider_that_is_absent_is_an_error(
         providers.wanted_providers(name)
 
 
+def test_the_error_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    built_with(monkeypatch, "cpu")
+    with pytest.raises(ProviderError, match=r"'pip install onnxruntime-gpu', or choose"):
+        providers.wanted_providers("cuda")
+
+
 @pytest.mark.parametrize("name", providers.PROVIDERS)
 def test_a_named_provider_is_tried_alone(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     built_with(monkeypatch, *providers.PROVIDERS)

@@ -193,7 +193,7 @@ def test_npy_with_batch_or_channel_axes(
 )
 def test_arrays_that_are_no_depth(values: np.ndarray, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", values, allow_pickle=True)
-    with pytest.raises(InputError, match=r"a\.npy is"):
+    with pytest.raises(InputError, match=r"a\.npy (is|holds)"):
         read_depth(tmp_path / "a.npy")
 
 
@@ -219,7 +219,7 @@ def test_pictures_and_other_suffixes_are_no_depth(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
         with pytest.raises(InputError, match="16-bit gray"):
             read_depth(tmp_path / name)
-    with pytest.raises(InputError, match=r"not \.png, \.exr or \.npy"):
+    with pytest.raises(InputError, match=r"is not a depth file \(\.png, "):
         read_depth(tmp_path / "a.tiff")
 
 

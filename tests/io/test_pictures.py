@@ -112,6 +112,13 @@ def test_a_video_is_sent_to_the_command_for_videos() -> None:
         read_image(None, b"0000ftypisom", name="clip.mp4")
 
 
+def test_a_picture_of_a_format_that_is_not_read_says_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "phone.HEIC"
+    path.write_bytes(b"\0\0\0\x18ftypheic" + bytes(100))
+    with pytest.raises(InputError, match="; convert it to JPEG, PNG or TIFF"):
+        read_image(path)
+
+
 def test_bad_paths_are_refused_with_a_reason(tmp_path: Path) -> None:
     (tmp_path / "broken.png").symlink_to(tmp_path / "nowhere.png")
     (tmp_path / "loop.png").symlink_to(tmp_path / "loop.png")

@@ -323,6 +323,13 @@ def test_google_and_azure_are_asked_as_they_want_it(
     assert asked[2:] == ["GET /container/x%20y/z.jpg signed", "PUT /container/out/q.npy signed"]
 
 
+def test_azure_without_an_account_says_how_to_give_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("AZURE_STORAGE_ACCOUNT_NAME", raising=False)
+    objects._store.cache_clear()
+    with pytest.raises(OSError, match="set AZURE_STORAGE_ACCOUNT_NAME"):
+        path_of("az://container/x.jpg").read_bytes()
+
+
 def test_files_behind_http(plain_server: tuple[str, list[str]]) -> None:
     server, asked = plain_server
     moved = remote(f"{server}/moved")

@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 import pytest
 from videos import NTSC
@@ -79,6 +80,8 @@ def test_a_depth_video_s_facts_are_values(
         input=str(depth_mkv),
         kind="metric",
         unit="m",
+        scale=scale or 100,
+        scale_source="option" if scale else "file",
         width=4,
         height=2,
         frames=3,
@@ -123,6 +126,25 @@ def test_a_scale_is_one_of_steps(tmp_path: Path, depth_npy: Path) -> None:
         np.testing.assert_allclose(found_m, FRAMES_M[0] * unit_m, rtol=1e-6)
     with pytest.raises(UsageError, match="a scale is for integers"):
         read_map(depth_npy, scale=100)
+
+
+def test_the_scale_of_a_file_says_who_states_it(tmp_path: Path, depth_npy: Path) -> None:
+    stated, plain, range_only = (tmp_path / f"{name}.png" for name in ("own", "plain", "range"))
+    Png16Writer(256).write(DepthMap(FRAMES_M[0]), stated)
+    Png16Writer(png_normalize=True).write(DepthMap(FRAMES_M[0]), range_only)
+    cv2.imwrite(str(plain), np.full((2, 4), 1000, np.uint16))
+    found = {
+        (path.name, option): (facts.scale, facts.scale_source)
+        for path, option in [(stated, None), (plain, None), (plain, 5000), (range_only, None)]
+        for facts in [inspect_file(str(path), option)]
+    }
+    assert found == {
+        ("own.png", None): (256, "file"),
+        ("plain.png", None): (1000, "assumed"),
+        ("plain.png", 5000): (5000, "option"),
+        ("range.png", None): (None, None),
+    }
+    assert inspect_file(str(depth_npy)).scale is None
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.uint8, np.int64])

@@ -138,8 +138,9 @@ CentrePxOption = Annotated[
     str | None,
     typer.Option(
         metavar="CX,CY",
-        help="Principal point in pixels, for point clouds and stored; 0,0 is the middle of the "
-        "first pixel. Default: what a depth file states, else the middle of the picture.",
+        help="Principal point in pixels, for point clouds and for the metadata of the outputs; 0,0 "
+        "is the middle of the first pixel. Default: that of the input of 'convert', else the "
+        "middle of the picture.",
     ),
 ]
 FocalPxOption = Annotated[

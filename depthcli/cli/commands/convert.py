@@ -12,7 +12,7 @@ from depthcli.cli.arguments.depth_file import FrameOption
 from depthcli.cli.arguments.numbers import field_of_view, focal_length, png_scale_range
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
-from depthcli.errors import ExitCode
+from depthcli.errors import ExitCode, UsageError
 from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
@@ -51,6 +51,12 @@ def convert(
     png_normalize: options.PngNormalizeOption = False,
     exr_channel: options.ExrChannelOption = options.ExrChannel.Y,
     half: options.HalfOption = False,
+    colormap: options.ColormapOption = None,
+    near: options.NearOption = None,
+    vmin: options.VminOption = None,
+    vmax: options.VmaxOption = None,
+    legend: options.LegendOption = False,
+    side_by_side: options.SideBySideOption = False,
     cloud_focal_px: Annotated[
         float | None,
         typer.Option(
@@ -71,7 +77,10 @@ def convert(
     centre_px: options.CentrePxOption = None,
     picture: Annotated[
         str | None,
-        typer.Option(metavar="IMG", help="Picture of the same size that colours the point cloud."),
+        typer.Option(
+            metavar="IMG",
+            help="Picture of the same size, for the colours of a point cloud or --side-by-side.",
+        ),
     ] = None,
     as_json: options.JsonObjectOption = False,
     quiet: options.QuietOption = False,
@@ -83,7 +92,11 @@ def convert(
     from depthcli.jobs import convert as job
 
     chosen = job.target_format(target, format_)
-    refuse_unused(context, (chosen,), PICTURE_OPTIONS | {Format.PLY: _CLOUD_OPTIONS})
+    ply, preview = str(Format.PLY), str(Format.PREVIEW)
+    own_options = {ply: _CLOUD_OPTIONS, preview: (*PICTURE_OPTIONS[preview], "picture")}
+    refuse_unused(context, (chosen,), PICTURE_OPTIONS | own_options)
+    if chosen is Format.PREVIEW and side_by_side != (picture is not None):
+        raise UsageError("a preview needs both --side-by-side and --picture, or neither")
     done = job.convert(
         job.ConvertRequest(
             source=source,

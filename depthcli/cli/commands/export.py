@@ -126,10 +126,10 @@ def _export_path(checkpoint: Path, output: Path | None) -> Path:
 
 
 def _print_export(done: ExportResult) -> None:
-    card, parity = done.card, done.parity
+    card, parity, sizes = done.card, done.parity, len(done.parity.cases)
     console.report(
         f"{done.path}  {(card.size_bytes or 0) / 1e6:.1f} MB  sha256 {card.sha256}\n"
-        f"parity over {len(parity.cases)} sizes: max {parity.max_abs:.2g}, "
+        f"parity at {sizes} size{'s' * (sizes != 1)}: max {parity.max_abs:.2g}, "
         f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"
     )
 

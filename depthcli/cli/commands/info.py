@@ -10,6 +10,11 @@ from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
 
+_SCALE_SOURCES = {
+    "file": "as the file states",
+    "option": "--png-scale",
+    "assumed": "assumed: millimetres; --png-scale sets another",
+}
 app = typer.Typer(rich_markup_mode=None)
 
 
@@ -33,6 +38,11 @@ def info(
 
 
 def _show(facts: dict[str, Any]) -> None:
+    source = facts.pop("scale_source")
+    if source is None:
+        facts.pop("scale")
+    else:
+        facts["scale"] = f"{facts['scale']:g} per metre ({_SCALE_SOURCES[source]})"
     facts |= {f"metadata {name}": value for name, value in facts.pop("metadata").items()}
     width = max(map(len, facts))
     for name, value in facts.items():

@@ -34,7 +34,7 @@ def show_summary(out: _Manifest, as_json: JsonOutputOption = False) -> int:
         return ExitCode.OK
     console.out(f"{found.inputs} inputs: {found.inputs - found.failed} ok, {found.failed} failed")
     console.out(f"{found.outputs} outputs, {found.output_bytes / 1e6:.1f} MB")
-    console.out(f"{found.seconds:.1f} s of work")
+    console.out(f"{found.seconds:.1f} s of processing time")
     for one in found.models:
         by = f"model {one.model} ({one.model_sha256[:12]}), depthcli {one.version}"
         console.out(one_line(f"{one.inputs} by {by}"))

@@ -142,7 +142,7 @@ def _warn_of_preprocessing(card: ModelCard) -> None:
     check = preprocessing_check(card)
     if check is not None and not check.run_with_weights:
         console.warn(
-            "nobody has run this card with the real weights, so its preprocessing may be wrong. "
+            "this card was never run with the real weights, so its preprocessing may be wrong. "
             f"{check.verified} Check it on a few pictures: {check_command(card)}"
         )
 

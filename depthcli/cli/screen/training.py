@@ -52,7 +52,8 @@ def _assignments(values: dict[str, object]) -> None:
 def print_result(result: TrainResult, out: Path) -> None:
     """Print steps, time and checkpoint."""
     done = result.progress
-    console.note(f"{done.step} steps in {done.seconds / 60:.1f} min; checkpoint in {out}")
+    steps = f"{done.step} step{'s' * (done.step != 1)}"
+    console.note(f"{steps} in {done.seconds / 60:.1f} min; checkpoint in {out}")
 
 
 class JsonCallback(Callback):
@@ -68,7 +69,7 @@ class JsonCallback(Callback):
         if start.seen_held_out:
             console.warn(
                 f"the initial weights were trained on {start.seen_held_out} of the held-out "
-                "pairs: their scores do not measure pictures that the model has not seen"
+                "pairs, so the scores are not those of new pictures"
             )
 
     def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
@@ -101,8 +102,8 @@ class TextCallback(JsonCallback):
         threads = start.threads
         if threads.timed and threads.count < threads.cores:
             console.note(
-                f"training on {threads.count} of {threads.cores} CPU cores, as fast as more of "
-                "them in a short trial; --threads sets the number"
+                f"training with {threads.count} of {threads.cores} possible threads: more were "
+                "not faster in a short trial; --threads sets the number"
             )
         super().on_train_start(start)
         if sys.stderr.isatty():

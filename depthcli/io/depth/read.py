@@ -58,8 +58,8 @@ def read_depth(
             depth = _npy(path, png_scale, kind)
         case _:
             raise InputError(
-                f"{path} is not .png, .exr or .npy, so no depth is read from it; "
-                "'depthcli predict' and 'depthcli video' make depth of pictures and videos"
+                f"{path} is not a depth file (.png, .exr, .npy, .mkv); "
+                "'depthcli predict' and 'depthcli video' estimate the depth of pictures and videos"
             )
     return replace(depth, kind=kind or depth.kind)
 
@@ -68,7 +68,9 @@ def _png(path: Path, png_scale: float | None) -> DepthMap:
     data = read_bytes(path)
     steps = decode(data, str(path))
     if steps.dtype != np.uint16 or steps.ndim != _DIMENSIONS:
-        raise InputError(f"{path} is not 16-bit gray, so it holds no depth (a preview, perhaps?)")
+        raise InputError(
+            f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or a picture"
+        )
     metadata = with_sidecar(path, read_text(data))
     span = _normalized_range(metadata) if png_scale is None else None
     if span is None:
@@ -95,7 +97,9 @@ def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
         # Batch and channel axes, as networks' outputs have them; a map one pixel high stays.
         values = values.squeeze(values.shape.index(1))
     if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu" or not values.size:
-        raise InputError(f"{path} is {values.shape} {values.dtype}; depth is one (H, W) of numbers")
+        raise InputError(
+            f"{path} holds {values.shape} {values.dtype}; depth is one (H, W) array of numbers"
+        )
     # The format cannot state its kind itself.
     kind = kind or _kind_named(str(sidecar_metadata(path).get("kind")))
     is_float = values.dtype.kind == "f"
@@ -103,8 +107,9 @@ def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
         raise UsageError(f"a scale is for integers, but {path} holds {values.dtype}; remove it")
     if not is_float and scale is None and kind is DepthKind.METRIC:
         raise InputError(
-            f"{path} holds {values.dtype}, not float metres; state its units per metre: "
-            f"'depthcli convert {path} OUT.npy --from-scale 1000' makes metres of millimetres"
+            f"{path} holds {values.dtype}, not float metres; state its units per metre (info and "
+            "probe: --png-scale, convert: --from-scale), for millimetres for example "
+            f"'depthcli convert {path} OUT.npy --from-scale 1000'"
         )
     with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is infinitely far
         depth = np.ascontiguousarray(values, np.float32)

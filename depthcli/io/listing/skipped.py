@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import PurePosixPath
 from typing import NamedTuple
 
 HIDDEN = "hidden"
@@ -23,6 +24,11 @@ class Skipped(NamedTuple):
 
     name: str  #: path relative to the folder, with ``/`` between its parts
     reason: str  #: one of the words above, or the file's suffix
+
+
+def is_unread_picture(name: str) -> bool:
+    """Whether a name is that of a picture of an unsupported format."""
+    return PurePosixPath(name).suffix.lower() in _UNREADABLE_PICTURES
 
 
 def skip_summary(skipped: Sequence[Skipped]) -> str:

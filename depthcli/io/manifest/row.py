@@ -148,7 +148,7 @@ def output_entry(folder: Path, path: Path) -> OutputFile:
     found = checksum(path)
     if found is None:
         raise OutputError(
-            f"{path} is gone, or cannot be read, after it was written; leave the folder alone "
-            "meanwhile"
+            f"{path} is gone, or cannot be read, after it was written; do not change the folder "
+            "while the batch runs"
         )
     return OutputFile(path.relative_to(folder).as_posix(), found.bytes, found.sha256)

@@ -11,6 +11,7 @@ from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.listing.folder import is_video
+from depthcli.io.listing.skipped import is_unread_picture
 from depthcli.io.pictures.decoder_messages import decoder_messages
 from depthcli.io.pictures.integrity import find_problem
 from depthcli.io.pictures.size import is_os2, picture_size
@@ -49,7 +50,7 @@ def read_bytes(path: Path) -> bytes:
         raise InputError(f"{path} {what}") from None
     except IsADirectoryError:
         raise InputError(
-            f"{path} is a folder; name the files in it, or use 'depthcli batch'"
+            f"{path} is a folder; name the files in it, or give it to 'depthcli batch'"
         ) from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
@@ -99,6 +100,15 @@ def decoded(data: bytes, flags: int) -> npt.NDArray[np.generic] | None:
     return None if pixels is None or pixels.size == 0 or _DATA_LOSS.search(messages) else pixels
 
 
+def _hint_for(data: bytes, name: str) -> str:
+    """What to do with a file of another kind; "" for an unknown one."""
+    if data.startswith(_EXR_MAGIC):
+        return "; 'depthcli video' reads numbered EXR files, such as 'plate.####.exr'"
+    if is_video(name):
+        return "; 'depthcli video' reads videos"
+    return "; convert it to JPEG, PNG or TIFF" if is_unread_picture(name) else ""
+
+
 def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:
     """Check a picture without decoding it.
 
@@ -109,11 +119,9 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
         raise InputError(f"{name} is empty")
     size = picture_size(data)
     if size is None:
-        kind = "numbered EXR files, such as 'plate.####.exr'" if data.startswith(_EXR_MAGIC) else ""
-        kind = "videos" if is_video(name) else kind
-        hint = f"; 'depthcli video' reads {kind}" if kind else ""
         raise InputError(
-            f"{name} is not a picture (JPEG, PNG, TIFF, WebP, AVIF, BMP, GIF, PNM){hint}"
+            f"{name} is not a picture (JPEG, PNG, TIFF, WebP, AVIF, BMP, GIF, PNM)"
+            f"{_hint_for(data, name)}"
         )
     width, height = size
     if width <= 0 or height <= 0:

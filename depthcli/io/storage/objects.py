@@ -43,6 +43,10 @@ _REASONS = {
     ),
     "SignatureDoesNotMatch": (errno.EACCES, "access denied: the secret key is wrong"),
     "ExpiredToken": (errno.EACCES, "access denied: the credentials have expired"),
+    "Account must be specified": (
+        errno.EACCES,
+        "no Azure storage account is given; set AZURE_STORAGE_ACCOUNT_NAME",
+    ),
     "status code: 401": (errno.EACCES, "access denied; check the credentials"),
     "status code: 403": (errno.EACCES, "access denied; check the credentials and their rights"),
     "status code: 404": (errno.ENOENT, "no such object"),

@@ -87,7 +87,9 @@ def plan_folder(root: str, out: str, wanted: NameFilter = ANY, shard: Shard = WH
     place = path_of(root)
     is_store = isinstance(place, RemotePath) and not place.is_http  # checked when it is listed
     if not is_store and not place.is_dir():
-        raise UsageError(f"{place} is not a folder; name one, or give --files with a list")
+        is_file = not isinstance(place, RemotePath) and place.is_file()
+        hint = "; 'depthcli predict' and 'depthcli video' take files" if is_file else ""
+        raise UsageError(f"{place} is not a folder; name one, or give --files with a list{hint}")
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         raise UsageError(
             f"--out {out} is the folder of the inputs; choose another folder, for example one "

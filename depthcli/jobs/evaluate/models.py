@@ -7,11 +7,11 @@ from pathlib import Path
 from depthcli.core.choices import Detail
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind
-from depthcli.datasets.base import HasRawDepth
+from depthcli.datasets.base import DepthDataset, HasRawDepth
 from depthcli.datasets.layouts import opener_of
-from depthcli.datasets.nyu import open_nyu
+from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
 from depthcli.datasets.paired_folder import open_paired_folder
-from depthcli.datasets.splits import SplitName, is_label
+from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.choices import Mask
 from depthcli.evaluation.predictors.base import Predictor
@@ -28,6 +28,7 @@ from depthcli.evaluation.table import (
     plan_pairs,
 )
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.writers.formats import MILLIMETRES
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +39,8 @@ class ModelsRequest:
     models: tuple[SessionLoader, ...] = ()  #: one row each
     predictions: tuple[Path, ...] = ()  #: folders with depth files of other tools, one row each
     predictions_kind: DepthKind | None = None  #: depth kind of those files; None if they state it
+    #: value of one metre in the depth images of a custom folder; None for millimetres
+    units_per_metre: float | None = None
     #: split of NYU Depth v2; None for all pairs of a custom data set
     split: SplitName | None = SplitName.PAPER
     limit: int | None = None  #: maximum number of pictures, evenly over the split; None for all
@@ -91,11 +94,21 @@ def compare_models(
 def _plan_task(request: ModelsRequest) -> EvalTask:
     if request.split is not None:
         return plan_nyu(open_nyu(request.data), request.split, request.limit)
-    open_dataset = opener_of(request.data) or open_paired_folder
-    dataset = open_dataset(request.data)
-    if open_dataset is open_nyu and all(map(is_label, dataset.ids)):
-        raise UsageError(f"{request.data} is NYU Depth v2: compare on it with 'depthcli eval nyu'")
+    dataset = _open_pairs(request.data, request.units_per_metre)
     return plan_pairs(dataset, request.data.resolve().name, request.limit)
+
+
+def _open_pairs(path: Path, units_per_metre: float | None) -> DepthDataset:
+    opener, units = opener_of(path), units_per_metre or MILLIMETRES
+    if opener is None:
+        return open_paired_folder(path, units_per_metre=units)
+    if opener is not open_nyu:
+        if units_per_metre is not None:
+            raise UsageError(f"{path} is in a unit that is known: remove --png-scale")
+        return opener(path)
+    if not has_own_index(path):
+        raise UsageError(f"{path} is NYU Depth v2: compare on it with 'depthcli eval nyu'")
+    return open_indexed_folder(path, units_per_metre=units)
 
 
 def _open_predictors(

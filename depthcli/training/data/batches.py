@@ -69,8 +69,9 @@ class Batches:
         self._extra_size = round(batch_size * data.extra_share) if extra else 0
         if extra and not 0 < self._extra_size < min(batch_size, len(extra) + 1):
             raise UsageError(
-                f"data.extra_share={data.extra_share} of optim.batch_size={batch_size} is not a "
-                f"part of a batch, or more than the {len(extra)} extra pairs"
+                f"data.extra_share={data.extra_share} of optim.batch_size={batch_size} is "
+                f"{self._extra_size} extra pairs in each batch: it has to be at least 1, less than "
+                f"the batch, and not more than the {len(extra)} pairs of --extra; set either"
             )
         own = batch_size - self._extra_size
         self.batch_size = min(own, len(store) // processes * processes)

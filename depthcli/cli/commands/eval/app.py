@@ -14,6 +14,6 @@ def _eval_group() -> None:
     """Compare models on a data set."""
 
 
-app.command()(runs)
 app.command()(nyu)
 app.command()(pairs)
+app.command()(runs)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli.arguments import evaluation, options
-from depthcli.cli.arguments.numbers import positive
+from depthcli.cli.arguments.numbers import png_scale_range, positive
 from depthcli.core.choices import Upsampling
 from depthcli.metrics.choices import Averaging
 
@@ -17,13 +17,21 @@ def pairs(
         Path,
         typer.Argument(
             metavar="DIR",
-            help="Folder with rgb/ and depth/ (16-bit PNG in millimetres) of the same names, and "
+            help="Folder with rgb/ and depth/ (16-bit PNG, 0 = no depth) of the same names, and "
             "cameras.csv (id,focal_px) if the focal lengths are known.",
         ),
     ],
     model: evaluation.ModelsOption = None,
     predictions: evaluation.PredictionsOption = None,
     predictions_kind: evaluation.PredictionsKindOption = None,
+    png_scale: Annotated[
+        float | None,
+        typer.Option(
+            callback=png_scale_range,
+            help="Units per metre of the PNG files in depth/: 1000 (default, millimetres), "
+            "256 (KITTI), 5000 (TUM), 4000 (Matterport).",
+        ),
+    ] = None,
     align: evaluation.AlignOption = None,
     average: evaluation.AverageOption = Averaging.IMAGE,
     max_depth: Annotated[

@@ -90,5 +90,6 @@ def runs(
     page = runs_page(done.report)
     print_report(done.report, page, done.figures, files, as_json=as_json, quiet=quiet)
     if done.failed:
-        console.error(f"{len(done.failed)} runs are skipped: {'; '.join(done.failed)}")
+        count = "1 run is" if len(done.failed) == 1 else f"{len(done.failed)} runs are"
+        console.error(f"{count} skipped: {'; '.join(done.failed)}")
     return ExitCode.SOME_FAILED if done.failed else ExitCode.OK
