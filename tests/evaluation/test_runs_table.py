@@ -250,7 +250,7 @@ def test_one_row_minus_each_other(task: EvalTask, models: list[TrainedModel]) ->
     page = runs_page(report)
     assert page.differences is not None
     title, (header, *cells) = page.differences
-    assert title == "zeta minus each row, 95 % of draws of whole scenes; ! clear of zero"
+    assert title == "zeta minus each row, 95 % interval over scenes; ! excludes 0"
     assert header[:3] == ["minus", "align", "abs_rel"]
     assert page.to_text().count(f"\n\n{title}\n\nminus ") == 1
     for difference, entry, cell in zip(report.differences, entries, cells, strict=True):

@@ -23,7 +23,7 @@ def runs_page(report: RunsReport) -> Page:
     differences = None
     if report.differences:
         name = one_line(report.differences[0].name)
-        title = f"{name} minus each row, 95 % of draws of whole scenes; ! clear of zero"
+        title = f"{name} minus each row, 95 % interval over scenes; ! excludes 0"
         differences = title, _difference_cells(report)
     return Page(
         report.title,
