@@ -24,6 +24,11 @@ from depthcli.training.networks.build import build_generator
 
 _FORMAT = "depthcli-checkpoint"
 _VERSION = 1
+_FORMER_NAMES = {  # before 0.7
+    "judge": "discriminator",
+    "judge_depth": "depth_discriminator",
+    "judge_gray": "gray_discriminator",
+}
 _Score: TypeAlias = Annotated[float, Rule("a number", lambda _: True, is_finite=False)]
 _Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
 
@@ -131,7 +136,8 @@ class Checkpoint:
             raise CheckpointError(
                 f"{path} lacks parts of a checkpoint; use an earlier one"
             ) from error
-        return saved
+        named = {_present_name(key): tensor for key, tensor in saved.method.items()}
+        return dataclasses.replace(saved, method=named)
 
     def _check(self) -> None:
         """Check types and values; networks are not built yet.
@@ -147,6 +153,12 @@ class Checkpoint:
         own = {"rng": self.rng, "device_rng": self.device_rng, "extra": self.extra}
         for process in [own, *self.others]:
             check_process(process)
+
+
+def _present_name(key: str) -> str:
+    """A key of the networks' state dict as it is named now."""
+    network, dot, rest = key.partition(".")
+    return f"{_FORMER_NAMES.get(network, network)}{dot}{rest}"
 
 
 def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:

@@ -85,6 +85,16 @@ def test_what_a_checkpoint_of_before_does_not_say_is_what_it_was_then(tmp_path: 
     }
 
 
+def test_former_names_of_discriminators_are_read(tmp_path: Path) -> None:
+    weight = torch.arange(3.0)
+    former = {f"{name}.w": weight for name in ("judge", "judge_depth", "judge_gray", "generator")}
+    path = _changed(_saved(tmp_path), method=former, average={})
+    named = Checkpoint.load(path).method
+    current = ["discriminator.w", "depth_discriminator.w", "gray_discriminator.w", "generator.w"]
+    assert list(named) == current
+    assert all(torch.equal(one, weight) for one in named.values())
+
+
 def test_generator_is_the_average_where_there_is_one(tmp_path: Path) -> None:
     for average in (False, True):
         _checkpoint(average=average).save(tmp_path / "a.ckpt")

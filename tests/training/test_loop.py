@@ -276,8 +276,8 @@ def test_weights_that_are_not_finite_do_not_replace_a_checkpoint(tmp_path: Path)
     run.save(tmp_path / CHECKPOINT)
     before = (tmp_path / CHECKPOINT).read_bytes()
     with torch.no_grad():
-        next(run.method.judge_gray.parameters()).view(-1)[0] = float("nan")
-    with pytest.raises(TrainingError, match=r"a weight of 'judge_gray' is not finite"):
+        next(run.method.gray_discriminator.parameters()).view(-1)[0] = float("nan")
+    with pytest.raises(TrainingError, match=r"a weight of 'gray_discriminator' is not finite"):
         run.save(tmp_path / CHECKPOINT)
     assert (tmp_path / CHECKPOINT).read_bytes() == before
 

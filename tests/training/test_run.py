@@ -57,8 +57,8 @@ def test_gradients_of_one_picture_are_those_of_the_same_picture_twice(antialias:
     assert {name.partition(".")[0] for name in kernels} == {
         "generator",
         "backward_generator",
-        "judge_depth",
-        "judge_gray",
+        "depth_discriminator",
+        "gray_discriminator",
     }
     for name in kernels:  # a bias before a norm has no gradient but rounding
         off = (once[name] - twice[name]).norm() / twice[name].norm()

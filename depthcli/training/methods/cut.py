@@ -27,7 +27,7 @@ class Cut(Method):
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)
-        self.judge = build_discriminator(config) if self.weights.adversarial else None
+        self.discriminator = build_discriminator(config) if self.weights.adversarial else None
         compares = self.weights.contrast_x or self.weights.contrast_y or self.weights.relation
         self.sampler = patch_heads(self.generator, self.generator.TAPS) if compares else None
         self._fakes: tuple[Tensor, bool] | None = None
@@ -36,7 +36,7 @@ class Cut(Method):
         """G and the patch heads; or the discriminator."""
         if phase == "generator":
             return not_none(self.generator, self.sampler)
-        return not_none(self.judge)
+        return not_none(self.discriminator)
 
     def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The discriminator's term, or the generator's."""
@@ -44,8 +44,12 @@ class Cut(Method):
         if phase == "discriminator":
             self._fakes = self._translate(x)  # the generator's phase, which is next, reuses it
             fake_y = self._fakes[0].detach()
-            judge = required(self.judge)
-            return {"judge": discriminator_loss(self.weights.gan, judge, real=y, fake=fake_y)}
+            discriminator = required(self.discriminator)
+            return {
+                "discriminator": discriminator_loss(
+                    self.weights.gan, discriminator, real=y, fake=fake_y
+                )
+            }
         fake_y, flipped = self._fakes or self._translate(x)
         self._fakes = None
         return self._adversarial(y, fake_y) | self._contrastive_terms(x, y, fake_y, flipped=flipped)
@@ -55,10 +59,10 @@ class Cut(Method):
         return translated(self.generator, x.flip(3) if flipped else x), flipped
 
     def _adversarial(self, y: Tensor, fake_y: Tensor) -> dict[str, Tensor]:
-        if self.judge is None:
+        if self.discriminator is None:
             return {}
-        with frozen([self.judge]):
-            loss = generator_loss(self.weights.gan, self.judge, real=y, fake=fake_y)
+        with frozen([self.discriminator]):
+            loss = generator_loss(self.weights.gan, self.discriminator, real=y, fake=fake_y)
         return {"adversarial": self.weights.adversarial * loss}
 
     def _contrastive_terms(

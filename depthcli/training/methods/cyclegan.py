@@ -43,8 +43,10 @@ class CycleGan(Method):
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)
         self.backward_generator = build_generator(config.generator) if self._has_backward else None
-        self.judge_depth = build_discriminator(config) if self.weights.adversarial else None
-        self.judge_gray = build_discriminator(config) if self._has_gray_discriminator else None
+        self.depth_discriminator = build_discriminator(config) if self.weights.adversarial else None
+        self.gray_discriminator = (
+            build_discriminator(config) if self._has_gray_discriminator else None
+        )
         self.pools = (ImagePool(config.optim.pool_size), ImagePool(config.optim.pool_size))
         self._fake_y: Tensor | None = None
         self._fake_x: Tensor | None = None
@@ -61,7 +63,7 @@ class CycleGan(Method):
         """G and F; or the discriminators."""
         if phase == "generator":
             return not_none(self.generator, self.backward_generator)
-        return not_none(self.judge_depth, self.judge_gray)
+        return not_none(self.depth_discriminator, self.gray_discriminator)
 
     def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The generators' terms, or the discriminators'."""
@@ -109,22 +111,30 @@ class CycleGan(Method):
 
     def _adversarial(self, x: Tensor, y: Tensor, outputs: GeneratorOutputs) -> Tensor:
         """The generators' half of eq. 5 and 6."""
-        gan, judge_y, judge_x = self.weights.gan, required(self.judge_depth), self.judge_gray
-        with frozen(not_none(judge_y, judge_x)):
-            loss = generator_loss(gan, judge_y, real=y, fake=outputs.fake_y)
-            if judge_x is not None:
-                loss = loss + generator_loss(gan, judge_x, real=x, fake=required(outputs.fake_x))
+        gan, d_y, d_x = (
+            self.weights.gan,
+            required(self.depth_discriminator),
+            self.gray_discriminator,
+        )
+        with frozen(not_none(d_y, d_x)):
+            loss = generator_loss(gan, d_y, real=y, fake=outputs.fake_y)
+            if d_x is not None:
+                loss = loss + generator_loss(gan, d_x, real=x, fake=required(outputs.fake_x))
         return loss
 
     def _discriminator_terms(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         """The discriminators' half of eq. 5 and 6, on pooled fakes."""
         gan, terms = self.weights.gan, {}
-        if self.judge_gray is not None and self._fake_x is not None:
+        if self.gray_discriminator is not None and self._fake_x is not None:
             past_x = self.pools[0].exchange(self._fake_x)
-            terms["judge_gray"] = discriminator_loss(gan, self.judge_gray, real=x, fake=past_x)
-        if self.judge_depth is not None and self._fake_y is not None:
+            terms["gray_discriminator"] = discriminator_loss(
+                gan, self.gray_discriminator, real=x, fake=past_x
+            )
+        if self.depth_discriminator is not None and self._fake_y is not None:
             past_y = self.pools[1].exchange(self._fake_y)
-            terms["judge_depth"] = discriminator_loss(gan, self.judge_depth, real=y, fake=past_y)
+            terms["depth_discriminator"] = discriminator_loss(
+                gan, self.depth_discriminator, real=y, fake=past_y
+            )
         return terms
 
     def extra_state(self) -> dict[str, list[Tensor]]:

@@ -47,8 +47,8 @@ class DclGan(Method):
         super().__init__(config)
         self.backward_generator = build_generator(config.generator)
         adversarial = bool(self.weights.adversarial)
-        self.judge_depth = build_discriminator(config) if adversarial else None
-        self.judge_gray = build_discriminator(config) if adversarial else None
+        self.depth_discriminator = build_discriminator(config) if adversarial else None
+        self.gray_discriminator = build_discriminator(config) if adversarial else None
         self.taps = tuple(tap for tap in self.generator.TAPS if tap != "input")
         weights = self.weights
         compares = bool(weights.contrast_x or weights.contrast_y or weights.similarity)
@@ -60,7 +60,7 @@ class DclGan(Method):
         """G, F and the heads; or the discriminators."""
         if phase == "generator":
             return [self.generator, self.backward_generator, *self.heads()]
-        return not_none(self.judge_depth, self.judge_gray)
+        return not_none(self.depth_discriminator, self.gray_discriminator)
 
     def heads(self) -> list[nn.Module]:
         """The patch heads of both domains."""
@@ -82,19 +82,19 @@ class DclGan(Method):
 
     def _discriminator_terms(self, x: Tensor, y: Tensor, fakes: Fakes) -> dict[str, Tensor]:
         gan, fake_y, fake_x = self.weights.gan, fakes.y.detach(), fakes.x.detach()
-        judge_y, judge_x = required(self.judge_depth), required(self.judge_gray)
+        d_y, d_x = required(self.depth_discriminator), required(self.gray_discriminator)
         return {
-            "judge_depth": discriminator_loss(gan, judge_y, real=y, fake=fake_y),
-            "judge_gray": discriminator_loss(gan, judge_x, real=x, fake=fake_x),
+            "depth_discriminator": discriminator_loss(gan, d_y, real=y, fake=fake_y),
+            "gray_discriminator": discriminator_loss(gan, d_x, real=x, fake=fake_x),
         }
 
     def _adversarial(self, x: Tensor, y: Tensor, fakes: Fakes) -> dict[str, Tensor]:
-        if self.judge_depth is None or self.judge_gray is None:
+        if self.depth_discriminator is None or self.gray_discriminator is None:
             return {}
         gan = self.weights.gan
-        with frozen([self.judge_depth, self.judge_gray]):
-            loss_y = generator_loss(gan, self.judge_depth, real=y, fake=fakes.y)
-            loss_x = generator_loss(gan, self.judge_gray, real=x, fake=fakes.x)
+        with frozen([self.depth_discriminator, self.gray_discriminator]):
+            loss_y = generator_loss(gan, self.depth_discriminator, real=y, fake=fakes.y)
+            loss_x = generator_loss(gan, self.gray_discriminator, real=x, fake=fakes.x)
         return {"adversarial": self.weights.adversarial * (loss_y + loss_x)}
 
     def _identity(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:

@@ -1,4 +1,4 @@
-"""The adversarial terms against plain loops, and what they say of known judges."""
+"""The adversarial terms against plain loops, and what they say of known discriminators."""
 
 from __future__ import annotations
 
@@ -81,7 +81,9 @@ class _Judge(nn.Module):
 @pytest.mark.parametrize(
     ("gan", "real_value", "fake_value"), [("lsgan", 1, 0), ("hinge", 1, -1), ("ralsgan", 0.5, -0.5)]
 )
-def test_judge_that_is_right_loses_nothing(gan: str, real_value: float, fake_value: float) -> None:
+def test_discriminator_that_is_right_loses_nothing(
+    gan: str, real_value: float, fake_value: float
+) -> None:
     real = torch.full((1, 1, 8, 8), float(real_value))
     fake = torch.full((1, 1, 8, 8), float(fake_value))
     assert discriminator_loss(gan, _Judge(), real=real, fake=fake).item() == 0
@@ -89,7 +91,7 @@ def test_judge_that_is_right_loses_nothing(gan: str, real_value: float, fake_val
 
 
 @pytest.mark.parametrize(("gan", "undecided"), [("lsgan", 0.5), ("hinge", 1.0), ("ralsgan", 1.0)])
-def test_judge_that_says_nothing(gan: str, undecided: float) -> None:
+def test_discriminator_that_says_nothing(gan: str, undecided: float) -> None:
     image = torch.zeros(1, 1, 8, 8)
     assert discriminator_loss(gan, _Judge(), real=image, fake=image).item() == undecided
     assert generator_loss(gan, _Judge(), real=image, fake=image).item() == 1
@@ -107,8 +109,8 @@ def test_generator_moves_the_fake_towards_the_real(gan: str) -> None:
 def test_outputs_are_judged_in_full_precision(gan: str) -> None:
     image = torch.linspace(-1, 1, 64).reshape(1, 1, 8, 8)
     with torch.autocast("cpu", torch.bfloat16):
-        judge = nn.Conv2d(1, 1, 4)
-        loss = generator_loss(gan, judge, real=image, fake=-image)
-        assert judge(image).dtype == torch.bfloat16
+        discriminator = nn.Conv2d(1, 1, 4)
+        loss = generator_loss(gan, discriminator, real=image, fake=-image)
+        assert discriminator(image).dtype == torch.bfloat16
     assert loss.dtype == torch.float32
     assert np.isfinite(loss.item())

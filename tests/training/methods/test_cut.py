@@ -43,16 +43,16 @@ def test_cut_is_gan_and_half_of_either_contrast() -> None:
     terms = phases(method)
     x, y = batch().gray, coded(batch().depth_m)
     fake_y, same_y = method.generator(x), method.generator(y)
-    judge = method.judge
-    wanted = ((judge(y) - 1) ** 2).mean() / 2 + (judge(fake_y) ** 2).mean() / 2
-    torch.testing.assert_close(terms["judge"], wanted)
-    torch.testing.assert_close(terms["adversarial"], ((judge(fake_y) - 1) ** 2).mean())
+    discriminator = method.discriminator
+    wanted = ((discriminator(y) - 1) ** 2).mean() / 2 + (discriminator(fake_y) ** 2).mean() / 2
+    torch.testing.assert_close(terms["discriminator"], wanted)
+    torch.testing.assert_close(terms["adversarial"], ((discriminator(fake_y) - 1) ** 2).mean())
     torch.manual_seed(5)
     nce_x = contrast(method, patch_nce, x, fake_y, flipped=False)
     nce_y = contrast(method, patch_nce, y, same_y, flipped=False)
     torch.testing.assert_close(terms["contrast_x"], nce_x / 2)
     torch.testing.assert_close(terms["contrast_y"], nce_y / 2)
-    assert terms.keys() == {"judge", "adversarial", "contrast_x", "contrast_y"}
+    assert terms.keys() == {"discriminator", "adversarial", "contrast_x", "contrast_y"}
 
 
 @pytest.mark.parametrize("flipped", [False, True])
@@ -61,7 +61,9 @@ def test_fastcut_mirrors_the_input_and_mirrors_the_features_back(flipped: bool) 
     seed = next(s for s in range(99) if flipped == (_first_draw(s) < 0.5))
     terms = phases(method, seed)
     fake_y = method.generator(x.flip(3) if flipped else x)
-    torch.testing.assert_close(terms["adversarial"], ((method.judge(fake_y) - 1) ** 2).mean())
+    torch.testing.assert_close(
+        terms["adversarial"], ((method.discriminator(fake_y) - 1) ** 2).mean()
+    )
     torch.manual_seed(seed)
     torch.rand(())
     nce_x = contrast(method, patch_nce, x, fake_y, flipped=flipped)

@@ -21,8 +21,8 @@ def test_generators_lose_both_gans_the_cycles_and_the_identities(method: Any) ->
     x, y = batch().gray, coded(batch().depth_m)
     forward, backward = method.generator, method.backward_generator
     fake_y, fake_x = forward(x), backward(y)
-    gan = ((method.judge_depth(fake_y) - 1) ** 2).mean()
-    gan = gan + ((method.judge_gray(fake_x) - 1) ** 2).mean()
+    gan = ((method.depth_discriminator(fake_y) - 1) ** 2).mean()
+    gan = gan + ((method.gray_discriminator(fake_x) - 1) ** 2).mean()
     cycle = (backward(fake_y) - x).abs().mean() + (forward(fake_x) - y).abs().mean()
     same = (forward(y) - y).abs().mean() + (backward(x) - x).abs().mean()
     wanted = {"adversarial": gan, "cycle": 10 * cycle, "identity": 5 * same}
@@ -37,12 +37,12 @@ def test_each_discriminator_judges_its_own_domain(method: Any) -> None:
     method(batch(), "generator")
     found = method(batch(), "discriminator")
     pairs = {
-        "judge_depth": (method.judge_depth, y, method.generator(x)),
-        "judge_gray": (method.judge_gray, x, method.backward_generator(y)),
+        "depth_discriminator": (method.depth_discriminator, y, method.generator(x)),
+        "gray_discriminator": (method.gray_discriminator, x, method.backward_generator(y)),
     }
     assert found.keys() == pairs.keys()
-    for name, (judge, real, fake) in pairs.items():
-        torch.testing.assert_close(found[name], _lsgan(judge(real), judge(fake)))
+    for name, (discriminator, real, fake) in pairs.items():
+        torch.testing.assert_close(found[name], _lsgan(discriminator(real), discriminator(fake)))
 
 
 def _lsgan(real: Tensor, fake: Tensor) -> Tensor:
@@ -57,12 +57,12 @@ def test_discriminators_are_shown_what_the_pool_gives_back(method: Any) -> None:
     for seed in range(12):
         torch.manual_seed(seed)
         method(batch(), "generator")
-        found = method(batch(), "discriminator")["judge_depth"]
+        found = method(batch(), "discriminator")["depth_discriminator"]
         y, fake_y = coded(batch().depth_m), method.generator(batch().gray)
-        judge = method.judge_depth
+        discriminator = method.depth_discriminator
         wanted = {
-            "past": _lsgan(judge(y), judge(past[None])),
-            "now": _lsgan(judge(y), judge(fake_y)),
+            "past": _lsgan(discriminator(y), discriminator(past[None])),
+            "now": _lsgan(discriminator(y), discriminator(fake_y)),
         }
         seen += [name for name, value in wanted.items() if torch.isclose(found, value)]
         method.pools[1].images = [past]

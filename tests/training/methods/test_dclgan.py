@@ -54,14 +54,17 @@ def test_gans_are_hinge_and_half_of_each_counts(name: str) -> None:
     terms = phases(method)
     forward, backward = method.generator, method.backward_generator
     x, y = batch().gray, coded(batch().depth_m)
-    fake = {"judge_depth": forward(x), "judge_gray": backward(y)}
-    real = {"judge_depth": y, "judge_gray": x}
+    fake = {"depth_discriminator": forward(x), "gray_discriminator": backward(y)}
+    real = {"depth_discriminator": y, "gray_discriminator": x}
     deceived = torch.zeros(())
-    for judge_name, made in fake.items():
-        judge = getattr(method, judge_name)
-        margins = (1 - judge(real[judge_name])).relu().mean(), (1 + judge(made)).relu().mean()
-        torch.testing.assert_close(terms[judge_name], sum(margins) / 2)
-        deceived = deceived + (1 - judge(made)).relu().mean()
+    for role, made in fake.items():
+        discriminator = getattr(method, role)
+        margins = (
+            (1 - discriminator(real[role])).relu().mean(),
+            (1 + discriminator(made)).relu().mean(),
+        )
+        torch.testing.assert_close(terms[role], sum(margins) / 2)
+        deceived = deceived + (1 - discriminator(made)).relu().mean()
     torch.testing.assert_close(terms["adversarial"], deceived / 2)
     same = (forward(y) - y).abs().mean() + (backward(x) - x).abs().mean()
     torch.testing.assert_close(terms["identity"], same / 2)
@@ -85,7 +88,7 @@ def test_simdcl_compares_one_vector_an_image_and_domain() -> None:
 @pytest.mark.parametrize(
     ("left", "networks"),
     [
-        ("adversarial", {"judge_depth", "judge_gray"}),
+        ("adversarial", {"depth_discriminator", "gray_discriminator"}),
         ("identity", set()),
         ("contrast_x", {"sampler_gray", "sampler_depth"}),
         ("contrast_y", {"sampler_gray", "sampler_depth"}),

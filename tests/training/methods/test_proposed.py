@@ -20,7 +20,7 @@ from depthcli.training.methods.proposed import Proposed
 
 NOTHING = LossConfig(0, 0, 0, 0, 0, 0, 0, 0)
 ALONE = {
-    "adversarial": ("adversarial", "judge_depth", "judge_gray"),
+    "adversarial": ("adversarial", "depth_discriminator", "gray_discriminator"),
     "contrast_x": ("contrast_x",),
     "contrast_y": ("contrast_y",),
     "identity": ("identity",),
@@ -50,7 +50,7 @@ def test_weight_of_zero_leaves_term_and_networks_out(name: str) -> None:
     method = _method(**{name: 1.0})
     assert set(_terms(method, _batch())) == set(ALONE[name])
     assert (method.sampler is not None) == name.startswith("contrast")
-    assert (method.judge_depth is not None) == (name == "adversarial")
+    assert (method.depth_discriminator is not None) == (name == "adversarial")
     backward = name in {"adversarial", "identity", "cycle"}
     assert (method.backward_generator is not None) == backward
 
@@ -134,15 +134,15 @@ def test_phases_move_their_own_networks_only(gan: str) -> None:
 def test_one_direction_judges_depth_alone(cycle: float) -> None:
     method = _method(adversarial=2.0, adversarial_backward=False, cycle=cycle)
     x, y = _batch().gray, (_batch().depth_m - 5) / 5
-    terms, judge = _terms(method, _batch()), method.judge_depth
-    assert judge is not None
+    terms, discriminator = _terms(method, _batch()), method.depth_discriminator
+    assert discriminator is not None
     assert (method.backward_generator is None) == (not cycle)
-    assert method.networks("discriminator") == [judge]
-    assert set(terms) == {"adversarial", "judge_depth"} | ({"cycle"} if cycle else set())
-    fake = judge(method.generator(x))
+    assert method.networks("discriminator") == [discriminator]
+    assert set(terms) == {"adversarial", "depth_discriminator"} | ({"cycle"} if cycle else set())
+    fake = discriminator(method.generator(x))
     torch.testing.assert_close(terms["adversarial"], 2 * ((fake - 1) ** 2).mean())
-    wanted = ((judge(y) - 1) ** 2).mean() / 2 + (fake**2).mean() / 2
-    torch.testing.assert_close(terms["judge_depth"], wanted)
+    wanted = ((discriminator(y) - 1) ** 2).mean() / 2 + (fake**2).mean() / 2
+    torch.testing.assert_close(terms["depth_discriminator"], wanted)
     assert {name: len(images) for name, images in method.extra_state().items()} == {
         "pool_gray": 0,
         "pool_depth": 1,

@@ -11,19 +11,19 @@ from depthcli.training.networks.patchgan import PatchGan
 @pytest.mark.parametrize("antialias", [False, True])
 def test_paper_size(antialias: bool) -> None:
     with torch.device("meta"):
-        judge, image = PatchGan(antialias=antialias), torch.zeros(2, 1, 256, 256)
-    assert judge(image).shape == (2, 1, 30, 30)
-    assert sum(p.numel() for p in judge.parameters()) == 2_762_689
+        discriminator, image = PatchGan(antialias=antialias), torch.zeros(2, 1, 256, 256)
+    assert discriminator(image).shape == (2, 1, 30, 30)
+    assert sum(p.numel() for p in discriminator.parameters()) == 2_762_689
 
 
 def test_one_output_sees_a_70_by_70_patch() -> None:
     torch.manual_seed(0)
-    judge = PatchGan(width=2)
-    for layer in judge.layers:  # a norm sees the whole image
+    discriminator = PatchGan(width=2)
+    for layer in discriminator.layers:  # a norm sees the whole image
         if isinstance(layer, torch.nn.InstanceNorm2d):
             layer.forward = lambda x: x  # type: ignore[method-assign]
     image = torch.rand(1, 1, 128, 128, requires_grad=True)
-    output = judge(image)
+    output = discriminator(image)
     output[0, 0, output.shape[2] // 2, output.shape[3] // 2].backward()
     assert image.grad is not None
     rows, columns = image.grad[0, 0].nonzero().T
@@ -33,12 +33,12 @@ def test_one_output_sees_a_70_by_70_patch() -> None:
 
 @pytest.mark.parametrize("antialias", [False, True])
 def test_outputs_are_not_squashed(antialias: bool) -> None:
-    judge = PatchGan(width=4, antialias=antialias)
+    discriminator = PatchGan(width=4, antialias=antialias)
     image = torch.rand(1, 1, 64, 64)
     with torch.no_grad():
-        judge.layers[-1].bias.fill_(7)
-        judge.layers[-1].weight.zero_()
-        assert bool((judge(image) == 7).all())
+        discriminator.layers[-1].bias.fill_(7)
+        discriminator.layers[-1].weight.zero_()
+        assert bool((discriminator(image) == 7).all())
 
 
 def test_other_sizes() -> None:
