@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,7 @@ from depthcli.core.text import one_line
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
 from depthcli.errors import InputError, OutputError
+from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.temporary_folder import temporary_folder
 
 _LINEAR_UP_TO = 0.0031308
@@ -104,20 +104,13 @@ def _colour_names(file: str, names: Sequence[str]) -> tuple[str, ...]:
 
 def read_exr_rate(path: Path) -> Fraction | None:
     """Frames a second that an EXR's header states; None for other files, or if it does not."""
-    stated = _header_value(path, "framesPerSecond")
-    if not isinstance(stated, Fraction):  # releases of OpenEXR differ
-        d = getattr(stated, "d", None)
-        stated = Fraction(stated.n, d) if d else None
-    return stated if stated and stated > 0 else None
-
-
-def _header_value(path: Path, name: str) -> Any:  # noqa: ANN401 - of any type that EXR has
-    """An attribute of an EXR; None for other files, or if it is not stated."""
-    if path.suffix.lower() != ".exr":
+    if not is_exr(path.name):
         return None
-    from depthcli.io.depth.exr import read_exr_header  # noqa: PLC0415 - OpenEXR is slow to load
+    # OpenEXR is slow to load.
+    from depthcli.io.depth.exr import read_exr_header  # noqa: PLC0415
+    from depthcli.io.depth.exr_library import stated_rate  # noqa: PLC0415
 
-    return read_exr_header(path).get(name)
+    return stated_rate(read_exr_header(path))
 
 
 def _srgb(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -33,7 +33,7 @@ from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.depth.exr import write_exr
 from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_whole_depth
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.path_list import listed_inputs, parse_list
@@ -162,7 +162,8 @@ def depth_pngs() -> list[bytes]:
 
 
 def _exrs() -> list[bytes]:
-    return [_written(ExrWriter(), "a.exr"), _written(ExrWriter(half=True), "a.exr")]
+    made = [_written(ExrWriter(), "a.exr"), _written(ExrWriter(half=True), "a.exr")]
+    return [*made, *_plates()]
 
 
 def _plates() -> list[bytes]:
@@ -456,7 +457,8 @@ def _all_pictures() -> list[bytes]:
 
 def _exr_or_facts(path: Path) -> None:
     read_metadata(path)
-    read_depth(path)
+    depth, frame = read_whole_depth(path)
+    ExrWriter().write(depth, path.with_name("b.exr"), frame)
 
 
 TARGETS: dict[str, Target] = {

@@ -1,5 +1,6 @@
 """Reading the pixels of OpenEXR files, and the windows that they are in."""
 
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.windows import Window, over_window
 from depthcli.errors import InputError
-from depthcli.io.depth.exr_library import OPENEXR_ERRORS, silenced, utf8_name
+from depthcli.io.depth.exr_library import OPENEXR_ERRORS, silenced, stated_rate, utf8_name
 from depthcli.io.pictures.decode import read_bytes
 
 _WINDOWS = ("dataWindow", "displayWindow")
@@ -24,6 +25,7 @@ class StoredChannel(NamedTuple):
     data: Window  #: the data window of its part
     display: Window  #: the display window of its part
     pixel_aspect: float  #: width by height of a pixel, as the header states it
+    rate: Fraction | None  #: frames a second, as the header states it; None if it does not
 
     def over(self, window: Window) -> npt.NDArray[np.float32]:
         """The pixels of a window, (H, W) float32, NaN outside the data."""
@@ -64,9 +66,11 @@ def read_exr_channels(
         for part in parts:
             layer = f"{part.header['name']}." if len(parts) > 1 else ""
             data, display = (_window(part.header[which]) for which in _WINDOWS)
-            aspect = float(part.header["pixelAspectRatio"])
+            aspect, rate = float(part.header["pixelAspectRatio"]), stated_rate(part.header)
             for channel, content in part.channels.items():
-                channels[layer + channel] = StoredChannel(content.pixels, data, display, aspect)
+                channels[layer + channel] = StoredChannel(
+                    content.pixels, data, display, aspect, rate
+                )
     except OPENEXR_ERRORS as error:
         raise InputError(f"{shown} {problem}") from error
     return channels
