@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.bands import row_bands
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.pixel_aspect import pixel_aspect_warning
@@ -51,20 +52,22 @@ def read_exr_picture(
     limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
     channels = read_exr_channels(path, name=name, limit=limit)
     names = _colour_names(name, list(channels))
-    first = channels[names[0]]
-    display = first.display
-    whole = display.union(first.data)
+    data, display, pixel_aspect = channels[names[0]][1:4]
+    whole = display.union(data)
     if overscan is not None:
         whole = overscan.moved(display.left, display.top)
     limit.check(name, whole.width, whole.height)
-    planes = [channels[colour].over(whole) for colour in names]
-    stretched = pixel_aspect_warning(first.pixel_aspect)
+    pixels = np.empty((whole.height, whole.width, len(names)), np.float32)
+    for i, colour in enumerate(names):
+        # Each is freed when it is encoded.
+        _encode(channels.pop(colour).over(whole), pixels[..., i])
+    stretched = pixel_aspect_warning(pixel_aspect)
     return Frame(
-        _srgb(np.dstack(planes) if len(planes) > 1 else planes[0]),
+        pixels if len(names) > 1 else pixels[..., 0],
         path,
         warnings=(stretched,) if stretched else (),
-        pixel_aspect=first.pixel_aspect,
-        windows=Windows(whole, first.data, display),
+        pixel_aspect=pixel_aspect,
+        windows=Windows(whole, data, display),
     )
 
 
@@ -111,6 +114,13 @@ def read_exr_rate(path: Path) -> Fraction | None:
     from depthcli.io.depth.exr_library import stated_rate  # noqa: PLC0415
 
     return stated_rate(read_exr_header(path))
+
+
+def _encode(linear: npt.NDArray[np.float32], encoded: npt.NDArray[np.float32]) -> None:
+    """Write linear light, (H, W), into another array as sRGB."""
+    height, width = linear.shape
+    for rows in row_bands(width, height):  # of the whole, it takes several times its memory
+        encoded[rows] = _srgb(linear[rows])
 
 
 def _srgb(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -16,6 +16,7 @@ from depthcli.io.depth.exr_library import OPENEXR_ERRORS, silenced, stated_rate,
 from depthcli.io.pictures.decode import read_bytes
 
 _WINDOWS = ("dataWindow", "displayWindow")
+_SAMPLE_BYTES, _GRAY_BYTES = 2, 4  # at least, of each channel of a file; of a frame
 
 
 class StoredChannel(NamedTuple):
@@ -77,10 +78,11 @@ def read_exr_channels(
 
 
 def _check_pixel_count(name: str, header: dict[str, Any], limit: PictureLimit | None) -> None:
-    for which in _WINDOWS:
+    least = _SAMPLE_BYTES * len(header["channels"]) + _GRAY_BYTES
+    for which, pixel_bytes in zip(_WINDOWS, (least, _GRAY_BYTES), strict=True):
         window = _window(header[which])
         if limit is not None:
-            limit.check(name, window.width, window.height)
+            limit.check(name, window.width, window.height, pixel_bytes)
         elif window.width * window.height > MAX_PIXELS:
             claimed = f"{window.width}×{window.height} pixels"
             raise InputError(f"{name} claims {claimed}, more than {MAX_PIXELS:,}")
