@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import pathlib
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +18,7 @@ import depthcli
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import Detail
 from depthcli.core.picture_limit import PictureLimit
-from depthcli.errors import InputError
+from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_depth
 from depthcli.io.manifest.row import OK
@@ -38,6 +40,8 @@ from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from stores import Bucket
 
 WINDOWS = pytest.mark.parametrize("data", [OVERSCAN, CROP, MIXED, DISPLAY])
 
@@ -134,6 +138,29 @@ def test_python_reads_it(tmp_path: Path, loader: SessionLoader) -> None:
     *windows, aspect, stored = written(tmp_path / "api.exr")
     assert (*windows, aspect) == (common, DISPLAY, 1)
     np.testing.assert_array_equal(stored, done.depth.values[inside(common, DISPLAY)])
+
+
+def test_a_store_has_plates_too(tmp_path: Path, bucket: Bucket) -> None:
+    plate = write_plate(tmp_path, 1, MIXED)
+    uri = bucket.put("in/plate.1.exr", plate.read_bytes())
+    here, there = read_image(plate), read_image(uri)
+    np.testing.assert_array_equal(here.pixels, there.pixels)
+    assert here.windows == there.windows
+    assert str(there.path) == uri
+    uri = bucket.put("in/plate.1.exr", plate.read_bytes()[:1000])
+    with pytest.raises(InputError, match=f"{uri} is damaged: its pixels cannot be read"):
+        read_image(uri)
+
+
+def test_a_full_temporary_folder_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = write_plate(tmp_path, 1, DISPLAY).read_bytes()
+
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(pathlib.Path, "write_bytes", full)
+    with pytest.raises(OutputError, match="temporary file: No space left on device; set TMPDIR"):
+        read_image(None, data)
 
 
 def test_its_size_is_limited_before_its_pixels_are_read(tmp_path: Path) -> None:

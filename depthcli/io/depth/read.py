@@ -65,7 +65,7 @@ def read_whole_depth(
         case ".png":
             depth = _png(path, png_scale)
         case ".exr":
-            depth, frame = _exr(path)
+            depth, frame = _exr_depth(path)
         case ".npy":
             depth = _npy(path, png_scale, kind)
         case _:
@@ -130,7 +130,7 @@ def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
     return DepthMap(depth, kind, provenance_of(with_sidecar(path, {})))
 
 
-def _exr(path: Path) -> tuple[DepthMap, Frame]:
+def _exr_depth(path: Path) -> tuple[DepthMap, Frame]:
     # Reading PNG need not wait for OpenEXR.
     from depthcli.io.depth.exr_map import read_exr_depth  # noqa: PLC0415
 

@@ -63,7 +63,7 @@ def read_image(
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
     if data.startswith(EXR_MAGIC):
-        return replace(_exr(file, data, name, max_pixels), path=path)
+        return replace(_exr_picture(file, data, name, max_pixels), path=path)
     pixels, warnings = full_range(decode(data, name, max_pixels=max_pixels), data, white_level)
     pixels = _as_frame_dtype(pixels, name)
     exif = read_exif(data)
@@ -78,7 +78,7 @@ def read_image(
     )
 
 
-def _exr(file: Path | None, data: bytes, name: str, max_pixels: int | PictureLimit) -> Frame:
+def _exr_picture(file: Path | None, data: bytes, name: str, max_pixels: int | PictureLimit) -> Frame:
     """The picture in an EXR; of its data if there is no file, or none on this machine."""
     # Other pictures need not wait for it.
     from depthcli.io.exr_pictures import read_exr_data, read_exr_picture  # noqa: PLC0415
