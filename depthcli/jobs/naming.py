@@ -98,11 +98,14 @@ def _in_folders(
     stems = [
         folder / (s.stem if s else STDIN_STEM) for folder, s in zip(folders, sources, strict=True)
     ]
-    shared = Counter(map(_case_folded_path, stems))
+    bases = output_bases(sources)
+    shared = Counter(
+        _case_folded_path(stem)
+        for source, stem, base in zip(sources, stems, bases, strict=True)
+        if source is None or base == source.stem or not is_exr(source.name)
+    )
     plans = []
-    for source, folder, stem, base in zip(
-        sources, folders, stems, output_bases(sources), strict=True
-    ):
+    for source, folder, stem, base in zip(sources, folders, stems, bases, strict=True):
         is_whole = (
             source is not None and shared[_case_folded_path(stem)] > 1 and base == source.stem
         )

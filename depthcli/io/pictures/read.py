@@ -78,7 +78,9 @@ def read_image(
     )
 
 
-def _exr_picture(file: Path | None, data: bytes, name: str, max_pixels: int | PictureLimit) -> Frame:
+def _exr_picture(
+    file: Path | None, data: bytes, name: str, max_pixels: int | PictureLimit
+) -> Frame:
     """The picture in an EXR; of its data if there is no file, or none on this machine."""
     # Other pictures need not wait for it.
     from depthcli.io.exr_pictures import read_exr_data, read_exr_picture  # noqa: PLC0415
