@@ -18,6 +18,7 @@ import numpy as np
 from depthcli.api.depth_map import AnchorLike, DepthMap
 from depthcli.core import types
 from depthcli.core.choices import DEFAULT_DETAIL
+from depthcli.core.overscan import displayed_depth, displayed_frame, without_invented
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.inference.pipeline import Pipeline, load
@@ -115,7 +116,7 @@ class DepthModel:
                 for 65535. Not for a ``Frame``, whose white is 65535.
 
         Returns:
-            (H, W) of the upright picture.
+            (H, W) of the upright picture; of an EXR, of its display window.
 
         Raises:
             InputError: the picture cannot be read, or is not a picture.
@@ -126,7 +127,7 @@ class DepthModel:
         self.pipeline.check_focal(focal_px, hfov_deg)
         frame = frame_of(picture, white_level)
         depth = self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
-        return _with_anchors(DepthMap.of(depth, frame), anchors)
+        return _finished(depth, frame, anchors)
 
     def predict_many(
         self,
@@ -167,7 +168,7 @@ class DepthModel:
             frames = [frame_of(picture, white_level) for picture in some]
             depths = self.pipeline.predict_many(frames, focal_px=focal_px, hfov_deg=hfov_deg)
             return [
-                _with_anchors(DepthMap.of(depth, frame), anchors)
+                _finished(depth, frame, anchors)
                 for depth, frame in zip(depths, frames, strict=True)
             ]
 
@@ -177,8 +178,11 @@ class DepthModel:
         return itertools.chain.from_iterable(done)
 
 
-def _with_anchors(depth: DepthMap, anchors: Sequence[AnchorLike]) -> DepthMap:
-    return depth.fit_anchors(anchors) if len(anchors) else depth
+def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Sequence[AnchorLike]) -> DepthMap:
+    windows = frame.windows
+    shown = displayed_depth(without_invented(depth, windows), windows)
+    found = DepthMap.of(shown, displayed_frame(frame))
+    return found.fit_anchors(anchors) if len(anchors) else found
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:

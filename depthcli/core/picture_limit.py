@@ -19,11 +19,17 @@ class PictureLimit(NamedTuple):
     pixels: int  #: maximum number of pixels (``--max-pixels``)
     detail: Detail = DEFAULT_DETAIL  #: contains the memory limit (``--max-memory``)
 
-    def check(self, name: str, width: int, height: int) -> None:
+    def check(self, name: str, width: int, height: int, pixel_bytes: int = 1) -> None:
         """Refuse a picture by the size that its header claims.
 
+        Args:
+            name: what messages call it.
+            width: columns.
+            height: rows.
+            pixel_bytes: least size of a pixel in memory while it is decoded.
+
         Raises:
-            InputError: it has too many pixels, or even in gray takes too much memory.
+            InputError: it has too many pixels, or takes too much memory even with so few bytes.
         """
         count = width * height
         if count > self.pixels:
@@ -31,8 +37,10 @@ class PictureLimit(NamedTuple):
                 f"{name} claims {width}×{height} pixels, more than {self.pixels:,}; "
                 "raise --max-pixels if you trust the file"
             )
-        if bytes_needed(width, height, self.detail, count) > memory_limit(self.detail):
-            about = bytes_needed(width, height, self.detail, _COLOUR_BYTES * count)
+        least = bytes_needed(width, height, self.detail, pixel_bytes * count)
+        if least > memory_limit(self.detail):
+            likely = max(pixel_bytes, _COLOUR_BYTES) * count
+            about = bytes_needed(width, height, self.detail, likely)
             raise InputError(f"{name}: {memory_limit_message(width, height, about, self.detail)}")
 
 

@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.camera import FOCAL_PX, HFOV_DEG, Anchor
+from depthcli.core.overscan import displayed_depth
 from depthcli.core.types import DepthKind, DepthMap, Provenance
+from depthcli.core.windows import Windows
 from depthcli.errors import InputError, UsageError
 
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
@@ -56,7 +58,9 @@ def focal_px_of_35mm(focal_35mm: float, width: int, height: int) -> float:
     return focal_35mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
 
 
-def fit_anchors(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
+def fit_anchors(
+    depth: DepthMap, points: Sequence[Anchor], *, windows: Windows | None = None
+) -> DepthMap:
     """Metric depth that fits known points best, in the least-squares sense.
 
     One point fits the scale, two or more fit scale and shift. Metric and relative maps are fitted
@@ -64,7 +68,8 @@ def fit_anchors(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
 
     Args:
         depth: map of any kind.
-        points: pixels of the map and their depth.
+        points: pixels of the map, or of its part in the display window, and their depth.
+        windows: of the picture of the map; None if all of it is displayed.
 
     Returns:
         A metric map of the same size, with the points in its provenance; NaN where the fit puts a
@@ -76,7 +81,8 @@ def fit_anchors(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
     """
     if not points:
         raise UsageError("there are no anchors to fit the map to; give one or more")
-    values = np.array([_value_at(depth, p) for p in points], np.float64)
+    shown = displayed_depth(depth, windows)
+    values = np.array([_value_at(shown, p) for p in points], np.float64)
     truth_m = np.array([p.depth_m for p in points], np.float64)
     inverse = depth.kind is DepthKind.INVERSE
     scale, shift = _fit_scale_and_shift(values, 1 / truth_m if inverse else truth_m)
@@ -93,14 +99,16 @@ def fit_anchors(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
     return DepthMap(fitted, DepthKind.METRIC, source)
 
 
-def fitted(depth: DepthMap, points: Sequence[Anchor]) -> DepthMap:
+def fitted(depth: DepthMap, points: Sequence[Anchor], windows: Windows | None = None) -> DepthMap:
     """Depth of one of several pictures, fitted to points; unchanged if there are no points.
+
+    The arguments are those of :func:`fit_anchors`.
 
     Raises:
         InputError: the points do not fit this picture, but may fit the next one.
     """
     try:
-        return fit_anchors(depth, points) if points else depth
+        return fit_anchors(depth, points, windows=windows) if points else depth
     except UsageError as error:
         raise InputError(str(error)) from error
 

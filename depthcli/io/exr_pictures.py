@@ -1,20 +1,23 @@
 """Pictures in OpenEXR files, converted from linear light to sRGB."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.bands import row_bands
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.pixel_aspect import pixel_aspect_warning
 from depthcli.core.text import one_line
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
-from depthcli.errors import InputError
-from depthcli.io.pictures.decode import check_size
+from depthcli.errors import InputError, OutputError
+from depthcli.io.listing.folder import is_exr
+from depthcli.io.storage.temporary_folder import temporary_folder
 
 _LINEAR_UP_TO = 0.0031308
 
@@ -22,6 +25,7 @@ _LINEAR_UP_TO = 0.0031308
 def read_exr_picture(
     path: Path,
     *,
+    name: str | None = None,
     max_pixels: int | PictureLimit = MAX_PIXELS,
     overscan: Window | None = None,
 ) -> Frame:
@@ -29,7 +33,8 @@ def read_exr_picture(
 
     Args:
         path: the file; its R, G and B, or those of its first layer that has them, or its Y.
-        max_pixels: pictures with more are refused.
+        name: what messages call it; None for its path.
+        max_pixels: pictures with more are refused before they are decoded.
         overscan: the window to read, relative to the corner of the display window; None for the
             display window and all that the data window has around it.
 
@@ -43,24 +48,51 @@ def read_exr_picture(
     # OpenEXR is slow to load.
     from depthcli.io.depth.exr_channels import read_exr_channels  # noqa: PLC0415
 
-    channels = read_exr_channels(path)
-    names = _colour_names(path, list(channels))
-    first = channels[names[0]]
-    display = first.display
-    whole = display.union(first.data)
+    name = name or str(path)
+    limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
+    channels = read_exr_channels(path, name=name, limit=limit)
+    names = _colour_names(name, list(channels))
+    data, display, pixel_aspect = channels[names[0]][1:4]
+    whole = display.union(data)
     if overscan is not None:
         whole = overscan.moved(display.left, display.top)
-    check_size(str(path), whole.width, whole.height, max_pixels)
-    planes = [channels[name].over(whole) for name in names]
+    limit.check(name, whole.width, whole.height)
+    pixels = np.empty((whole.height, whole.width, len(names)), np.float32)
+    for i, colour in enumerate(names):
+        # Each is freed when it is encoded.
+        _encode(channels.pop(colour).over(whole), pixels[..., i])
+    stretched = pixel_aspect_warning(pixel_aspect)
     return Frame(
-        _srgb(np.dstack(planes) if len(planes) > 1 else planes[0]),
+        pixels if len(names) > 1 else pixels[..., 0],
         path,
-        pixel_aspect=first.pixel_aspect,
-        windows=Windows(whole, first.data, display),
+        warnings=(stretched,) if stretched else (),
+        pixel_aspect=pixel_aspect,
+        windows=Windows(whole, data, display),
     )
 
 
-def _colour_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
+def read_exr_data(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> Frame:
+    """What :func:`read_exr_picture` returns, of the content of a file; without a path.
+
+    ``name`` is what messages call it.
+
+    Raises:
+        InputError: damaged, without colours, or too large.
+        OutputError: there is no room for a temporary copy, which OpenEXR needs.
+    """
+    with temporary_folder() as folder:
+        copy = folder / "picture.exr"
+        try:
+            copy.write_bytes(data)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write a temporary file: {error.strerror}; set TMPDIR"
+            ) from error
+        frame = read_exr_picture(copy, name=name, max_pixels=max_pixels)
+    return replace(frame, path=None)
+
+
+def _colour_names(file: str, names: Sequence[str]) -> tuple[str, ...]:
     """The names of the channels R, G and B, or of the channel Y."""
     layers = sorted({name[:-1] for name in names if name.endswith("R")}, key=len)
     for layer in layers:
@@ -68,27 +100,27 @@ def _colour_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
             return tuple(layer + colour for colour in "RGB")
     if "Y" not in names:
         raise InputError(
-            f"{path} has no channels R, G, B or Y; it has {one_line(', '.join(names))}"
+            f"{file} has no channels R, G, B or Y; it has {one_line(', '.join(names))}"
         )
     return ("Y",)
 
 
 def read_exr_rate(path: Path) -> Fraction | None:
     """Frames a second that an EXR's header states; None for other files, or if it does not."""
-    stated = _header_value(path, "framesPerSecond")
-    if not isinstance(stated, Fraction):  # releases of OpenEXR differ
-        d = getattr(stated, "d", None)
-        stated = Fraction(stated.n, d) if d else None
-    return stated if stated and stated > 0 else None
-
-
-def _header_value(path: Path, name: str) -> Any:  # noqa: ANN401 - of any type that EXR has
-    """An attribute of an EXR; None for other files, or if it is not stated."""
-    if path.suffix.lower() != ".exr":
+    if not is_exr(path.name):
         return None
-    from depthcli.io.depth.exr import read_exr_header  # noqa: PLC0415 - OpenEXR is slow to load
+    # OpenEXR is slow to load.
+    from depthcli.io.depth.exr import read_exr_header  # noqa: PLC0415
+    from depthcli.io.depth.exr_library import stated_rate  # noqa: PLC0415
 
-    return read_exr_header(path).get(name)
+    return stated_rate(read_exr_header(path))
+
+
+def _encode(linear: npt.NDArray[np.float32], encoded: npt.NDArray[np.float32]) -> None:
+    """Write linear light, (H, W), into another array as sRGB."""
+    height, width = linear.shape
+    for rows in row_bands(width, height):  # of the whole, it takes several times its memory
+        encoded[rows] = _srgb(linear[rows])
 
 
 def _srgb(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -7,15 +7,16 @@ import numpy as np
 
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
+from depthcli.core.overscan import displayed_depth, displayed_frame
 from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_whole_depth
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.io.writers.formats import FILE_SUFFIXES, Format, format_of
 from depthcli.io.writers.options import WriterOptions
-from depthcli.jobs.inspect import read_map
+from depthcli.jobs.inspect import read_whole_map
 from depthcli.jobs.naming import check_suffix, is_folder
 
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
@@ -61,7 +62,7 @@ class ConvertResult:
 
     source: str  #: the input, as the user wrote it
     target: str  #: the file that was written
-    depth: DepthMap  #: what was written
+    depth: DepthMap  #: what was written, of an EXR its display window
     round_trip: RoundTrip | None  #: round-trip error; None for a format that is not read back
     warnings: tuple[str, ...]  #: one line each
 
@@ -75,19 +76,23 @@ def convert(request: ConvertRequest) -> ConvertResult:
         UsageError: the target's suffix is of no format, or the request does not fit the source.
     """
     wanted = target_format(request.target, request.format)
-    depth = read_map(path_of(request.source), scale=request.scale, frame=request.frame)
-    depth = _with_camera(depth, request.camera)
-    colours = None if request.picture is None else _colours(request.picture, depth)
+    whole, frame = read_whole_map(path_of(request.source), scale=request.scale, frame=request.frame)
+    shown = _with_camera(displayed_depth(whole, frame.windows), request.camera)
+    picture = None if request.picture is None else _colours(request.picture, shown)
+    if wanted.facts.has_overscan:
+        depth, picture = replace(whole, provenance=shown.provenance), frame
+    else:
+        depth = shown
     inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
     name = request.target
     name += "" if path_of(name).suffix else wanted.facts.suffix
     target = path_of(name)
     check_writable(target)
     with atomic_path(target, inputs=inputs) as temporary:
-        warnings = request.writing.writer(wanted).write(depth, temporary, colours)
-        read_back = read_depth(temporary) if wanted in _READABLE else None
+        warnings = request.writing.writer(wanted).write(depth, temporary, picture)
+        read_back = read_whole_depth(temporary)[0] if wanted in _READABLE else None
     round_trip = None if read_back is None else RoundTrip.of(depth, read_back)
-    return ConvertResult(safe_name(request.source), name, depth, round_trip, warnings)
+    return ConvertResult(safe_name(request.source), name, shown, round_trip, warnings)
 
 
 def target_format(target: str, asked: Format | None) -> Format:
@@ -124,7 +129,7 @@ def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:
 
 
 def _colours(picture: str, depth: DepthMap) -> Frame:
-    frame = read_image(picture)
+    frame = displayed_frame(read_image(picture))
     if (frame.width, frame.height) != (depth.width, depth.height):
         raise InputError(
             f"{picture} has {frame.width}×{frame.height} pixels and the depth "

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from depthcli.core.overscan import displayed_depth
 from depthcli.core.summary import DepthRange
-from depthcli.core.types import DepthMap
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.metadata import positive_number, read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_whole_depth
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.io.writers.formats import MILLIMETRES
@@ -100,15 +101,32 @@ def read_map(path: Path, *, scale: float | None = None, frame: int | None = None
         InputError: missing, damaged, without depth, or a video without this frame.
         UsageError: a video without a frame number, or a frame number or scale for another file.
     """
+    depth, picture = read_whole_map(path, scale=scale, frame=frame)
+    return displayed_depth(depth, picture.windows)
+
+
+def read_whole_map(
+    path: Path, *, scale: float | None = None, frame: int | None = None
+) -> tuple[DepthMap, Frame]:
+    """What :func:`read_map` returns, of an EXR with the pixels outside its display window.
+
+    Returns:
+        The map, of an EXR over its data window, and a frame without a picture that has the windows,
+        the shape of pixels and the rate that the file states.
+
+    Raises:
+        InputError: missing, damaged, without depth, or a video without this frame.
+        UsageError: a video without a frame number, or a frame number or scale for another file.
+    """
     _check_scale(path, scale)
     if _is_video(path):
         if frame is None:
             raise UsageError(f"{path} is a video; say which frame with --frame, 0 for the first")
         with local_copy(path) as video:
-            return _video_frame(video, scale, frame)
+            return _video_frame(video, scale, frame), Frame(np.zeros((1, 1), np.uint8))
     if frame is not None:
         raise UsageError(f"--frame is for depth videos (.mkv), but {path} is not one; remove it")
-    return read_depth(path, png_scale=scale)
+    return read_whole_depth(path, png_scale=scale)
 
 
 def depth_at(depth: DepthMap, x: int, y: int) -> float | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from depthcli.errors import UsageError
-from depthcli.io.listing.folder import is_media
+from depthcli.io.listing.folder import is_exr, is_media
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.storage.atomic import is_special
@@ -98,11 +98,14 @@ def _in_folders(
     stems = [
         folder / (s.stem if s else STDIN_STEM) for folder, s in zip(folders, sources, strict=True)
     ]
-    shared = Counter(map(_case_folded_path, stems))
+    bases = output_bases(sources)
+    shared = Counter(
+        _case_folded_path(stem)
+        for source, stem, base in zip(sources, stems, bases, strict=True)
+        if source is None or base == source.stem or not is_exr(source.name)
+    )
     plans = []
-    for source, folder, stem, base in zip(
-        sources, folders, stems, output_bases(sources), strict=True
-    ):
+    for source, folder, stem, base in zip(sources, folders, stems, bases, strict=True):
         is_whole = (
             source is not None and shared[_case_folded_path(stem)] > 1 and base == source.stem
         )
@@ -120,15 +123,24 @@ def _output_folder(source: Path | None, out: Path | None) -> Path:
 
 
 def output_bases(sources: Sequence[Path | None]) -> list[str]:
-    """The names of each input's outputs, without suffix; None is standard input."""
+    """The names of each input's outputs, without suffix; None is standard input.
+
+    An EXR gives way to other pictures and videos with its stem. It does not change their names,
+    which are those of a batch: that reads no EXR, since many hold depth or other data.
+    """
     inside: dict[Path, set[str]] = {}
     for source in sources:
         if source is not None:
             inside.setdefault(source.parent, set()).add(source.name)
     from depthcli.jobs.tree_names import TreeNames  # noqa: PLC0415 - imports NumPy
 
-    names = {folder: TreeNames(_with_namesakes(folder, own)) for folder, own in inside.items()}
-    return [STDIN_STEM if s is None else names[s.parent].base(s.name) for s in sources]
+    bases: dict[tuple[Path, str], str] = {}
+    for folder, own in inside.items():
+        names = _with_namesakes(folder, own)
+        others = {name for name in names if not is_exr(name)}
+        for them, among in ((own & others, TreeNames(others)), (own - others, TreeNames(names))):
+            bases |= {(folder, name): among.base(name) for name in them}
+    return [STDIN_STEM if s is None else bases[s.parent, s.name] for s in sources]
 
 
 def _with_namesakes(folder: Path, own: set[str]) -> set[str]:

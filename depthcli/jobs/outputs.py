@@ -4,6 +4,7 @@ import errno
 from pathlib import Path
 from typing import BinaryIO
 
+from depthcli.core.overscan import displayed_depth, displayed_frame
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
@@ -17,6 +18,8 @@ def write_output(
 ) -> tuple[str, ...]:
     """Write one format of a picture's depth to a file.
 
+    Depth is that of all pixels of the frame; only formats with a display window get the overscan.
+
     Returns:
         Warnings, one line each.
 
@@ -25,13 +28,13 @@ def write_output(
     """
     inputs = () if frame.path is None else (frame.path,)
     with atomic_path(path, inputs=inputs) as temporary:
-        return options.writer(name).write(depth, temporary, frame)
+        return _write(options, name, depth, frame, temporary)
 
 
 def write_stream(
     options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, stream: BinaryIO
 ) -> tuple[str, ...]:
-    """Write one format of a picture's depth to a stream.
+    """Write one format of a picture's depth to a stream, as :func:`write_output` does.
 
     Returns:
         Warnings, one line each.
@@ -43,7 +46,7 @@ def write_stream(
     # The libraries of the formats write files only.
     with temporary_folder() as folder:
         path = folder / f"depth{Path(FORMATS[name].suffix).suffix}"
-        warnings = options.writer(name).write(depth, path, frame)
+        warnings = _write(options, name, depth, frame, path)
         data = path.read_bytes()
     try:
         stream.write(data)
@@ -54,3 +57,11 @@ def write_stream(
         reason = "it is closed" if error.errno == errno.EBADF else error.strerror
         raise OutputError(f"cannot write standard output: {reason}") from error
     return warnings
+
+
+def _write(
+    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, path: Path
+) -> tuple[str, ...]:
+    if not name.facts.has_overscan:
+        depth, frame = displayed_depth(depth, frame.windows), displayed_frame(frame)
+    return options.writer(name).write(depth, path, frame)

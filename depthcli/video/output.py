@@ -3,10 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
-import numpy as np
-
+from depthcli.core.overscan import displayed_depth, displayed_frame
 from depthcli.core.types import DepthMap, Frame
-from depthcli.core.windows import over_window
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,18 +23,8 @@ class DepthFrame:
 
     def displayed(self) -> Self:
         """The frame without overscan, which formats without a display window cannot mark."""
-        windows = self.picture.windows
-        if windows is None or windows.pixels == windows.display:
-            return self
-        pixels: Any = np.ascontiguousarray(
-            self.picture.pixels[windows.display.within(windows.pixels)]
-        )
-        values = over_window(self.depth.values, windows.pixels, windows.display)
-        return replace(
-            self,
-            picture=replace(self.picture, pixels=pixels, windows=None),
-            depth=replace(self.depth, values=values),
-        )
+        depth = displayed_depth(self.depth, self.picture.windows)
+        return replace(self, picture=displayed_frame(self.picture), depth=depth)
 
 
 class VideoOutput(Protocol):

@@ -11,11 +11,11 @@ from depthcli.core.types import Frame
 from depthcli.core.windows import Window
 from depthcli.errors import InputError
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
+from depthcli.io.listing.folder import is_exr
 from depthcli.io.pictures.read import read_image
 from depthcli.video.frames import FrameSource
-from depthcli.video.pixel_aspect import pixel_aspect_warning
 from depthcli.video.rates import FALLBACK_RATE
-from depthcli.video.sequence_files import EXR, NumberedPicture, find_pictures
+from depthcli.video.sequence_files import NumberedPicture, find_pictures
 from depthcli.video.spans import WHOLE, Span
 
 _CUT = "pictures with more overscan than the first one, which is cut off"
@@ -99,7 +99,7 @@ class ImageSequence(FrameSource):
         return (file.number - self._files[0].number) / self.rate
 
     def _read(self, file: NumberedPicture) -> Frame:
-        if file.path.suffix.lower() == EXR:
+        if is_exr(file.path.name):
             picture = read_exr_picture(
                 file.path, max_pixels=self._max_pixels, overscan=self._overscan
             )
@@ -113,9 +113,6 @@ class ImageSequence(FrameSource):
         if not is_timed:
             yield f"no frame rate is given; {FALLBACK_RATE} is assumed; give --fps"
         yield from (f"{first.path}: {warning}" for warning in first.warnings)
-        stretched = pixel_aspect_warning(first.pixel_aspect)
-        if stretched:
-            yield stretched
         missing = self._files[-1].number - self._files[0].number + 1 - len(self._files)
         if missing:
             yield f"missing numbers in the sequence: {missing}; the other frames keep their times"

@@ -2,9 +2,8 @@
 
 from pathlib import PurePath
 
-from depthcli.io.listing.folder import PICTURE_SUFFIXES
+from depthcli.io.listing.folder import EXR_SUFFIX, PICTURE_SUFFIXES
 from depthcli.video.number_pattern import pattern_of
-from depthcli.video.sequence_files import EXR
 
 
 def single_picture_advice(name: str) -> str | None:
@@ -14,10 +13,9 @@ def single_picture_advice(name: str) -> str | None:
     """
     path = PurePath(name)
     suffix = path.suffix.lower()
-    if suffix == ".gif" or suffix not in (*PICTURE_SUFFIXES, EXR):
+    if suffix == ".gif" or suffix not in (*PICTURE_SUFFIXES, EXR_SUFFIX):
         return None
     pattern = pattern_of(path.stem)
     folder = name.removesuffix(path.name)
     sequence = f"such as '{folder}{pattern}{path.suffix}'" if pattern else "as a folder of its own"
-    instead = "" if suffix == EXR else "use 'depthcli predict', or "
-    return f"{name} is a single picture: {instead}give its sequence, {sequence}"
+    return f"{name} is a single picture: use 'depthcli predict', or give its sequence, {sequence}"

@@ -11,6 +11,7 @@ from av.video.stream import VideoStream
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.pixel_aspect import pixel_aspect_of, pixel_aspect_warning
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import check_size
@@ -20,7 +21,6 @@ from depthcli.video.decoder import FrameDecoder
 from depthcli.video.frames import FrameSource
 from depthcli.video.integrity import is_incomplete, matroska_end, states_frame_count
 from depthcli.video.pipes import InputPipe
-from depthcli.video.pixel_aspect import pixel_aspect_of, pixel_aspect_warning
 from depthcli.video.pixels import orientation_of, rgb_pixels, transfer_warning
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.spans import WHOLE, Span

@@ -67,7 +67,10 @@ def test_what_is_written_counts() -> None:
 def test_pictures_that_cannot_fit_are_not_decoded() -> None:
     gray = bytes_needed(640, 480, Detail(use_bytes=13), 640 * 480)
     for limit, problem in (
-        (PictureLimit(640 * 480 - 1), "more than 307,199; raise --max-pixels if it is genuine"),
+        (
+            PictureLimit(640 * 480 - 1),
+            "more than 307,199; raise --max-pixels if you trust the file",
+        ),
         (PictureLimit(10**9, Detail(max_memory_bytes=10, use_bytes=13)), "need 13M, more than"),
         (PictureLimit(10**9, Detail(max_memory_bytes=gray - 1, use_bytes=13)), "raise it to 13M"),
     ):

@@ -36,19 +36,22 @@ def test_the_pattern_of_a_name(stem: str, pattern: str | None) -> None:
         assert number_in(pattern, stem) is not None
 
 
-def test_a_single_plate_is_not_sent_in_a_circle(inside: Cli) -> None:
+def test_a_single_plate_is_for_predict_and_numbered_ones_for_video(inside: Cli) -> None:
     (inside.folder / "e").mkdir()
     ramp = np.linspace(0, 1, 64, dtype=np.float32)[None].repeat(48, 0)
     file = OpenEXR.File({"type": OpenEXR.scanlineimage}, dict.fromkeys("RGB", ramp))
     file.write(str(inside.folder / "e" / "p.0001.exr"))
     done = inside("predict", "e/p.0001.exr")
-    assert b"'depthcli video' reads numbered EXR files, such as 'plate.####.exr'" in done.stderr
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.startswith(
+        b"e/p.0001.exr -> e/p.0001.depth.png, e/p.0001.preview.png  min 2.140"
+    )
     for options, code in ((), 1), (("--fps", "24"), 2):
         done = inside("video", "e/p.0001.exr", *options)
         assert done.returncode == code
         (line,) = done.stderr.decode().splitlines()
-        said = "e/p.0001.exr is a single picture: give its sequence, such as 'e/p.####.exr'"
-        assert line.endswith(said)
+        said = "e/p.0001.exr is a single picture: use 'depthcli predict', or give its sequence, "
+        assert line.endswith(f"{said}such as 'e/p.####.exr'")
     assert inside("video", "e/p.####.exr", "--fps", "24", "--out", "d.mkv").returncode == 0
 
 

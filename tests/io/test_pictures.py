@@ -94,7 +94,7 @@ def bomb() -> bytes:
     [
         (b"", "empty"),
         (b"hello, this is no picture", "not a picture"),
-        (b"v/1\x01 more", "'depthcli video' reads numbered EXR files"),
+        (b"v/1\x01 more", "standard input is not an EXR file that can be read"),
         (encoded(".jpg")[:-40], "truncated"),
         (encoded(".png")[:-30], "truncated"),
         (bomb(), "60000"),

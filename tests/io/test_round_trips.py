@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
-from depthcli.io.depth.read import depth_channel, read_depth
+from depthcli.io.depth.exr_map import depth_channel
+from depthcli.io.depth.read import read_depth
 from depthcli.io.png.chunks import read_text
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import FORMATS, Format, format_of, writer_class

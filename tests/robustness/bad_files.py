@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 import onnx
 import torch
-from fuzz_targets import checkpoint, depth_pngs, flat_exr, manifests, mats, videos
+from fuzz_targets import checkpoint, depth_pngs, exr_pictures, flat_exr, manifests, mats, videos
 from onnx import TensorProto, helper
 from tiny import CARD, card_with, tiny_onnx
 
@@ -76,6 +76,7 @@ def _npy(values: Any, **options: Any) -> bytes:
 
 _NPY = _npy(np.ones((4, 4), np.float32))
 _EXR, _PNG16 = flat_exr(), depth_pngs()[0]
+_EXR_PICTURE = exr_pictures()[0]
 DEPTH = {
     "empty": Bad(b"", "a.npy is not a NumPy file that can be read"),
     "text": Bad("no depth", "a.npy is not a NumPy file that can be read"),
@@ -96,6 +97,16 @@ EXRS = {
     "cut": Bad(_EXR[:-4], "a.exr is damaged: its pixels cannot be read"),
     "damaged": Bad(_EXR[:-40] + bytes(40), "a.exr is damaged: its pixels cannot be read"),
     "a picture": Bad(_PNG16, "a.exr is not an EXR file that can be read"),
+}
+EXR_PICTURES = {
+    "empty": Bad(b"", "a.exr is empty"),
+    "text": Bad("no picture", "a.exr is not a picture"),
+    "head only": Bad(_EXR_PICTURE[:60], "a.exr is not an EXR file that can be read"),
+    "cut": Bad(_EXR_PICTURE[:-4], "a.exr is damaged: its pixels cannot be read"),
+    "depth": Bad(
+        _EXR.replace(b"depthcli:software", b"anothers:software").replace(b"Y\0", b"Z\0"),
+        "a.exr has no channels R, G, B or Y; it has Z",
+    ),
 }
 DEPTH_PNGS = {
     "colours": Bad(
@@ -398,6 +409,7 @@ _TRAIN = ("train", "proposed", "--data", "none", "--out", "run", "--config", "a.
 FAMILIES = {
     "depth": Family("a.npy", ("info", "a.npy"), DEPTH),
     "exr": Family("a.exr", ("convert", "a.exr", "b.npy"), EXRS),
+    "exr-picture": Family("a.exr", ("predict", "a.exr"), EXR_PICTURES),
     "depth-png": Family("a.png", ("probe", "a.png", "0,0"), DEPTH_PNGS),
     "video": Family("a.mkv", ("video", "a.mkv", "--out", "b.mkv", "--quiet"), VIDEOS),
     "model": Family("a.onnx", ("predict", "good.png", "-o", "b.npy", "--model", "a.onnx"), MODELS),

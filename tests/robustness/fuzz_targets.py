@@ -31,8 +31,9 @@ from depthcli.datasets.nyu import read_index
 from depthcli.datasets.nyu_mat import open_mat
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
+from depthcli.io.depth.exr import write_exr
 from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_whole_depth
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.path_list import listed_inputs, parse_list
@@ -161,7 +162,8 @@ def depth_pngs() -> list[bytes]:
 
 
 def _exrs() -> list[bytes]:
-    return [_written(ExrWriter(), "a.exr"), _written(ExrWriter(half=True), "a.exr")]
+    made = [_written(ExrWriter(), "a.exr"), _written(ExrWriter(half=True), "a.exr")]
+    return [*made, *_plates()]
 
 
 def _plates() -> list[bytes]:
@@ -171,9 +173,31 @@ def _plates() -> list[bytes]:
     return [_written(ExrWriter(), "a.exr", DepthMap(pixels + 0.5), frame), flat_exr()]
 
 
+def exr_pictures() -> list[bytes]:
+    """Plates in colour and in gray."""
+    light = {"R": np.linspace(0, 2, 104, dtype=np.float32).reshape(8, 13)}
+    light |= {"G": light["R"] / 2, "B": np.flip(light["R"])}
+    gray = {"Y": light["R"].astype(np.float16)}
+    windows = Window(-4, 0, 9, 8), Window(0, 0, 8, 8)
+    with TemporaryDirectory() as folder:
+        path, made = Path(folder) / "a.exr", []
+        for channels in (light, gray):
+            write_exr(path, channels, {}, Fraction(24), pixel_aspect=2.0, windows=windows)
+            made.append(path.read_bytes())
+    return made
+
+
+def _read_exr_picture(path: Path) -> None:
+    _write_depth(read_image(path, max_pixels=_MAX_PIXELS), path)
+    read_image(None, path.read_bytes(), max_pixels=_MAX_PIXELS)
+
+
 def _read_plate(path: Path) -> None:
-    frame = read_exr_picture(path, max_pixels=_MAX_PIXELS)
+    _write_depth(read_exr_picture(path, max_pixels=_MAX_PIXELS), path)
     read_exr_rate(path)
+
+
+def _write_depth(frame: Frame, path: Path) -> None:
     depth = np.zeros((frame.height, frame.width), np.float32)
     ExrWriter().write(DepthMap(depth), path.with_name("b.exr"), frame)
 
@@ -433,7 +457,8 @@ def _all_pictures() -> list[bytes]:
 
 def _exr_or_facts(path: Path) -> None:
     read_metadata(path)
-    read_depth(path)
+    depth, frame = read_whole_depth(path)
+    ExrWriter().write(depth, path.with_name("b.exr"), frame)
 
 
 TARGETS: dict[str, Target] = {
@@ -450,6 +475,7 @@ TARGETS: dict[str, Target] = {
     "depth-png": Target("a.png", depth_pngs, _exr_or_facts),
     "exr": Target("a.exr", _exrs, _exr_or_facts, 2),
     "exr-plate": Target("a.exr", _plates, _read_plate, 2),
+    "exr-picture": Target("a.exr", exr_pictures, _read_exr_picture, 2),
     "npy": Target("a.npy", _npys, _exr_or_facts, 2),
     "sidecar": Target("a.json", _sidecars, _read_sidecar),
     "card": Target("card.json", _cards, lambda path: ModelCard.from_json(path.read_bytes()), 2),

@@ -1,10 +1,11 @@
-"""Calling OpenEXR: paths of any bytes, silence, and the kinds of its errors."""
+"""Calling OpenEXR: paths of any bytes, silence, the kinds of its errors and of its rates."""
 
 import os
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, TextIO, cast
 
@@ -56,3 +57,12 @@ def utf8_name(path: Path) -> Iterator[str]:
             yield str(link)
     else:
         yield name
+
+
+def stated_rate(header: Mapping[str, Any]) -> Fraction | None:
+    """Frames a second that a header states; None if it does not, or not above 0."""
+    stated = header.get("framesPerSecond")
+    if not isinstance(stated, Fraction):  # releases of OpenEXR differ
+        d = getattr(stated, "d", None)
+        stated = Fraction(stated.n, d) if stated is not None and d else None
+    return stated if stated and stated > 0 else None

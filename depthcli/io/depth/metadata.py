@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from depthcli.core.types import CameraSource, Provenance
+from depthcli.core.types import CameraSource, DepthKind, Provenance
 from depthcli.core.validation import FieldError, parsed_json
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.png.chunks import read_text
@@ -60,6 +60,11 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
         time_s=number(metadata.get("time_s")),
     )
     return None if found == Provenance() else found
+
+
+def kind_named(text: str | None) -> DepthKind:
+    """The kind that a file states; metric if it states none."""
+    return DepthKind(text) if text in set(DepthKind) else DepthKind.METRIC
 
 
 def positive_number(text: str | None) -> float | None:

@@ -1,17 +1,18 @@
 """Reading depth files of depthcli and of other tools."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
-from depthcli.core.text import one_line
-from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core.overscan import displayed_depth
+from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.metadata import (
+    kind_named,
     positive_number,
     provenance_of,
     sidecar_metadata,
@@ -23,8 +24,6 @@ from depthcli.io.png.chunks import read_text
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import MILLIMETRES
 
-_CHANNELS = ("Z", "V", "Y", "R")
-_COLOURS = ("G", "B", "RY", "BY")
 _DIMENSIONS = 2
 _FARTHEST = 1e12  # no depth is larger, in any unit
 
@@ -41,19 +40,32 @@ def read_depth(
         kind: kind of the depth; None for what the file states, or metric.
 
     Returns:
-        (H, W); NaN where there is no depth. Its provenance
-        is what the file or the sidecar beside it states of model, focal length and orientation.
+        (H, W), of an EXR its display window; NaN where there is no depth. Its provenance is what
+        the file or the sidecar beside it states of model, focal length and orientation.
 
     Raises:
         InputError: missing, damaged, without depth, or metric integers without a scale.
         UsageError: a scale for an NPY file of floats, which are metres.
     """
-    path = path_of(path)
+    depth, frame = read_whole_depth(path, png_scale=png_scale, kind=kind)
+    return displayed_depth(depth, frame.windows)
+
+
+def read_whole_depth(
+    path: str | Path, *, png_scale: float | None = None, kind: DepthKind | None = None
+) -> tuple[DepthMap, Frame]:
+    """What :func:`read_depth` returns, of an EXR with the pixels outside its display window.
+
+    Returns:
+        The map, of an EXR over its data window, and a frame without a picture that has the windows,
+        the shape of pixels and the rate that the file states.
+    """
+    path, frame = path_of(path), Frame(np.zeros((1, 1), np.uint8))
     match path.suffix.lower():
         case ".png":
             depth = _png(path, png_scale)
         case ".exr":
-            depth = _read_exr(path)
+            depth, frame = _exr_depth(path)
         case ".npy":
             depth = _npy(path, png_scale, kind)
         case _:
@@ -61,7 +73,7 @@ def read_depth(
                 f"{path} is not a depth file (.png, .exr, .npy, .mkv); "
                 "'depthcli predict' and 'depthcli video' estimate the depth of pictures and videos"
             )
-    return replace(depth, kind=kind or depth.kind)
+    return replace(depth, kind=kind or depth.kind), frame
 
 
 def _png(path: Path, png_scale: float | None) -> DepthMap:
@@ -82,7 +94,7 @@ def _png(path: Path, png_scale: float | None) -> DepthMap:
         share = (steps.astype(np.float64) - 1) / (UINT16_MAX - 1)
         values = (low + share * (high - low)).astype(np.float32)
         depth = np.where(steps == 0, np.float32(np.nan), values)
-    return DepthMap(depth, _kind_named(metadata.get("kind")), provenance_of(metadata))
+    return DepthMap(depth, kind_named(metadata.get("kind")), provenance_of(metadata))
 
 
 def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
@@ -101,7 +113,7 @@ def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
             f"{path} holds {values.shape} {values.dtype}; depth is one (H, W) array of numbers"
         )
     # The format cannot state its kind itself.
-    kind = kind or _kind_named(str(sidecar_metadata(path).get("kind")))
+    kind = kind or kind_named(str(sidecar_metadata(path).get("kind")))
     is_float = values.dtype.kind == "f"
     if is_float and scale is not None:
         raise UsageError(f"a scale is for integers, but {path} holds {values.dtype}; remove it")
@@ -118,49 +130,11 @@ def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
     return DepthMap(depth, kind, provenance_of(with_sidecar(path, {})))
 
 
-def _read_exr(path: Path) -> DepthMap:
+def _exr_depth(path: Path) -> tuple[DepthMap, Frame]:
     # Reading PNG need not wait for OpenEXR.
-    from depthcli.io.depth.exr import read_exr_texts  # noqa: PLC0415
-    from depthcli.io.depth.exr_channels import read_exr_channels  # noqa: PLC0415
+    from depthcli.io.depth.exr_map import read_exr_depth  # noqa: PLC0415
 
-    stored = read_exr_channels(path)
-    channels = {name: channel.over(channel.display) for name, channel in stored.items()}
-    name = depth_channel(list(channels))
-    if name is None:
-        raise InputError(
-            f"{path} has no channel Z, V, Y or R; it has {one_line(', '.join(channels))}"
-        )
-    layer = name[: -len(name.rpartition(".")[2])]
-    for colour in _COLOURS:
-        other = channels.get(layer + colour)
-        # Gray is often stored as three equal colours.
-        is_gray = other is None or np.array_equal(other, channels[name], equal_nan=True)
-        if name != layer + "Z" and not is_gray:
-            raise InputError(
-                f"{path} holds colours, not depth; it has {one_line(', '.join(channels))}"
-            )
-    metadata = with_sidecar(path, read_exr_texts(path))
-    return DepthMap(channels[name], _kind_named(metadata.get("kind")), provenance_of(metadata))
-
-
-def depth_channel(names: Sequence[str]) -> str | None:
-    """The channel that holds depth, in files of any program; None if there is none.
-
-    That is ``Z``, else Z, V, Y or R of a layer called depth (Nuke's ``depth.Z``, Blender's
-    ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R.
-    """
-    depths = [name for name in names if name.rpartition(".")[2] in _CHANNELS]
-    return min(depths, key=_channel_rank, default=None)
-
-
-def _channel_rank(name: str) -> tuple[int, int, str]:
-    layer, _, last = name.rpartition(".")
-    signs = (name == "Z", "depth" in layer.lower(), last != "R" and not layer, last != "R", True)
-    return signs.index(True), _CHANNELS.index(last), name
-
-
-def _kind_named(text: str | None) -> DepthKind:
-    return DepthKind(text) if text in set(DepthKind) else DepthKind.METRIC
+    return read_exr_depth(path)
 
 
 def _normalized_range(metadata: Mapping[str, str]) -> tuple[float, float] | None:

@@ -11,6 +11,8 @@ PICTURE_SUFFIXES = (
     *(".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".avif"),
     *(".bmp", ".dib", ".gif", ".pbm", ".pgm", ".ppm", ".pnm"),
 )
+EXR_SUFFIX = ".exr"
+"""Not among ``PICTURE_SUFFIXES``: most such files in a folder hold no picture."""
 VIDEO_SUFFIXES = (
     *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg"),
     *(".mts", ".m2ts", ".ts", ".wmv", ".flv", ".ogv", ".3gp"),
@@ -39,6 +41,11 @@ class Listing(NamedTuple):
 def is_video(name: str) -> bool:
     """Whether a name's suffix is a video's."""
     return os.path.splitext(name)[1].lower() in VIDEO_SUFFIXES  # noqa: PTH122 - names, not paths
+
+
+def is_exr(name: str) -> bool:
+    """Whether a name's suffix is that of OpenEXR, which holds pictures or depth."""
+    return os.path.splitext(name)[1].lower() == EXR_SUFFIX  # noqa: PTH122 - names, not paths
 
 
 def is_media(name: str) -> bool:

@@ -10,7 +10,8 @@ from depthcli.io.storage.remote import RemotePath, path_of
 
 SOFTWARE_KEY = "depthcli:software"
 """Name of a text in every PNG (right after its header) and EXR that depthcli writes."""
-_EXR_MAGIC = b"v/1\x01"
+EXR_MAGIC = b"v/1\x01"
+"""The first bytes of every EXR."""
 _EXR_SOFTWARE_KEY = f"{SOFTWARE_KEY}\0string\0".encode()
 _HEAD_BYTES = 4096
 _PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$"
@@ -23,9 +24,14 @@ def is_own_picture(path: str | Path) -> bool:
         head = _head(path_of(path))
     except OSError:
         return False
-    if head.startswith(_EXR_MAGIC):
-        return _EXR_SOFTWARE_KEY in head
+    if head.startswith(EXR_MAGIC):
+        return is_own_exr(head)
     return head.startswith(SIGNATURE) and SOFTWARE_KEY in read_text(head)
+
+
+def is_own_exr(data: bytes) -> bool:
+    """Whether an EXR, of which the first bytes are enough, was written by depthcli."""
+    return _EXR_SOFTWARE_KEY in data[:_HEAD_BYTES]
 
 
 def _head(path: Path) -> bytes:

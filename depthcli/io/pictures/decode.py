@@ -11,6 +11,7 @@ from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.listing.folder import is_video
+from depthcli.io.listing.own_outputs import EXR_MAGIC
 from depthcli.io.listing.skipped import is_unread_picture
 from depthcli.io.pictures.decoder_messages import decoder_messages
 from depthcli.io.pictures.integrity import find_problem
@@ -30,7 +31,6 @@ _DATA_LOSS = re.compile(
     rb"|extraneous bytes before marker 0x(?:c4|da|d[0-7])|TIFF_Error|PackBitsDecode: Discarding",
     re.IGNORECASE,
 )
-_EXR_MAGIC = b"v/1\x01"
 _GRAY_ALPHA, _RGB = 2, 3
 
 
@@ -102,8 +102,8 @@ def decoded(data: bytes, flags: int) -> npt.NDArray[np.generic] | None:
 
 def _hint_for(data: bytes, name: str) -> str:
     """What to do with a file of another kind; "" for an unknown one."""
-    if data.startswith(_EXR_MAGIC):
-        return "; 'depthcli video' reads numbered EXR files, such as 'plate.####.exr'"
+    if data.startswith(EXR_MAGIC):
+        return ", but an EXR"
     if is_video(name):
         return "; 'depthcli video' reads videos"
     return "; convert it to JPEG, PNG or TIFF" if is_unread_picture(name) else ""

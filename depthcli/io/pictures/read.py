@@ -1,5 +1,6 @@
 """Reading a picture from a file or from bytes to an upright frame."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,13 @@ from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
+from depthcli.io.listing.own_outputs import EXR_MAGIC, is_own_exr
 from depthcli.io.pictures.count import count_warnings
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
 from depthcli.io.pictures.levels import check_white_level, full_range
 from depthcli.io.pictures.tiff import TIFF_STARTS
-from depthcli.io.storage.remote import path_of
+from depthcli.io.storage.remote import RemotePath, path_of
 
 _MIRRORED = {2, 4, 5, 7}
 _QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
@@ -31,8 +33,9 @@ def read_image(
 ) -> Frame:
     """Decode a picture at its own bit depth and undo its EXIF rotation.
 
-    Alpha is dropped; gray stays gray. In a float picture not-a-number and infinite pixels become 0
-    and the rest is clipped to [0, 1].
+    Alpha is dropped; gray stays gray. Linear light of an EXR is encoded by the sRGB curve, and its
+    overscan is included (see ``Frame.windows``). In another float picture not-a-number and infinite
+    pixels become 0 and the rest is clipped to [0, 1].
 
     Args:
         path: the file; with ``data``, only its name.
@@ -46,17 +49,21 @@ def read_image(
         Gray (H, W) or RGB (H, W, 3); uint8, uint16 or float32.
 
     Raises:
-        InputError: missing, empty, truncated, damaged, not a picture, too large, or float with
-            another range than [0, 1].
+        InputError: missing, empty, truncated, damaged, not a picture, too large, float with
+            another range than [0, 1], or an EXR that depthcli wrote.
+        OutputError: there is no room for the temporary copy that the data of an EXR needs.
         UsageError: the white level is not a whole number from 1 to 65535.
     """
     check_white_level(white_level)
     path = None if path is None else path_of(path)
     name = name if path is None else str(path)
+    file = path if data is None else None
     if data is None:
         if path is None:
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
+    if data.startswith(EXR_MAGIC):
+        return replace(_exr_picture(file, data, name, max_pixels), path=path)
     pixels, warnings = full_range(decode(data, name, max_pixels=max_pixels), data, white_level)
     pixels = _as_frame_dtype(pixels, name)
     exif = read_exif(data)
@@ -69,6 +76,23 @@ def read_image(
         focal_35mm=exif.focal_35mm,
         warnings=(*count_warnings(data), *warnings),
     )
+
+
+def _exr_picture(
+    file: Path | None, data: bytes, name: str, max_pixels: int | PictureLimit
+) -> Frame:
+    """The picture in an EXR; of its data if there is no file, or none on this machine."""
+    # Other pictures need not wait for it.
+    from depthcli.io.exr_pictures import read_exr_data, read_exr_picture  # noqa: PLC0415
+
+    if is_own_exr(data):
+        raise InputError(
+            f"{name} was written by depthcli; name a picture, or use 'depthcli convert' for depth "
+            "files"
+        )
+    if file is None or isinstance(file, RemotePath):
+        return read_exr_data(data, name, max_pixels)
+    return read_exr_picture(file, max_pixels=max_pixels)
 
 
 def _as_frame_dtype(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:

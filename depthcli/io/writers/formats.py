@@ -25,6 +25,7 @@ class FormatFacts(NamedTuple):
     options: tuple[str, ...] = ()
     #: memory of writing it, in bytes a pixel besides picture and depth, measured with a margin
     use_bytes: int = 10
+    has_overscan: bool = False  #: whether its files have the pixels outside the display window
 
 
 _COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
@@ -47,7 +48,7 @@ class Format(StrEnum):
         return member
 
     PNG16 = "png16", FormatFacts("png16:Png16Writer", ".depth.png", ".png", _PNG, use_bytes=13)
-    EXR = "exr", FormatFacts("exr:ExrWriter", ".depth.exr", ".exr", _EXR)
+    EXR = "exr", FormatFacts("exr:ExrWriter", ".depth.exr", ".exr", _EXR, has_overscan=True)
     NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy")
     PREVIEW = (
         "preview",

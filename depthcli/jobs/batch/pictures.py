@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
+from depthcli.core.overscan import displayed_depth, without_invented
 from depthcli.core.scaling import fitted, lost_in_fit
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
@@ -103,10 +104,12 @@ class PictureWorker:
         if isinstance(depth, Exception):
             return self._failed(task, depth, start_s, opened.sha256)
         try:
-            predicted, depth = depth, fitted(depth, self.options.camera.anchors)
-            warnings = [*opened.frame.warnings, *lost_in_fit(predicted, depth)]
+            frame = opened.frame
+            predicted = without_invented(depth, frame.windows)
+            depth = fitted(predicted, self.options.camera.anchors, frame.windows)
+            warnings = [*frame.warnings, *lost_in_fit(predicted, depth)]
             for which, path in task.outputs.items():
-                warnings += write_output(self.options.writing, which, depth, opened.frame, path)
+                warnings += write_output(self.options.writing, which, depth, frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, opened.sha256)
@@ -118,7 +121,7 @@ class PictureWorker:
             seconds=time.perf_counter() - start_s,
             input_sha256=opened.sha256,
             warnings=tuple(warnings),
-            camera=camera_text(depth),
+            camera=camera_text(displayed_depth(depth, frame.windows)),
         )
         return Result(row)
 

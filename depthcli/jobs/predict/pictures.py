@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from depthcli.core.overscan import displayed_depth, without_invented
 from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.point_cloud import with_centre
@@ -27,7 +28,7 @@ class PictureResult(NamedTuple):
 
     name: str  #: the input, as the user wrote it
     outputs: tuple[str, ...]  #: the files written, ``-`` for standard output
-    depth: DepthMap  #: the depth map
+    depth: DepthMap  #: the depth map, of an EXR that of its display window
     provider: str  #: the provider that ran the model
     seconds: float  #: from opening the input to the last output
     warnings: tuple[str, ...]  #: one line each
@@ -62,7 +63,9 @@ def _predict_picture(
     predicted = Pipeline(session, request.detail).predict(
         frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
     )
-    depth = with_centre(fitted(predicted, camera.anchors), request.writing.centre_px)
+    predicted = without_invented(predicted, frame.windows)
+    depth = fitted(predicted, camera.anchors, frame.windows)
+    depth = with_centre(depth, request.writing.centre_px)
     warnings = [*session.warnings, *frame.warnings, *lost_in_fit(predicted, depth)]
     del predicted  # the writers need the memory
     for name, path in plan.outputs.items():
@@ -70,7 +73,7 @@ def _predict_picture(
     return PictureResult(
         name=plan.name,
         outputs=tuple(str(path or STDIO) for path in plan.outputs.values()),
-        depth=depth,
+        depth=displayed_depth(depth, frame.windows),
         provider=session.provider,
         seconds=time.perf_counter() - start,
         warnings=tuple(warnings),

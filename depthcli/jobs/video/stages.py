@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.overscan import without_invented
 from depthcli.core.point_cloud import with_centre
 from depthcli.core.temporal import changes as temporal
 from depthcli.core.temporal.range_lock import RangeLock
@@ -146,5 +147,6 @@ def _in_windows(
     if windows is None:
         return depth, depth.values
     covered = windows.display if is_kept else windows.pixels
-    values = windows.only(windows.valid, over_window(depth.values, covered, windows.pixels))
-    return dataclasses.replace(depth, values=values), windows.only(windows.display, values)
+    values = over_window(depth.values, covered, windows.pixels)
+    depth = without_invented(dataclasses.replace(depth, values=values), windows)
+    return depth, windows.only(windows.display, depth.values)

@@ -28,5 +28,5 @@ def pixel_aspect_warning(pixel_aspect: float) -> str | None:
         return None
     return (
         f"the pixels are not square ({ratio.numerator}:{ratio.denominator}), and the network sees "
-        "them as they are stored; for better depth, scale the video to square pixels first"
+        "them as they are stored; for better depth, scale it to square pixels first"
     )

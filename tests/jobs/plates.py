@@ -1,0 +1,57 @@
+"""Plates: EXR pictures with overscan, crops and non-square pixels, and their depth."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import OpenEXR
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Box = tuple[int, int, int, int]
+"""First and last column and row, as headers state them: left, top, right, bottom."""
+DISPLAY: Box = (100, 50, 163, 97)
+OVERSCAN: Box = (92, 46, 171, 99)
+CROP: Box = (110, 60, 149, 79)
+MIXED: Box = (90, 60, 149, 105)
+
+
+def size_of(box: Box) -> tuple[int, int]:
+    return box[3] - box[1] + 1, box[2] - box[0] + 1
+
+
+def inside(box: Box, outer: Box) -> tuple[slice, slice]:
+    """Rows and columns of a box in an array over an outer one."""
+    height, width = size_of(box)
+    top, left = box[1] - outer[1], box[0] - outer[0]
+    return slice(top, top + height), slice(left, left + width)
+
+
+def write_plate(
+    folder: Path, number: int, data: Box, display: Box = DISPLAY, aspect: float = 1
+) -> Path:
+    """Linear light that grows with x and y, which are those of the file."""
+    folder.mkdir(exist_ok=True)
+    y, x = np.mgrid[data[1] : data[3] + 1, data[0] : data[2] + 1]
+    light = ((x - 80 + y - 40) / 200 + number % 10 / 50).clip(0, 1).astype(np.float32)
+    header = {
+        "type": OpenEXR.scanlineimage,
+        "dataWindow": (data[:2], data[2:]),
+        "displayWindow": (display[:2], display[2:]),
+        "pixelAspectRatio": float(aspect),
+        "framesPerSecond": Fraction(24),
+    }
+    path = folder / f"plate.{number}.exr"
+    OpenEXR.File(header, dict.fromkeys("RGB", light)).write(str(path))
+    return path
+
+
+def written(path: Path) -> tuple[Box, Box, float, np.ndarray[Any, Any]]:
+    """Data window, display window, pixel aspect and depth of a file, as OpenEXR reads it."""
+    file = OpenEXR.File(str(path))
+    header = file.header()
+    boxes = [tuple(map(int, np.ravel(header[f"{which}Window"]))) for which in ("data", "display")]
+    return (*boxes, header["pixelAspectRatio"], file.channels()["Y"].pixels)
