@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.api.depth_map import AnchorLike, DepthMap
+from depthcli.api.depth_map import Anchors, DepthMap
 from depthcli.core import types
 from depthcli.core.choices import DEFAULT_DETAIL
 from depthcli.core.parallel.ordered_map import ordered_map
@@ -98,7 +98,7 @@ class DepthModel:
         *,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
-        anchors: Sequence[AnchorLike] = (),
+        anchors: Anchors = (),
         white_level: int | None = None,
     ) -> DepthMap:
         """Depth of every pixel of a picture.
@@ -134,7 +134,7 @@ class DepthModel:
         *,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
-        anchors: Sequence[AnchorLike] = (),
+        anchors: Anchors = (),
         white_level: int | None = None,
         batch_size: int = 1,
         workers: int = 0,
@@ -177,8 +177,9 @@ class DepthModel:
         return itertools.chain.from_iterable(done)
 
 
-def _with_anchors(depth: DepthMap, anchors: Sequence[AnchorLike]) -> DepthMap:
-    return depth.fit_anchors(anchors) if len(anchors) else depth
+def _with_anchors(depth: DepthMap, anchors: Anchors) -> DepthMap:
+    is_given = isinstance(anchors, types.DepthMap) or len(anchors) > 0
+    return depth.fit_anchors(anchors) if is_given else depth
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:

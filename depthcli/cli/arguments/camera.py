@@ -3,10 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from depthcli.core.camera import Anchor, Camera
+from depthcli.core.camera import DEPTH_M, Anchor, Camera
 from depthcli.errors import UsageError
 
-_NEAREST_M, _FARTHEST_M = 1e-3, 1e6
 _PARTS = 3
 
 
@@ -68,9 +67,9 @@ def _anchor(word: str) -> Anchor:
     except (ValueError, IndexError):
         x = y = -1
         depth_m = math.nan
-    if len(parts) != _PARTS or min(x, y) < 0 or not _NEAREST_M <= depth_m <= _FARTHEST_M:
+    if len(parts) != _PARTS or min(x, y) < 0 or not DEPTH_M.holds(depth_m):
         raise UsageError(
-            f"--anchor {word!r} is not X,Y,METRES; give a column and a row from 0 and a depth "
-            "from 0.001 to 1000000, for example 320,240,2.5"
+            f"--anchor {word!r} is not X,Y,METRES; give a column and a row from 0 and "
+            f"{DEPTH_M.what}, for example 320,240,2.5"
         )
     return Anchor(x, y, depth_m)

@@ -165,6 +165,23 @@ AnchorOption = Annotated[
         "repeatable. One point fits scale, two or more fit scale and shift.",
     ),
 ]
+AnchorsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Known depth, such as that of a lidar: a CSV table with the columns x, y and depth_m, "
+        "or a sparse depth map of the picture's size (16-bit PNG, EXR, NPY; 0 or NaN is unknown). "
+        "For 'batch', a folder with such a file for each picture.",
+    ),
+]
+AnchorsScaleOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=png_scale_range,
+        help="Units per metre of --anchors in PNG or NPY of integers (default of PNG: from the "
+        "file, else 1000).",
+    ),
+]
 WhiteLevelOption = Annotated[
     int | None,
     typer.Option(

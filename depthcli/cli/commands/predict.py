@@ -54,6 +54,8 @@ def predict(
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
     anchor: options.AnchorOption = None,
+    anchors: options.AnchorsOption = None,
+    anchors_scale: options.AnchorsScaleOption = None,
     white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
@@ -68,6 +70,7 @@ def predict(
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
+    from depthcli.cli.arguments.anchors import choose_anchors
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
@@ -83,6 +86,7 @@ def predict(
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     writing = writer_options(context.params)
     camera = choose_camera(focal_px, hfov, anchor, white_level)
+    known = choose_anchors(anchor, anchors, anchors_scale)
     chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen
     refuse_unused(context, written, PICTURE_OPTIONS)
@@ -97,6 +101,7 @@ def predict(
             sidecar=sidecar,
             model=session_loader(model, provider, threads, provider_option),
             camera=camera,
+            anchors=known,
             writing=writing,
             detail=detail,
             max_pixels=max_pixels,

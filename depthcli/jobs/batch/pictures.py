@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from depthcli.core.scaling import fitted, lost_in_fit
+from depthcli.core.anchor_fit import fitted, lost_in_fit
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.manifest.row import OK, Origin, Row, output_entry
+from depthcli.io.manifest.row import OK, AnchorEntry, Origin, Row, output_entry
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.remote import path_of
@@ -32,6 +33,7 @@ class _OpenedPicture:
 
     task: PictureTask
     frame: Frame
+    points: AnchorPoints | None
     sha256: str
     seconds: float
 
@@ -68,7 +70,8 @@ class PictureWorker:
         try:
             data = read_input(task.input)
             sha256 = hashlib.sha256(data).hexdigest()
-            row = task.reusable_row(self.out, sha256, self.origin)
+            points = self.options.points_for(task.input.name)
+            row = task.reusable_row(self.out, sha256, self.origin, points)
             if row is not None:
                 return Result(row, is_kept=True)
             if task.is_suspect:
@@ -81,7 +84,7 @@ class PictureWorker:
             )
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
-        return _OpenedPicture(task, frame, sha256, time.perf_counter() - start_s)
+        return _OpenedPicture(task, frame, points, sha256, time.perf_counter() - start_s)
 
     def _depths(self, frames: Sequence[Frame]) -> Sequence[DepthMap | Exception]:
         camera = self.options.camera
@@ -103,7 +106,8 @@ class PictureWorker:
         if isinstance(depth, Exception):
             return self._failed(task, depth, start_s, opened.sha256)
         try:
-            predicted, depth = depth, fitted(depth, self.options.camera.anchors)
+            predicted, points = depth, opened.points
+            depth = depth if points is None else fitted(depth, points)
             warnings = [*opened.frame.warnings, *lost_in_fit(predicted, depth)]
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, opened.frame, path)
@@ -119,6 +123,7 @@ class PictureWorker:
             input_sha256=opened.sha256,
             warnings=tuple(warnings),
             camera=camera_text(depth),
+            anchors=anchor_entry(depth, points),
         )
         return Result(row)
 
@@ -128,6 +133,14 @@ class PictureWorker:
         if isinstance(error, UsageError):
             raise error
         return task.failed_result(error, self.origin, start_s, sha256)
+
+
+def anchor_entry(depth: DepthMap, points: AnchorPoints | None) -> AnchorEntry | None:
+    """The entry of the known points that a map was fitted to; None if it was not."""
+    fit = depth.provenance.anchor_fit if depth.provenance else None
+    if fit is None or points is None:
+        return None
+    return AnchorEntry(fit.given, fit.used, round(fit.residual_m, 6), points.sha256())
 
 
 def read_input(file: InputFile) -> bytes:

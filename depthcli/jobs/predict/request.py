@@ -6,6 +6,7 @@ from typing import BinaryIO
 from depthcli.core.camera import Camera
 from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 
@@ -23,6 +24,8 @@ class PredictRequest:
     sidecar: bool = False  #: write the JSON as well
     model: SessionLoader = field(default_factory=SessionLoader)  #: which model runs, and how
     camera: Camera = field(default_factory=Camera)  #: camera parameters, if known
+    #: a file with known depth for all pictures, in place of the camera's points
+    anchors: AnchorFiles | None = None
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size picture
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused

@@ -1,0 +1,41 @@
+"""Files with known depth from the command line."""
+
+from collections.abc import Sequence
+
+from depthcli.errors import UsageError
+from depthcli.io.depth.anchor_files import AnchorFiles
+from depthcli.io.storage.remote import RemotePath, path_of
+
+
+def choose_anchors(
+    points: Sequence[str] | None,
+    path: str | None,
+    scale: float | None,
+    *,
+    is_folder: bool = False,
+) -> AnchorFiles | None:
+    """The files of ``--anchors``; None without.
+
+    Args:
+        points: the points of ``--anchor``.
+        path: the file, or a folder.
+        scale: units per metre of the files.
+        is_folder: whether it has to be a folder with a file for each picture.
+
+    Raises:
+        UsageError: the options contradict each other, or the path is a file in place of a folder.
+    """
+    if path is None:
+        if scale is not None:
+            raise UsageError("--anchors-scale is for --anchors; give both or neither")
+        return None
+    if points:
+        raise UsageError("give --anchor or --anchors, not both")
+    place = path_of(path)
+    if is_folder and not isinstance(place, RemotePath) and not place.is_dir():
+        raise UsageError(
+            f"--anchors {place} is not a folder; for 'batch', name one with a file for each picture"
+        )
+    if not is_folder and not isinstance(place, RemotePath) and place.is_dir():
+        raise UsageError(f"--anchors {place} is a folder; name a file, or use 'depthcli batch'")
+    return AnchorFiles(path, scale)
