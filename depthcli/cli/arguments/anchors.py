@@ -25,12 +25,9 @@ def choose_anchors(
     Raises:
         UsageError: the options contradict each other, or the path is a file in place of a folder.
     """
+    check_anchors(points, path, scale)
     if path is None:
-        if scale is not None:
-            raise UsageError("--anchors-scale is for --anchors; give both or neither")
         return None
-    if points:
-        raise UsageError("give --anchor or --anchors, not both")
     place = path_of(path)
     if is_folder and not isinstance(place, RemotePath) and not place.is_dir():
         raise UsageError(
@@ -39,3 +36,15 @@ def choose_anchors(
     if not is_folder and not isinstance(place, RemotePath) and place.is_dir():
         raise UsageError(f"--anchors {place} is a folder; name a file, or use 'depthcli batch'")
     return AnchorFiles(path, scale)
+
+
+def check_anchors(points: Sequence[str] | None, path: str | None, scale: float | None) -> None:
+    """Refuse options of :func:`choose_anchors` that do not fit together.
+
+    Raises:
+        UsageError: there are such options.
+    """
+    if points and path is not None:
+        raise UsageError("give --anchor or --anchors, not both")
+    if path is None and scale is not None:
+        raise UsageError("--anchors-scale is for --anchors; give both or neither")

@@ -157,6 +157,15 @@ HfovOption = Annotated[
         "else the model's camera.",
     ),
 ]
+CameraFileOption = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        metavar="FILE",
+        help="Calibration of the camera, instead of --focal-px and --centre-px: camera_info YAML "
+        "of ROS, or YAML, XML or JSON of OpenCV.",
+    ),
+]
 AnchorOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -53,6 +53,7 @@ def predict(
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
+    camera_file: options.CameraFileOption = None,
     anchor: options.AnchorOption = None,
     anchors: options.AnchorsOption = None,
     anchors_scale: options.AnchorsScaleOption = None,
@@ -85,7 +86,7 @@ def predict(
     if as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, anchor, white_level)
+    camera = choose_camera(focal_px, hfov, anchor, white_level, camera_file, centre_px)
     known = choose_anchors(anchor, anchors, anchors_scale)
     chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen
@@ -109,6 +110,8 @@ def predict(
             stdout=sys.stdout.buffer if to_stdout else None,
         )
     )
+    for warning in () if quiet else camera.warnings:
+        console.warn(warning)
     for name in () if quiet else own:
         console.warn(f"{safe_name(name)} was written by depthcli; skipped")
     from depthcli.cli.screen.predict import print_picture

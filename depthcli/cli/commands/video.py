@@ -9,6 +9,7 @@ import typer
 
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.numbers import not_negative
+from depthcli.cli.screen import console
 from depthcli.core.choices import MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.video.codecs import PreviewCodec
@@ -137,6 +138,7 @@ def video(
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
+    camera_file: options.CameraFileOption = None,
     white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
@@ -170,6 +172,7 @@ def video(
     if as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     writing = writer_options(context.params)
+    camera = choose_camera(focal_px, hfov, None, white_level, camera_file, centre_px)
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
@@ -190,7 +193,7 @@ def video(
             span=parse_span(start, end, every),
             smooth_s=smooth,
             lock_s=lock,
-            camera=choose_camera(focal_px, hfov, None, white_level),
+            camera=camera,
             detail=choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side),
             max_pixels=max_pixels,
             fps=parse_fps(fps, file),
@@ -200,6 +203,8 @@ def video(
         stdin=sys.stdin.buffer if file == STDIO and sys.stdin else None,
         stdout=sys.stdout.buffer if to_stdout and sys.stdout else None,
     )
+    for warning in () if quiet else camera.warnings:
+        console.warn(warning)
     result: VideoResult | FailedInput
     try:
         with show_progress(silent=quiet or as_json) as progress:

@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 from depthcli.core.anchor_fit import fitted, lost_in_fit
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
@@ -34,6 +35,7 @@ class _OpenedPicture:
     task: PictureTask
     frame: Frame
     points: AnchorPoints | None
+    centre_px: tuple[float, float] | None
     sha256: str
     seconds: float
 
@@ -82,9 +84,10 @@ class PictureWorker:
                 max_pixels=self.options.limit,
                 white_level=self.options.camera.white_level,
             )
+            centre_px = self.options.camera.centre_px(*frame.display_size_px)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
-        return _OpenedPicture(task, frame, points, sha256, time.perf_counter() - start_s)
+        return _OpenedPicture(task, frame, points, centre_px, sha256, time.perf_counter() - start_s)
 
     def _depths(self, frames: Sequence[Frame]) -> Sequence[DepthMap | Exception]:
         camera = self.options.camera
@@ -108,6 +111,7 @@ class PictureWorker:
         try:
             predicted, points = depth, opened.points
             depth = depth if points is None else fitted(depth, points)
+            depth = with_centre(depth, opened.centre_px)
             warnings = [*opened.frame.warnings, *lost_in_fit(predicted, depth)]
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, opened.frame, path)

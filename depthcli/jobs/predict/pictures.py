@@ -63,12 +63,13 @@ def _predict_picture(
 ) -> PictureResult:
     start = time.perf_counter()
     frame = _read_picture(request, plan)
-    session = loading.result()
     camera = request.camera
+    centre_px = camera.centre_px(*frame.display_size_px) or request.writing.centre_px
+    session = loading.result()
     predicted = Pipeline(session, request.detail).predict(
         frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
     )
-    depth = with_centre(fitted(predicted, points), request.writing.centre_px)
+    depth = with_centre(fitted(predicted, points), centre_px)
     warnings = [*session.warnings, *frame.warnings, *lost_in_fit(predicted, depth)]
     del predicted  # the writers need the memory
     for name, path in plan.outputs.items():
