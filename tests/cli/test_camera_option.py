@@ -155,6 +155,15 @@ def test_what_does_not_fit_is_a_usage_error(
     assert {path.name for path in folder.iterdir()} == {"room.png", "cam.yaml"}
 
 
+def test_the_calibration_is_not_replaced(inside: Cli, folder: Path) -> None:
+    (folder / "cam.yaml").rename(folder / "cam.json")
+    for words in (("predict", "room.png", "-o"), ("video", "clip.avi", "--out")):
+        done = inside(*words, "./cam.json", "--format", "json", "--camera", "cam.json")
+        assert done.returncode == 2
+        assert b"cam.json is the file of --camera" in done.stderr
+    assert (folder / "cam.json").read_text() == CALIBRATION
+
+
 def test_a_profile_holds_a_camera(inside: Cli, folder: Path) -> None:
     assert inside("profile", "save", "head", "--camera", "cam.yaml").returncode == 0
     shown = inside("profile", "show", "head").stdout.decode()

@@ -7,7 +7,8 @@ from dataclasses import replace
 from depthcli.core.camera import DEPTH_M, Anchor, Camera
 from depthcli.core.scaling import hfov_deg
 from depthcli.errors import InputError, UsageError
-from depthcli.io.storage.remote import path_of
+from depthcli.io.storage.atomic import is_same_file
+from depthcli.io.storage.remote import path_of, safe_name
 
 _PARTS = 3
 
@@ -44,6 +45,16 @@ def check_alternatives(
     others = {"--focal-px": focal_px, "--hfov": hfov_deg, "--centre-px": centre_px}
     for word in [word for word, value in others.items() if value is not None and calibration]:
         raise UsageError(f"give --camera or {word}, not both")
+
+
+def refuse_replacing(calibration: str | None, output: str | None) -> None:
+    """Refuse an output in place of the calibration, which may be JSON as a sidecar is.
+
+    Raises:
+        UsageError: they are one file.
+    """
+    if calibration and output and is_same_file(path_of(output), path_of(calibration)):
+        raise UsageError(f"{safe_name(output)} is the file of --camera; choose another -o")
 
 
 def _calibrated(camera: Camera, name: str) -> Camera:

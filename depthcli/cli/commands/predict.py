@@ -72,7 +72,7 @@ def predict(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
     from depthcli.cli.arguments.anchors import choose_anchors
-    from depthcli.cli.arguments.camera import choose_camera
+    from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
@@ -85,6 +85,7 @@ def predict(
     to_stdout = output == STDIO
     if as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
+    refuse_replacing(camera_file, output)
     writing = writer_options(context.params)
     camera = choose_camera(focal_px, hfov, anchor, white_level, camera_file, centre_px)
     known = choose_anchors(anchor, anchors, anchors_scale)

@@ -155,7 +155,7 @@ def video(
 
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
-    from depthcli.cli.arguments.camera import choose_camera
+    from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.span import parse_fps, parse_span, refuse_for_videos
@@ -171,6 +171,7 @@ def video(
     to_stdout = output == STDIO
     if as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
+    refuse_replacing(camera_file, output)
     writing = writer_options(context.params)
     camera = choose_camera(focal_px, hfov, None, white_level, camera_file, centre_px)
     chosen = video_formats(output, formats or ())
