@@ -24,10 +24,10 @@ class PredictRequest:
     sidecar: bool = False  #: write the JSON as well
     model: SessionLoader = field(default_factory=SessionLoader)  #: which model runs, and how
     camera: Camera = field(default_factory=Camera)  #: camera parameters, if known
-    #: a file with known depth for all pictures, in place of the camera's points
-    anchors: AnchorFiles | None = None
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size picture
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
     stdin: BinaryIO | None = None  #: where ``-`` is read
     stdout: BinaryIO | None = None  #: where ``-`` is written
+    #: a file with known depth for all pictures, in place of the camera's points
+    anchors: AnchorFiles | None = None
