@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from depthcli.core.camera import Anchor
     from depthcli.core.choices import Detail, Upsampling
     from depthcli.core.point_cloud import PointCloud
-    from depthcli.core.types import CameraSource, DepthKind, Frame, Provenance
+    from depthcli.core.types import AnchorFit, CameraSource, DepthKind, Frame, Provenance
     from depthcli.errors import (
         CheckpointError,
         DatasetError,
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 # The stable names; one that is not here may change at any time.
 __all__ = [
     "Anchor",
+    "AnchorFit",
     "CameraSource",
     "CheckpointError",
     "DatasetError",
@@ -91,7 +92,7 @@ _HOMES = {
     "depthcli.core.camera": ("Anchor",),
     "depthcli.core.choices": ("Detail", "Upsampling"),
     "depthcli.core.point_cloud": ("PointCloud",),
-    "depthcli.core.types": ("CameraSource", "DepthKind", "Frame", "Provenance"),
+    "depthcli.core.types": ("AnchorFit", "CameraSource", "DepthKind", "Frame", "Provenance"),
     "depthcli.errors": tuple(name for name in __all__ if name.endswith(("Error", "Warning"))),
     "depthcli.models.card": ("ModelCard",),
     "depthcli.models.catalog": ("Model", "find_model"),

@@ -200,7 +200,11 @@ def test_a_scale_that_keeps_no_depth_is_refused(
         ({"anchors": [(3.5, 4, 2)]}, "column, row, metres"),
         ({"anchors": [(3, 4, -2)]}, "-2 m; give one above 0"),
         ({"anchors": [(64, 4, 2)]}, "outside the picture"),
-        ({"anchors": np.array([[3, 4, 1], [5.5, 6, 1]])}, "column, row, metres"),
+        ({"anchors": np.zeros((5, 4), int)}, "column, row, metres"),
+        ({"anchors": np.zeros(3)}, "column, row, metres"),
+        ({"anchors": np.array([[np.nan, 4, 1]])}, "not finite"),
+        ({"anchors": np.ones((5, 4))}, "known depth is 4×5 pixels"),
+        ({"anchors": np.zeros((48, 64))}, "there are no anchors"),
         ({"anchors": [(3, 4, 1e-300)]}, "no depth that 32 bits can hold"),
     ],
 )
@@ -359,6 +363,27 @@ def test_anchors_are_fitted_and_kept(model: depthcli.DepthModel) -> None:
     assert depth.frame is not None
     again = model.predict(PIXELS).fit_anchors([depthcli.Anchor(*point) for point in points])
     np.testing.assert_array_equal(again.values, depth.values)
+
+
+def test_many_anchors_are_a_table_or_a_sparse_map(
+    model: depthcli.DepthModel, tmp_path: Path
+) -> None:
+    known_m = 2 * model.predict(PIXELS).values + 3
+    sparse_m = np.where(np.arange(known_m.size).reshape(known_m.shape) % 7, 0, known_m)
+    y, x = np.nonzero(sparse_m)
+    np.save(tmp_path / "lidar.npy", sparse_m)
+    table = np.stack([x, y, sparse_m[y, x]], 1)
+    for anchors in (table, sparse_m, depthcli.read_depth(tmp_path / "lidar.npy")):
+        depth = model.predict(PIXELS, anchors=anchors)
+        np.testing.assert_allclose(depth.values, known_m, rtol=1e-4)
+        assert depth.anchor_fit == depthcli.AnchorFit(len(x), len(x), pytest.approx(0, abs=1e-4))
+        assert len(depth.anchors) == (len(x) if anchors is table else 0)
+        (same,) = model.predict_many([PIXELS], anchors=anchors)
+        np.testing.assert_array_equal(same.values, depth.values)
+    assert model.predict(PIXELS).anchor_fit is None
+    relative = depthcli.DepthMap(known_m, depthcli.DepthKind.RELATIVE)
+    with pytest.raises(depthcli.UsageError, match="anchors are metres, and relative depth has"):
+        model.predict(PIXELS, anchors=relative)
 
 
 def test_pixels_that_a_fit_erases_give_a_warning() -> None:

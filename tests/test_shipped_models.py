@@ -16,8 +16,8 @@ import onnx
 import pytest
 
 import depthcli
+from depthcli.core.anchor_fit import fit_anchors
 from depthcli.core.camera import Anchor
-from depthcli.core.scaling import fit_anchors
 from depthcli.core.types import Frame
 from depthcli.datasets import id_ranges
 from depthcli.models.card import ModelCard

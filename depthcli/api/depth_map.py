@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from depthcli.core import scaling, types
+from depthcli.core import anchor_fit, scaling, types
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor
 from depthcli.core.point_cloud import point_cloud
 from depthcli.errors import DepthcliWarning, UsageError
@@ -21,7 +22,7 @@ from depthcli.visual.colormaps import NAMES
 if TYPE_CHECKING:
     import os
     from collections.abc import Sequence
-    from typing import Literal, Self
+    from typing import Any, Literal, Self
 
     import numpy.typing as npt
     from matplotlib.axes import Axes
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from depthcli.core.point_cloud import PointCloud
 
 AnchorLike: TypeAlias = "Anchor | tuple[int, int, float]"
+Anchors: TypeAlias = "Sequence[AnchorLike] | npt.NDArray[Any] | types.DepthMap"
+_TABLE_RANK, _COLUMNS = 2, 3
 _ENDS = ("warm", "white", "black")
 
 
@@ -83,24 +86,32 @@ class DepthMap(types.DepthMap):
 
     @property
     def anchors(self) -> tuple[Anchor, ...]:
-        """The known points that metres were fitted to."""
+        """The known points that metres were fitted to; none if they are from a map."""
         return self.provenance.anchors if self.provenance else ()
 
-    def fit_anchors(self, anchors: Sequence[AnchorLike]) -> Self:
+    @property
+    def anchor_fit(self) -> types.AnchorFit | None:
+        """How well the metres fit known points; None if they were not fitted."""
+        return self.provenance.anchor_fit if self.provenance else None
+
+    def fit_anchors(self, anchors: Anchors) -> Self:
         """Metric depth that fits known points best.
 
-        One point fits the scale, two or more fit scale and shift. A ``DepthcliWarning`` tells how
+        One point fits the scale, two or more fit scale and shift, and ten or more leave out those
+        that contradict the others. A ``DepthcliWarning`` tells how
         many pixels have no depth because the fit puts them at or below 0 m.
 
         Args:
-            anchors: (column, row, metres along the camera axis), one or more.
+            anchors: (column, row, metres along the camera axis), one or more; (N, 3) numbers of
+                these; or a sparse map of the same size, as (H, W) float metres or metric
+                ``DepthMap``, whose pixels that are NaN or 0 are unknown.
 
         Raises:
             UsageError: the points do not fit the map, or not each other.
         """
-        points = [_anchor_of(anchor) for anchor in anchors]
-        fitted = scaling.fit_anchors(self, points)
-        for message in scaling.lost_in_fit(self, fitted):
+        points = _points_of(anchors)
+        fitted = anchor_fit.fit_anchors(self, points)
+        for message in anchor_fit.lost_in_fit(self, fitted):
             warnings.warn(message, DepthcliWarning, stacklevel=2)
         return self.of(fitted, self.frame)
 
@@ -238,6 +249,23 @@ class DepthMap(types.DepthMap):
         }
         for message in write_depth(self, path_of(path), self.frame, options):
             warnings.warn(f"{path}: {message}", DepthcliWarning, stacklevel=2)
+
+
+def _points_of(anchors: Anchors) -> AnchorPoints:
+    if isinstance(anchors, types.DepthMap):
+        if not anchors.is_metric:
+            raise UsageError(f"anchors are metres, and {anchors.kind} depth has none")
+        return AnchorPoints.of_map(anchors.values)
+    if not isinstance(anchors, np.ndarray):
+        return AnchorPoints.of([_anchor_of(anchor) for anchor in anchors])
+    if anchors.ndim == _TABLE_RANK and anchors.shape[1] == _COLUMNS and anchors.dtype.kind in "fiu":
+        return AnchorPoints.of_table(anchors)
+    if anchors.ndim == _TABLE_RANK and anchors.dtype.kind == "f":
+        return AnchorPoints.of_map(anchors)
+    raise UsageError(
+        "an array of anchors is (N, 3) numbers of column, row, metres, or (H, W) float metres, not "
+        f"{anchors.shape} {anchors.dtype}"
+    )
 
 
 def _anchor_of(point: AnchorLike) -> Anchor:

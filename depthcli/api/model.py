@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.api.depth_map import AnchorLike, DepthMap
+from depthcli.api.depth_map import Anchors, DepthMap
 from depthcli.core import types
 from depthcli.core.choices import DEFAULT_DETAIL
 from depthcli.core.overscan import displayed_depth, displayed_frame, without_invented
@@ -99,7 +99,7 @@ class DepthModel:
         *,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
-        anchors: Sequence[AnchorLike] = (),
+        anchors: Anchors = (),
         white_level: int | None = None,
     ) -> DepthMap:
         """Depth of every pixel of a picture.
@@ -135,7 +135,7 @@ class DepthModel:
         *,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
-        anchors: Sequence[AnchorLike] = (),
+        anchors: Anchors = (),
         white_level: int | None = None,
         batch_size: int = 1,
         workers: int = 0,
@@ -178,11 +178,12 @@ class DepthModel:
         return itertools.chain.from_iterable(done)
 
 
-def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Sequence[AnchorLike]) -> DepthMap:
+def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Anchors) -> DepthMap:
     windows = frame.windows
     shown = displayed_depth(without_invented(depth, windows), windows)
     found = DepthMap.of(shown, displayed_frame(frame))
-    return found.fit_anchors(anchors) if len(anchors) else found
+    is_given = isinstance(anchors, types.DepthMap) or len(anchors) > 0
+    return found.fit_anchors(anchors) if is_given else found
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:

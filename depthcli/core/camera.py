@@ -4,11 +4,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from depthcli.core.validation import Rule
+from depthcli.errors import InputError
 
 HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004
 """Horizontal fields of view; outside this range, depths would be almost zero or infinite."""
 FOCAL_PX = Rule("a number from 0.001 to 1e8", lambda px: 1e-3 <= px <= 1e8)  # noqa: PLR2004
 """Focal lengths in pixels: what these angles give at any width of a picture."""
+DEPTH_M = Rule("a depth from 0.001 to 1000000", lambda depth_m: 1e-3 <= depth_m <= 1e6)  # noqa: PLR2004
+"""Depths of known points in metres."""
 WHITE_LEVEL = Rule("a whole number from 1 to 65535", lambda level: 1 <= level <= 0xFFFF)  # noqa: PLR2004
 """Values of white in 16-bit pictures."""
 
@@ -28,6 +31,34 @@ class Anchor(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
+class Calibration:
+    """A calibrated camera: a pinhole camera at one size of its pictures."""
+
+    width: int  #: columns of the pictures it was calibrated with
+    height: int  #: rows of these
+    focal_px: float  #: focal length in pixels of these
+    #: (cx, cy), principal point in pixels of these; (0, 0) is the middle of the first pixel
+    centre_px: tuple[float, float]
+    is_distorted: bool = False  #: whether its lens has a distortion, which a pinhole has not
+
+    def centre_for(self, width: int, height: int) -> tuple[float, float]:
+        """The principal point in pixels of a picture, which may be resized.
+
+        Raises:
+            InputError: the picture has another aspect ratio, so it is cropped or turned.
+        """
+        # One side may be rounded to whole pixels.
+        if abs(width * self.height - height * self.width) >= max(self.width, self.height):
+            raise InputError(
+                f"the calibration is for {self.width}×{self.height} pixels, and the picture of "
+                f"{width}×{height} has another aspect ratio; give --focal-px and --centre-px"
+            )
+        scale = width / self.width
+        x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)
+        return x, y
+
+
+@dataclass(frozen=True, slots=True)
 class Camera:
     """The given properties of the camera and the scene."""
 
@@ -37,3 +68,20 @@ class Camera:
     anchors: tuple[Anchor, ...] = ()  #: points of known depth
     #: value of white in its 16-bit pictures; None for 65535, or what the file states
     white_level: int | None = None
+    #: the calibration that ``hfov_deg`` is from; None if it is from none
+    calibration: Calibration | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the calibration, one line each."""
+        if self.calibration is None or not self.calibration.is_distorted:
+            return ()
+        return ("the camera has lens distortion, which is not removed; rectify the pictures first",)
+
+    def centre_px(self, width: int, height: int) -> tuple[float, float] | None:
+        """The calibrated principal point in pixels of a picture; None without a calibration.
+
+        Raises:
+            InputError: the calibration is for another aspect ratio.
+        """
+        return None if self.calibration is None else self.calibration.centre_for(width, height)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -106,6 +106,14 @@ class Frame:
         return scaled if scaled.ndim == 3 else np.repeat(scaled[..., None], 3, 2)  # noqa: PLR2004
 
 
+class AnchorFit(NamedTuple):
+    """How well metres fit known points."""
+
+    used: int  #: points that the metres were fitted to; the others contradict them
+    given: int  #: all points
+    residual_m: float  #: median absolute difference of all points, in metres
+
+
 @dataclass(frozen=True, slots=True)
 class Provenance:
     """Where a depth map came from; written into its files, but never needed to decode them.
@@ -119,11 +127,13 @@ class Provenance:
         focal_px: focal length in pixels that the metres are for; None if neither the picture's nor
             the model's is known.
         orientation: the EXIF orientation (1-8) of the picture that was undone on reading it.
-        anchors: the known points that metres were fitted to; empty if they were not.
+        anchors: the known points that metres were fitted to; empty if they were not, or if the
+            points are from a map.
         camera_source: where ``focal_px`` comes from.
         centre_px: (cx, cy), the principal point in pixels of the map, where (0, 0) is the middle
             of the first pixel; None for the middle of the map.
         time_s: time in its video, in seconds from the first frame; None for a still picture.
+        anchor_fit: how well the metres fit known points; None if they were not fitted.
     """
 
     model: str | None = None
@@ -135,6 +145,7 @@ class Provenance:
     camera_source: CameraSource | None = None
     centre_px: tuple[float, float] | None = None
     time_s: float | None = None
+    anchor_fit: AnchorFit | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,17 +12,10 @@ from hypothesis import strategies as st
 from depthcli.core.codec import DepthCodec, Transform
 from depthcli.core.colour import luma, rgb, value_channel
 from depthcli.core.resize import resize_area, resize_bilinear
-from depthcli.core.scaling import fit_anchors, focal_px_of_35mm, focal_px_of_hfov, hfov_deg
-from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core.scaling import focal_px_of_35mm, focal_px_of_hfov, hfov_deg
 from depthcli.errors import UsageError
 
 RANDOM = np.random.default_rng(3)
-
-
-class Point(NamedTuple):
-    x: int
-    y: int
-    depth_m: float
 
 
 def plain_bilinear(values: np.ndarray, width: int, height: int) -> np.ndarray:
@@ -117,77 +109,3 @@ def test_focal_lengths() -> None:
 @given(st.floats(0.1, 179.9), st.integers(1, 20_000))
 def test_a_field_of_view_is_that_of_its_focal_length(degrees: float, width: int) -> None:
     assert hfov_deg(focal_px_of_hfov(degrees, width), width) == pytest.approx(degrees)
-
-
-@pytest.mark.parametrize("kind", list(DepthKind))
-def test_anchors_recover_scale_and_shift(kind: DepthKind) -> None:
-    truth_m = RANDOM.uniform(1, 9, (8, 10))
-    seen = 1 / truth_m if kind is DepthKind.INVERSE else truth_m
-    depth = DepthMap(((seen - 0.05) / 1.7).astype(np.float32), kind)
-    points = [Point(x, y, float(truth_m[y, x])) for x, y in [(0, 0), (9, 7), (4, 2)]]
-    fitted = fit_anchors(depth, points)
-    assert fitted.kind is DepthKind.METRIC
-    assert fitted.values == pytest.approx(truth_m, rel=1e-3)
-
-
-def test_one_anchor_fits_the_scale() -> None:
-    depth = DepthMap(np.array([[1.0, 2.0]], np.float32))
-    assert fit_anchors(depth, [Point(1, 0, 3.0)]).values == pytest.approx(np.array([[1.5, 3.0]]))
-
-
-def test_two_anchors_one_unit_apart_fit_scale_and_shift() -> None:
-    depth = DepthMap(np.float32([[1, 2, 3]]), DepthKind.RELATIVE)
-    fitted = fit_anchors(depth, [Point(0, 0, 3.0), Point(1, 0, 7.0)])
-    assert fitted.values == pytest.approx(np.array([[3, 7, 11]]))
-
-
-def test_what_the_fit_puts_behind_the_camera_has_no_depth() -> None:
-    near_and_far = [Point(2, 0, 1.0), Point(3, 0, 4.0)]  # depth = 3 × value − 5
-    depth = DepthMap(np.float32([[0.0, 1.6, 2.0, 3.0]]), DepthKind.RELATIVE)
-    fitted = fit_anchors(depth, near_and_far)
-    np.testing.assert_allclose(fitted.values, [[np.nan, np.nan, 1, 4]], rtol=1e-5)
-    inverse = DepthMap(np.float32([[0.0, 0.49, 1.0, 0.625]]), DepthKind.INVERSE)
-    fitted = fit_anchors(inverse, near_and_far)  # 1 / depth = 2 × value − 1
-    np.testing.assert_allclose(fitted.values, [[np.nan, np.nan, 1, 4]], rtol=1e-5)
-    nothing = DepthMap(np.float32([[0.0, 2.0]]), DepthKind.RELATIVE)
-    np.testing.assert_allclose(fit_anchors(nothing, [Point(1, 0, 3.0)]).values, [[np.nan, 3]])
-
-
-@pytest.mark.parametrize("kind", list(DepthKind))
-def test_an_anchor_behind_the_camera_is_refused(kind: DepthKind) -> None:
-    """The best line through these three is below 0 at one of them."""
-    values = np.float32([[0.0, 1.0, 2.0]])
-    wanted = (0.01, 0.02, 3.0)
-    points = [
-        Point(x, 0, 1 / value if kind is DepthKind.INVERSE else value)
-        for x, value in enumerate(wanted)
-    ]
-    with pytest.raises(UsageError, match="ahead of the camera"):
-        fit_anchors(DepthMap(values, kind), points)
-
-
-@pytest.mark.parametrize("value", [0.0, -2.0])
-@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
-def test_one_anchor_never_turns_near_into_far(value: float, kind: DepthKind) -> None:
-    depth = DepthMap(np.float32([[value, 1.0]]), kind)
-    with pytest.raises(UsageError, match="two anchors"):
-        fit_anchors(depth, [Point(0, 0, 3.0)])
-
-
-@pytest.mark.parametrize(
-    ("points", "why"),
-    [
-        ([Point(3, 0, 1)], "outside the picture of 3×1"),
-        ([Point(0, 1, 1)], "outside the picture of 3×1"),
-        ([Point(2, 0, 1)], "no depth"),
-        ([Point(0, 0, 2), Point(1, 0, 1)], "contradict"),
-        ([Point(0, 0, 1), Point(0, 0, 2)], "all anchors have the same depth"),
-        ([Point(0, 0, 0.0)], "give one above 0"),
-        ([Point(0, 0, math.inf)], "give one above 0"),
-        ([], "there are no anchors"),
-    ],
-)
-def test_impossible_anchors_are_refused(points: list[Point], why: str) -> None:
-    depth = DepthMap(np.array([[1.0, 2.0, np.nan]], np.float32))
-    with pytest.raises(UsageError, match=why):
-        fit_anchors(depth, points)

@@ -292,6 +292,7 @@ def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
         "centre_px": None,
         "camera_source": "card",
         "camera": f"hfov {hfov_deg:.1f}° (assumed, from the model's card)",
+        "anchors": None,
     }
     inverse = DepthMap(np.full((1, 2), np.nan, F32), DepthKind.INVERSE)
     SidecarWriter().write(inverse, path, Frame(np.zeros((1, 2), np.uint8), orientation=3))

@@ -12,7 +12,15 @@ from tiny import synthetic_picture, write_picture
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.manifest.journal import Journal, known_rows
-from depthcli.io.manifest.row import FAILED, OK, ManifestFormat, Origin, OutputFile, Row
+from depthcli.io.manifest.row import (
+    FAILED,
+    OK,
+    AnchorEntry,
+    ManifestFormat,
+    Origin,
+    OutputFile,
+    Row,
+)
 from depthcli.io.manifest.shard import Shard
 from depthcli.io.parquet import Table, write_table
 from depthcli.jobs.batch.manifests import (
@@ -33,7 +41,8 @@ STRANGE = "caf\udce9 \\u00e9\n.png"
 
 def row(name: str, seconds: float = 0.5) -> Row:
     outputs = (OutputFile(f"{name}.depth.png", 12, "2" * 64),)
-    return Row(name, OK, ORIGIN, outputs, seconds, "3" * 64, warnings=("far",), camera="60°")
+    done = Row(name, OK, ORIGIN, outputs, seconds, "3" * 64, warnings=("far",), camera="60°")
+    return replace(done, anchors=AnchorEntry(9, 8, 0.25, "4" * 64))
 
 
 def bad(name: str) -> Row:

@@ -31,6 +31,8 @@ from depthcli.datasets.nyu import read_index
 from depthcli.datasets.nyu_mat import open_mat
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
+from depthcli.io.calibration import read_calibration
+from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.depth.exr import write_exr
 from depthcli.io.depth.metadata import read_metadata
 from depthcli.io.depth.read import read_depth, read_whole_depth
@@ -232,6 +234,21 @@ def _sidecars() -> list[bytes]:
     }
     times_s = {"times_s": {"7": 0.25}}
     return [json.dumps(facts).encode(), json.dumps(facts | times_s).encode()]
+
+
+def _calibrations() -> list[bytes]:
+    matrix = (
+        b"camera_matrix:\n  rows: 3\n  cols: 3\n  data: [431.5, 0, 3, 0, 431.5, 250.7, 0, 0, 1]\n"
+    )
+    made = [b"image_width: 640\nimage_height: 480\n" + matrix + b"D: [0.1, 0.0]\n"]
+    for suffix in (".yml", ".xml", ".json"):
+        file = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+        file.write("image_width", 640)
+        file.write("image_height", 480)
+        file.write("camera_matrix", np.array([[400.0, 0, 320], [0, 400, 240], [0, 0, 1]]))
+        file.write("distortion_coefficients", np.zeros((1, 5)))
+        made.append(file.releaseAndGetString().encode())
+    return made
 
 
 def _read_sidecar(path: Path) -> None:
@@ -477,6 +494,12 @@ TARGETS: dict[str, Target] = {
     "exr-plate": Target("a.exr", _plates, _read_plate, 2),
     "exr-picture": Target("a.exr", exr_pictures, _read_exr_picture, 2),
     "npy": Target("a.npy", _npys, _exr_or_facts, 2),
+    "anchors": Target(
+        "a.csv",
+        lambda: [b"x,y,depth_m\n3,4,2.5\n20.4,7,1e1\n", b'depth_m,x,y,"a, b"\r\n2,3,4,"c"\r\n'],
+        lambda path: AnchorFiles(str(path)).read(),
+    ),
+    "calibration": Target("a.yaml", _calibrations, read_calibration, 2),
     "sidecar": Target("a.json", _sidecars, _read_sidecar),
     "card": Target("card.json", _cards, lambda path: ModelCard.from_json(path.read_bytes()), 2),
     "onnx": Target("a.onnx", _models, _read_onnx, 2),

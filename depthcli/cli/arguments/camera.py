@@ -2,11 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
-from depthcli.core.camera import Anchor, Camera
-from depthcli.errors import UsageError
+from depthcli.core.camera import DEPTH_M, Anchor, Camera
+from depthcli.core.scaling import hfov_deg
+from depthcli.errors import InputError, UsageError
+from depthcli.io.storage.atomic import is_same_file
+from depthcli.io.storage.remote import path_of, safe_name
 
-_NEAREST_M, _FARTHEST_M = 1e-3, 1e6
 _PARTS = 3
 
 
@@ -15,15 +18,54 @@ def choose_camera(
     hfov_deg: float | None,
     anchors: Sequence[str] | None,
     white_level: int | None = None,
+    calibration: str | None = None,
+    centre_px: str | None = None,
 ) -> Camera:
     """The camera of the options.
 
     Raises:
-        UsageError: they contradict each other, or an anchor is not X,Y,METRES.
+        UsageError: they contradict each other, an anchor is not X,Y,METRES, or the file of the
+            calibration cannot be read.
+    """
+    check_alternatives(focal_px, hfov_deg, calibration, centre_px)
+    camera = Camera(focal_px, hfov_deg, tuple(map(_anchor, anchors or ())), white_level)
+    return camera if calibration is None else _calibrated(camera, calibration)
+
+
+def check_alternatives(
+    focal_px: float | None, hfov_deg: float | None, calibration: str | None, centre_px: str | None
+) -> None:
+    """Refuse options that state the same in two ways.
+
+    Raises:
+        UsageError: there are such options.
     """
     if focal_px is not None and hfov_deg is not None:
         raise UsageError("give --focal-px or --hfov, not both")
-    return Camera(focal_px, hfov_deg, tuple(map(_anchor, anchors or ())), white_level)
+    others = {"--focal-px": focal_px, "--hfov": hfov_deg, "--centre-px": centre_px}
+    for word in [word for word, value in others.items() if value is not None and calibration]:
+        raise UsageError(f"give --camera or {word}, not both")
+
+
+def refuse_replacing(calibration: str | None, output: str | None) -> None:
+    """Refuse an output in place of the calibration, which may be JSON as a sidecar is.
+
+    Raises:
+        UsageError: they are one file.
+    """
+    if calibration and output and is_same_file(path_of(output), path_of(calibration)):
+        raise UsageError(f"{safe_name(output)} is the file of --camera; choose another -o")
+
+
+def _calibrated(camera: Camera, name: str) -> Camera:
+    from depthcli.io.calibration import read_calibration
+
+    try:
+        found = read_calibration(path_of(name))
+    except InputError as error:
+        raise UsageError(f"--camera: {error}") from error
+    # The field of view is that of resized pictures, too.
+    return replace(camera, hfov_deg=hfov_deg(found.focal_px, found.width), calibration=found)
 
 
 def parse_pixel(word: str) -> tuple[int, int]:
@@ -68,9 +110,9 @@ def _anchor(word: str) -> Anchor:
     except (ValueError, IndexError):
         x = y = -1
         depth_m = math.nan
-    if len(parts) != _PARTS or min(x, y) < 0 or not _NEAREST_M <= depth_m <= _FARTHEST_M:
+    if len(parts) != _PARTS or min(x, y) < 0 or not DEPTH_M.holds(depth_m):
         raise UsageError(
-            f"--anchor {word!r} is not X,Y,METRES; give a column and a row from 0 and a depth "
-            "from 0.001 to 1000000, for example 320,240,2.5"
+            f"--anchor {word!r} is not X,Y,METRES; give a column and a row from 0 and "
+            f"{DEPTH_M.what}, for example 320,240,2.5"
         )
     return Anchor(x, y, depth_m)

@@ -157,12 +157,38 @@ HfovOption = Annotated[
         "else the model's camera.",
     ),
 ]
+CameraFileOption = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        metavar="FILE",
+        help="Calibration of the camera, instead of --focal-px and --centre-px: camera_info YAML "
+        "of ROS, or YAML, XML or JSON of OpenCV.",
+    ),
+]
 AnchorOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="X,Y,METRES",
         help="Point of known depth: column and row from 0 at the top left, and metres; "
         "repeatable. One point fits scale, two or more fit scale and shift.",
+    ),
+]
+AnchorsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Known depth, such as that of a lidar: a CSV table with the columns x, y and depth_m, "
+        "or a sparse depth map of the picture's size (16-bit PNG, EXR, NPY; 0 or NaN is unknown). "
+        "For 'batch', a folder with such a file for each picture.",
+    ),
+]
+AnchorsScaleOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=png_scale_range,
+        help="Units per metre of --anchors in PNG or NPY of integers (default of PNG: from the "
+        "file, else 1000).",
     ),
 ]
 WhiteLevelOption = Annotated[

@@ -167,7 +167,10 @@ def batch(
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
+    camera_file: options.CameraFileOption = None,
     anchor: options.AnchorOption = None,
+    anchors: options.AnchorsOption = None,
+    anchors_scale: options.AnchorsScaleOption = None,
     white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
@@ -182,6 +185,7 @@ def batch(
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
+    from depthcli.cli.arguments.anchors import choose_anchors
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
@@ -191,7 +195,8 @@ def batch(
     from depthcli.jobs.batch.failure_budget import FailureBudget
 
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, anchor, white_level)
+    camera = choose_camera(focal_px, hfov, anchor, white_level, camera_file, centre_px)
+    known = choose_anchors(anchor, anchors, anchors_scale, is_folder=True)
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
     refuse_unused(context, chosen, PICTURE_OPTIONS)
     use_bytes = [which.facts.use_bytes for which in chosen]
@@ -211,7 +216,8 @@ def batch(
     from depthcli.cli.signals import graceful_shutdown
     from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 
-    wanted = BatchOptions(tuple(dict.fromkeys(chosen)), writing, camera, detail, max_pixels)
+    chosen = list(dict.fromkeys(chosen))
+    wanted = BatchOptions(tuple(chosen), writing, camera, detail, max_pixels, known)
     request = BatchRequest(plan, wanted, loader, workers, batch_size, manifest, budget)
     if dry_run:
         from depthcli.jobs.batch.dry_run import dry_run as run_dry

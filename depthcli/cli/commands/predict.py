@@ -53,7 +53,10 @@ def predict(
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
+    camera_file: options.CameraFileOption = None,
     anchor: options.AnchorOption = None,
+    anchors: options.AnchorsOption = None,
+    anchors_scale: options.AnchorsScaleOption = None,
     white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
@@ -68,7 +71,8 @@ def predict(
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
-    from depthcli.cli.arguments.camera import choose_camera
+    from depthcli.cli.arguments.anchors import choose_anchors
+    from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
@@ -81,8 +85,10 @@ def predict(
     to_stdout = output == STDIO
     if as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
+    refuse_replacing(camera_file, output)
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, anchor, white_level)
+    camera = choose_camera(focal_px, hfov, anchor, white_level, camera_file, centre_px)
+    known = choose_anchors(anchor, anchors, anchors_scale)
     chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen
     refuse_unused(context, written, PICTURE_OPTIONS)
@@ -97,6 +103,7 @@ def predict(
             sidecar=sidecar,
             model=session_loader(model, provider, threads, provider_option),
             camera=camera,
+            anchors=known,
             writing=writing,
             detail=detail,
             max_pixels=max_pixels,
@@ -104,6 +111,8 @@ def predict(
             stdout=sys.stdout.buffer if to_stdout else None,
         )
     )
+    for warning in () if quiet else camera.warnings:
+        console.warn(warning)
     for name in () if quiet else own:
         console.warn(f"{safe_name(name)} was written by depthcli; skipped")
     from depthcli.cli.screen.predict import print_picture

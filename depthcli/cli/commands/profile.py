@@ -23,6 +23,7 @@ app = typer.Typer(
     help="Save options under a name, for --profile.",
 )
 
+_PATHS = ("camera", "anchors")
 _META_KEY = "depthcli.profile"
 _Name = Annotated[
     str, typer.Argument(metavar="NAME", autocompletion=completion.profiles, help="Profile name.")
@@ -151,8 +152,8 @@ def _toml_value(key: str, value: Any) -> Value:  # noqa: ANN401 - any option val
     if isinstance(value, list | tuple):
         return [_toml_scalar(part) for part in value]
     word = _toml_scalar(value)
-    is_path = isinstance(word, str) and (os.sep in word or word.endswith(".onnx"))
-    if key == "model" and is_path and Path(str(word)).exists():
+    is_model = key == "model" and (os.sep in str(word) or str(word).endswith(".onnx"))
+    if (is_model or key in _PATHS) and Path(str(word)).exists():
         return str(Path(str(word)).resolve())  # so that it works from every folder
     return word
 

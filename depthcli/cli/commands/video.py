@@ -9,6 +9,7 @@ import typer
 
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.numbers import not_negative
+from depthcli.cli.screen import console
 from depthcli.core.choices import MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.video.codecs import PreviewCodec
@@ -137,6 +138,7 @@ def video(
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
+    camera_file: options.CameraFileOption = None,
     white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
@@ -153,7 +155,7 @@ def video(
 
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
-    from depthcli.cli.arguments.camera import choose_camera
+    from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.span import parse_fps, parse_span, refuse_for_videos
@@ -169,7 +171,9 @@ def video(
     to_stdout = output == STDIO
     if as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
+    refuse_replacing(camera_file, output)
     writing = writer_options(context.params)
+    camera = choose_camera(focal_px, hfov, None, white_level, camera_file, centre_px)
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
@@ -190,7 +194,7 @@ def video(
             span=parse_span(start, end, every),
             smooth_s=smooth,
             lock_s=lock,
-            camera=choose_camera(focal_px, hfov, None, white_level),
+            camera=camera,
             detail=choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side),
             max_pixels=max_pixels,
             fps=parse_fps(fps, file),
@@ -200,6 +204,8 @@ def video(
         stdin=sys.stdin.buffer if file == STDIO and sys.stdin else None,
         stdout=sys.stdout.buffer if to_stdout and sys.stdout else None,
     )
+    for warning in () if quiet else camera.warnings:
+        console.warn(warning)
     result: VideoResult | FailedInput
     try:
         with show_progress(silent=quiet or as_json) as progress:

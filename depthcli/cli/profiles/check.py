@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 
-from depthcli.cli.arguments.camera import choose_camera
+from depthcli.cli.arguments.anchors import check_anchors
+from depthcli.cli.arguments.camera import check_alternatives, choose_camera
 from depthcli.cli.arguments.detail import choose_detail
 from depthcli.cli.arguments.provider import provider_options
 from depthcli.cli.arguments.span import parse_span
@@ -31,7 +32,9 @@ def check_together(values: Mapping[str, Value]) -> None:
         value = values.get(key)
         return float(value) if isinstance(value, int | float) else None
 
+    check_alternatives(number("focal-px"), number("hfov"), word("camera"), word("centre-px"))
     choose_camera(number("focal-px"), number("hfov"), words("anchor"))
+    check_anchors(words("anchor"), word("anchors"), number("anchors-scale"))
     choose_detail(Upsampling.BILINEAR, word("tile"), word("max-memory"))
     parse_span(word("start"), word("end"), word("every"))
     provider_options(words("provider-option"))

@@ -3,7 +3,7 @@
 from depthcli.cli.screen import console
 from depthcli.core.summary import DepthRange
 from depthcli.core.text import one_line
-from depthcli.io.writers.metadata import DepthMetadata, camera_text
+from depthcli.io.writers.metadata import DepthMetadata, anchor_fields, camera_text
 from depthcli.jobs.failed import FailedInput
 from depthcli.jobs.predict.pictures import PictureResult
 
@@ -46,6 +46,7 @@ def picture_json(done: PictureResult) -> dict[str, object]:
         "width": done.depth.width,
         "height": done.depth.height,
         **known.origin(),
+        **anchor_fields(done.depth),
         "provider": done.provider,
         "seconds": round(done.seconds, 6),
         "warnings": list(done.warnings),

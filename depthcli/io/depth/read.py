@@ -120,7 +120,8 @@ def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
     if not is_float and scale is None and kind is DepthKind.METRIC:
         raise InputError(
             f"{path} holds {values.dtype}, not float metres; state its units per metre (info and "
-            "probe: --png-scale, convert: --from-scale), for millimetres for example "
+            "probe: --png-scale, convert: --from-scale, predict and "
+            "batch: --anchors-scale), for millimetres for example "
             f"'depthcli convert {path} OUT.npy --from-scale 1000'"
         )
     with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is infinitely far

@@ -45,6 +45,16 @@ class Origin:
 
 
 @dataclass(frozen=True, slots=True)
+class AnchorEntry:
+    """The known points that the depth of an input was fitted to."""
+
+    given: int  #: all points
+    used: int  #: those that depth was fitted to; the others contradict them
+    residual_m: float  #: median absolute difference of all points, in metres
+    sha256: str  #: checksum of the points, 64 hex digits
+
+
+@dataclass(frozen=True, slots=True)
 class Row:
     """The result of one input."""
 
@@ -58,6 +68,7 @@ class Row:
     warnings: tuple[str, ...] = ()  #: one-line texts
     #: the camera that its metres are for, and how it is known; None without metres
     camera: str | None = None
+    anchors: AnchorEntry | None = None  #: the known points it was fitted to; None if it was not
 
     def failed_if_missing(self, folder: Path) -> Self | None:
         """The same row with status failed if one of its outputs is missing; else None."""
@@ -83,12 +94,17 @@ class Row:
             "error": self.error,
             "warnings": self.warnings,
             "camera": self.camera,
-            **{name: getattr(self.origin, name) for name in Origin.__slots__},
+            "anchors": self.anchors and _fields(self.anchors),
+            **_fields(self.origin),
         }
 
     def as_line(self) -> bytes:
         """One line; names with bytes that are not UTF-8 are escaped as Python does."""
         return json.dumps(self.as_json(), ensure_ascii=True).encode() + b"\n"
+
+
+def _fields(entry: AnchorEntry | Origin) -> dict[str, object]:
+    return {name: getattr(entry, name) for name in entry.__slots__}
 
 
 def parse_row(line: bytes) -> Row | None:

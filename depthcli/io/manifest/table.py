@@ -18,6 +18,7 @@ _COLUMNS = {
     "error": str,
     "warnings": [str],
     "camera": str,
+    "anchors": {"given": int, "used": int, "residual_m": float, "sha256": str},
     **dict.fromkeys(Origin.__slots__, str),
 }
 _ESCAPED = re.compile(r"\\u(d[89a-f][0-9a-f]{2})")

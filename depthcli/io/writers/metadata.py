@@ -4,11 +4,12 @@ from typing import NamedTuple, Self, TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core import scaling
-from depthcli.core.types import CameraSource, DepthMap, Provenance
+from depthcli.core.types import AnchorFit, CameraSource, DepthMap, Provenance
 from depthcli.io.writers.formats import MILLIMETRES
 
 SOFTWARE = f"depthcli {__version__}"
 _Value: TypeAlias = str | float | tuple[float, float]
+_EXACT_FIT = 2  # points that scale and shift always fit
 _UNKNOWN = Provenance()
 _SOURCE_TEXTS = {
     CameraSource.OPTION: "given",
@@ -56,6 +57,12 @@ ORIGIN_FIELDS = tuple(name for name in DepthMetadata._fields if name not in {"ki
 """Names of the fields about model and camera; formats without metadata have them in a sidecar."""
 
 
+def anchor_fields(depth: DepthMap) -> dict[str, dict[str, float] | None]:
+    """How well a map fits known points, for JSON: ``anchors``, None if it was not fitted."""
+    fit = depth.provenance.anchor_fit if depth.provenance else None
+    return {"anchors": fit and {**fit._asdict(), "residual_m": round(fit.residual_m, 6)}}
+
+
 def metadata_texts(depth: DepthMap) -> dict[str, str]:
     """The metadata, the software and a frame's time as texts by name; what is unknown is left out.
 
@@ -77,13 +84,18 @@ def _value_text(value: _Value) -> str:
 def camera_text(depth: DepthMap) -> str | None:
     """The camera that a map's metres are for, its source, and use of anchors; None if unknown."""
     source = depth.provenance or _UNKNOWN
-    count = len(source.anchors)
-    fitted = f"; depth fitted to {count} anchor{'s'[: count - 1]}" if count else ""
+    fitted = _fit_text(source.anchor_fit) if source.anchor_fit else ""
     if source.focal_px is None:
         return f"unknown{fitted}" if fitted else None
     hfov = f"hfov {scaling.hfov_deg(source.focal_px, depth.width):.1f}°"
     known = "" if source.camera_source is None else f" ({_SOURCE_TEXTS[source.camera_source]})"
     return f"{hfov}{known}{fitted}"
+
+
+def _fit_text(fit: AnchorFit) -> str:
+    of_all = "" if fit.used == fit.given else f"{fit.used} of "
+    error = f", median error {fit.residual_m:.3f} m" if fit.given > _EXACT_FIT else ""
+    return f"; depth fitted to {of_all}{fit.given} anchor{'s'[: fit.given - 1]}{error}"
 
 
 def step_unit(scale: float) -> str:

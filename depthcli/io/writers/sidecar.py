@@ -8,7 +8,7 @@ from depthcli.core.point_cloud import with_centre
 from depthcli.core.summary import DepthRange
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.io.writers.formats import MILLIMETRES
-from depthcli.io.writers.metadata import SOFTWARE, DepthMetadata
+from depthcli.io.writers.metadata import SOFTWARE, DepthMetadata, anchor_fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +35,7 @@ class SidecarWriter:
             **DepthRange.of(depth)._asdict(),
             "network_size_px": source.input_size_px,
             **known.origin(),
+            **anchor_fields(depth),
         }
         path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", "utf-8")
         return ()

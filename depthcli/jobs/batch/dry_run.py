@@ -57,14 +57,15 @@ def _dry_run_of(
         if is_video(file.name):
             video = outputs.video(file, rows)
             with local_copy(path_of(file.path)) as source:
-                sha256 = video_checksum(video, source, request.options.camera)
+                sha256 = video_checksum(video, source, request.options)
             kept = video.reusable_row(request.plan.out, sha256, origin)
         else:
             picture = outputs.picture(file, rows)
             data = read_input(picture.input)
             check(data, safe_name(file.path), request.options.limit)
             sha256 = hashlib.sha256(data).hexdigest()
-            kept = picture.reusable_row(request.plan.out, sha256, origin)
+            points = request.options.points_for(file.name)
+            kept = picture.reusable_row(request.plan.out, sha256, origin, points)
     except InputError as error:
         return DryRunResult(file.name, "fail", paths, str(error))
     return DryRunResult(file.name, "keep" if kept else "do", paths)

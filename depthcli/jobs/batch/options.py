@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass, field
 
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Camera
 from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.manifest.row import ManifestFormat
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
@@ -22,6 +24,19 @@ class BatchOptions:
     camera: Camera = field(default_factory=Camera)  #: camera parameters, if known
     detail: Detail = DEFAULT_DETAIL  #: upsampling, tiles and memory limit
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
+    #: a folder with known depth for each picture, in place of the camera's points
+    anchors: AnchorFiles | None = None
+
+    def points_for(self, name: str) -> AnchorPoints | None:
+        """The known depth of a picture; None if there is none for any.
+
+        Raises:
+            InputError: that of this picture is missing or cannot be read.
+            UsageError: the scale of the files does not apply to their format.
+        """
+        if self.anchors is not None:
+            return self.anchors.read_for(name)
+        return AnchorPoints.of(self.camera.anchors) if self.camera.anchors else None
 
     @property
     def limit(self) -> PictureLimit:

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
+from depthcli.core.anchor_fit import fitted, lost_in_fit
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.overscan import displayed_depth, without_invented
-from depthcli.core.scaling import fitted, lost_in_fit
+from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.manifest.row import OK, Origin, Row, output_entry
+from depthcli.io.manifest.row import OK, AnchorEntry, Origin, Row, output_entry
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.remote import path_of
@@ -33,6 +35,8 @@ class _OpenedPicture:
 
     task: PictureTask
     frame: Frame
+    points: AnchorPoints | None
+    centre_px: tuple[float, float] | None
     sha256: str
     seconds: float
 
@@ -69,7 +73,8 @@ class PictureWorker:
         try:
             data = read_input(task.input)
             sha256 = hashlib.sha256(data).hexdigest()
-            row = task.reusable_row(self.out, sha256, self.origin)
+            points = self.options.points_for(task.input.name)
+            row = task.reusable_row(self.out, sha256, self.origin, points)
             if row is not None:
                 return Result(row, is_kept=True)
             if task.is_suspect:
@@ -80,9 +85,10 @@ class PictureWorker:
                 max_pixels=self.options.limit,
                 white_level=self.options.camera.white_level,
             )
+            centre_px = self.options.camera.centre_px(*frame.display_size_px)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
-        return _OpenedPicture(task, frame, sha256, time.perf_counter() - start_s)
+        return _OpenedPicture(task, frame, points, centre_px, sha256, time.perf_counter() - start_s)
 
     def _depths(self, frames: Sequence[Frame]) -> Sequence[DepthMap | Exception]:
         camera = self.options.camera
@@ -104,9 +110,10 @@ class PictureWorker:
         if isinstance(depth, Exception):
             return self._failed(task, depth, start_s, opened.sha256)
         try:
-            frame = opened.frame
+            frame, points = opened.frame, opened.points
             predicted = without_invented(depth, frame.windows)
-            depth = fitted(predicted, self.options.camera.anchors, frame.windows)
+            depth = predicted if points is None else fitted(predicted, points, frame.windows)
+            depth = with_centre(depth, opened.centre_px)
             warnings = [*frame.warnings, *lost_in_fit(predicted, depth)]
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, frame, path)
@@ -122,6 +129,7 @@ class PictureWorker:
             input_sha256=opened.sha256,
             warnings=tuple(warnings),
             camera=camera_text(displayed_depth(depth, frame.windows)),
+            anchors=anchor_entry(depth, points),
         )
         return Result(row)
 
@@ -131,6 +139,14 @@ class PictureWorker:
         if isinstance(error, UsageError):
             raise error
         return task.failed_result(error, self.origin, start_s, sha256)
+
+
+def anchor_entry(depth: DepthMap, points: AnchorPoints | None) -> AnchorEntry | None:
+    """The entry of the known points that a map was fitted to; None if it was not."""
+    fit = depth.provenance.anchor_fit if depth.provenance else None
+    if fit is None or points is None:
+        return None
+    return AnchorEntry(fit.given, fit.used, round(fit.residual_m, 6), points.sha256())
 
 
 def read_input(file: InputFile) -> bytes:

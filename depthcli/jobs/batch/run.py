@@ -81,7 +81,7 @@ class Batch(Iterator[Result]):
         if self._journal.was_interrupted and not isinstance(plan.out, RemotePath):
             for folder in plan.folders():
                 remove_stale(folder)
-        self.warnings = (*plan.warnings, *session.warnings)
+        self.warnings = (*plan.warnings, *options.camera.warnings, *session.warnings)
         self.tally = Tally(len(plan.inputs))
         self._budget = request.budget
         self.stopped: str | None = None

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from depthcli.core.anchors import AnchorPoints
 from depthcli.errors import (
     NO_THREADS,
     DepthcliError,
@@ -40,16 +41,21 @@ class Task(Generic[_FormatT]):
     earlier: Row | None = None  #: the row of an earlier run, if its outputs have these names
     is_suspect: bool = False  #: whether decoding it may have crashed an earlier run
 
-    def reusable_row(self, out: Path, sha256: str, origin: Origin) -> Row | None:
+    def reusable_row(
+        self, out: Path, sha256: str, origin: Origin, points: AnchorPoints | None = None
+    ) -> Row | None:
         """The earlier row, if processing the input again would give the same outputs.
 
         Args:
             out: the output folder.
             sha256: checksum of the input.
             origin: model and options that its outputs would be made with.
+            points: known depth that they would be fitted to; None for none.
         """
         row = self.earlier
         if row is None or (row.status, row.input_sha256, row.origin) != (OK, sha256, origin):
+            return None
+        if (row.anchors and row.anchors.sha256) != (None if points is None else points.sha256()):
             return None
         return row if all(is_intact(out, file) for file in row.outputs) else None
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from depthcli.core.camera import Camera
 from depthcli.core.progress import Progress
 from depthcli.errors import InputError
 from depthcli.io.manifest.row import FAILED, OK, Row, output_entry
 from depthcli.io.storage.remote import path_of
 from depthcli.io.storage.transfer import local_copy
 from depthcli.io.writers.metadata import camera_text
+from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.pictures import PictureWorker
 from depthcli.jobs.batch.suspects import check_video
 from depthcli.jobs.batch.task import Result, Task, check_network
@@ -45,7 +45,7 @@ class VideoWorker:
         try:
             with local_copy(path_of(task.input.path)) as source:
                 before = _file_identity(source)
-                sha256 = video_checksum(task, source, self.pictures.options.camera)
+                sha256 = video_checksum(task, source, self.pictures.options)
                 row = task.reusable_row(self.pictures.out, sha256, origin)
                 if row is not None:
                     return Result(row, is_kept=True)
@@ -109,7 +109,7 @@ def _output_files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -
             yield path.with_name(f"{start}{number:06d}{end}")
 
 
-def video_checksum(task: VideoTask, path: Path, camera: Camera) -> str:
+def video_checksum(task: VideoTask, path: Path, options: BatchOptions) -> str:
     """SHA-256 of a video, in constant memory.
 
     Raises:
@@ -121,8 +121,9 @@ def video_checksum(task: VideoTask, path: Path, camera: Camera) -> str:
         raise InputError(
             f"{path} is a video, and no format in --format holds one; add --format png16"
         )
-    if camera.anchors:
-        raise InputError(f"{path} is a video, to which --anchor does not apply")
+    if options.camera.anchors or options.anchors:
+        word = "--anchors" if options.anchors else "--anchor"
+        raise InputError(f"{path} is a video, to which {word} does not apply")
     if not path.is_file():
         raise InputError(f"{path} is missing, or no file")
     try:

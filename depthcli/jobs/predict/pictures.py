@@ -6,11 +6,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from depthcli.core.anchor_fit import fitted, lost_in_fit
+from depthcli.core.anchors import AnchorPoints
+from depthcli.core.camera import Anchor
 from depthcli.core.overscan import displayed_depth, without_invented
 from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.point_cloud import with_centre
-from depthcli.core.scaling import fitted, lost_in_fit
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.pipeline import Pipeline
@@ -41,31 +43,35 @@ def predict_pictures(
 
     Raises:
         ModelError: the model cannot be used.
-        UsageError: the model does not accept a focal length.
+        UsageError: the model does not accept a focal length, or the known depth cannot be read.
     """
+    points = _known_points(request)
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
     for plan in plans:
         try:
-            yield _predict_picture(request, plan, loading)
+            yield _predict_picture(request, plan, loading, points)
         except (InputError, OutputError) as error:
             yield FailedInput(plan.name, error)
     loading.result()  # raises if the model cannot be loaded, even if no picture was read
 
 
 def _predict_picture(
-    request: PredictRequest, plan: PicturePlan, loading: Background[Session]
+    request: PredictRequest,
+    plan: PicturePlan,
+    loading: Background[Session],
+    points: Sequence[Anchor] | AnchorPoints,
 ) -> PictureResult:
     start = time.perf_counter()
     frame = _read_picture(request, plan)
-    session = loading.result()
     camera = request.camera
+    centre_px = camera.centre_px(*frame.display_size_px) or request.writing.centre_px
+    session = loading.result()
     predicted = Pipeline(session, request.detail).predict(
         frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
     )
     predicted = without_invented(predicted, frame.windows)
-    depth = fitted(predicted, camera.anchors, frame.windows)
-    depth = with_centre(depth, request.writing.centre_px)
+    depth = with_centre(fitted(predicted, points, frame.windows), centre_px)
     warnings = [*session.warnings, *frame.warnings, *lost_in_fit(predicted, depth)]
     del predicted  # the writers need the memory
     for name, path in plan.outputs.items():
@@ -78,6 +84,13 @@ def _predict_picture(
         seconds=time.perf_counter() - start,
         warnings=tuple(warnings),
     )
+
+
+def _known_points(request: PredictRequest) -> Sequence[Anchor] | AnchorPoints:
+    try:
+        return request.anchors.read() if request.anchors else request.camera.anchors
+    except InputError as error:
+        raise UsageError(f"--anchors: {error}") from error
 
 
 def _read_picture(request: PredictRequest, plan: PicturePlan) -> Frame:

@@ -6,6 +6,7 @@ from typing import BinaryIO
 from depthcli.core.camera import Camera
 from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 
@@ -28,3 +29,5 @@ class PredictRequest:
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
     stdin: BinaryIO | None = None  #: where ``-`` is read
     stdout: BinaryIO | None = None  #: where ``-`` is written
+    #: a file with known depth for all pictures, in place of the camera's points
+    anchors: AnchorFiles | None = None

@@ -1,0 +1,136 @@
+"""Fitting depth to points of known depth."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.anchors import AnchorPoints
+from depthcli.core.camera import Anchor
+from depthcli.core.overscan import displayed_depth
+from depthcli.core.robust_line import robust_line
+from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance
+from depthcli.core.windows import Windows
+from depthcli.errors import InputError, UsageError
+
+ROBUST_FROM = 10
+"""Number of points from which wrong ones are detected and left out."""
+
+_Values = npt.NDArray[np.float64]
+
+
+def fit_anchors(
+    depth: DepthMap,
+    points: Sequence[Anchor] | AnchorPoints,
+    windows: Windows | None = None,
+) -> DepthMap:
+    """Metric depth that fits known points best.
+
+    One point fits the scale, two or more fit scale and shift by least squares, and ten or more by
+    :func:`depthcli.core.robust_line.robust_line`, which leaves wrong ones out. Metric and relative
+    maps are fitted in depth, inverse maps in inverse depth.
+
+    Args:
+        depth: map of any kind.
+        points: pixels of the map, or of its part in the display window, and their depth. Of ten or
+            more, those where the map has no depth are ignored.
+        windows: of the picture of the map; None if all of it is displayed.
+
+    Returns:
+        A metric map of the same size, with the points and the fit in its provenance; NaN where the
+        fit puts a pixel at or behind the camera.
+
+    Raises:
+        UsageError: a point is outside, has no depth, or one that is not above 0; there are none, or
+            they do not determine the fit; or the best fit puts one at or behind the camera; or they
+            are from a map of another size.
+    """
+    points = points if isinstance(points, AnchorPoints) else AnchorPoints.of(points)
+    shown = displayed_depth(depth, windows)
+    points.check(shown.width, shown.height)
+    values = shown.values[points.y, points.x].astype(np.float64)
+    known = _known(points, values)
+    inverse = depth.kind is DepthKind.INVERSE
+    wanted = 1 / points.depth_m[known] if inverse else points.depth_m[known]
+    scale, shift, used = _fit_scale_and_shift(values[known], wanted)
+    if (values[known][used] * scale + shift <= 0).any():
+        raise UsageError("the anchors fit no depth ahead of the camera; check their metres")
+    fitted = depth.values * np.float32(scale) + np.float32(shift)
+    if inverse:
+        with np.errstate(divide="ignore"):
+            fitted = np.float32(1) / fitted
+    fitted = np.where(fitted > 0, fitted, np.float32(np.nan)).astype(np.float32)
+    result = DepthMap(fitted, DepthKind.METRIC)
+    fitted_m = displayed_depth(result, windows).values[points.y, points.x]
+    errors_m = np.abs(fitted_m - points.depth_m)
+    errors_m = errors_m[np.isfinite(errors_m)]
+    if not errors_m.size:
+        raise UsageError("the anchors fit no depth that 32 bits can hold; check their metres")
+    fit = AnchorFit(int(used.sum()), len(points), float(np.median(errors_m)))
+    source = depth.provenance or Provenance()
+    source = replace(source, anchors=points.listed(), anchor_fit=fit)
+    return replace(result, provenance=source)
+
+
+def fitted(
+    depth: DepthMap,
+    points: Sequence[Anchor] | AnchorPoints,
+    windows: Windows | None = None,
+) -> DepthMap:
+    """Depth of one of several pictures, fitted to points; unchanged if no points are given.
+
+    The arguments are those of :func:`fit_anchors`.
+
+    Raises:
+        InputError: the points do not fit this picture, but may fit the next one.
+    """
+    try:
+        return depth if points == () else fit_anchors(depth, points, windows)
+    except UsageError as error:
+        raise InputError(str(error)) from error
+
+
+def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
+    """A warning about the pixels that a fit leaves without depth; none if there are none."""
+    if fitted.values is before.values:
+        return ()
+    lost = int(np.isnan(fitted.values).sum()) - int(np.isnan(before.values).sum())
+    if not lost:
+        return ()
+    share = f"{100 * lost / fitted.values.size:.3g} %"
+    return (f"{lost} pixels ({share}) are at or below 0 m after the fit and have no depth",)
+
+
+def _known(points: AnchorPoints, values: _Values) -> npt.NDArray[np.bool_]:
+    """At which points the map has a value: (N,) bool."""
+    known = np.isfinite(values)
+    if len(points) >= ROBUST_FROM and known.any():
+        return known
+    for at in np.flatnonzero(~known)[:1]:
+        raise UsageError(f"anchor {points.x[at]},{points.y[at]} has no depth; choose another pixel")
+    return known
+
+
+def _fit_scale_and_shift(
+    values: _Values, wanted: _Values
+) -> tuple[float, float, npt.NDArray[np.bool_]]:
+    """Scale and shift of the best line, and which points it fits; the scale alone for one point."""
+    used = np.ones(len(values), np.bool_)
+    if len(values) == 1:
+        if values[0] <= 0:
+            raise UsageError(
+                f"the anchor's own value in the map is {values[0]:g}, not above 0, so it fits no "
+                "scale; give two anchors"
+            )
+        return float(wanted[0] / values[0]), 0.0, used
+    if np.ptp(values) == 0:
+        raise UsageError("all anchors have the same depth in the map; spread them over the scene")
+    if len(values) < ROBUST_FROM:
+        scale, shift = map(float, np.polyfit(values, wanted, 1))
+    else:
+        (scale, shift), used = robust_line(values, wanted)
+    if not 0 < scale < math.inf:
+        raise UsageError("the anchors contradict the map's order of near and far; check them")
+    return scale, shift, used

@@ -1,0 +1,89 @@
+"""Reading camera calibrations of ROS and OpenCV."""
+
+import math
+from pathlib import Path
+
+import cv2
+
+from depthcli.core.camera import FOCAL_PX, Calibration
+from depthcli.errors import InputError
+from depthcli.io.opencv_log import silent_opencv
+from depthcli.io.pictures.decode import read_bytes
+
+_WIDTHS, _HEIGHTS = ("image_width", "width"), ("image_height", "height")
+_MATRICES = ("camera_matrix", "K", "k")
+_DISTORTIONS = ("distortion_coefficients", "dist_coeffs", "D", "d")
+_MATRIX_SIZE = 9
+_MAX_BYTES = 2**20
+_MAX_PX = 1e6
+_OTHERS = (b"<?xml", b"{")
+
+
+def read_calibration(path: Path) -> Calibration:
+    """A calibration in ``camera_info`` YAML of ROS, or in YAML, XML or JSON of OpenCV.
+
+    Its focal length is the geometric mean of fx and fy.
+
+    Raises:
+        InputError: the file cannot be read, or does not have all of the size of the pictures and
+            the camera matrix.
+    """
+    root = _opened_storage(path)
+    size = [_numbers(_node(root, names, path)) for names in (_WIDTHS, _HEIGHTS)]
+    width, height = (numbers[0] if len(numbers) == 1 else math.nan for numbers in size)
+    matrix = _numbers(_node(root, _MATRICES, path))
+    if len(matrix) != _MATRIX_SIZE:
+        raise InputError(f"{path} has a camera matrix that is not 3×3; calibrate the camera again")
+    (fx, _, cx), (_, fy, cy) = matrix[:3], matrix[3:6]
+    focal_px = math.sqrt(fx * fy) if fx > 0 and fy > 0 else 0
+    is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in (width, height))
+    if not (is_size and FOCAL_PX.holds(focal_px) and abs(cx) < _MAX_PX and abs(cy) < _MAX_PX):
+        raise InputError(
+            f"{path} is for {width:g}×{height:g} pixels with fx {fx:g}, fy {fy:g}, cx {cx:g}, "
+            f"cy {cy:g}, which is no camera; calibrate it again"
+        )
+    named = [root.getNode(name) for name in _DISTORTIONS]
+    is_distorted = any(any(_numbers(node)) for node in named if not node.isNone())
+    return Calibration(int(width), int(height), focal_px, (cx, cy), is_distorted)
+
+
+def _opened_storage(path: Path) -> cv2.FileStorage:
+    data = read_bytes(path)
+    if len(data) > _MAX_BYTES:
+        raise InputError(f"{path} is too large for a calibration; name another file")
+    if not data.startswith(_OTHERS):
+        # ROS writes no header, and versions of OpenCV differ in theirs.
+        lines = data.removeprefix(b"\xef\xbb\xbf").splitlines()
+        while lines and (lines[0].startswith(b"%YAML") or lines[0].strip() in {b"", b"---"}):
+            del lines[0]
+        data = b"\n".join([b"%YAML:1.0", b"---", *lines, b""])
+    try:
+        with silent_opencv():
+            flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
+            root = cv2.FileStorage(data.decode(), flags)
+            is_read = root.isOpened() and root.root().isMap()
+    except (cv2.error, SystemError, UnicodeDecodeError):
+        is_read = False
+    if not is_read:
+        raise InputError(
+            f"{path} is not a calibration that OpenCV can read: YAML of ROS with lists as [1, 2] "
+            "and without comments behind values, or YAML, XML or JSON of OpenCV"
+        )
+    return root
+
+
+def _node(root: cv2.FileStorage, names: tuple[str, ...], path: Path) -> cv2.FileNode:
+    for name in names:
+        node = root.getNode(name)
+        if not node.isNone():
+            return node
+    raise InputError(f"{path} has no {names[0]}; name the calibration of a camera")
+
+
+def _numbers(node: cv2.FileNode) -> list[float]:
+    """The numbers of a matrix, row by row; NaN for what is none."""
+    if node.isMap():
+        return _numbers(node.getNode("data"))
+    if node.isSeq():
+        return [number for i in range(node.size()) for number in _numbers(node.at(i))]
+    return [float(node.real()) if node.isInt() or node.isReal() else math.nan]

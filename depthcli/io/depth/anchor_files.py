@@ -1,0 +1,63 @@
+"""The files of known depth; free of numpy until they are read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from depthcli.errors import InputError
+from depthcli.io.storage.remote import path_of, safe_name
+
+if TYPE_CHECKING:
+    from depthcli.core.anchors import AnchorPoints
+
+SUFFIXES = (".csv", ".png", ".exr", ".npy")
+"""Suffixes of files with known depth."""
+_ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorFiles:
+    """A file with known depth, or a folder with one for each picture."""
+
+    path: str  #: the file or the folder
+    #: units per metre of PNG and of integers in NPY; None for what the file states, or millimetres
+    scale: float | None = None
+
+    def read(self) -> AnchorPoints:
+        """Read the file.
+
+        Raises:
+            InputError: it cannot be read, or holds no known depth.
+            UsageError: there is a scale, and its format has none.
+        """
+        from depthcli.io.depth.known_depth import read_known_depth  # noqa: PLC0415 - needs numpy
+
+        path = path_of(self.path)
+        if path.suffix.lower() not in SUFFIXES:
+            raise InputError(f"{path} holds no known depth; give a file with {_ALTERNATIVES}")
+        return read_known_depth(path, self.scale)
+
+    def read_for(self, name: str) -> AnchorPoints:
+        """Read the folder's file for a picture: the one of its name with another suffix.
+
+        Args:
+            name: the picture, relative to its own folder, with ``/`` between the parts.
+
+        Raises:
+            InputError: there is none, or several, or it cannot be read, or holds no known depth.
+            UsageError: there is a scale, and its format has none.
+        """
+        from depthcli.io.depth.known_depth import read_known_depth  # noqa: PLC0415 - needs numpy
+
+        folder = path_of(self.path)
+        above, slash, own = name.rpartition("/")
+        base = above + slash + (own.rpartition(".")[0] or own)
+        found = [file for suffix in SUFFIXES if (file := folder / (base + suffix)).is_file()]
+        if not found:
+            raise InputError(
+                f"{folder} has no known depth for it: {safe_name(base)} with {_ALTERNATIVES}"
+            )
+        if len(found) > 1:
+            raise InputError(f"{found[0]} and {found[1]} are both its known depth; remove one")
+        return read_known_depth(found[0], self.scale)

@@ -1,0 +1,165 @@
+"""``--anchors`` of ``predict`` and ``batch``: known depth from files."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from folders import rows, tree
+from tiny import synthetic_picture, write_model, write_picture
+
+if TYPE_CHECKING:
+    from command_line import Cli
+
+
+def sparse_twice(cli: Cli, name: str) -> np.ndarray:
+    """Known depth for a picture, twice what the model says at every fourth pixel, and 5 m nearer.
+
+    Some points are of something far behind.
+    """
+    assert cli("predict", name, "-o", "plain.npy").returncode == 0
+    known_m = np.load(cli.folder / "plain.npy") * 2 + 5
+    sparse_m = np.zeros_like(known_m)
+    sparse_m[::2, ::2] = known_m[::2, ::2]
+    sparse_m[::8, ::8] = 90
+    return sparse_m
+
+
+@pytest.mark.parametrize("kind", ["metric", "relative", "inverse"])
+def test_a_sparse_map_scales_a_picture(inside: Cli, kind: str) -> None:
+    write_picture(inside.folder / "room.png", synthetic_picture())
+    write_model(inside.models / "one", output__kind=kind)
+    assert inside("predict", "room.png", "--model", "one", "-o", "one.npy").returncode == 0
+    plain = np.load(inside.folder / "one.npy")
+    known_m = (2 * plain + 5) if kind != "inverse" else 1 / (2 * plain + 5)
+    sparse_m = np.zeros_like(known_m)
+    sparse_m[::2, ::2] = known_m[::2, ::2]
+    sparse_m[::8, ::8] = 90
+    np.save(inside.folder / "lidar.npy", sparse_m)
+    words = ("--anchors", "lidar.npy", "--model", "one", "-o", "d.npy")
+    done = inside("predict", "room.png", *words, "--json")
+    assert done.returncode == 0
+    np.testing.assert_allclose(np.load(inside.folder / "d.npy"), known_m, rtol=1e-4)
+    found = json.loads(done.stdout)
+    wrong, given = np.count_nonzero(sparse_m == 90), np.count_nonzero(sparse_m)
+    assert found["unit"] == "m"
+    residual_m = found["anchors"].pop("residual_m")
+    assert residual_m == pytest.approx(0, abs=1e-3)
+    assert found["anchors"] == {"given": given, "used": given - wrong}
+    done = inside("predict", "room.png", *words)
+    assert f"depth fitted to {given - wrong} of {given} anchors, median error 0.000 m" in (
+        done.stdout.decode()
+    )
+
+
+def test_points_of_a_table_are_those_of_the_option(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png", synthetic_picture())
+    (inside.folder / "points.csv").write_text("x,y,depth_m\n5,40,2\n60,40,12\n")
+    words = ("predict", "room.png", "--sidecar", "-o")
+    assert inside(*words, "a.png", "--anchor", "5,40,2", "--anchor", "60,40,12").returncode == 0
+    assert inside(*words, "b.png", "--anchors", "points.csv").returncode == 0
+    for suffix in ("png", "json"):
+        a, b = ((inside.folder / f"{name}.{suffix}").read_bytes() for name in "ab")
+        assert a == b
+    sidecar = json.loads((inside.folder / "a.json").read_text())
+    assert sidecar["anchors"]["used"] == sidecar["anchors"]["given"] == 2
+    inside("predict", "room.png", "--sidecar", "-o", "c.png")
+    assert json.loads((inside.folder / "c.json").read_text())["anchors"] is None
+
+
+def test_a_map_of_another_size_fails_that_picture(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png", synthetic_picture())
+    np.save(inside.folder / "lidar.npy", sparse_twice(inside, "room.png"))
+    write_picture(inside.folder / "large.png", synthetic_picture(96, 128))
+    done = inside("predict", "large.png", "room.png", "--anchors", "lidar.npy", "--format", "npy")
+    assert done.returncode == 1
+    assert "large.png: the known depth is 64×48 pixels, but the picture is 128×96" in (
+        done.stderr.decode()
+    )
+    assert (inside.folder / "room.depth.npy").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--anchors", "no.csv"), "--anchors: no.csv is missing"),
+        (("--anchors", "."), "is a folder; name a file"),
+        (("--anchors", "p.csv", "--anchor", "1,2,3"), "--anchor or --anchors, not both"),
+        (("--anchors-scale", "256"), "--anchors-scale is for --anchors"),
+        (("--anchors", "p.csv", "--anchors-scale", "256"), "p.csv is in metres"),
+        (("--anchors", "p.npy", "-o", "p.npy"), "p.npy is the file of --anchors"),
+    ],
+)
+def test_what_does_not_fit_is_a_usage_error(inside: Cli, words: tuple[str, ...], why: str) -> None:
+    write_picture(inside.folder / "room.png", synthetic_picture())
+    (inside.folder / "p.csv").write_text("x,y,depth_m\n5,40,2\n")
+    np.save(inside.folder / "p.npy", np.ones((48, 64), np.float32))
+    before = sorted(inside.folder.iterdir())
+    done = inside("predict", "room.png", *words)
+    assert (done.returncode, sorted(inside.folder.iterdir())) == (2, before)
+    assert why in done.stderr.decode()
+
+
+def test_a_batch_has_a_file_for_each_picture(inside: Cli) -> None:
+    tree(inside, "a.png", "hall/b.jpg", "c.png")
+    known = inside.folder / "known"
+    (known / "hall").mkdir(parents=True)
+    np.save(known / "a.npy", sparse_twice(inside, "in/a.png"))
+    (known / "hall" / "b.csv").write_text("x,y,depth_m\n5,4,2\n")
+    batch = ("batch", "in", "--out", "out", "--anchors", "known")
+    done = inside(*batch)
+    assert done.returncode == 1
+    assert "c.png: known has no known depth for it: c with .csv" in done.stderr.decode()
+    found = rows(inside, "out")
+    assert {name: row["status"] for name, row in found.items()} == {
+        "a.png": "ok", "c.png": "failed", "hall/b.jpg": "ok",
+    }  # fmt: skip
+    assert found["a.png"]["anchors"]["used"] < found["a.png"]["anchors"]["given"]
+    assert found["hall/b.jpg"]["anchors"]["used"] == 1
+    assert found["c.png"]["anchors"] is None
+
+
+def test_changed_known_depth_is_done_again(inside: Cli) -> None:
+    tree(inside, "a.png", "b.png")
+    known = inside.folder / "known"
+    known.mkdir()
+    for name in "ab":
+        (known / f"{name}.csv").write_text("x,y,depth_m\n5,4,2\n")
+    batch = ("batch", "in", "--out", "out", "--anchors", "known")
+
+    def kept() -> list[bool]:
+        done = inside(*batch, "--json")
+        assert done.returncode == 0
+        found = [json.loads(line) for line in done.stdout.splitlines()]
+        return [row["kept"] for row in sorted(found, key=lambda row: str(row["input"]))]
+
+    def would() -> list[str]:
+        lines = inside(*batch, "--dry-run", "--json").stdout.splitlines()
+        return [json.loads(line)["would"] for line in lines]
+
+    assert (kept(), kept(), would()) == ([False, False], [True, True], ["keep", "keep"])
+    (known / "a.csv").write_text("x,y,depth_m\n5,4,3\n")
+    assert would() == ["do", "keep"]
+    assert (kept(), kept()) == ([False, True], [True, True])
+    (known / "a.csv").write_text("x,y,depth_m,note\n5,4,3.0,same\n")
+    assert kept() == [True, True]
+    (known / "a.csv").unlink()
+    assert would() == ["fail", "keep"]
+    assert inside("batch", "in", "--out", "out").returncode == 0
+    assert [row["anchors"] for row in rows(inside, "out").values()] == [None, None]
+
+
+def test_a_batch_takes_a_folder_and_no_videos(inside: Cli) -> None:
+    tree(inside, "a.png")
+    (inside.folder / "in" / "clip.mp4").write_bytes(b"film")
+    (inside.folder / "known").mkdir()
+    (inside.folder / "known" / "a.csv").write_text("x,y,depth_m\n5,4,2\n")
+    done = inside("batch", "in", "--out", "out", "--anchors", "known/a.csv")
+    assert done.returncode == 2
+    assert "is not a folder; for 'batch', name one" in done.stderr.decode()
+    done = inside("batch", "in", "--out", "out", "--anchors", "known")
+    assert done.returncode == 1
+    assert "clip.mp4 is a video, to which --anchors does not apply" in done.stderr.decode()
+    assert rows(inside, "out")["a.png"]["status"] == "ok"

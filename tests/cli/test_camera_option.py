@@ -1,0 +1,181 @@
+"""``--camera``: the focal length and the principal point of a calibration file."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from folders import rows
+from tiny import synthetic_picture, write_model, write_picture
+from videos import flat_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from command_line import Cli
+
+CALIBRATION = """image_width: 64
+image_height: 48
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [80.0, 0, 30.5, 0, 80.0, 25.25, 0, 0, 1]
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0, 0, 0, 0, 0]
+"""
+GIVEN = ("--focal-px", "80", "--centre-px", "30.5,25.25")
+
+
+@pytest.fixture
+def folder(inside: Cli) -> Path:
+    """A picture, a calibration, and a model that learned another camera."""
+    write_model(inside.models / "default", camera={"hfov_deg": 60.0})
+    write_picture(inside.folder / "room.png", synthetic_picture())
+    (inside.folder / "cam.yaml").write_text(CALIBRATION)
+    return inside.folder
+
+
+def test_predict_has_what_the_options_give(inside: Cli, folder: Path) -> None:
+    formats = ("--format", "npy", "--format", "ply", "--format", "png16", "--json")
+    told = []
+    for name, words in (("a", GIVEN), ("b", ("--camera", "cam.yaml"))):
+        done = inside("predict", "room.png", "-o", f"{name}/", *formats, *words)
+        assert (done.returncode, done.stderr) == (0, b"")
+        told.append(json.loads(done.stdout))
+    assert told[1]["focal_px"] == pytest.approx(80)
+    for field in ("centre_px", "camera", "camera_source"):
+        assert told[0][field] == told[1][field]
+    assert told[1]["centre_px"] == [30.5, 25.25]
+    for name in ("room.depth.png", "room.ply", "room.depth.npy"):
+        assert (folder / "a" / name).read_bytes() == (folder / "b" / name).read_bytes()
+
+
+def test_a_resized_picture_has_a_resized_camera(inside: Cli, folder: Path) -> None:
+    write_picture(folder / "large.png", synthetic_picture(96, 128))
+    write_picture(folder / "wide.png", synthetic_picture(36, 64))
+    words = ("--camera", "cam.yaml", "--format", "npy", "--json")
+    done = inside("predict", "large.png", "wide.png", *words)
+    assert done.returncode == 1
+    large, wide = (json.loads(line) for line in done.stdout.splitlines())
+    assert large["focal_px"] == pytest.approx(160)
+    assert large["centre_px"] == [61.5, 51]
+    assert wide["error"] == (
+        "the calibration is for 64×48 pixels, and the picture of 64×36 has another aspect ratio; "
+        "give --focal-px and --centre-px"
+    )
+    assert not (folder / "wide.depth.npy").exists()
+
+
+@pytest.mark.parametrize("command", ["predict", "batch", "video"])
+def test_a_distorted_lens_is_one_warning(inside: Cli, folder: Path, command: str) -> None:
+    (folder / "cam.yaml").write_text(CALIBRATION.replace("[0, 0,", "[0.1, 0,"))
+    for number in range(2):
+        write_picture(folder / "in" / f"f{number}.png", synthetic_picture())
+    words = {
+        "predict": ("in/f0.png", "in/f1.png", "-o", "out/"),
+        "batch": ("in", "--out", "out"),
+        "video": ("in/f%d.png", "--out", "out/", "--fps", "25"),
+    }[command]
+    done = inside(command, *words, "--format", "npy", "--camera", "cam.yaml")
+    assert done.returncode == 0
+    warning = "depthcli: warning: the camera has lens distortion, which is not removed; rectify"
+    assert done.stderr.decode().count(warning) == 1
+    done = inside(command, *words, "--format", "npy", "--camera", "cam.yaml", "--quiet")
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_a_batch_notices_a_changed_calibration(inside: Cli, folder: Path) -> None:
+    write_picture(folder / "in" / "a.png", synthetic_picture())
+    write_picture(folder / "in" / "wide.png", synthetic_picture(36, 64))
+    batch = ("batch", "in", "--out", "out", "--format", "png16", "--format", "ply")
+    done = inside(*batch, "--camera", "cam.yaml")
+    assert done.returncode == 1
+    found = rows(inside, "out")
+    assert "has another aspect ratio" in found["wide.png"]["error"]
+    assert found["a.png"]["camera"] == "hfov 43.6° (given)"
+    (folder / "in" / "wide.png").unlink()
+    assert inside("predict", "in/a.png", "-o", "alone/", *batch[4:], *GIVEN).returncode == 0
+    for name in ("a.depth.png", "a.ply"):
+        assert (folder / "out" / name).read_bytes() == (folder / "alone" / name).read_bytes()
+
+    def kept() -> bool:
+        done = inside(*batch, "--camera", "cam.yaml", "--json")
+        return bool(json.loads(done.stdout)["kept"])
+
+    assert kept()
+    (folder / "cam.yaml").write_text(CALIBRATION.replace("25.25", "25.5"))
+    assert [kept(), kept()] == [False, True]
+
+
+def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
+    write_video(folder / "clip.avi", flat_frames(range(2)))
+    depths, sidecars = [], []
+    height, width = flat_frames(range(1))[0].shape[:2]
+    (folder / "cam.yaml").write_text(
+        CALIBRATION.replace("64", f"{width}").replace("48", f"{height}")
+    )
+    for name, words in (("a", GIVEN), ("b", ("--camera", "cam.yaml"))):
+        done = inside("video", "clip.avi", "--out", f"{name}/", "--format", "npy", "--sidecar",
+                      *words)  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, b"")
+        depths.append([np.load(path) for path in sorted((folder / name).glob("*.npy"))])
+        (sidecar,) = (folder / name).glob("*.json")
+        sidecars.append(json.loads(sidecar.read_text()))
+    np.testing.assert_allclose(*depths, rtol=1e-6)
+    assert sidecars[0]["centre_px"] == sidecars[1]["centre_px"] == [30.5, 25.25]
+    (folder / "cam.yaml").write_text(CALIBRATION.replace("48", "20"))
+    done = inside("video", "clip.avi", "--out", "c.mkv", "--camera", "cam.yaml")
+    assert done.returncode == 1
+    assert "has another aspect ratio" in done.stderr.decode()
+    assert not (folder / "c.mkv").exists()
+
+
+@pytest.mark.parametrize("command", ["predict", "batch", "video"])
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--camera", "cam.yaml", "--focal-px", "80"), "give --camera or --focal-px, not both"),
+        (("--camera", "cam.yaml", "--hfov", "80"), "give --camera or --hfov, not both"),
+        (("--camera", "cam.yaml", "--centre-px", "3,4"), "give --camera or --centre-px, not both"),
+        (("--camera", "no.yaml"), "--camera: no.yaml is missing"),
+        (("--camera", "room.png"), "--camera: room.png is not a calibration"),
+    ],
+)
+def test_what_does_not_fit_is_a_usage_error(
+    inside: Cli, folder: Path, command: str, words: tuple[str, ...], why: str
+) -> None:
+    given = {"predict": ("room.png",), "batch": (".", "--out", "out")}.get(command, ("clip.mp4",))
+    done = inside(command, *given, *words)
+    assert done.returncode == 2
+    assert why in done.stderr.decode()
+    assert {path.name for path in folder.iterdir()} == {"room.png", "cam.yaml"}
+
+
+def test_the_calibration_is_not_replaced(inside: Cli, folder: Path) -> None:
+    (folder / "cam.yaml").rename(folder / "cam.json")
+    for words in (("predict", "room.png", "-o"), ("video", "clip.avi", "--out")):
+        done = inside(*words, "./cam.json", "--format", "json", "--camera", "cam.json")
+        assert done.returncode == 2
+        assert b"cam.json is the file of --camera" in done.stderr
+    assert (folder / "cam.json").read_text() == CALIBRATION
+
+
+def test_a_profile_holds_a_camera(inside: Cli, folder: Path) -> None:
+    assert inside("profile", "save", "head", "--camera", "cam.yaml").returncode == 0
+    shown = inside("profile", "show", "head").stdout.decode()
+    assert str((folder / "cam.yaml").resolve()) in shown
+    told = inside("predict", "room.png", "-o", "a.npy", "--profile", "head", "--json").stdout
+    assert json.loads(told)["centre_px"] == [30.5, 25.25]
+    for words in (("--focal-px", "90"), ("--hfov", "50"), ("--centre-px", "1,2")):
+        done = inside("predict", "room.png", "-o", "a.png", "--profile", "head", *words)
+        assert (done.returncode, done.stderr) == (0, b"")
+    done = inside("profile", "save", "both", "--camera", "cam.yaml", "--hfov", "50")
+    assert done.returncode == 2
+    assert "give --camera or --hfov, not both" in done.stderr.decode()
+    done = inside("profile", "save", "both", "--anchors", "a.csv", "--anchor", "1,2,3")
+    assert done.returncode == 2
+    assert "give --anchor or --anchors, not both" in done.stderr.decode()

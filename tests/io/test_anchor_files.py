@@ -1,0 +1,105 @@
+"""Known depth in files: what is read, and what is refused."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+
+from depthcli.core.camera import Anchor
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.errors import InputError, UsageError
+from depthcli.io.depth.anchor_files import AnchorFiles
+from depthcli.io.writers.exr import ExrWriter
+from depthcli.io.writers.png16 import Png16Writer
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+DEPTH_M = np.full((4, 6), np.nan, np.float32)
+DEPTH_M[1, 2], DEPTH_M[3, 5] = 2.5, 4.0
+
+
+def test_a_table_has_its_columns_in_any_order(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"\xef\xbb\xbfname,depth_m,x,y\r\na,2.5,3,4\r\nb,1e1,-0.4,6.6\r\n")
+    points = AnchorFiles(str(path)).read()
+    assert points.listed() == (Anchor(3, 4, 2.5), Anchor(0, 7, 10.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (b"", "has no column x; its first line has to name x, y and depth_m"),
+        (b"320,240,2.5\n", "has no column x"),
+        (b"x,y,metres\n1,2,3\n", "has no column depth_m"),
+        (b"x,y,depth_m\n", "has no points"),
+        (b"x,y,depth_m\n1,2,3\n1,2\n", "a.csv, line 3: give x and y in pixels"),
+        (b"x,y,depth_m\n1,2,0\n", "depth_m, a depth from 0.001 to 1000000"),
+        (b"x,y,depth_m\n1,nan,1\n", "line 2"),
+        (b"x,y,depth_m\n-1,2,1\n", "line 2"),
+        (b"x,y,depth_m\n1,2,\xff\n", "is not a CSV table in UTF-8"),
+        (b'x,y,depth_m\n1,2,"3\n', "is not a CSV table"),
+    ],
+)
+def test_a_table_that_is_none_is_refused(tmp_path: Path, text: bytes, why: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(text)
+    with pytest.raises(InputError, match=why):
+        AnchorFiles(str(path)).read()
+
+
+@pytest.mark.parametrize("suffix", ["png", "exr", "npy"])
+def test_a_sparse_map_has_the_points_that_it_knows(tmp_path: Path, suffix: str) -> None:
+    path, depth = tmp_path / f"a.{suffix}", DepthMap(DEPTH_M)
+    match suffix:
+        case "png":
+            Png16Writer().write(depth, path)
+        case "exr":
+            ExrWriter().write(depth, path)
+        case _:
+            np.save(path, np.nan_to_num(DEPTH_M).astype(np.float64))
+    points = AnchorFiles(str(path)).read()
+    assert points.size_px == (6, 4)
+    assert (points.x.tolist(), points.y.tolist()) == ([2, 5], [1, 3])
+    assert points.depth_m == pytest.approx([2.5, 4.0])
+
+
+def test_maps_of_integers_have_a_scale(tmp_path: Path) -> None:
+    steps = np.nan_to_num(DEPTH_M * 256).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "a.png"), steps)
+    np.save(tmp_path / "a.npy", steps)
+    for name in ("a.png", "a.npy"):
+        points = AnchorFiles(str(tmp_path / name), 256.0).read()
+        assert points.depth_m == pytest.approx([2.5, 4.0])
+    with pytest.raises(InputError, match="--anchors-scale"):
+        AnchorFiles(str(tmp_path / "a.npy")).read()
+    with pytest.raises(UsageError, match=r"a\.csv is in metres"):
+        AnchorFiles(str(tmp_path / "a.csv"), 256.0).read()
+
+
+def test_a_map_without_metres_is_refused(tmp_path: Path) -> None:
+    Png16Writer().write(DepthMap(DEPTH_M, DepthKind.RELATIVE), tmp_path / "a.png")
+    np.save(tmp_path / "a.npy", np.zeros((4, 6), np.float32))
+    for name, why in (
+        ("a.png", "relative depth, which has no metres"),
+        ("a.npy", "no pixel with depth"),
+        ("a.txt", r"give a file with \.csv, \.png, \.exr or \.npy"),
+        ("b.csv", "is missing"),
+    ):
+        with pytest.raises(InputError, match=why):
+            AnchorFiles(str(tmp_path / name)).read()
+
+
+def test_a_folder_has_a_file_for_each_picture(tmp_path: Path) -> None:
+    files = AnchorFiles(str(tmp_path))
+    (tmp_path / "hall").mkdir()
+    (tmp_path / "hall" / "a.b.csv").write_text("x,y,depth_m\n1,2,3\n")
+    assert files.read_for("hall/a.b.jpg").listed() == (Anchor(1, 2, 3.0),)
+    with pytest.raises(InputError, match=r"no known depth for it: hall/a with \.csv, \.png"):
+        files.read_for("hall/a.jpg")
+    np.save(tmp_path / "hall" / "a.b.npy", DEPTH_M)
+    with pytest.raises(InputError, match="are both its known depth; remove one"):
+        files.read_for("hall/a.b.jpg")

@@ -1,0 +1,137 @@
+"""Calibrations of ROS and OpenCV: what is read, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+
+from depthcli.core.camera import Calibration, Camera
+from depthcli.errors import InputError
+from depthcli.io.calibration import read_calibration
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+ROS = """image_width: 640
+image_height: 480
+camera_name: head_camera
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [431.5, 0.000000, 337.8,
+         0.000000, 431.5, 250.7, 0.000000, 0.000000, 1.000000]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0.1, -0.3, 0, 0, 0]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [400, 0, 330, 0, 0, 400, 250, 0, 0, 0, 1, 0]
+"""
+TOPIC = """header:
+  frame_id: "camera"
+height: 480
+width: 640
+D: [0.0, 0.0, 0.0, 0.0, 0.0]
+K: [431.5, 0.0, 337.8, 0.0, 431.5, 250.7, 0.0, 0.0, 1.0]
+"""
+EXPECTED = Calibration(640, 480, 431.5, (337.8, 250.7))
+
+
+@pytest.mark.parametrize("start", ["", "%YAML:1.0\n", "%YAML 1.2\n---\n", "---\n", "\ufeff"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_camera_info_of_ros(tmp_path: Path, start: str, end: str) -> None:
+    path = tmp_path / "head.yaml"
+    path.write_text(start + ROS, "utf-8", newline=end)
+    found = read_calibration(path)
+    assert found == Calibration(640, 480, pytest.approx(431.5), (337.8, 250.7), is_distorted=True)
+    path.write_text(start + TOPIC, "utf-8", newline=end)
+    assert read_calibration(path) == EXPECTED
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
+@pytest.mark.parametrize("is_distorted", [True, False])
+def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> None:
+    path = tmp_path / f"camera.{suffix}"
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    file.write("image_width", 640)
+    file.write("image_height", 480)
+    file.write("camera_matrix", np.array([[400.0, 0, 337.8], [0, 441, 250.7], [0, 0, 1]]))
+    file.write("distortion_coefficients", np.array([[0.0, 0, 0.1 * is_distorted, 0, 0]]))
+    file.release()
+    found = read_calibration(path)
+    assert found == Calibration(640, 480, pytest.approx(420), (337.8, 250.7), is_distorted)
+
+
+def test_lists_of_rows(tmp_path: Path) -> None:
+    matrix = [[431.5, 0, 337.8], [0, 431.5, 250.7], [0, 0, 1]]
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps({"width": 640, "height": 480, "K": matrix}))
+    assert read_calibration(path) == EXPECTED
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "is not a calibration that OpenCV can read"),
+        ("\0\1", "is not a calibration that OpenCV can read"),
+        ("{", "is not a calibration that OpenCV can read"),
+        ("[1, 2]", "is not a calibration that OpenCV can read"),
+        ("just text", "is not a calibration that OpenCV can read"),
+        ("<?xml version='1.0'?><a/>", "is not a calibration that OpenCV can read"),
+        (TOPIC.replace("[431.5", "\n- 431.5"), r"lists as \[1, 2\] and without comments"),
+        (TOPIC.replace("K:", "P:"), "has no camera_matrix; name the calibration"),
+        (TOPIC.replace("width:", "columns:"), "has no image_width"),
+        (TOPIC.replace("width: 640", "width: []"), "is for nan×480 pixels"),
+        (TOPIC.replace("width: 640", "width: wide"), "is for nan×480 pixels"),
+        (TOPIC.replace("640", "0"), "is for 0×480 pixels"),
+        (TOPIC.replace("640", "640.5"), "which is no camera"),
+        (TOPIC.replace("431.5", "-431.5"), "fx -431.5"),
+        (TOPIC.replace("337.8", "'x'"), "cx nan"),
+        (TOPIC.replace("0.0, 1.0]", "1.0]"), "not 3×3"),
+        ("#" + "x" * 2**20, "too large for a calibration"),
+    ],
+)
+def test_what_is_no_calibration(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], text: str, why: str
+) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=why):
+        read_calibration(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_is_no_text_or_missing(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    with pytest.raises(InputError, match="is missing"):
+        read_calibration(path)
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="is not a calibration"):
+        read_calibration(path)
+
+
+def test_a_resized_picture_has_the_point_in_its_own_pixels() -> None:
+    half = EXPECTED.centre_for(320, 240)
+    assert half == pytest.approx(((337.8 + 0.5) / 2 - 0.5, (250.7 + 0.5) / 2 - 0.5))
+    assert EXPECTED.centre_for(640, 480) == pytest.approx((337.8, 250.7))
+    assert EXPECTED.centre_for(321, 240) == EXPECTED.centre_for(321, 241)
+    middle = Calibration(640, 480, 400, (319.5, 239.5)).centre_for(1280, 960)
+    assert middle == (639.5, 479.5)
+    for size in ((640, 360), (480, 640), (323, 240)):
+        with pytest.raises(InputError, match="is for 640×480 pixels, and the picture of"):
+            EXPECTED.centre_for(*size)
+
+
+def test_a_distorted_lens_is_a_warning() -> None:
+    assert Camera().warnings == Camera(calibration=EXPECTED).warnings == ()
+    distorted = Calibration(640, 480, 431.5, (math.pi, 2), is_distorted=True)
+    (warning,) = Camera(calibration=distorted).warnings
+    assert "rectify the pictures first" in warning
