@@ -44,7 +44,7 @@ def check_alternatives(
         raise UsageError("give --focal-px or --hfov, not both")
     others = {"--focal-px": focal_px, "--hfov": hfov_deg, "--centre-px": centre_px}
     for word in [word for word, value in others.items() if value is not None and calibration]:
-        raise UsageError(f"give --camera or {word}, not both")
+        raise UsageError(f"give --calibration or {word}, not both")
 
 
 def refuse_replacing(calibration: str | None, output: str | None) -> None:
@@ -54,7 +54,7 @@ def refuse_replacing(calibration: str | None, output: str | None) -> None:
         UsageError: they are one file.
     """
     if calibration and output and is_same_file(path_of(output), path_of(calibration)):
-        raise UsageError(f"{safe_name(output)} is the file of --camera; choose another -o")
+        raise UsageError(f"{safe_name(output)} is the file of --calibration; choose another -o")
 
 
 def _calibrated(camera: Camera, name: str) -> Camera:
@@ -63,7 +63,7 @@ def _calibrated(camera: Camera, name: str) -> Camera:
     try:
         found = read_calibration(path_of(name))
     except InputError as error:
-        raise UsageError(f"--camera: {error}") from error
+        raise UsageError(f"--calibration: {error}") from error
     # The field of view is that of resized pictures, too.
     return replace(camera, hfov_deg=hfov_deg(found.focal_px, found.width), calibration=found)
 

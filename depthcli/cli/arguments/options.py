@@ -157,10 +157,9 @@ HfovOption = Annotated[
         "else the model's camera.",
     ),
 ]
-CameraFileOption = Annotated[
+CalibrationOption = Annotated[
     str | None,
     typer.Option(
-        "--camera",
         metavar="FILE",
         help="Calibration of the camera, instead of --focal-px and --centre-px: camera_info YAML "
         "of ROS, or YAML, XML or JSON of OpenCV.",

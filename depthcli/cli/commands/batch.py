@@ -167,7 +167,7 @@ def batch(
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
-    camera_file: options.CameraFileOption = None,
+    calibration: options.CalibrationOption = None,
     anchor: options.AnchorOption = None,
     anchors: options.AnchorsOption = None,
     anchors_scale: options.AnchorsScaleOption = None,
@@ -195,7 +195,7 @@ def batch(
     from depthcli.jobs.batch.failure_budget import FailureBudget
 
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, anchor, white_level, camera_file, centre_px)
+    camera = choose_camera(focal_px, hfov, anchor, white_level, calibration, centre_px)
     known = choose_anchors(anchor, anchors, anchors_scale, is_folder=True)
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
     refuse_unused(context, chosen, PICTURE_OPTIONS)

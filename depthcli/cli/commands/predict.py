@@ -53,7 +53,7 @@ def predict(
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
-    camera_file: options.CameraFileOption = None,
+    calibration: options.CalibrationOption = None,
     anchor: options.AnchorOption = None,
     anchors: options.AnchorsOption = None,
     anchors_scale: options.AnchorsScaleOption = None,
@@ -85,9 +85,9 @@ def predict(
     to_stdout = output == STDIO
     if as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
-    refuse_replacing(camera_file, output)
+    refuse_replacing(calibration, output)
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, anchor, white_level, camera_file, centre_px)
+    camera = choose_camera(focal_px, hfov, anchor, white_level, calibration, centre_px)
     known = choose_anchors(anchor, anchors, anchors_scale)
     chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen

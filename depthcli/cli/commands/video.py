@@ -138,7 +138,7 @@ def video(
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
-    camera_file: options.CameraFileOption = None,
+    calibration: options.CalibrationOption = None,
     white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
@@ -171,9 +171,9 @@ def video(
     to_stdout = output == STDIO
     if as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
-    refuse_replacing(camera_file, output)
+    refuse_replacing(calibration, output)
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, None, white_level, camera_file, centre_px)
+    camera = choose_camera(focal_px, hfov, None, white_level, calibration, centre_px)
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")

@@ -32,7 +32,7 @@ def check_together(values: Mapping[str, Value]) -> None:
         value = values.get(key)
         return float(value) if isinstance(value, int | float) else None
 
-    check_alternatives(number("focal-px"), number("hfov"), word("camera"), word("centre-px"))
+    check_alternatives(number("focal-px"), number("hfov"), word("calibration"), word("centre-px"))
     choose_camera(number("focal-px"), number("hfov"), words("anchor"))
     check_anchors(words("anchor"), word("anchors"), number("anchors-scale"))
     choose_detail(Upsampling.BILINEAR, word("tile"), word("max-memory"))

@@ -17,9 +17,9 @@ _NOT_SAVED = frozenset({"help", "debug", "profile", "output", "out"})
 """Options that profiles do not hold: those of one run or of the command line itself."""
 _ALTERNATIVES = (
     ("focal_px", "hfov"),
-    ("focal_px", "camera_file"),
-    ("hfov", "camera_file"),
-    ("centre_px", "camera_file"),
+    ("focal_px", "calibration"),
+    ("hfov", "calibration"),
+    ("centre_px", "calibration"),
     ("anchor", "anchors"),
     ("png_scale", "png_normalize"),
     ("colormap", "near"),

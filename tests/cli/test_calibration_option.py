@@ -1,4 +1,4 @@
-"""``--camera``: the focal length and the principal point of a calibration file."""
+"""``--calibration``: the focal length and the principal point of a calibration file."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def folder(inside: Cli) -> Path:
 def test_predict_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     formats = ("--format", "npy", "--format", "ply", "--format", "png16", "--json")
     told = []
-    for name, words in (("a", GIVEN), ("b", ("--camera", "cam.yaml"))):
+    for name, words in (("a", GIVEN), ("b", ("--calibration", "cam.yaml"))):
         done = inside("predict", "room.png", "-o", f"{name}/", *formats, *words)
         assert (done.returncode, done.stderr) == (0, b"")
         told.append(json.loads(done.stdout))
@@ -57,7 +57,7 @@ def test_predict_has_what_the_options_give(inside: Cli, folder: Path) -> None:
 def test_a_resized_picture_has_a_resized_camera(inside: Cli, folder: Path) -> None:
     write_picture(folder / "large.png", synthetic_picture(96, 128))
     write_picture(folder / "wide.png", synthetic_picture(36, 64))
-    words = ("--camera", "cam.yaml", "--format", "npy", "--json")
+    words = ("--calibration", "cam.yaml", "--format", "npy", "--json")
     done = inside("predict", "large.png", "wide.png", *words)
     assert done.returncode == 1
     large, wide = (json.loads(line) for line in done.stdout.splitlines())
@@ -80,11 +80,11 @@ def test_a_distorted_lens_is_one_warning(inside: Cli, folder: Path, command: str
         "batch": ("in", "--out", "out"),
         "video": ("in/f%d.png", "--out", "out/", "--fps", "25"),
     }[command]
-    done = inside(command, *words, "--format", "npy", "--camera", "cam.yaml")
+    done = inside(command, *words, "--format", "npy", "--calibration", "cam.yaml")
     assert done.returncode == 0
     warning = "depthcli: warning: the camera has lens distortion, which is not removed; rectify"
     assert done.stderr.decode().count(warning) == 1
-    done = inside(command, *words, "--format", "npy", "--camera", "cam.yaml", "--quiet")
+    done = inside(command, *words, "--format", "npy", "--calibration", "cam.yaml", "--quiet")
     assert (done.returncode, done.stderr) == (0, b"")
 
 
@@ -92,7 +92,7 @@ def test_a_batch_notices_a_changed_calibration(inside: Cli, folder: Path) -> Non
     write_picture(folder / "in" / "a.png", synthetic_picture())
     write_picture(folder / "in" / "wide.png", synthetic_picture(36, 64))
     batch = ("batch", "in", "--out", "out", "--format", "png16", "--format", "ply")
-    done = inside(*batch, "--camera", "cam.yaml")
+    done = inside(*batch, "--calibration", "cam.yaml")
     assert done.returncode == 1
     found = rows(inside, "out")
     assert "has another aspect ratio" in found["wide.png"]["error"]
@@ -103,7 +103,7 @@ def test_a_batch_notices_a_changed_calibration(inside: Cli, folder: Path) -> Non
         assert (folder / "out" / name).read_bytes() == (folder / "alone" / name).read_bytes()
 
     def kept() -> bool:
-        done = inside(*batch, "--camera", "cam.yaml", "--json")
+        done = inside(*batch, "--calibration", "cam.yaml", "--json")
         return bool(json.loads(done.stdout)["kept"])
 
     assert kept()
@@ -118,7 +118,7 @@ def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     (folder / "cam.yaml").write_text(
         CALIBRATION.replace("64", f"{width}").replace("48", f"{height}")
     )
-    for name, words in (("a", GIVEN), ("b", ("--camera", "cam.yaml"))):
+    for name, words in (("a", GIVEN), ("b", ("--calibration", "cam.yaml"))):
         done = inside("video", "clip.avi", "--out", f"{name}/", "--format", "npy", "--sidecar",
                       *words)  # fmt: skip
         assert (done.returncode, done.stderr) == (0, b"")
@@ -128,7 +128,7 @@ def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     np.testing.assert_allclose(*depths, rtol=1e-6)
     assert sidecars[0]["centre_px"] == sidecars[1]["centre_px"] == [30.5, 25.25]
     (folder / "cam.yaml").write_text(CALIBRATION.replace("48", "20"))
-    done = inside("video", "clip.avi", "--out", "c.mkv", "--camera", "cam.yaml")
+    done = inside("video", "clip.avi", "--out", "c.mkv", "--calibration", "cam.yaml")
     assert done.returncode == 1
     assert "has another aspect ratio" in done.stderr.decode()
     assert not (folder / "c.mkv").exists()
@@ -138,11 +138,17 @@ def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("--camera", "cam.yaml", "--focal-px", "80"), "give --camera or --focal-px, not both"),
-        (("--camera", "cam.yaml", "--hfov", "80"), "give --camera or --hfov, not both"),
-        (("--camera", "cam.yaml", "--centre-px", "3,4"), "give --camera or --centre-px, not both"),
-        (("--camera", "no.yaml"), "--camera: no.yaml is missing"),
-        (("--camera", "room.png"), "--camera: room.png is not a calibration"),
+        (
+            ("--calibration", "cam.yaml", "--focal-px", "80"),
+            "give --calibration or --focal-px, not both",
+        ),
+        (("--calibration", "cam.yaml", "--hfov", "80"), "give --calibration or --hfov, not both"),
+        (
+            ("--calibration", "cam.yaml", "--centre-px", "3,4"),
+            "give --calibration or --centre-px, not both",
+        ),
+        (("--calibration", "no.yaml"), "--calibration: no.yaml is missing"),
+        (("--calibration", "room.png"), "--calibration: room.png is not a calibration"),
     ],
 )
 def test_what_does_not_fit_is_a_usage_error(
@@ -158,14 +164,14 @@ def test_what_does_not_fit_is_a_usage_error(
 def test_the_calibration_is_not_replaced(inside: Cli, folder: Path) -> None:
     (folder / "cam.yaml").rename(folder / "cam.json")
     for words in (("predict", "room.png", "-o"), ("video", "clip.avi", "--out")):
-        done = inside(*words, "./cam.json", "--format", "json", "--camera", "cam.json")
+        done = inside(*words, "./cam.json", "--format", "json", "--calibration", "cam.json")
         assert done.returncode == 2
-        assert b"cam.json is the file of --camera" in done.stderr
+        assert b"cam.json is the file of --calibration" in done.stderr
     assert (folder / "cam.json").read_text() == CALIBRATION
 
 
 def test_a_profile_holds_a_camera(inside: Cli, folder: Path) -> None:
-    assert inside("profile", "save", "head", "--camera", "cam.yaml").returncode == 0
+    assert inside("profile", "save", "head", "--calibration", "cam.yaml").returncode == 0
     shown = inside("profile", "show", "head").stdout.decode()
     assert str((folder / "cam.yaml").resolve()) in shown
     told = inside("predict", "room.png", "-o", "a.npy", "--profile", "head", "--json").stdout
@@ -173,9 +179,9 @@ def test_a_profile_holds_a_camera(inside: Cli, folder: Path) -> None:
     for words in (("--focal-px", "90"), ("--hfov", "50"), ("--centre-px", "1,2")):
         done = inside("predict", "room.png", "-o", "a.png", "--profile", "head", *words)
         assert (done.returncode, done.stderr) == (0, b"")
-    done = inside("profile", "save", "both", "--camera", "cam.yaml", "--hfov", "50")
+    done = inside("profile", "save", "both", "--calibration", "cam.yaml", "--hfov", "50")
     assert done.returncode == 2
-    assert "give --camera or --hfov, not both" in done.stderr.decode()
+    assert "give --calibration or --hfov, not both" in done.stderr.decode()
     done = inside("profile", "save", "both", "--anchors", "a.csv", "--anchor", "1,2,3")
     assert done.returncode == 2
     assert "give --anchor or --anchors, not both" in done.stderr.decode()
