@@ -15,7 +15,11 @@ from depthcli.video.formats import video_format_of
 
 _NOT_SAVED = frozenset({"help", "debug", "profile", "output", "out"})
 """Options that profiles do not hold: those of one run or of the command line itself."""
-_ALTERNATIVES = (("focal_px", "hfov"), ("png_scale", "png_normalize"), ("colormap", "near"))
+_ALTERNATIVES = (
+    ("focal_px", "hfov", "cameras"),
+    ("png_scale", "png_normalize"),
+    ("colormap", "near"),
+)
 _FORMATS, _OUTPUT = "formats", "output"
 _FOLDERS_ONLY = "batch"
 

@@ -2,10 +2,12 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from depthcli.core.camera import Lens
+from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import (
     NO_THREADS,
     DepthcliError,
@@ -39,6 +41,13 @@ class Task(Generic[_FormatT]):
     outputs: Mapping[_FormatT, Path]  #: path of each format; a sequence's has ``%06d`` in its name
     earlier: Row | None = None  #: the row of an earlier run, if its outputs have these names
     is_suspect: bool = False  #: whether decoding it may have crashed an earlier run
+    lens: Lens | None = None  #: its own focal length; None for that of the batch, if it has one
+
+    def origin(self, batch: Origin) -> Origin:
+        """Model and options that its outputs are made with: those of the batch, and its lens."""
+        if self.lens is None:
+            return batch
+        return replace(batch, options_sha256=fingerprint(batch.options_sha256, self.lens))
 
     def reusable_row(self, out: Path, sha256: str, origin: Origin) -> Row | None:
         """The earlier row, if processing the input again would give the same outputs.
@@ -46,10 +55,10 @@ class Task(Generic[_FormatT]):
         Args:
             out: the output folder.
             sha256: checksum of the input.
-            origin: model and options that its outputs would be made with.
+            origin: model and options of the batch.
         """
-        row = self.earlier
-        if row is None or (row.status, row.input_sha256, row.origin) != (OK, sha256, origin):
+        row, now = self.earlier, (OK, sha256, self.origin(origin))
+        if row is None or (row.status, row.input_sha256, row.origin) != now:
             return None
         return row if all(is_intact(out, file) for file in row.outputs) else None
 
@@ -60,7 +69,7 @@ class Task(Generic[_FormatT]):
 
         Args:
             error: why.
-            origin: model and options.
+            origin: model and options of the batch.
             start_s: start of the work on the input, by ``time.perf_counter``.
             sha256: checksum of the input; None if it could not be read.
         """
@@ -68,7 +77,7 @@ class Task(Generic[_FormatT]):
         row = Row(
             input=self.input.name,
             status=FAILED,
-            origin=origin,
+            origin=self.origin(origin),
             seconds=seconds,
             input_sha256=sha256,
             error=failure_reason(error),
