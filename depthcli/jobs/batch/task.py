@@ -8,18 +8,13 @@ from typing import Generic, TypeVar
 
 from depthcli.core.camera import Lens
 from depthcli.core.fingerprint import fingerprint
-from depthcli.errors import (
-    NO_THREADS,
-    DepthcliError,
-    ModelError,
-    is_out_of_memory,
-    is_out_of_threads,
-)
+from depthcli.errors import ModelError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
 from depthcli.io.writers.formats import Format
+from depthcli.jobs.failed import failure_reason
 from depthcli.video.formats import VideoFormat
 
 _FormatT = TypeVar("_FormatT", Format, VideoFormat)
@@ -93,16 +88,3 @@ def check_network(error: Exception, session: Session) -> None:
     """
     if isinstance(error, ModelError):
         try_session(session)
-
-
-def failure_reason(error: Exception) -> str:
-    """The reason why an input failed, in one line."""
-    if isinstance(error, DepthcliError):
-        return str(error)
-    if is_out_of_memory(error):
-        return "does not fit into memory; make it smaller"
-    if is_out_of_threads(error):
-        return NO_THREADS
-    if isinstance(error, OSError) and error.strerror:  # for example too many open files
-        return ": ".join(filter(None, (error.filename and str(error.filename), error.strerror)))
-    return f"unexpected {type(error).__name__}: {error}"
