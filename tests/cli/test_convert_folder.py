@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,8 +9,9 @@ import pytest
 from folders import contents, printed
 from tiny import write_picture
 
-from depthcli.core.types import DepthMap
+from depthcli.core.types import DepthKind, DepthMap
 from depthcli.io.depth.read import read_depth
+from depthcli.io.listing.folder import InputFile
 from depthcli.io.listing.globs import NameFilter
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.npy import NpyWriter
@@ -19,7 +19,12 @@ from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.preview import PreviewWriter
 from depthcli.io.writers.sidecar import SidecarWriter
 from depthcli.jobs.convert import ConvertResult
-from depthcli.jobs.convert_folder import ConvertFolderRequest, convert_folder, plan_conversion
+from depthcli.jobs.convert_folder import (
+    ConvertFolderRequest,
+    FolderPlan,
+    convert_folder,
+    plan_conversion,
+)
 from depthcli.jobs.failed import FailedInput
 
 if TYPE_CHECKING:
@@ -139,6 +144,14 @@ def test_warnings_name_the_file(tree: Cli) -> None:
     assert b"round trip: max error 4.46 m, 0 pixels lost" in done.stdout
 
 
+def test_relative_depth_has_no_unit(inside: Cli) -> None:
+    (inside.folder / "in").mkdir()
+    relative = DepthMap(np.linspace(0, 1, 48, dtype=np.float32).reshape(6, 8), DepthKind.RELATIVE)
+    Png16Writer().write(relative, inside.folder / "in/a.png")
+    done = inside(*TO_EXR)
+    assert done.stdout == b"1 of 1 files converted; round trip: max error 0, 0 pixels lost\n"
+
+
 def test_names_of_conversions_do_not_collide(tmp_path: Path) -> None:
     given = ("a.depth.png", "a.npy", "b.depth.npy", "B.png", "c.npy", "c.npy.exr", "d.png", "D.png")
     (tmp_path / "in").mkdir()
@@ -228,13 +241,13 @@ def test_wrong_usage_of_folders(tree: Cli, words: tuple[str, ...], code: int, re
     assert contents(tree, ".") == before
 
 
-@pytest.mark.skipif(os.getuid() == 0, reason="root reads every folder")
-def test_a_folder_that_cannot_be_listed_is_a_failed_conversion(tree: Cli) -> None:
-    (tree.folder / "in/hall").chmod(0)
-    done = tree(*TO_EXR)
-    (tree.folder / "in/hall").chmod(0o755)
-    assert done.returncode == 1
-    assert b"cannot be listed" in done.stderr
+def test_a_folder_that_cannot_be_listed_is_a_failed_conversion(tmp_path: Path) -> None:
+    request = ConvertFolderRequest(f"{tmp_path}/in", f"{tmp_path}/out", Format.EXR)
+    unreadable = InputFile("hall", "in/hall", "in/hall cannot be listed: Permission denied")
+    (result,) = convert_folder(request, FolderPlan((unreadable,), ("out/hall",), (), ()))
+    assert isinstance(result, FailedInput)
+    assert str(result.error) == unreadable.problem
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_folders_of_a_bucket(tmp_path: Path, bucket: Bucket) -> None:
