@@ -8,7 +8,7 @@ COMMANDS = {
     "video": ("video", "Depth video: lossless 16-bit, preview, or image sequence."),
     "models": ("models", "List, inspect, verify, add and remove models."),
     "profile": ("profile", "Save options under a name, for --profile."),
-    "convert": ("convert", "Convert a depth file and report the conversion error."),
+    "convert": ("convert", "Convert depth files and report the conversion error."),
     "info": ("info", "Show unit, scale and range of a depth file."),
     "probe": ("probe", "Show the depth at given pixels of a depth file."),
     "eval": ("eval.app", "Measure accuracy on NYU Depth v2 or your pairs."),

@@ -1,7 +1,7 @@
 """Options about camera and scene; free of numpy, so that they are checked before it loads."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 from depthcli.core.validation import Rule
 from depthcli.errors import InputError
@@ -28,6 +28,18 @@ class Anchor(NamedTuple):
     x: int
     y: int
     depth_m: float
+
+
+class Lens(NamedTuple):
+    """The focal length of one picture, in one of two forms.
+
+    Attributes:
+        focal_px: in pixels of the picture; None if it is not given.
+        hfov_deg: horizontal field of view in degrees, instead; None if it is not given.
+    """
+
+    focal_px: float | None = None
+    hfov_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,3 +97,14 @@ class Camera:
             InputError: the calibration is for another aspect ratio.
         """
         return None if self.calibration is None else self.calibration.centre_for(width, height)
+
+    @property
+    def lens(self) -> Lens:
+        """The given focal length, if there is one."""
+        return Lens(self.focal_px, self.hfov_deg)
+
+    def with_lens(self, lens: Lens | None) -> Self:
+        """The same camera with the focal length of one picture, if it is known."""
+        if lens is None:
+            return self
+        return replace(self, focal_px=lens.focal_px, hfov_deg=lens.hfov_deg)

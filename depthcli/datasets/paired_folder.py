@@ -5,7 +5,6 @@ Subfolders are kept and become the scene: ``rgb/kitchen/01.jpg`` belongs to
 the focal length of each picture, are optional.
 """
 
-import csv
 import math
 import os
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.camera import FOCAL_PX
+from depthcli.core.camera import Lens
 from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
@@ -25,8 +24,8 @@ from depthcli.datasets.files import (
     read_image_rgb,
     sample_positions,
 )
-from depthcli.errors import DatasetError
-from depthcli.io.storage.regular import read_regular
+from depthcli.errors import DatasetError, InputError
+from depthcli.io.lens_table import read_lenses
 from depthcli.io.writers.formats import MILLIMETRES
 
 PREDICTION_SUFFIX = ".depth"
@@ -34,7 +33,6 @@ PREDICTION_SUFFIX = ".depth"
 CAMERAS_NAME = "cameras.csv"
 """``id,focal_px``: focal length of each picture, in its own pixels."""
 PLAUSIBLE_M = (0.1, 100.0)
-_MAX_CAMERAS_BYTES = 256 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,16 +148,14 @@ def _focal_lengths(path: Path, ids: tuple[str, ...]) -> tuple[float, ...]:
     if not path.exists():
         return ()
     try:
-        lines = read_regular(path, _MAX_CAMERAS_BYTES).decode("utf-8-sig").splitlines()
-        of_id = {row["id"]: float(row["focal_px"] or "nothing") for row in csv.DictReader(lines)}
-        found = tuple(of_id[pair_id] for pair_id in ids)
-    except KeyError as error:
-        raise DatasetError(f"{path} has no {error}: it needs id,focal_px and each pair") from error
-    except (OSError, ValueError, TypeError, csv.Error) as error:
-        raise DatasetError(f"{path} cannot be read: {error}") from error
-    if not all(map(FOCAL_PX.holds, found)):
-        raise DatasetError(f"{path}: a focal length in pixels is not {FOCAL_PX.what}")
-    return found
+        lenses = read_lenses(path)
+    except InputError as error:
+        raise DatasetError(str(error)) from error
+    found = [lenses.get(pair_id, Lens()).focal_px for pair_id in ids]
+    if None in found:
+        missing = ids[found.index(None)]
+        raise DatasetError(f"{path} has no {missing!r}: it needs id,focal_px and each pair")
+    return tuple(focal_px for focal_px in found if focal_px is not None)
 
 
 def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Path]:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core import scaling
+from depthcli.core.camera import Lens
 from depthcli.core.choices import DEFAULT_DETAIL, Detail
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import ModelError, UsageError
@@ -69,6 +70,7 @@ class Pipeline:
         *,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
+        lenses: Sequence[Lens | None] = (),
     ) -> list[DepthMap]:
         """Depth of several pictures; those with the same input size are run as one batch.
 
@@ -76,6 +78,8 @@ class Pipeline:
             frames: the pictures, of any sizes.
             focal_px: as in :meth:`predict`, for each picture.
             hfov_deg: as in :meth:`predict`, for each picture.
+            lenses: the own focal length of each picture, instead; None where ``focal_px`` and
+                ``hfov_deg`` apply. Empty if they apply to all.
 
         Returns:
             What :meth:`predict` returns for each, in their order.
@@ -87,14 +91,15 @@ class Pipeline:
         """
         for frame in frames:
             tile_width_px(self.card.input, frame, self.detail)
-        self.check_focal(focal_px, hfov_deg)
+        given = Lens(focal_px, hfov_deg)
+        own = [lens or given for lens in lenses or [None] * len(frames)]
+        for lens in {given, *own}:
+            self.check_focal(*lens)
         prepared = [prepare(self.card.input, frame) for frame in frames]
         raws = self._run([single for single, _ in prepared])
         return [
-            self._finish(
-                frame, raw, layout, camera_of(self.card, frame, layout, focal_px, hfov_deg)
-            )
-            for frame, raw, (_, layout) in zip(frames, raws, prepared, strict=True)
+            self._finish(frame, raw, layout, camera_of(self.card, frame, layout, *lens))
+            for frame, raw, (_, layout), lens in zip(frames, raws, prepared, own, strict=True)
         ]
 
     def _finish(

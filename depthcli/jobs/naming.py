@@ -52,7 +52,7 @@ def plan_outputs(
         plans = [_one_file(sources, path_of(out), suffixes)]
     else:
         plans = _in_folders(sources, None if out is None else path_of(out), suffixes)
-    _check_collisions(plans)
+    check_collisions(plans)
     return plans
 
 
@@ -149,7 +149,12 @@ def _with_namesakes(folder: Path, own: set[str]) -> set[str]:
     return own | {n for n in others if is_media(n) and not is_own_picture(folder / n)}
 
 
-def _check_collisions(plans: Sequence[OutputPlan]) -> None:
+def check_collisions(plans: Sequence[OutputPlan]) -> None:
+    """Check that no output is an input, or another output.
+
+    Raises:
+        UsageError: one is.
+    """
     places = RealPaths()
     sources = (plan.source for plan in plans if plan.source is not None)
     inputs = {_case_folded_path(place) for source in sources for place in places.all_of(source)}

@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TypeAlias
 
 import numpy as np
@@ -25,12 +25,14 @@ class TreeNames:
     necessary, in the same way each time.
     """
 
-    def __init__(self, names: Iterable[str]) -> None:
+    def __init__(self, names: Iterable[str], stem: Callable[[str], str] = stem) -> None:
         """Hash the names of all inputs.
 
         Args:
             names: paths from the root, with ``/`` between their parts.
+            stem: an input's name without suffix.
         """
+        self._stem = stem
         found = np.fromiter(
             (
                 (_hash(name), _hash(normalised(name)), _hash(normalised(stem(name))))
@@ -50,7 +52,8 @@ class TreeNames:
         """Path of an input's outputs from the output folder, without a suffix."""
         if _is_in(self._alike, normalised(name)):
             return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
-        return name if _is_in(self._shared, normalised(stem(name))) else stem(name)
+        short = self._stem(name)
+        return name if _is_in(self._shared, normalised(short)) else short
 
 
 def _hash(name: str) -> int:

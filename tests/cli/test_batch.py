@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -561,7 +561,7 @@ def test_an_error_that_nobody_foresaw_stops_no_other(
 ) -> None:
     whole = Pipeline.predict_many
 
-    def predict_many(self: Pipeline, frames: list[Frame], **camera: float | None) -> list[DepthMap]:
+    def predict_many(self: Pipeline, frames: list[Frame], **camera: Any) -> list[DepthMap]:
         if any(frame.width == 7 for frame in frames):
             raise ValueError("seven")
         return list(whole(self, frames, **camera))

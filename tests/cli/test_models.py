@@ -44,6 +44,21 @@ def test_no_terminal_is_too_narrow_for_names_and_paths(cli: Cli, columns: int) -
             assert cell in shown
 
 
+@pytest.mark.parametrize("words", [("models",), ("models", "cards")])
+def test_columns_are_aligned_on_a_terminal_that_is_wide_enough(
+    cli: Cli, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    header, *rows = (line.split("\t") for line in cli(*words).stdout.decode().splitlines())
+    _, shown = cli.on_a_terminal(*words, columns=300)
+    lines = shown.splitlines()[: 1 + len(rows)]
+    for column, name in enumerate(header):
+        start = lines[0].index(name)
+        for line, row in zip(lines[1:], rows, strict=True):
+            assert line[start:].startswith(row[column])
+            assert start == 0 or line[start - 1] == " "
+
+
 def test_the_bundled_models_are_in_the_wheel_and_run(inside: Cli) -> None:
     nothing_else = {"DEPTHCLI_MODELS": ""}
     listed = inside("models", "list", "--json", **nothing_else).stdout.splitlines()

@@ -10,6 +10,7 @@ import onnx
 import pytest
 from tiny import synthetic_picture, tiny_onnx, write_model
 
+from depthcli.core.camera import Lens
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import ModelError, UsageError
 from depthcli.inference.pipeline import Pipeline, load
@@ -144,6 +145,20 @@ def test_many_pictures_give_what_each_gives_alone(kinect: Pipeline) -> None:
             np.testing.assert_array_equal(one.values, other.values)
             assert (one.kind, one.provenance) == (other.kind, other.provenance)
     assert kinect.predict_many([]) == []
+
+
+def test_each_picture_can_have_its_own_lens(kinect: Pipeline) -> None:
+    frames = [Frame(np.full((24, 32), value, np.uint8)) for value in (90, 120, 150)]
+    lenses = (Lens(40.0), None, Lens(hfov_deg=50.0))
+    together = kinect.predict_many(frames, focal_px=30.0, lenses=lenses)
+    each = ({"focal_px": 40.0}, {"focal_px": 30.0}, {"hfov_deg": 50.0})
+    for depth, frame, words in zip(together, frames, each, strict=True):
+        alone = kinect.predict(frame, **words)
+        np.testing.assert_array_equal(depth.values, alone.values)
+        assert depth.provenance == alone.provenance
+    for wrong in (Lens(-1.0), Lens(40.0, 50.0)):
+        with pytest.raises(UsageError):
+            kinect.predict_many(frames, lenses=(None, None, wrong))
 
 
 def test_pictures_of_one_network_size_run_together(

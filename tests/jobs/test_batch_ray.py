@@ -18,11 +18,14 @@ from batches import outputs, request
 from tiny import synthetic_picture, write_picture
 from videos import write_mp4
 
+from depthcli.core.camera import Lens
 from depthcli.errors import EngineError, ModelError, UsageError
 from depthcli.io.manifest.row import FAILED, OK
+from depthcli.jobs.batch.cameras import CameraTable
 from depthcli.jobs.batch.engines.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.pictures import PictureWorker
+from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.worker_spec import WorkerSpec
 
@@ -107,6 +110,21 @@ def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, engine: RayEngine
     assert_same(tmp_path, results)
     again = list(Batch(request(tmp_path), engine=engine))
     assert [result.row.input for result in again if not result.is_kept] == ["bad.png"]
+
+
+def test_workers_know_the_camera_of_each_picture(tmp_path: Path, engine: RayEngine) -> None:
+    names = ("a.png", "b.png")
+    for name in names:
+        write_picture(tmp_path / "in" / name)
+    table = CameraTable({"a": Lens(40.0)})
+    plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), cameras=table)
+    results = list(Batch(replace(request(tmp_path), plan=plan), engine=engine))
+    cameras = {result.row.input: result.row.camera or "" for result in results}
+    assert [cameras[name].partition(" (")[2] for name in names] == [
+        "given)",
+        "assumed, from the model's card)",
+    ]
+    assert all(result.is_kept for result in Batch(replace(request(tmp_path), plan=plan)))
 
 
 class Poisoned(PictureWorker):

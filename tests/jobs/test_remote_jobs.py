@@ -16,6 +16,7 @@ from batches import outputs, pictures
 from tiny import write_model, write_picture
 from videos import flat_frames, write_video
 
+from depthcli.core.camera import Lens
 from depthcli.core.exit_hooks import run_exit_hooks
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.loading import SessionLoader
@@ -24,6 +25,7 @@ from depthcli.io.manifest.rows_folder import rows_folder
 from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.cameras import read_cameras
 from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
@@ -50,6 +52,13 @@ FORMATS = (Format.PNG16, Format.EXR, Format.NPY, Format.PREVIEW, Format.JSON)
 @pytest.fixture
 def loader(tmp_path: Path) -> SessionLoader:
     return SessionLoader(write_model(tmp_path / "model"), "cpu", threads=1)
+
+
+def test_a_table_of_cameras_comes_from_a_bucket(bucket: Bucket) -> None:
+    uri = bucket.put("cameras.csv", b"id,focal_px\nhall/b,40\n")
+    assert read_cameras(uri).lens("hall/b.png") == Lens(40.0)
+    with pytest.raises(UsageError, match=r"none\.csv cannot be read"):
+        read_cameras(bucket.uri("none.csv"))
 
 
 def test_pictures_go_from_bucket_to_bucket(

@@ -151,12 +151,13 @@ def test_training_reads_them(folder: Path) -> None:
     ("text", "message"),
     [
         ("id,focal_px\na,30\n", "has no 'b'"),
-        ("id,mm\na,30\nb,30\n", "has no 'focal_px'"),
-        ("id,focal_px\na,30\nb,long\n", "cannot be read"),
-        ("id,focal_px\na,30\nb\n", "cannot be read"),
-        ("id,focal_px\na,30\nb,0\n", "is not a number from 0.001 to 1e8"),
-        ("id,focal_px\na,30\nb,nan\n", "is not a number from 0.001 to 1e8"),
-        ("id,focal_px\na,30\nb,1e300\n", "is not a number from 0.001 to 1e8"),
+        ("id,mm\na,30\nb,30\n", "has no columns id,focal_px"),
+        ("id,hfov_deg\na,30\nb,30\n", "has no 'a'"),
+        ("id,focal_px\na,30\nb,long\n", "line 3: focal_px is a number .*, not 'long'"),
+        ("id,focal_px\na,30\nb\n", "has no 'b'"),
+        ("id,focal_px\na,30\nb,0\n", "focal_px is a number from 0.001 to 1e8"),
+        ("id,focal_px\na,30\nb,nan\n", "focal_px is a number from 0.001 to 1e8"),
+        ("id,focal_px\na,30\nb,1e300\n", "focal_px is a number from 0.001 to 1e8"),
     ],
 )
 def test_cameras_of_ones_own_have_to_be_whole(tmp_path: Path, text: str, message: str) -> None:

@@ -37,6 +37,7 @@ from depthcli.io.depth.exr import write_exr
 from depthcli.io.depth.metadata import read_metadata
 from depthcli.io.depth.read import read_depth, read_whole_depth
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
+from depthcli.io.lens_table import read_lenses
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.path_list import listed_inputs, parse_list
 from depthcli.io.manifest.files import TableRows
@@ -509,6 +510,9 @@ TARGETS: dict[str, Target] = {
     "ffv1-slices": Target("a.bin", lambda: videos()[:1], _read_slices),
     "mat": Target("a.mat", mats, _read_mat, 2),
     "index": Target("index.csv", _indices, read_index),
+    "cameras": Target(
+        "cameras.csv", lambda: [b"id,focal_px,hfov_deg\na,30,\nb,,60\n"], read_lenses
+    ),
     "checkpoint": Target("a.ckpt", lambda: [checkpoint()], Checkpoint.load),
     "metrics": Target(
         "metrics.jsonl",

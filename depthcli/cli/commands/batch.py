@@ -10,6 +10,7 @@ import typer
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.engine import EngineName, open_engine
 from depthcli.cli.arguments.numbers import not_negative
+from depthcli.core.camera import Lens
 from depthcli.core.choices import GPU_BATCH, MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.manifest.row import ManifestFormat
@@ -166,6 +167,14 @@ def batch(
     sidecar: options.SidecarOption = False,
     focal_px: options.FocalPxOption = None,
     hfov: options.HfovOption = None,
+    cameras: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="CSV file with the focal length of each input: column id, its path from DIR with "
+            "or without suffix, and focal_px or hfov_deg.",
+        ),
+    ] = None,
     centre_px: options.CentrePxOption = None,
     calibration: options.CalibrationOption = None,
     anchor: options.AnchorOption = None,
@@ -197,6 +206,10 @@ def batch(
     writing = writer_options(context.params)
     camera = choose_camera(focal_px, hfov, anchor, white_level, calibration, centre_px)
     known = choose_anchors(anchor, anchors, anchors_scale, is_folder=True)
+    if cameras is not None and camera.lens != Lens():
+        raise UsageError(
+            "give --cameras, or one --focal-px, --hfov or --calibration for all inputs, not both"
+        )
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
     refuse_unused(context, chosen, PICTURE_OPTIONS)
     use_bytes = [which.facts.use_bytes for which in chosen]
@@ -244,6 +257,7 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     from depthcli.io.listing.globs import NameFilter
     from depthcli.io.listing.path_list import parse_list, read_list
     from depthcli.io.manifest.shard import WHOLE, Shard
+    from depthcli.jobs.batch.cameras import read_cameras
     from depthcli.jobs.batch.plan import plan_files, plan_folder
 
     folder, out, files, column = (given[name] for name in ("folder", "output", "files", "column"))
@@ -253,12 +267,13 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     wanted = NameFilter.of(given["include"] or (), given["exclude"] or ())
     if column is not None and files in (None, STDIO):
         raise UsageError("--column is for a Parquet or CSV file; name it with --files")
+    cameras = read_cameras(given["cameras"]) if given["cameras"] is not None else None
     if files is not None:
         words = parse_list(_stdin()) if files == STDIO else read_list(files, column)
-        return plan_files(words, files, folder or ".", out, wanted, shard)
+        return plan_files(words, files, folder or ".", out, wanted, shard, cameras)
     if folder is None:
         raise UsageError("name a folder, or give --files with a list")
-    return plan_folder(folder, out, wanted, shard)
+    return plan_folder(folder, out, wanted, shard, cameras)
 
 
 def _stdin() -> bytes:

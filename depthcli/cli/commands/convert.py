@@ -1,42 +1,81 @@
-"""``depthcli convert``: converting a depth file, and the round-trip error."""
+"""``depthcli convert``: converting depth files, and the round-trip error."""
 
 from __future__ import annotations
 
-import dataclasses
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.depth_file import FrameOption
 from depthcli.cli.arguments.numbers import field_of_view, focal_length, png_scale_range
-from depthcli.cli.screen import console
-from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
-    from depthcli.jobs.convert import ConvertResult
+    from depthcli.core.camera import Camera
+    from depthcli.io.writers.options import WriterOptions
 
 app = typer.Typer(rich_markup_mode=None)
 
 # Unlike those of predict, they do not scale depth.
 _CLOUD_OPTIONS = ("cloud_focal_px", "cloud_hfov", "centre_px", "picture")
-_NOT_READ_BACK = {"max_error": None, "mean_error": None, "lost": None}
+_FOLDER_OPTIONS = ("include", "exclude", "workers")
+_FILE_OPTIONS = ("frame", "picture")
 
 
 @app.command()
 def convert(
     context: typer.Context,
     source: Annotated[
-        str, typer.Argument(metavar="IN", help="Input: 16-bit PNG, EXR, NPY or depth video (.mkv).")
+        str,
+        typer.Argument(
+            metavar="IN",
+            help="Input: 16-bit PNG, EXR, NPY or depth video (.mkv); or, with --out, a folder or "
+            "URI, searched recursively.",
+        ),
     ],
     target: Annotated[
-        str, typer.Argument(metavar="OUT", help="Output file; its suffix selects the format.")
-    ],
+        str | None,
+        typer.Argument(metavar="[OUT]", help="Output file; its suffix selects the format."),
+    ] = None,
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "-o",
+            "--out",
+            "--output",
+            metavar="DIR",
+            help="Output folder for a folder of depth files; keeps its structure.",
+        ),
+    ] = None,
     format_: Annotated[
         Format | None,
-        typer.Option("--format", help="Output format, if the suffix does not determine it."),
+        typer.Option(
+            "--format",
+            help="Output format; required for a folder, else if the suffix does not determine it.",
+        ),
+    ] = None,
+    include: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="GLOB",
+            help="Of a folder, convert only matching files ('*.exr', 'left/**'); repeatable.",
+        ),
+    ] = None,
+    exclude: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="GLOB", help="Of a folder, skip matching files and folders; repeatable."
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=1024,
+            help="Files of a folder converted in parallel. Default: one per core.",
+        ),
     ] = None,
     from_scale: Annotated[
         float | None,
@@ -82,21 +121,31 @@ def convert(
             help="Picture of the same size, for the colours of a point cloud or --side-by-side.",
         ),
     ] = None,
-    as_json: options.JsonObjectOption = False,
+    as_json: options.JsonOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
-    """Convert a depth file and report the round-trip error."""
+    """Convert a depth file, or a folder of them, and report the round-trip error.
+
+    Exit codes: 0 success, 1 some inputs failed, 2 usage error.
+    """
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.jobs import convert as job
 
-    chosen = job.target_format(target, format_)
+    _check_arguments(context)
+    chosen = _folder_format(format_) if target is None else job.target_format(target, format_)
     ply, preview = str(Format.PLY), str(Format.PREVIEW)
     own_options = {ply: _CLOUD_OPTIONS, preview: (*PICTURE_OPTIONS[preview], "picture")}
     refuse_unused(context, (chosen,), PICTURE_OPTIONS | own_options)
     if chosen is Format.PREVIEW and side_by_side != (picture is not None):
         raise UsageError("a preview needs both --side-by-side and --picture, or neither")
+    camera = choose_camera(cloud_focal_px, cloud_hfov, None)
+    writing = writer_options(context.params)
+    if target is None:
+        return _convert_folder(context.params, chosen, camera, writing)
+    from depthcli.cli.screen.convert import print_conversion
+
     done = job.convert(
         job.ConvertRequest(
             source=source,
@@ -104,39 +153,65 @@ def convert(
             format=chosen,
             scale=from_scale,
             frame=frame,
-            camera=choose_camera(cloud_focal_px, cloud_hfov, None),
+            camera=camera,
             picture=picture,
-            writing=writer_options(context.params),
+            writing=writing,
         )
     )
-    if as_json:
-        _print_conversion_json(done)
-    elif not quiet:
-        _print_conversion(done)
+    print_conversion(done, as_json=as_json, quiet=quiet)
     return ExitCode.OK
 
 
-def _print_conversion_json(done: ConvertResult) -> None:
-    console.out_json(
-        {
-            "input": done.source,
-            "output": done.target,
-            "unit": "m" if done.depth.is_metric else None,
-            **(dataclasses.asdict(done.round_trip) if done.round_trip else _NOT_READ_BACK),
-            "warnings": list(done.warnings),
-        }
+def _check_arguments(context: typer.Context) -> None:
+    """Check that the arguments are those of a file or those of a folder.
+
+    Raises:
+        UsageError: they are neither.
+    """
+    from depthcli.cli.arguments.unused import given_options
+    from depthcli.io.storage.remote import RemotePath, path_of, safe_name
+
+    source, target, output = (context.params[name] for name in ("source", "target", "output"))
+    name, place = safe_name(source), path_of(source)
+    if target is not None and output is not None:
+        raise UsageError("give OUT for a file, or --out for a folder, not both")
+    if output is not None and not place.is_dir():
+        raise UsageError(f"{name} is not a folder; for a file, give OUT without --out")
+    if output is None and not isinstance(place, RemotePath) and place.is_dir():
+        raise UsageError(f"{name} is a folder; give --out DIR and --format")
+    if output is None and target is None:
+        raise UsageError(f"name the output: depthcli convert {name} OUT")
+    unused, kind = (_FILE_OPTIONS, "file") if output is not None else (_FOLDER_OPTIONS, "folder")
+    for option, word in given_options(context).items():
+        if option in unused:
+            raise UsageError(f"{word} is for a {kind}; remove it")
+
+
+def _folder_format(given: Format | None) -> Format:
+    if given is None:
+        raise UsageError("name the format of the outputs, for example --format exr")
+    return given
+
+
+def _convert_folder(
+    given: dict[str, Any], chosen: Format, camera: Camera, writing: WriterOptions
+) -> int:
+    from depthcli.cli.screen.convert import FolderScreen
+    from depthcli.core.parallel.cores import share_cores
+    from depthcli.io.listing.globs import NameFilter
+    from depthcli.jobs.convert_folder import ConvertFolderRequest, convert_folder, plan_conversion
+
+    request = ConvertFolderRequest(
+        root=given["source"],
+        out=given["output"],
+        format=chosen,
+        wanted=NameFilter.of(given["include"] or (), given["exclude"] or ()),
+        scale=given["from_scale"],
+        camera=camera,
+        writing=writing,
+        workers=share_cores(given["workers"])[0],
     )
-
-
-def _print_conversion(done: ConvertResult) -> None:
-    """One line, and the warnings."""
-    line, trip = f"{done.source} -> {done.target}", done.round_trip
-    if trip is not None:
-        unit = " m" if done.depth.is_metric else ""
-        line += (
-            f"  round trip: max error {trip.max_error:.3g}{unit}, "
-            f"mean {trip.mean_error:.3g}{unit}, {trip.lost} pixels lost"
-        )
-    console.report(one_line(line))
-    for warning in done.warnings:
-        console.warn(warning)
+    plan = plan_conversion(request)
+    screen = FolderScreen(as_json=given["as_json"], quiet=given["quiet"])
+    failed = screen.run(convert_folder(request, plan), plan)
+    return ExitCode.SOME_FAILED if failed else ExitCode.OK

@@ -23,7 +23,7 @@ app = typer.Typer(
     help="Save options under a name, for --profile.",
 )
 
-_PATHS = ("calibration", "anchors")
+_PATHS = ("anchors", "calibration", "cameras")
 _META_KEY = "depthcli.profile"
 _Name = Annotated[
     str, typer.Argument(metavar="NAME", autocompletion=completion.profiles, help="Profile name.")

@@ -16,9 +16,10 @@ from depthcli.video.formats import video_format_of
 _NOT_SAVED = frozenset({"help", "debug", "profile", "output", "out"})
 """Options that profiles do not hold: those of one run or of the command line itself."""
 _ALTERNATIVES = (
-    ("focal_px", "hfov"),
+    ("focal_px", "hfov", "cameras"),
     ("focal_px", "calibration"),
     ("hfov", "calibration"),
+    ("cameras", "calibration"),
     ("centre_px", "calibration"),
     ("anchor", "anchors"),
     ("png_scale", "png_normalize"),

@@ -158,17 +158,23 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         for line in lines:
             out("\t".join(line))
         return
-    from shutil import get_terminal_size
-
     from rich.cells import cell_len, set_cell_size
 
     widths = [max(map(cell_len, column)) for column in zip(*lines, strict=True)]
-    if sum(widths) + _GAP * (len(widths) - 1) > get_terminal_size().columns:
+    if sum(widths) + _GAP * (len(widths) - 1) > _terminal_columns():
         _print_paragraphs(lines[0], lines[1:])
         return
     for line in lines:
         cells = (set_cell_size(cell, width) for cell, width in zip(line, widths, strict=True))
         out((" " * _GAP).join(cells).rstrip())
+
+
+def _terminal_columns() -> int:
+    """Width of the terminal at standard output, which is one; COLUMNS overrides it."""
+    from shutil import get_terminal_size
+
+    # By itself, shutil asks the stream that depthcli.cli.streams has replaced, and says 80.
+    return get_terminal_size(os.get_terminal_size(sys.stdout.fileno())).columns
 
 
 def _print_paragraphs(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -31,9 +31,10 @@ class InputFile(NamedTuple):
 class Listing(NamedTuple):
     """The content of a folder and its subfolders."""
 
-    #: pictures, videos and unreadable folders, in an order that depends on names alone
+    #: inputs, by default pictures and videos, and unreadable folders, in an order that depends on
+    #: names alone
     media: tuple[InputFile, ...]
-    #: files that are neither picture nor video by their suffix, hidden, or outputs
+    #: other files: by default neither picture nor video by their suffix, hidden, or outputs
     skipped: tuple[Skipped, ...]
     loops: tuple[str, ...]  #: folders left out because they lead back to a folder that they are in
 
@@ -65,7 +66,11 @@ def why_skipped(path: str) -> str | None:
 
 
 def list_folder(
-    root: str, *, leave_out: str | None = None, skip: Callable[[str], bool] = lambda _: False
+    root: str,
+    *,
+    leave_out: str | None = None,
+    skip: Callable[[str], bool] = lambda _: False,
+    refusal: Callable[[str], str | None] = why_skipped,
 ) -> Listing:
     """Walk a tree; links to folders are followed, loops are not.
 
@@ -73,13 +78,14 @@ def list_folder(
         root: the folder.
         leave_out: a folder that is not entered, under any of its names; it may be missing.
         skip: whether a folder of this name (from the root, with ``/``) is not entered.
+        refusal: why a file of this path is no input; None if it is one.
 
     Returns:
         What is there; files are not opened (except PNGs named like outputs), so any of them may
         turn out to be unreadable.
     """
     avoided = _identity(leave_out) if leave_out is not None else None
-    walk = _FolderWalk(avoided, skip)
+    walk = _FolderWalk(avoided, skip, refusal)
     media = tuple(walk.run(root))
     return Listing(media, tuple(walk.skipped), tuple(walk.loops))
 
@@ -87,9 +93,13 @@ def list_folder(
 class _FolderWalk:
     """One depth-first walk: a stack of folders to enter, each with its parent folders."""
 
-    def __init__(self, avoided: _Identity, skip: Callable[[str], bool]) -> None:
-        self._avoided = avoided
-        self._skip = skip
+    def __init__(
+        self,
+        avoided: _Identity,
+        skip: Callable[[str], bool],
+        refusal: Callable[[str], str | None],
+    ) -> None:
+        self._avoided, self._skip, self._refusal = avoided, skip, refusal
         self.skipped: list[Skipped] = []
         self.loops: list[str] = []
 
@@ -111,7 +121,7 @@ class _FolderWalk:
                     entered = self._enter(child, child_name, above)
                     folders += [(child.path, child_name, entered)] if entered else []
                     continue
-                skipped = why_skipped(child.path)
+                skipped = self._refusal(child.path)
                 if skipped is None:
                     yield InputFile(child_name, child.path)
                 else:

@@ -14,6 +14,7 @@ def list_objects(
     leave_out: Path,
     skip: Callable[[str], bool],
     on_skipped: Callable[[Skipped], None],
+    refusal: Callable[[str], str | None] = why_skipped,
 ) -> Iterator[InputFile]:
     """Pictures and videos, in the order of the store, page by page.
 
@@ -22,6 +23,7 @@ def list_objects(
         leave_out: a folder that is not entered.
         skip: whether a folder of this name (from the root, with ``/``) is not entered.
         on_skipped: called with each object that is not an input.
+        refusal: why an object of this URI is no input; None if it is one.
 
     Raises:
         UsageError: the store cannot be listed, or there is nothing below it.
@@ -37,7 +39,7 @@ def list_objects(
             if not name or not is_entered or (out and name.startswith(out)):
                 continue
             path = f"{start}/{name}"
-            reason = why_skipped(path)
+            reason = refusal(path)
             if reason is None:
                 yield InputFile(name, path)
             else:

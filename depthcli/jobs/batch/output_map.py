@@ -54,7 +54,8 @@ class OutputMap:
         has_names = row is not None and [file.path for file in row.outputs] == names
         if not has_names:
             file = self._unless_taken(file, outputs.values(), rows)
-        return Task(file, outputs, row if has_names else None, has_crashed(row))
+        earlier = row if has_names else None
+        return Task(file, outputs, earlier, has_crashed(row), self.plan.lenses.get(file.name))
 
     def video(self, file: InputFile, rows: Rows) -> Task[VideoFormat]:
         """The task for a video, given the rows of earlier batches."""
@@ -65,7 +66,8 @@ class OutputMap:
         outputs = self._of_video(file)
         if not has_names:
             file = self._unless_taken(file, outputs.values(), rows)
-        return Task(file, outputs, row if has_names else None, has_crashed(row))
+        earlier = row if has_names else None
+        return Task(file, outputs, earlier, has_crashed(row), self.plan.lenses.get(file.name))
 
     def _unless_taken(self, file: InputFile, outputs: Iterable[Path], rows: Rows) -> InputFile:
         """The input, with a problem if its output is that of a file which is left out."""

@@ -47,7 +47,7 @@ class PictureWorker:
 
     options: BatchOptions  #: how each picture is processed
     out: Path  #: the output folder
-    origin: Origin  #: model and options that outputs are made with
+    origin: Origin  #: model and options of the batch
     pipeline: Pipeline  #: the model
 
     def work(self, tasks: Sequence[PictureTask]) -> list[Result]:
@@ -58,10 +58,10 @@ class PictureWorker:
             UsageError: the options do not fit the model.
         """
         opened = [self._open(task) for task in tasks]
-        frames = [one.frame for one in opened if isinstance(one, _OpenedPicture)]
+        readable = [one for one in opened if isinstance(one, _OpenedPicture)]
         start_s = time.perf_counter()
-        depths = iter(self._depths(frames))
-        share_s = (time.perf_counter() - start_s) / max(1, len(frames))
+        depths = iter(self._depths(readable))
+        share_s = (time.perf_counter() - start_s) / max(1, len(readable))
         return [
             self._finish(one, next(depths), share_s) if isinstance(one, _OpenedPicture) else one
             for one in opened
@@ -90,17 +90,20 @@ class PictureWorker:
             return self._failed(task, error, start_s, sha256)
         return _OpenedPicture(task, frame, points, centre_px, sha256, time.perf_counter() - start_s)
 
-    def _depths(self, frames: Sequence[Frame]) -> Sequence[DepthMap | Exception]:
+    def _depths(self, opened: Sequence[_OpenedPicture]) -> Sequence[DepthMap | Exception]:
         camera = self.options.camera
         try:
             return self.pipeline.predict_many(
-                frames, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
+                [one.frame for one in opened],
+                focal_px=camera.focal_px,
+                hfov_deg=camera.hfov_deg,
+                lenses=[one.task.lens for one in opened],
             )
         except Exception as error:  # noqa: BLE001 - no picture may stop the others
-            if len(frames) == 1:
+            if len(opened) == 1:
                 check_network(error, self.pipeline.session)
                 return [error]
-            return [depth for frame in frames for depth in self._depths([frame])]
+            return [depth for one in opened for depth in self._depths([one])]
 
     def _finish(
         self, opened: _OpenedPicture, depth: DepthMap | Exception, share_s: float
@@ -123,7 +126,7 @@ class PictureWorker:
         row = Row(
             input=task.input.name,
             status=OK,
-            origin=self.origin,
+            origin=task.origin(self.origin),
             outputs=files,
             seconds=time.perf_counter() - start_s,
             input_sha256=opened.sha256,

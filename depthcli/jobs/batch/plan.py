@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 
+from depthcli.core.camera import Lens
 from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import InputFile, is_video, list_folder, why_skipped
 from depthcli.io.listing.globs import ANY, NameFilter
@@ -31,6 +32,7 @@ from depthcli.io.storage.remote import (
     safe_name,
     without_file_scheme,
 )
+from depthcli.jobs.batch.cameras import CameraTable
 from depthcli.jobs.namesakes import namesakes
 from depthcli.jobs.tree_names import TreeNames
 
@@ -50,10 +52,14 @@ class Plan:
     shard: Shard = WHOLE  #: the part of the inputs that is planned
     #: by input of a list: files beside it, not in the batch, whose outputs may have had its names
     unlisted: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    #: focal lengths of a table of cameras, by input; the others are not in it
+    lenses: Mapping[str, Lens] = field(default_factory=dict)
+    camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
 
     @property
     def warnings(self) -> Iterator[str]:
         """Warnings before the start, one line each."""
+        yield from self.camera_warnings
         for word in self.unmatched:
             yield f"--include {word!r} matches no picture or video"
         unreadable = conversion_hint(self.skipped)
@@ -75,12 +81,18 @@ class Plan:
         return {self.out, *((self.out / found.name).parent for found in self.inputs)}
 
 
-def plan_folder(root: str, out: str, wanted: NameFilter = ANY, shard: Shard = WHOLE) -> Plan:
+def plan_folder(
+    root: str,
+    out: str,
+    wanted: NameFilter = ANY,
+    shard: Shard = WHOLE,
+    cameras: CameraTable | None = None,
+) -> Plan:
     """Plan all pictures and videos in a folder tree.
 
     Raises:
-        UsageError: there is no such folder, outputs would become inputs, or the patterns exclude
-            everything.
+        UsageError: there is no such folder, outputs would become inputs, the patterns exclude
+            everything, or the table of cameras is of other inputs.
         InputError: there are files, but no picture or video that can be read.
     """
     root, out = without_file_scheme(root), without_file_scheme(out)
@@ -95,7 +107,7 @@ def plan_folder(root: str, out: str, wanted: NameFilter = ANY, shard: Shard = WH
             f"--out {out} is the folder of the inputs; choose another folder, for example one "
             f"inside it"
         )
-    collector = _InputCollector(out, wanted, shard)
+    collector = _InputCollector(out, wanted, shard, cameras)
     if isinstance(place, RemotePath):
         objects = list_objects(place, path_of(out), wanted.excludes, collector.skip)
         plan = collector.plan(objects, safe_name(root))
@@ -118,6 +130,7 @@ def plan_files(
     out: str,
     wanted: NameFilter = ANY,
     shard: Shard = WHOLE,
+    cameras: CameraTable | None = None,
 ) -> Plan:
     """Plan the files of a list, with any suffix.
 
@@ -130,13 +143,14 @@ def plan_files(
         out: the output folder.
         wanted: include and exclude patterns.
         shard: the part of them that is planned; the others take no memory.
+        cameras: their focal lengths, if known.
 
     Raises:
-        UsageError: the patterns exclude everything.
+        UsageError: the patterns exclude everything, or the table of cameras is of other inputs.
         InputError: all listed files are outputs of depthcli.
     """
     root, out = without_file_scheme(root), without_file_scheme(out)
-    collector = _InputCollector(out, wanted, shard)
+    collector = _InputCollector(out, wanted, shard, cameras)
 
     def pictures() -> Iterator[InputFile]:
         for found in listed_inputs(words, root):
@@ -153,9 +167,12 @@ def plan_files(
 class _InputCollector:
     """Collects the inputs of a shard and the files that are skipped."""
 
-    def __init__(self, out: str, wanted: NameFilter, shard: Shard) -> None:
+    def __init__(
+        self, out: str, wanted: NameFilter, shard: Shard, cameras: CameraTable | None
+    ) -> None:
         check_writable(path_of(out))
-        self._out, self._wanted, self._shard = out, wanted, shard
+        self._out, self._wanted, self._shard, self._cameras = out, wanted, shard, cameras
+        self._lenses: dict[str, Lens] = {}
         self._inputs: dict[str, InputFile] = {}
         self._skipped: dict[Skipped, None] = {}
         self._inputs_in_out: set[str] = set()
@@ -189,10 +206,15 @@ class _InputCollector:
             frozenset(self._inputs_in_out),
             self._shard,
             self._unlisted,
+            self._lenses,
         )
         if not self._has_inputs:
             _check_any(plan.skipped, where)
-        return plan
+        if self._cameras is None:
+            return plan
+        unmatched = len(plan.inputs) - len(plan.lenses)
+        warnings = tuple(self._cameras.warnings(len(plan.inputs), unmatched))
+        return replace(plan, camera_warnings=warnings)
 
     def _names(self, media: Iterable[InputFile]) -> Iterator[str]:
         places, inside = RealPaths(), os.path.join(os.path.realpath(self._out), "")  # noqa: PTH118
@@ -204,9 +226,12 @@ class _InputCollector:
                 self.skip(Skipped(found.name, reason))
                 continue
             self._has_inputs = True
+            lens = self._cameras.lens(found.name) if self._cameras else None
             self._inputs_in_out.update(p for p in places.all_of(found.path) if p.startswith(inside))
             if self._shard.holds(found.name):
                 self._add_input(found, places)
+                if lens is not None:
+                    self._lenses[found.name] = lens
 
     def _neighbours(self) -> Iterator[str]:
         """Names of the pictures and videos beside the inputs whose outputs could collide."""

@@ -9,6 +9,8 @@ from itertools import islice
 from depthcli.core.choices import GPU_BATCH
 from depthcli.core.parallel.cores import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.errors import UsageError
+from depthcli.inference.camera import metric_camera
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
 from depthcli.io.manifest.journal import Journal
@@ -67,9 +69,13 @@ class Batch(Iterator[Result]):
         session = session or model.load()
         self._engine = engine or ThreadEngine(workers, session, progress)
         self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)
-        self._spec.build(session).pipeline.check_focal(
-            options.camera.focal_px, options.camera.hfov_deg
-        )
+        pipeline = self._spec.build(session).pipeline
+        pipeline.check_focal(*options.camera.lens)
+        if plan.lenses and metric_camera(pipeline.card) is None:
+            raise UsageError(
+                f"model {pipeline.card.name!r} gives no metres of a known camera, so focal lengths "
+                "do not apply; remove --cameras"
+            )
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan, self._outputs = plan, OutputMap(plan, options.formats)
         self._outputs.check_conflicts()

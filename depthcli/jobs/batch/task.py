@@ -2,23 +2,22 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.camera import Lens
+from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import (
-    NO_THREADS,
-    DepthcliError,
     ModelError,
-    is_out_of_memory,
-    is_out_of_threads,
 )
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
 from depthcli.io.writers.formats import Format
+from depthcli.jobs.failed import failure_reason
 from depthcli.video.formats import VideoFormat
 
 _FormatT = TypeVar("_FormatT", Format, VideoFormat)
@@ -40,6 +39,13 @@ class Task(Generic[_FormatT]):
     outputs: Mapping[_FormatT, Path]  #: path of each format; a sequence's has ``%06d`` in its name
     earlier: Row | None = None  #: the row of an earlier run, if its outputs have these names
     is_suspect: bool = False  #: whether decoding it may have crashed an earlier run
+    lens: Lens | None = None  #: its own focal length; None for that of the batch, if it has one
+
+    def origin(self, batch: Origin) -> Origin:
+        """Model and options that its outputs are made with: those of the batch, and its lens."""
+        if self.lens is None:
+            return batch
+        return replace(batch, options_sha256=fingerprint(batch.options_sha256, self.lens))
 
     def reusable_row(
         self, out: Path, sha256: str, origin: Origin, points: AnchorPoints | None = None
@@ -49,11 +55,11 @@ class Task(Generic[_FormatT]):
         Args:
             out: the output folder.
             sha256: checksum of the input.
-            origin: model and options that its outputs would be made with.
+            origin: model and options of the batch.
             points: known depth that they would be fitted to; None for none.
         """
-        row = self.earlier
-        if row is None or (row.status, row.input_sha256, row.origin) != (OK, sha256, origin):
+        row, now = self.earlier, (OK, sha256, self.origin(origin))
+        if row is None or (row.status, row.input_sha256, row.origin) != now:
             return None
         if (row.anchors and row.anchors.sha256) != (None if points is None else points.sha256()):
             return None
@@ -66,7 +72,7 @@ class Task(Generic[_FormatT]):
 
         Args:
             error: why.
-            origin: model and options.
+            origin: model and options of the batch.
             start_s: start of the work on the input, by ``time.perf_counter``.
             sha256: checksum of the input; None if it could not be read.
         """
@@ -74,7 +80,7 @@ class Task(Generic[_FormatT]):
         row = Row(
             input=self.input.name,
             status=FAILED,
-            origin=origin,
+            origin=self.origin(origin),
             seconds=seconds,
             input_sha256=sha256,
             error=failure_reason(error),
@@ -90,16 +96,3 @@ def check_network(error: Exception, session: Session) -> None:
     """
     if isinstance(error, ModelError):
         try_session(session)
-
-
-def failure_reason(error: Exception) -> str:
-    """The reason why an input failed, in one line."""
-    if isinstance(error, DepthcliError):
-        return str(error)
-    if is_out_of_memory(error):
-        return "does not fit into memory; make it smaller"
-    if is_out_of_threads(error):
-        return NO_THREADS
-    if isinstance(error, OSError) and error.strerror:  # for example too many open files
-        return ": ".join(filter(None, (error.filename and str(error.filename), error.strerror)))
-    return f"unexpected {type(error).__name__}: {error}"

@@ -65,7 +65,7 @@ class VideoWorker:
         plan = VideoPlan(name, source, (out / name).parent, names)
         settings = VideoSettings(
             writing=options.writing,
-            camera=options.camera,
+            camera=options.camera.with_lens(task.lens),
             detail=options.detail,
             max_pixels=options.max_pixels,
         )
@@ -73,7 +73,7 @@ class VideoWorker:
         return Row(
             input=name,
             status=FAILED if done.problem else OK,
-            origin=self.pictures.origin,
+            origin=task.origin(self.pictures.origin),
             outputs=tuple(
                 output_entry(out, path) for path in _output_files(task.outputs, done.numbers)
             ),

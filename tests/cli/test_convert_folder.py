@@ -1,0 +1,265 @@
+"""``depthcli convert DIR --out OUT``: a whole folder of depth files."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from folders import contents, printed
+from tiny import write_picture
+
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.io.depth.read import read_depth
+from depthcli.io.listing.folder import InputFile
+from depthcli.io.listing.globs import NameFilter
+from depthcli.io.writers.formats import Format
+from depthcli.io.writers.npy import NpyWriter
+from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.writers.preview import PreviewWriter
+from depthcli.io.writers.sidecar import SidecarWriter
+from depthcli.jobs.convert import ConvertResult
+from depthcli.jobs.convert_folder import (
+    ConvertFolderRequest,
+    FolderPlan,
+    convert_folder,
+    plan_conversion,
+)
+from depthcli.jobs.failed import FailedInput
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from command_line import Cli
+    from stores import Bucket
+
+TO_EXR = ("convert", "in", "--out", "out", "--format", "exr")
+
+
+def depth_file(path: Path, depth_m: float = 2.0) -> Path:
+    """A depth file of one depth, as PNG or NPY by its suffix."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = NpyWriter() if path.suffix == ".npy" else Png16Writer()
+    writer.write(DepthMap(np.full((6, 8), depth_m, np.float32)), path)
+    return path
+
+
+@pytest.fixture
+def tree(inside: Cli) -> Cli:
+    """A folder of three depth files, one in a subfolder, and of what lies beside them."""
+    root = inside.folder / "in"
+    depth_file(root / "a.depth.png", 1)
+    depth_file(root / "b.png", 2)
+    depth_file(root / "hall/c.npy", 3.5)
+    PreviewWriter().write(DepthMap(np.ones((6, 8), np.float32)), root / "a.preview.png")
+    SidecarWriter().write(DepthMap(np.ones((6, 8), np.float32)), root / "a.depth.json")
+    (root / ".hidden.npy").write_bytes(b"")
+    return inside
+
+
+def names(folder: Path, wanted: Format = Format.EXR) -> dict[str, str]:
+    """The output of each input of the folder ``in``."""
+    request = ConvertFolderRequest(f"{folder}/in", f"{folder}/out", wanted)
+    plan = plan_conversion(request)
+    outputs = [target.removeprefix(f"{folder}/out/") for target in plan.targets]
+    return dict(zip((file.name for file in plan.inputs), outputs, strict=True))
+
+
+def test_a_tree_is_kept(tree: Cli) -> None:
+    done = tree(*TO_EXR)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.startswith(b"3 of 3 files converted, 3 files skipped (")
+    assert b"1 preview" in done.stdout
+    assert done.stdout.endswith(b"; round trip: max error 0 m, 0 pixels lost\n")
+    outputs = contents(tree, "out")
+    assert outputs.keys() == {"a.depth.exr", "b.depth.exr", "hall/c.depth.exr"}
+    for name, depth_m in (("a", 1), ("b", 2), ("hall/c", 3.5)):
+        depth = read_depth(tree.folder / "out" / f"{name}.depth.exr")
+        assert (depth.values == depth_m).all()
+    before = {name: (tree.folder / "out" / name).stat().st_ino for name in outputs}
+    depth_file(tree.folder / "in/b.png", 4)
+    assert tree(*TO_EXR, "--workers", "1").returncode == 0
+    after = contents(tree, "out")
+    assert {name for name in after if after[name] != outputs[name]} == {"b.depth.exr"}
+    assert all((tree.folder / "out" / name).stat().st_ino != before[name] for name in before)
+
+
+def test_no_bad_file_stops_the_other_conversions(tree: Cli) -> None:
+    write_picture(tree.folder / "in/0.png")
+    (tree.folder / "in/hall/b.npy").write_bytes(b"")
+    (tree.folder / "in/loop").symlink_to(".")
+    np.save(tree.folder / "in/z.npy", np.ones((6, 8), np.uint16))
+    done = tree(*TO_EXR)
+    assert done.returncode == 1
+    lines = done.stderr.decode().splitlines()
+    assert lines[0] == "depthcli: warning: loop is a link to a folder above it; skipped"
+    assert [line.split(": ")[2][:20] for line in lines[1:]] == [
+        "in/0.png is not 16-b",
+        "in/z.npy holds uint1",
+        "in/hall/b.npy is not",
+    ]
+    assert done.stdout.startswith(b"3 of 6 files converted, 3 failed, 3 files skipped")
+    assert len(contents(tree, "out")) == 3
+    told = {line["input"]: line for line in printed(tree(*TO_EXR, "--json"))}
+    assert [name for name, line in told.items() if line["status"] == "failed"] == [
+        *("in/0.png", "in/z.npy", "in/hall/b.npy"),
+    ]
+    assert "holds no depth" in told["in/0.png"]["error"]
+    assert told["in/b.png"] == {
+        "input": "in/b.png",
+        "status": "ok",
+        "output": "out/b.depth.exr",
+        "unit": "m",
+        "max_error": 0.0,
+        "mean_error": 0.0,
+        "lost": 0,
+        "warnings": [],
+    }
+    quiet = tree(*TO_EXR, "--quiet")
+    assert (quiet.returncode, quiet.stdout, quiet.stderr.count(b"\n")) == (1, b"", 3)
+
+
+def test_an_error_that_nobody_foresaw_stops_no_other_conversion(
+    tree: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(_writer: object, depth: DepthMap, *_: object) -> tuple[str, ...]:
+        if depth.values[0, 0] == 1:
+            raise ZeroDivisionError("oh")
+        return ()
+
+    monkeypatch.setattr(PreviewWriter, "write", write)
+    request = ConvertFolderRequest(f"{tree.folder}/in", f"{tree.folder}/out", Format.PREVIEW)
+    first, *others = convert_folder(request, plan_conversion(request))
+    assert isinstance(first, FailedInput)
+    assert str(first.error) == "unexpected ZeroDivisionError: oh"
+    assert len(others) == 2
+
+
+def test_warnings_name_the_file(tree: Cli) -> None:
+    depth_file(tree.folder / "in/far.npy", 70)
+    done = tree("convert", "in", "--out", "out", "--format", "png16")
+    assert done.returncode == 0
+    (line,) = done.stderr.decode().splitlines()
+    assert line.startswith("depthcli: warning: in/far.npy: ")
+    assert b"round trip: max error 4.46 m, 0 pixels lost" in done.stdout
+
+
+def test_relative_depth_has_no_unit(inside: Cli) -> None:
+    (inside.folder / "in").mkdir()
+    relative = DepthMap(np.linspace(0, 1, 48, dtype=np.float32).reshape(6, 8), DepthKind.RELATIVE)
+    Png16Writer().write(relative, inside.folder / "in/a.png")
+    done = inside(*TO_EXR)
+    assert done.stdout == b"1 of 1 files converted; round trip: max error 0, 0 pixels lost\n"
+
+
+def test_names_of_conversions_do_not_collide(tmp_path: Path) -> None:
+    given = ("a.depth.png", "a.npy", "b.depth.npy", "B.png", "c.npy", "c.npy.exr", "d.png", "D.png")
+    (tmp_path / "in").mkdir()
+    for name in given:
+        (tmp_path / "in" / name).write_bytes(b"")
+    found = names(tmp_path)
+    assert len({name.casefold() for name in found.values()}) == len(given)
+    assert found["a.depth.png"] == "a.depth.png.depth.exr"
+    assert found["a.npy"] == "a.npy.depth.exr"
+    assert found["c.npy"] == "c.depth.exr"
+    assert found["c.npy.exr"] == "c.npy.exr.depth.exr"
+    assert found["d.png"] != "d.depth.exr" != found["D.png"]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "suffix"), [(Format.EXR, "exr"), (Format.PLY, "ply"), (Format.PNG16, "png")]
+)
+def test_numbered_files_stay_numbered(tmp_path: Path, wanted: Format, suffix: str) -> None:
+    depth_file(tmp_path / "in/clip.depth.000001.npy")
+    assert names(tmp_path, wanted) == {
+        "clip.depth.000001.npy": f"clip.depth.000001.{suffix}",
+    }
+
+
+def test_patterns_choose_and_change_no_name(tree: Cli) -> None:
+    depth_file(tree.folder / "in/b.npy")
+    done = tree(*TO_EXR, "--include", "*.png", "--exclude", "a.*")
+    assert done.returncode == 0
+    assert contents(tree, "out").keys() == {"b.png.depth.exr"}
+    done = tree(*TO_EXR, "--include", "*.exr")
+    assert done.returncode == 2
+    assert b"--include and --exclude leave nothing of in: 7 files skipped" in done.stderr
+
+
+def test_options_are_those_of_a_file(tree: Cli) -> None:
+    words = ("convert", "in", "--out", "out", "--from-scale", "500", "--format")
+    assert tree(*words, "npy", "--exclude", "hall").returncode == 0
+    assert read_depth(tree.folder / "out/b.depth.npy").values[0, 0] == 4
+    done = tree("convert", "in", "--out", "clouds", "--format", "ply", "--focal-px", "5")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"round trip" not in done.stdout
+    assert contents(tree, "clouds").keys() == {"a.ply", "b.ply", "hall/c.ply"}
+
+
+def test_an_output_folder_within_the_folder_is_not_read(tree: Cli) -> None:
+    words = ("convert", "in", "--out", "in/exr", "--format", "exr", "--json")
+    assert len(printed(tree(*words))) == len(printed(tree(*words))) == 3
+
+
+def test_no_input_is_replaced_by_a_conversion(tree: Cli) -> None:
+    target = depth_file(tree.folder / "out/b.depth.png", 5)
+    (tree.folder / "in/other.png").symlink_to(target)
+    before = contents(tree, ".")
+    done = tree("convert", "in", "--out", "out", "--format", "png16")
+    assert done.returncode == 2
+    assert b"out/b.depth.png is an input" in done.stderr
+    assert contents(tree, ".") == before
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "reason"),
+    [
+        (("in",), 2, "in is a folder; give --out DIR and --format"),
+        (("in", "out/a.exr"), 2, "in is a folder; give --out DIR and --format"),
+        (("in", "--out", "out"), 2, "name the format of the outputs"),
+        (("in/b.png",), 2, "name the output: depthcli convert in/b.png OUT"),
+        (("in/b.png", "--out", "out"), 2, "in/b.png is not a folder"),
+        (("nowhere", "--out", "out"), 2, "nowhere is not a folder"),
+        (("in", "b.exr", "--out", "out"), 2, "not both"),
+        (("in/b.png", "b.exr", "--workers", "2"), 2, "--workers is for a folder"),
+        (("in/b.png", "b.exr", "--include", "b*"), 2, "--include is for a folder"),
+        (("in", "--out", "out", "--format", "exr", "--frame", "1"), 2, "--frame is for a file"),
+        (("in", "--out", "out", "--format", "ply", "--picture", "p"), 2, "--picture is for a file"),
+        (("in", "--out", "out", "--format", "npy", "--half"), 2, "--half is for exr"),
+        (("in", "--out", "in/", "--format", "exr"), 2, "is the folder of the inputs"),
+        (("in", "--out", "https://a/b", "--format", "exr"), 2, "https"),
+        (("empty", "--out", "out", "--format", "exr"), 1, "no depth file (.png, .exr, .npy) in em"),
+    ],
+)
+def test_wrong_usage_of_folders(tree: Cli, words: tuple[str, ...], code: int, reason: str) -> None:
+    (tree.folder / "empty").mkdir()
+    before = contents(tree, ".")
+    done = tree("convert", *words)
+    assert done.returncode == code
+    (line,) = done.stderr.decode().splitlines()
+    assert reason in line
+    assert contents(tree, ".") == before
+
+
+def test_a_folder_that_cannot_be_listed_is_a_failed_conversion(tmp_path: Path) -> None:
+    request = ConvertFolderRequest(f"{tmp_path}/in", f"{tmp_path}/out", Format.EXR)
+    unreadable = InputFile("hall", "in/hall", "in/hall cannot be listed: Permission denied")
+    (result,) = convert_folder(request, FolderPlan((unreadable,), ("out/hall",), (), ()))
+    assert isinstance(result, FailedInput)
+    assert str(result.error) == unreadable.problem
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folders_of_a_bucket(tmp_path: Path, bucket: Bucket) -> None:
+    data = depth_file(tmp_path / "a.npy", 3).read_bytes()
+    for key in ("in/z.npy", "in/hall/a.npy", "in/notes.txt"):
+        bucket.put(key, data)
+    wanted = NameFilter.of((), ("none",))
+    request = ConvertFolderRequest(bucket.uri("in"), bucket.uri("out"), Format.PNG16, wanted)
+    plan = plan_conversion(request)
+    assert [file.name for file in plan.inputs] == ["z.npy", "hall/a.npy"]
+    results = list(convert_folder(request, plan))
+    assert all(isinstance(result, ConvertResult) for result in results)
+    made = {key for key in bucket.names() if key.startswith("out/")}
+    assert made == {"out/z.depth.png", "out/hall/a.depth.png"}
+    assert [file.reason for file in plan.skipped] == [".txt"]

@@ -1,0 +1,197 @@
+"""A batch whose pictures have the focal lengths of a table."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+from batches import outputs, pictures, request
+from tiny import synthetic_picture, write_model, write_picture
+from videos import flat_frames, write_video
+
+from depthcli.core.camera import Camera
+from depthcli.errors import UsageError
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.read import read_depth
+from depthcli.io.manifest.shard import Shard
+from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.cameras import read_cameras
+from depthcli.jobs.batch.dry_run import dry_run
+from depthcli.jobs.batch.options import BatchOptions, BatchRequest
+from depthcli.jobs.batch.plan import plan_files, plan_folder
+from depthcli.jobs.batch.run import Batch
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TABLE = "id,focal_px,hfov_deg\na,40,\nhall/b.png,,90\n"
+KEPT = {"a.png": True, "z.png": True, "hall/b.png": True}
+
+
+def with_table(
+    folder: Path, table: str = TABLE, out: str = "out", options: BatchOptions | None = None
+) -> BatchRequest:
+    """A batch of the folder ``in`` with a table of cameras."""
+    (folder / "cameras.csv").write_text(table)
+    cameras = read_cameras(str(folder / "cameras.csv"))
+    plan = plan_folder(str(folder / "in"), str(folder / out), cameras=cameras)
+    return replace(request(folder, out, options), plan=plan)
+
+
+def kept(wanted: BatchRequest) -> dict[str, bool]:
+    return {result.row.input: result.is_kept for result in Batch(wanted)}
+
+
+def focal_px(path: Path) -> float:
+    source = read_depth(path).provenance
+    assert source is not None
+    assert source.focal_px is not None
+    return source.focal_px
+
+
+@pytest.mark.parametrize("batch_size", [1, 3])
+def test_each_picture_has_its_own_camera(tmp_path: Path, batch_size: int) -> None:
+    pictures(tmp_path)
+    options = BatchOptions((Format.NPY, Format.PNG16, Format.JSON))
+    wanted = replace(with_table(tmp_path, options=options), batch_size=batch_size)
+    rows = {result.row.input: result.row for result in Batch(wanted)}
+    assert {name: row.camera for name, row in rows.items()} == {
+        "a.png": "hfov 43.6° (given)",
+        "z.png": "hfov 60.0° (assumed, from the model's card)",
+        "hall/b.png": "hfov 90.0° (given)",
+    }
+    assert json.loads((tmp_path / "out/a.depth.json").read_text())["camera_source"] == "option"
+    assert focal_px(tmp_path / "out/a.depth.png") == pytest.approx(40)
+    own = {"a.png": Camera(40.0), "z.png": Camera(), "hall/b.png": Camera(hfov_deg=90.0)}
+    together = outputs(tmp_path / "out")
+    for name, camera in own.items():
+        list(Batch(request(tmp_path, "alone", replace(options, camera=camera))))
+        for suffix in ("depth.npy", "depth.png", "depth.json"):
+            output = name.replace("png", suffix)
+            assert together[output] == (tmp_path / "alone" / output).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("table", "redone"),
+    [
+        (TABLE, set()),
+        (TABLE + "z.png,,\n", set()),
+        ("other,id,hfov_deg,focal_px\nx,./hall/b,90,\ny,a.png,,40.0\n", set()),
+        (TABLE.replace("40", "41"), {"a.png"}),
+        (TABLE.replace("a,40,", "a,,43.6"), {"a.png"}),
+        (TABLE.replace("a,40,", "z,40,"), {"a.png", "z.png"}),
+        (TABLE + "z,50\n", {"z.png"}),
+    ],
+)
+def test_a_picture_whose_row_changed_is_done_again(
+    tmp_path: Path, table: str, redone: set[str]
+) -> None:
+    pictures(tmp_path)
+    assert not any(kept(with_table(tmp_path)).values())
+    would = dry_run(with_table(tmp_path, table), request(tmp_path).model.load())
+    assert {one.input for one in would if one.would == "do"} == redone
+    assert kept(with_table(tmp_path, table)) == KEPT | dict.fromkeys(redone, False)
+    assert all(kept(with_table(tmp_path, table)).values())
+
+
+def test_pictures_without_a_row_are_those_of_a_batch_without_a_table(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    list(Batch(request(tmp_path)))
+    assert kept(with_table(tmp_path)) == {"a.png": False, "z.png": True, "hall/b.png": False}
+
+
+def test_what_does_not_match_is_told_once(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    plan = with_table(tmp_path, TABLE + "attic/c,30\nattic/d,30\n").plan
+    assert [warning.partition("cameras.csv ")[2] for warning in plan.warnings] == [
+        "has no row for 1 of 3 inputs; their focal lengths are those in EXIF, or assumed",
+        "match no input, for example 'attic/c'",
+    ]
+    assert list(with_table(tmp_path, TABLE + "z,30\n").plan.warnings) == []
+
+
+def test_a_table_of_other_pictures_is_refused(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    with pytest.raises(UsageError, match=r"no row of .* matches an input; .* first is 'rgb/a'"):
+        with_table(tmp_path, "id,focal_px\nrgb/a,30\n")
+
+
+def test_a_row_of_two_pictures_is_refused(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    (tmp_path / "in/a.jpg").write_bytes((tmp_path / "in/a.png").read_bytes())
+    with pytest.raises(UsageError, match=r"the row 'a' is of a\.jpg and of a\.png"):
+        with_table(tmp_path)
+    plan = with_table(tmp_path, "id,focal_px\na,30\na.png,40\n").plan
+    assert {name: lens.focal_px for name, lens in plan.lenses.items()} == {"a.jpg": 30, "a.png": 40}
+
+
+def test_rows_of_other_shards_match(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    with_table(tmp_path, TABLE + "z,30\n")
+    lenses: dict[str, object] = {}
+    for number in (1, 2):
+        cameras = read_cameras(str(tmp_path / "cameras.csv"))
+        words = (str(tmp_path / "in"), str(tmp_path / "out"))
+        plan = plan_folder(*words, shard=Shard(number, 2), cameras=cameras)
+        assert list(plan.warnings) == []
+        assert plan.lenses.keys() == {file.name for file in plan.inputs}
+        lenses |= plan.lenses
+    assert len(lenses) == 3
+
+
+def test_a_list_has_them_too(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    cameras = with_table(tmp_path) and read_cameras(str(tmp_path / "cameras.csv"))
+    words = (["a.png", "hall/b.png", "a.png"], "list", str(tmp_path / "in"), str(tmp_path / "out"))
+    plan = plan_files(*words, cameras=cameras)
+    assert list(plan.warnings) == []
+    assert plan.lenses.keys() == {"a.png", "hall/b.png"}
+
+
+def test_a_video_has_its_own_camera(tmp_path: Path) -> None:
+    write_video(tmp_path / "in/clip.mkv", flat_frames([60, 90]))
+    wanted = with_table(tmp_path, "id,hfov_deg\nclip,90\n")
+    (result,) = Batch(wanted)
+    assert result.row.camera == "hfov 90.0° (given)"
+    assert kept(with_table(tmp_path, "id,hfov_deg\nclip,90\n")) == {"clip.mkv": True}
+    assert kept(with_table(tmp_path, "id,hfov_deg\nclip,91\n")) == {"clip.mkv": False}
+
+
+def test_a_model_without_a_camera_has_no_use_for_them(tmp_path: Path) -> None:
+    write_picture(tmp_path / "in/a.png", synthetic_picture(24, 32))
+    plain = SessionLoader(write_model(tmp_path / "plain"), "cpu")
+    with pytest.raises(UsageError, match="remove --cameras"):
+        Batch(replace(with_table(tmp_path), model=plain))
+
+
+@pytest.mark.parametrize(
+    ("table", "reason"),
+    [
+        ("", "has no columns id,focal_px or id,hfov_deg"),
+        ("a,40\n", "has no columns"),
+        ("id,f\na,40\n", "has no columns"),
+        ("id,focal_px\na,40\nb,wide\n", "line 3: focal_px is a number from 0.001 to 1e8, not 'wid"),
+        ("id,focal_px\na,-40\n", "line 2: focal_px is"),
+        ("id,hfov_deg\na,nan\n", "line 2: hfov_deg is an angle from 0.1 to 179.9 degrees"),
+        ("id,focal_px\n,40\n", "line 2: the id is missing"),
+        ("focal_px,id\n40\n", "line 2: the id is missing"),
+        ("id,focal_px\na,40\na,41\n", "line 3: another row of 'a' has another focal length"),
+        ('id,focal_px\n"' + "a" * 200_000 + '",40\n', "line 2: field larger"),
+        (None, "cannot be read: No such file"),
+    ],
+)
+def test_a_table_that_cannot_be_used(tmp_path: Path, table: str | None, reason: str) -> None:
+    path = tmp_path / "cameras.csv"
+    if table is not None:
+        path.write_text(table)
+    with pytest.raises(UsageError, match=reason):
+        read_cameras(str(path))
+
+
+def test_names_of_any_bytes_match(tmp_path: Path) -> None:
+    (tmp_path / "cameras.csv").write_bytes(b'\xef\xbb\xbfid,focal_px\r\n"a, \xff\nb",40\r\n\r\n')
+    lens = read_cameras(str(tmp_path / "cameras.csv")).lens("a, \udcff\nb.png")
+    assert lens is not None
+    assert lens.focal_px == 40
