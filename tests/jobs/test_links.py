@@ -10,13 +10,15 @@ from tiny import synthetic_picture, write_model, write_picture
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.batch.options import BatchRequest
-from depthcli.jobs.batch.plan import Plan, plan_files, plan_folder
+from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from depthcli.jobs.batch.input_plan import Plan
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from depthcli.io.writers.formats import Format
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from depthcli.jobs.batch.plan import Plan
+    from depthcli.jobs.batch.input_plan import Plan
 
 app = typer.Typer(rich_markup_mode=None)
 

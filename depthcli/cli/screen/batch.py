@@ -11,7 +11,7 @@ from depthcli.core.text import one_line
 from depthcli.errors import SIGNAL_BASE, ModelError
 from depthcli.io.listing.skipped import skip_summary
 from depthcli.jobs.batch.dry_run import DryRunResult
-from depthcli.jobs.batch.plan import Plan
+from depthcli.jobs.batch.input_plan import Plan
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.tally import Tally
 from depthcli.jobs.batch.task import Result

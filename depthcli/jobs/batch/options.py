@@ -12,7 +12,7 @@ from depthcli.io.manifest.row import ManifestFormat
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.failure_budget import FailureBudget
-from depthcli.jobs.batch.plan import Plan
+from depthcli.jobs.batch.input_plan import Plan
 
 
 @dataclass(frozen=True, slots=True)

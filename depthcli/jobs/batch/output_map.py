@@ -11,7 +11,7 @@ from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.manifest.journal import Rows
 from depthcli.io.writers.formats import FORMATS, Format
-from depthcli.jobs.batch.plan import Plan
+from depthcli.jobs.batch.input_plan import Plan
 from depthcli.jobs.batch.suspects import has_crashed
 from depthcli.jobs.batch.task import Task
 from depthcli.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat

@@ -1,84 +1,30 @@
-"""The inputs of a batch, and the names of their outputs."""
+"""Planning a batch of a folder or a list."""
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import chain
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
-from depthcli.core.camera import Lens
-from depthcli.errors import InputError, UsageError
-from depthcli.io.listing.folder import InputFile, is_video, list_folder, why_skipped
+from depthcli.errors import UsageError
+from depthcli.io.listing.folder import InputFile, list_folder
 from depthcli.io.listing.globs import ANY, NameFilter
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.listing.path_list import listed_inputs
-from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.listing.skipped import (
-    EXCLUDED,
-    NOT_INCLUDED,
     OWN,
-    TWICE,
     Skipped,
-    conversion_hint,
-    skip_summary,
 )
 from depthcli.io.listing.store import list_objects, walk_sort_key
 from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.storage.remote import (
     RemotePath,
-    check_writable,
-    join,
     path_of,
     safe_name,
     without_file_scheme,
 )
 from depthcli.jobs.batch.cameras import CameraTable
-from depthcli.jobs.namesakes import namesakes
-from depthcli.jobs.tree_names import TreeNames
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """All inputs of a batch."""
-
-    out: Path  #: the output folder
-    inputs: tuple[InputFile, ...]  #: in an order that depends on their names only
-    names: TreeNames  #: names of their outputs
-    skipped: tuple[Skipped, ...]  #: files that are no inputs
-    loops: tuple[str, ...] = ()  #: links to a folder above them
-    unmatched: tuple[str, ...] = ()  #: patterns of ``--include`` that no picture or video matches
-    #: paths of the inputs, of all shards, that lie in the output folder
-    inputs_in_out: frozenset[str] = frozenset()
-    shard: Shard = WHOLE  #: the part of the inputs that is planned
-    #: by input of a list: files beside it, not in the batch, whose outputs may have had its names
-    unlisted: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    #: focal lengths of a table of cameras, by input; the others are not in it
-    lenses: Mapping[str, Lens] = field(default_factory=dict)
-    camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
-
-    @property
-    def warnings(self) -> Iterator[str]:
-        """Warnings before the start, one line each."""
-        yield from self.camera_warnings
-        for word in self.unmatched:
-            yield f"--include {word!r} matches no picture or video"
-        unreadable = conversion_hint(self.skipped)
-        if unreadable:
-            yield unreadable
-
-    @property
-    def pictures(self) -> Iterator[InputFile]:
-        """All inputs but videos."""
-        return (found for found in self.inputs if not is_video(found.name))
-
-    @property
-    def videos(self) -> Iterator[InputFile]:
-        """The videos."""
-        return (found for found in self.inputs if is_video(found.name))
-
-    def folders(self) -> set[Path]:
-        """The folders of the outputs."""
-        return {self.out, *((self.out / found.name).parent for found in self.inputs)}
+from depthcli.jobs.batch.input_collector import InputCollector
+from depthcli.jobs.batch.input_plan import Plan
 
 
 def plan_folder(
@@ -107,7 +53,7 @@ def plan_folder(
             f"--out {out} is the folder of the inputs; choose another folder, for example one "
             f"inside it"
         )
-    collector = _InputCollector(out, wanted, shard, cameras)
+    collector = InputCollector(out, wanted, shard, cameras)
     if isinstance(place, RemotePath):
         objects = list_objects(place, path_of(out), wanted.excludes, collector.skip)
         plan = collector.plan(objects, safe_name(root))
@@ -150,7 +96,7 @@ def plan_files(
         InputError: all listed files are outputs of depthcli.
     """
     root, out = without_file_scheme(root), without_file_scheme(out)
-    collector = _InputCollector(out, wanted, shard, cameras)
+    collector = InputCollector(out, wanted, shard, cameras)
 
     def pictures() -> Iterator[InputFile]:
         for found in listed_inputs(words, root):
@@ -162,124 +108,6 @@ def plan_files(
     plan = collector.plan(pictures(), f"the list {safe_name(source)}", is_list=True)
     # So that nothing depends on the order of the list.
     return replace(plan, inputs=tuple(sorted(plan.inputs)))
-
-
-class _InputCollector:
-    """Collects the inputs of a shard and the files that are skipped."""
-
-    def __init__(
-        self, out: str, wanted: NameFilter, shard: Shard, cameras: CameraTable | None
-    ) -> None:
-        check_writable(path_of(out))
-        self._out, self._wanted, self._shard, self._cameras = out, wanted, shard, cameras
-        self._lenses: dict[str, Lens] = {}
-        self._inputs: dict[str, InputFile] = {}
-        self._skipped: dict[Skipped, None] = {}
-        self._inputs_in_out: set[str] = set()
-        self._unlisted: dict[str, list[str]] = {}
-        self._has_inputs = False
-        self._unmatched = list(zip(wanted.include_words, wanted.include, strict=True))
-
-    def skip(self, file: Skipped) -> None:
-        """Add a skipped file."""
-        if self._shard.holds(file.name):
-            self._skipped[file] = None
-
-    def plan(
-        self,
-        media: Iterable[InputFile],
-        where: str,
-        loops: tuple[str, ...] = (),
-        *,
-        is_list: bool = False,
-    ) -> Plan:
-        """Make a plan of pictures and videos."""
-        # Output names depend on all files, not on the patterns or the list.
-        names = TreeNames(chain(self._names(media), self._neighbours() if is_list else ()))
-        plan = Plan(
-            path_of(self._out),
-            tuple(self._inputs.values()),
-            names,
-            tuple(self._skipped),
-            loops,
-            tuple(word for word, _ in self._unmatched),
-            frozenset(self._inputs_in_out),
-            self._shard,
-            self._unlisted,
-            self._lenses,
-        )
-        if not self._has_inputs:
-            _check_any(plan.skipped, where)
-        if self._cameras is None:
-            return plan
-        unmatched = len(plan.inputs) - len(plan.lenses)
-        warnings = tuple(self._cameras.warnings(len(plan.inputs), unmatched))
-        return replace(plan, camera_warnings=warnings)
-
-    def _names(self, media: Iterable[InputFile]) -> Iterator[str]:
-        places, inside = RealPaths(), os.path.join(os.path.realpath(self._out), "")  # noqa: PTH118
-        for found in media:
-            yield found.name
-            self._unmatched = [x for x in self._unmatched if not x[1].fullmatch(found.name)]
-            reason = None if found.problem else self._wanted.refusal(found.name)
-            if reason is not None:
-                self.skip(Skipped(found.name, reason))
-                continue
-            self._has_inputs = True
-            lens = self._cameras.lens(found.name) if self._cameras else None
-            self._inputs_in_out.update(p for p in places.all_of(found.path) if p.startswith(inside))
-            if self._shard.holds(found.name):
-                self._add_input(found, places)
-                if lens is not None:
-                    self._lenses[found.name] = lens
-
-    def _neighbours(self) -> Iterator[str]:
-        """Names of the pictures and videos beside the inputs whose outputs could collide."""
-        folders: dict[tuple[str, str], list[str]] = {}
-        for found in self._inputs.values():
-            if found.problem is None:
-                above, slash, name = found.name.rpartition("/")
-                folder = os.path.dirname(found.path)  # noqa: PTH120 - may be a URI
-                folders.setdefault((folder, above + slash), []).append(name)
-        for (folder, above), own in folders.items():
-            for name, others in namesakes(path_of(folder), own).items():
-                there = [other for other in others if above + other not in self._inputs]
-                if there:
-                    self._unlisted[above + name] = [above + other for other in there]
-                for other in there:
-                    path = join(folder, other)
-                    if why_skipped(path) is None and not os.path.isdir(path):  # noqa: PTH112
-                        yield above + other
-
-    def _add_input(self, found: InputFile, places: RealPaths) -> None:
-        """Add an input, unless it is listed twice.
-
-        Raises:
-            UsageError: another file, outside the list's folder, has the same name.
-        """
-        first = self._inputs.setdefault(found.name, found)
-        if first is found:
-            return
-        if places.of(first.path) != places.of(found.path):
-            raise UsageError(
-                f"{first.path} and {found.path} would both become {found.name}; list them for "
-                "batches with different --out"
-            )
-        self.skip(Skipped(found.name, TWICE))
-
-
-def _check_any(skipped: Sequence[Skipped], where: str) -> None:
-    """Refuse a plan without inputs, unless there were no files at all."""
-    if not skipped:
-        return
-    if {NOT_INCLUDED, EXCLUDED} & {file.reason for file in skipped}:
-        raise UsageError(
-            f"--include and --exclude leave nothing of {where}: {skip_summary(skipped)}"
-        )
-    hint = conversion_hint(skipped)
-    raise InputError(
-        f"no picture or video in {where}: {skip_summary(skipped)}{'; ' + hint if hint else ''}"
-    )
 
 
 def _check_outside(plan: Plan, root: str) -> None:
