@@ -98,8 +98,8 @@ class DepthMap(types.DepthMap):
         """Metric depth that fits known points best.
 
         One point fits the scale, two or more fit scale and shift, and ten or more leave out those
-        that contradict the others. A ``DepthcliWarning`` tells how
-        many pixels have no depth because the fit puts them at or below 0 m.
+        that contradict the others. A ``DepthcliWarning`` states how many pixels have no depth
+        because the fit puts them at or below 0 m.
 
         Args:
             anchors: (column, row, metres along the camera axis), one or more; (N, 3) numbers of
