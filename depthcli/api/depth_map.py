@@ -97,8 +97,8 @@ class DepthMap(types.DepthMap):
     def fit_anchors(self, anchors: Anchors) -> Self:
         """Metric depth that fits known points best.
 
-        One point fits the scale, two or more fit scale and shift, and ten or more leave out those
-        that contradict the others. A ``DepthcliWarning`` states how many pixels have no depth
+        One point fits the scale, two or more also a shift, and five or more leave out those that
+        contradict the others. A ``DepthcliWarning`` states how many pixels have no depth
         because the fit puts them at or below 0 m.
 
         Args:

@@ -10,13 +10,17 @@ import numpy.typing as npt
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor
 from depthcli.core.overscan import displayed_depth
-from depthcli.core.robust_line import robust_line
+from depthcli.core.scale_shift import Pairs, ScaleShift, least_squares, robust
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance
 from depthcli.core.windows import Windows
 from depthcli.errors import InputError, UsageError
 
-ROBUST_FROM = 10
+ROBUST_FROM = 5
 """Number of points from which wrong ones are detected and left out."""
+
+ERROR_SD, SHIFT_SD = 0.12, 0.17
+"""Expected standard deviations of metric maps, relative to depth: of the errors that a fit leaves,
+and of the shift that it finds. Chosen on validation pictures."""
 
 _Values = npt.NDArray[np.float64]
 
@@ -28,13 +32,14 @@ def fit_anchors(
 ) -> DepthMap:
     """Metric depth that fits known points best.
 
-    One point fits the scale, two or more fit scale and shift by least squares, and ten or more by
-    :func:`depthcli.core.robust_line.robust_line`, which leaves wrong ones out. Metric and relative
-    maps are fitted in depth, inverse maps in inverse depth.
+    Scale and shift of least squares, with five or more points by
+    :func:`depthcli.core.scale_shift.robust`, which leaves wrong ones out; one point fits the scale
+    alone. Of metric maps, errors are relative to the map's depth, and the shift is expected to be
+    small. Relative maps are fitted in depth, inverse maps in inverse depth.
 
     Args:
         depth: map of any kind.
-        points: pixels of the map, or of its part in the display window, and their depth. Of ten or
+        points: pixels of the map, or of its part in the display window, and their depth. Of five or
             more, those where the map has no depth are ignored.
         windows: of the picture of the map; None if all of it is displayed.
 
@@ -51,13 +56,13 @@ def fit_anchors(
     shown = displayed_depth(depth, windows)
     points.check(shown.width, shown.height)
     values = shown.values[points.y, points.x].astype(np.float64)
-    known = _known(points, values)
+    known = _known(points, values, depth.kind)
     inverse = depth.kind is DepthKind.INVERSE
     wanted = 1 / points.depth_m[known] if inverse else points.depth_m[known]
-    scale, shift, used = _fit_scale_and_shift(values[known], wanted)
-    if (values[known][used] * scale + shift <= 0).any():
+    fit, used = _fit(values[known], wanted, depth.kind)
+    if (values[known][used] * fit.scale + fit.shift <= 0).any():
         raise UsageError("the anchors fit no depth ahead of the camera; check their metres")
-    fitted = depth.values * np.float32(scale) + np.float32(shift)
+    fitted = depth.values * np.float32(fit.scale) + np.float32(fit.shift)
     if inverse:
         with np.errstate(divide="ignore"):
             fitted = np.float32(1) / fitted
@@ -68,9 +73,11 @@ def fit_anchors(
     errors_m = errors_m[np.isfinite(errors_m)]
     if not errors_m.size:
         raise UsageError("the anchors fit no depth that 32 bits can hold; check their metres")
-    fit = AnchorFit(int(used.sum()), len(points), float(np.median(errors_m)))
-    source = depth.provenance or Provenance()
-    source = replace(source, anchors=points.listed(), anchor_fit=fit)
+    source = replace(
+        depth.provenance or Provenance(),
+        anchors=points.listed(),
+        anchor_fit=AnchorFit(int(used.sum()), len(points), float(np.median(errors_m))),
+    )
     return replace(result, provenance=source)
 
 
@@ -103,9 +110,9 @@ def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
     return (f"{lost} pixels ({share}) are at or below 0 m after the fit and have no depth",)
 
 
-def _known(points: AnchorPoints, values: _Values) -> npt.NDArray[np.bool_]:
+def _known(points: AnchorPoints, values: _Values, kind: DepthKind) -> npt.NDArray[np.bool_]:
     """At which points the map has a value: (N,) bool."""
-    known = np.isfinite(values)
+    known = np.isfinite(values) & ((values > 0) | (kind is not DepthKind.METRIC))
     if len(points) >= ROBUST_FROM and known.any():
         return known
     for at in np.flatnonzero(~known)[:1]:
@@ -113,10 +120,10 @@ def _known(points: AnchorPoints, values: _Values) -> npt.NDArray[np.bool_]:
     return known
 
 
-def _fit_scale_and_shift(
-    values: _Values, wanted: _Values
-) -> tuple[float, float, npt.NDArray[np.bool_]]:
-    """Scale and shift of the best line, and which points it fits; the scale alone for one point."""
+def _fit(
+    values: _Values, wanted: _Values, kind: DepthKind
+) -> tuple[ScaleShift, npt.NDArray[np.bool_]]:
+    """The best scale and shift, and which points it is fitted to."""
     used = np.ones(len(values), np.bool_)
     if len(values) == 1:
         if values[0] <= 0:
@@ -124,13 +131,18 @@ def _fit_scale_and_shift(
                 f"the anchor's own value in the map is {values[0]:g}, not above 0, so it fits no "
                 "scale; give two anchors"
             )
-        return float(wanted[0] / values[0]), 0.0, used
-    if np.ptp(values) == 0:
+        return ScaleShift(float(wanted[0] / values[0]), 0.0), used
+    if kind is DepthKind.METRIC:
+        expected_m = values * np.median(wanted / values)
+        pairs = Pairs(values, wanted, expected_m, ERROR_SD, SHIFT_SD)
+    elif np.ptp(values) > 0:
+        pairs = Pairs(values, wanted, np.ones_like(values))
+    else:
         raise UsageError("all anchors have the same depth in the map; spread them over the scene")
     if len(values) < ROBUST_FROM:
-        scale, shift = map(float, np.polyfit(values, wanted, 1))
+        fit = least_squares(pairs)
     else:
-        (scale, shift), used = robust_line(values, wanted)
-    if not 0 < scale < math.inf:
+        fit, used = robust(pairs)
+    if not 0 < fit.scale < math.inf:
         raise UsageError("the anchors contradict the map's order of near and far; check them")
-    return scale, shift, used
+    return fit, used

@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from depthcli.core.anchor_fit import fit_anchors, fitted
+from depthcli.core.anchor_fit import ERROR_SD, SHIFT_SD, fit_anchors, fitted
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor as Point
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap
@@ -16,7 +18,7 @@ from depthcli.errors import InputError, UsageError
 RANDOM = np.random.default_rng(3)
 
 
-@pytest.mark.parametrize("kind", list(DepthKind))
+@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
 def test_anchors_recover_scale_and_shift(kind: DepthKind) -> None:
     truth_m = RANDOM.uniform(1, 9, (8, 10))
     seen = 1 / truth_m if kind is DepthKind.INVERSE else truth_m
@@ -25,6 +27,59 @@ def test_anchors_recover_scale_and_shift(kind: DepthKind) -> None:
     fitted = fit_anchors(depth, points)
     assert fitted.kind is DepthKind.METRIC
     assert fitted.values == pytest.approx(truth_m, rel=1e-3)
+
+
+def test_the_scale_of_metric_maps_is_recovered() -> None:
+    truth_m = RANDOM.uniform(1, 9, (8, 10))
+    points = [Point(x, 2, float(truth_m[2, x])) for x in range(3)]
+    fitted = fit_anchors(DepthMap((truth_m / 1.7).astype(np.float32)), points)
+    assert fitted.values == pytest.approx(truth_m, rel=1e-4)
+
+
+def test_two_anchors_of_similar_depth_do_not_move_a_metric_map_far() -> None:
+    """A line through both would be 30 x - 59: the far wall at 61 m, the table behind the camera."""
+    depth = DepthMap(np.float32([[1.0, 2.0, 2.02, 4.0]]))
+    fitted = fit_anchors(depth, [Point(1, 0, 2.0), Point(2, 0, 2.6)])
+    assert fitted.values == pytest.approx(depth.values * 1.13, rel=0.05)
+    same = fit_anchors(depth, [Point(1, 0, 2.0), Point(1, 0, 3.0)])
+    assert same.values[0, 3] / same.values[0, 0] == pytest.approx(4, rel=0.05)
+
+
+@given(st.integers(2, 30), st.floats(0.01, 100), st.floats(0.01, 100), st.integers(0, 99))
+def test_the_fit_does_not_depend_on_the_unit(
+    count: int, map_unit: float, sensor_unit: float, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    values = random.uniform(1, 9, (1, count)).astype(np.float32)
+    wanted = (0.8 * values[0] + 0.3) * random.uniform(0.8, 1.2, count)
+
+    def fit(map_factor: float, sensor_factor: float) -> np.ndarray:
+        points = [Point(x, 0, float(w) * sensor_factor) for x, w in enumerate(wanted)]
+        return fit_anchors(DepthMap(values * np.float32(map_factor)), points).values
+
+    assert fit(map_unit, sensor_unit) == pytest.approx(fit(1, 1) * sensor_unit, rel=1e-3)
+
+
+def slow_cost(scale: float, shift: float, values: list[float], wanted: list[float]) -> float:
+    """What the fit of a metric map minimizes, in plain loops."""
+    ratio = sorted(m / v for v, m in zip(values, wanted, strict=True))[len(values) // 2]
+    total = (ERROR_SD / SHIFT_SD * shift / (ratio * sorted(values)[len(values) // 2])) ** 2
+    for value, metres in zip(values, wanted, strict=True):
+        total += ((scale * value + shift - metres) / (ratio * value)) ** 2
+    return total
+
+
+def test_nothing_near_the_fit_costs_less() -> None:
+    values, wanted = [1.0, 2.0, 5.0], [1.3, 1.9, 4.4]
+    depth = DepthMap(np.array([[*values, 1e3, 2e3]], np.float32))
+    points = [Point(x, 0, metres) for x, metres in enumerate(wanted)]
+    fitted = fit_anchors(depth, points).values[0].astype(float)
+    scale = (fitted[-1] - fitted[-2]) / 1e3
+    shift = fitted[0] - scale * values[0]
+    least = slow_cost(scale, shift, values, wanted)
+    for step in (1e-4, -1e-4):
+        assert slow_cost(scale + step, shift, values, wanted) > least
+        assert slow_cost(scale, shift + step, values, wanted) > least
 
 
 def test_one_anchor_fits_the_scale() -> None:
@@ -50,7 +105,7 @@ def test_what_the_fit_puts_behind_the_camera_has_no_depth() -> None:
     np.testing.assert_allclose(fit_anchors(nothing, [Point(1, 0, 3.0)]).values, [[np.nan, 3]])
 
 
-@pytest.mark.parametrize("kind", list(DepthKind))
+@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
 def test_an_anchor_behind_the_camera_is_refused(kind: DepthKind) -> None:
     """The best line through these three is below 0 at one of them."""
     values = np.float32([[0.0, 1.0, 2.0]])
@@ -74,20 +129,27 @@ def test_one_anchor_never_turns_near_into_far(value: float, kind: DepthKind) -> 
 @pytest.mark.parametrize(
     ("points", "why"),
     [
-        ([Point(3, 0, 1)], "outside the picture of 3×1"),
-        ([Point(0, 1, 1)], "outside the picture of 3×1"),
+        ([Point(4, 0, 1)], "outside the picture of 4×1"),
+        ([Point(0, 1, 1)], "outside the picture of 4×1"),
         ([Point(2, 0, 1)], "no depth"),
-        ([Point(0, 0, 2), Point(1, 0, 1)], "contradict"),
-        ([Point(0, 0, 1), Point(0, 0, 2)], "all anchors have the same depth"),
+        ([Point(0, 0, 9), Point(1, 0, 1)], "contradict"),
+        ([Point(3, 0, 1)], "no depth"),
         ([Point(0, 0, 0.0)], "give one above 0"),
         ([Point(0, 0, math.inf)], "give one above 0"),
         ([], "there are no anchors"),
     ],
 )
 def test_impossible_anchors_are_refused(points: list[Point], why: str) -> None:
-    depth = DepthMap(np.array([[1.0, 2.0, np.nan]], np.float32))
+    depth = DepthMap(np.array([[1.0, 9.0, np.nan, 0.0]], np.float32))
     with pytest.raises(UsageError, match=why):
         fit_anchors(depth, points)
+
+
+@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
+def test_anchors_of_one_value_do_not_determine_a_shift(kind: DepthKind) -> None:
+    depth = DepthMap(np.float32([[1.0, 2.0]]), kind)
+    with pytest.raises(UsageError, match="all anchors have the same depth"):
+        fit_anchors(depth, [Point(0, 0, 1), Point(0, 0, 2)])
 
 
 def scene(kind: DepthKind) -> tuple[DepthMap, np.ndarray]:
@@ -134,17 +196,30 @@ def test_exact_points_are_all_used_but_the_wrong_ones() -> None:
     assert found.provenance.anchors == tuple(points)
 
 
-def test_nine_points_are_fitted_by_least_squares() -> None:
-    depth, truth_m = scene(DepthKind.METRIC)
-    points = [Point(x, 0, float(truth_m[0, x])) for x in range(9)]
-    points[4] = points[4]._replace(depth_m=12.0)
+def test_of_four_points_a_wrong_one_counts() -> None:
+    depth, truth_m = scene(DepthKind.RELATIVE)
+    points = [Point(x, 0, float(truth_m[0, x])) for x in range(4)]
+    points[2] = points[2]._replace(depth_m=12.0)
     found = fit_anchors(depth, points)
-    values = [float(depth.values[0, x]) for x in range(9)]
-    scale, shift = np.polyfit(values, [point.depth_m for point in points], 1)
+    values = [float(depth.values[0, x]) for x in range(4)]
+    metres = np.array([point.depth_m for point in points])
+    scale, shift = np.polyfit(values, metres, 1)
     assert found.values == pytest.approx(depth.values * scale + shift, rel=1e-4)
     assert found.provenance is not None
     assert found.provenance.anchor_fit is not None
-    assert found.provenance.anchor_fit.used == 9
+    assert found.provenance.anchor_fit.used == 4
+
+
+@pytest.mark.parametrize("kind", list(DepthKind))
+def test_of_five_points_a_wrong_one_has_no_effect(kind: DepthKind) -> None:
+    depth, truth_m = scene(kind)
+    points = [Point(x, 0, float(truth_m[0, x])) for x in range(5)]
+    points[2] = points[2]._replace(depth_m=14.0)
+    found = fit_anchors(depth, points)
+    assert found.values == pytest.approx(truth_m, rel=1e-3)
+    assert found.provenance is not None
+    assert found.provenance.anchor_fit is not None
+    assert found.provenance.anchor_fit.used == 4
 
 
 def test_many_points_are_thinned_evenly() -> None:

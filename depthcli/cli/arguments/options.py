@@ -170,7 +170,7 @@ AnchorOption = Annotated[
     typer.Option(
         metavar="X,Y,METRES",
         help="Point of known depth: column and row from 0 at the top left, and metres; "
-        "repeatable. One point fits scale, two or more fit scale and shift.",
+        "repeatable. One point fits the scale, two or more also a shift.",
     ),
 ]
 AnchorsOption = Annotated[

@@ -9,7 +9,6 @@ from depthcli.io.writers.formats import MILLIMETRES
 
 SOFTWARE = f"depthcli {__version__}"
 _Value: TypeAlias = str | float | tuple[float, float]
-_EXACT_FIT = 2  # points that scale and shift always fit
 _UNKNOWN = Provenance()
 _SOURCE_TEXTS = {
     CameraSource.OPTION: "given",
@@ -94,7 +93,7 @@ def camera_text(depth: DepthMap) -> str | None:
 
 def _fit_text(fit: AnchorFit) -> str:
     of_all = "" if fit.used == fit.given else f"{fit.used} of "
-    error = f", median error {fit.residual_m:.3f} m" if fit.given > _EXACT_FIT else ""
+    error = f", median error {fit.residual_m:.3f} m" if fit.given > 1 else ""
     return f"; depth fitted to {of_all}{fit.given} anchor{'s'[: fit.given - 1]}{error}"
 
 
