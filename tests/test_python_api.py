@@ -198,7 +198,7 @@ def test_a_scale_that_keeps_no_depth_is_refused(
         ({"hfov_deg": 190}, "190°"),
         ({"anchors": [(3, 4)]}, r"not \(3, 4\)"),
         ({"anchors": [(3.5, 4, 2)]}, "column, row, metres"),
-        ({"anchors": [(3, 4, -2)]}, "-2 m; give one above 0"),
+        ({"anchors": [(3, 4, -2)]}, "-2 m; give a depth from 0.001"),
         ({"anchors": [(64, 4, 2)]}, "outside the picture"),
         ({"anchors": np.zeros((5, 4), int)}, "column, row, metres"),
         ({"anchors": np.zeros(3)}, "column, row, metres"),

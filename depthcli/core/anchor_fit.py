@@ -25,6 +25,7 @@ and of the shift that it finds. Chosen on validation pictures."""
 _Values = npt.NDArray[np.float64]
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what overflows is no depth
 def fit_anchors(
     depth: DepthMap,
     points: Sequence[Anchor] | AnchorPoints,
@@ -64,8 +65,7 @@ def fit_anchors(
         raise UsageError("the anchors fit no depth ahead of the camera; check their metres")
     fitted = depth.values * np.float32(fit.scale) + np.float32(fit.shift)
     if inverse:
-        with np.errstate(divide="ignore"):
-            fitted = np.float32(1) / fitted
+        fitted = np.float32(1) / fitted
     fitted = np.where(fitted > 0, fitted, np.float32(np.nan)).astype(np.float32)
     result = DepthMap(fitted, DepthKind.METRIC)
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]

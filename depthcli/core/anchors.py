@@ -1,7 +1,6 @@
 """Pixels of known depth, few or many."""
 
 import hashlib
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self
@@ -9,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.camera import Anchor
+from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
 from depthcli.errors import UsageError
 
 _COLUMNS = 3
@@ -80,7 +79,7 @@ class AnchorPoints:
 
         Raises:
             UsageError: there are none, the picture has another size, or a point is outside, or its
-                depth not above 0.
+                depth not 0.001 to 1e6 m.
         """
         if self.size_px is not None and self.size_px != (width, height):
             raise UsageError(
@@ -89,10 +88,11 @@ class AnchorPoints:
             )
         if not len(self):
             raise UsageError("there are no anchors to fit the map to; give one or more")
-        for at in np.flatnonzero(~((self.depth_m > 0) & (self.depth_m < math.inf)))[:1]:
+        lowest, highest = DEPTH_M_RANGE
+        for at in np.flatnonzero(~((self.depth_m >= lowest) & (self.depth_m <= highest)))[:1]:
             raise UsageError(
-                f"anchor {self.x[at]},{self.y[at]} has a depth of {self.depth_m[at]:g} m; give one "
-                "above 0"
+                f"anchor {self.x[at]},{self.y[at]} has a depth of {self.depth_m[at]:g} m; give "
+                f"{DEPTH_M.what}"
             )
         inside = (self.x >= 0) & (self.x < width) & (self.y >= 0) & (self.y < height)
         for at in np.flatnonzero(~inside)[:1]:

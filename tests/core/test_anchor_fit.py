@@ -134,8 +134,8 @@ def test_one_anchor_never_turns_near_into_far(value: float, kind: DepthKind) -> 
         ([Point(2, 0, 1)], "no depth"),
         ([Point(0, 0, 9), Point(1, 0, 1)], "contradict"),
         ([Point(3, 0, 1)], "no depth"),
-        ([Point(0, 0, 0.0)], "give one above 0"),
-        ([Point(0, 0, math.inf)], "give one above 0"),
+        ([Point(0, 0, 0.0)], "give a depth from 0.001 to"),
+        ([Point(0, 0, math.inf)], "give a depth from 0.001 to"),
         ([], "there are no anchors"),
     ],
 )
