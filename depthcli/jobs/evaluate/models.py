@@ -14,6 +14,7 @@ from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.choices import Mask
+from depthcli.evaluation.models_table import evaluate_models
 from depthcli.evaluation.predictors.base import Predictor
 from depthcli.evaluation.predictors.files import open_predictions
 from depthcli.evaluation.predictors.model import open_models
@@ -23,7 +24,6 @@ from depthcli.evaluation.table import (
     HEADLINE_TABLE,
     EvalOptions,
     EvalTask,
-    evaluate_models,
     plan_nyu,
     plan_pairs,
 )
