@@ -15,13 +15,16 @@ from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
 
 _RESAMPLES = 10_000
+_BLOCK = 100
+"""Resamplings at a time, which bounds the memory for data sets of many scenes."""
 _PERCENTILES = (2.5, 97.5)
 
 
 def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> Interval:
     """The mean over pictures, and its bootstrap interval with scenes resampled.
 
-    ``values`` (N,) has one value per picture, or NaN, and ``scenes`` the scene of each.
+    ``values`` (N,) has one value per picture, or NaN, and ``scenes`` the scene of each. One scene
+    alone has no interval.
     """
     known = np.isfinite(values)
     _, scene = np.unique(np.asarray(scenes)[known], return_inverse=True)
@@ -29,10 +32,15 @@ def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> In
     counts = np.bincount(scene)
     if not len(sums):
         return Interval(np.nan, np.nan, np.nan)
-    share = np.full(len(sums), 1 / len(sums))
-    drawn = np.random.default_rng(0).multinomial(len(sums), share, _RESAMPLES)
-    low, high = np.percentile((drawn @ sums) / (drawn @ counts), _PERCENTILES)
-    return Interval(float(sums.sum() / counts.sum()), float(low), float(high))
+    mean = float(sums.sum() / counts.sum())
+    if len(sums) == 1:  # whose resamplings are all the same, however much other scenes differ
+        return Interval(mean, np.nan, np.nan)
+    share, rng, means = np.full(len(sums), 1 / len(sums)), np.random.default_rng(0), []
+    for _ in range(_RESAMPLES // _BLOCK):
+        drawn = rng.multinomial(len(sums), share, _BLOCK)
+        means.append((drawn @ sums) / (drawn @ counts))
+    low, high = np.percentile(np.concatenate(means), _PERCENTILES)
+    return Interval(mean, float(low), float(high))
 
 
 def differences_from(

@@ -30,5 +30,7 @@ def differences_table(
 def _interval_cell(interval: Interval) -> str:
     if math.isnan(interval.mean):
         return "-"
+    if math.isnan(interval.low):
+        return f"{interval.mean:+.4f} [-]"
     clear = "!" if interval.is_significant else ""
     return f"{interval.mean:+.4f}{clear} [{interval.low:+.3f},{interval.high:+.3f}]"
