@@ -63,6 +63,10 @@ class EvalTask:
         # Folders that are scenes do not begin with a slash, so no image joins one by its name.
         return {name: scene or f"/{name}" for name, scene in zip(self.ids, scenes, strict=True)}
 
+    def has_trivial(self, options: EvalOptions) -> bool:
+        """Whether the table has rows that ignore the picture."""
+        return options.trivial and bool(self.split.train)
+
     def subsampled(self, limit: int | None) -> Self:
         """The same with at most ``limit`` images, evenly over the split."""
         if limit is None:
@@ -120,7 +124,7 @@ def _score_rows(
     for predictor in predictors:
         learned = train_overlap(predictor, task.dataset, task.ids) if task.is_nyu else None
         entries.append(entry_for(predictor, options.alignments, learned))
-    if options.trivial and task.split.train:
+    if task.has_trivial(options):
         entries = [*_trivial_entries(task, options, progress), *entries]
     return evaluate(
         task.dataset,
