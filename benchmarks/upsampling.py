@@ -23,9 +23,10 @@ from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
+from depthcli.evaluation.models_table import evaluate_models
 from depthcli.evaluation.predictors.model import ModelPredictor
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.table import EvalOptions, evaluate_models, plan_nyu
+from depthcli.evaluation.table import EvalOptions, plan_nyu
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
 

@@ -1,21 +1,8 @@
-"""Paired differences between rows, with confidence intervals by a bootstrap over scenes.
+"""Paired differences between two rows, with confidence intervals."""
 
-Pictures of one scene are correlated, so scenes are resampled, not pictures.
-Source: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13 (percentiles).
-"""
-
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
-from depthcli.evaluation.report import ReportRow
 from depthcli.metrics.choices import Alignment
-from depthcli.metrics.depth import METRICS
-
-_RESAMPLES = 10_000
-_PERCENTILES = (2.5, 97.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +10,8 @@ class Interval:
     """A mean and its 95 % confidence interval."""
 
     mean: float
-    low: float
-    high: float
+    low: float  #: NaN if the interval is not known
+    high: float  #: NaN if the interval is not known
 
     @property
     def is_significant(self) -> bool:
@@ -41,52 +28,3 @@ class Difference:
     alignment: Alignment | None  #: of both
     #: of every metric, in the order of the table; below 0, ``name`` is better where lower is better
     intervals: tuple[Interval, ...]
-
-
-def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> Interval:
-    """The mean over pictures, and its bootstrap interval with scenes resampled.
-
-    ``values`` (N,) has one value per picture, or NaN, and ``scenes`` the scene of each.
-    """
-    known = np.isfinite(values)
-    _, scene = np.unique(np.asarray(scenes)[known], return_inverse=True)
-    sums = np.bincount(scene, values[known])
-    counts = np.bincount(scene)
-    if not len(sums):
-        return Interval(np.nan, np.nan, np.nan)
-    share = np.full(len(sums), 1 / len(sums))
-    drawn = np.random.default_rng(0).multinomial(len(sums), share, _RESAMPLES)
-    low, high = np.percentile((drawn @ sums) / (drawn @ counts), _PERCENTILES)
-    return Interval(float(sums.sum() / counts.sum()), float(low), float(high))
-
-
-def differences_from(
-    name: str, groups: Mapping[str, Sequence[ReportRow]], scenes: Mapping[str, str]
-) -> tuple[Difference, ...]:
-    """Paired differences between one row and every other of the same alignment.
-
-    ``groups`` has the rows of the seeds by name, with scores per image, which are averaged over the
-    seeds; ``scenes`` has the scene of each image id.
-    """
-    found = []
-    for alignment in dict.fromkeys(row.alignment for row in groups[name]):
-        own = _per_image(groups[name], alignment)
-        order = [scenes[image.id] for image in groups[name][0].images]
-        for other, rows in groups.items():
-            if other == name or all(row.alignment is not alignment for row in rows):
-                continue
-            values = own - _per_image(rows, alignment)
-            intervals = tuple(scene_interval(column, order) for column in values.T)
-            found.append(Difference(name, other, alignment, intervals))
-    return tuple(found)
-
-
-def _per_image(rows: Sequence[ReportRow], alignment: Alignment | None) -> npt.NDArray[np.float64]:
-    """(N, metrics): the scores of each image, averaged over the seeds."""
-    seeds = [
-        [[image.scores[metric] for metric in METRICS] for image in row.images]
-        for row in rows
-        if row.alignment is alignment
-    ]
-    averaged: npt.NDArray[np.float64] = np.asarray(seeds, np.float64).mean(0)
-    return averaged

@@ -10,6 +10,7 @@ from typing import Any
 
 from depthcli.datasets.splits import ALL_PAIRS
 from depthcli.evaluation.choices import Source
+from depthcli.evaluation.differences import Difference
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.io.writers.metadata import SOFTWARE
 from depthcli.metrics.accumulate import Scores
@@ -60,6 +61,7 @@ class Comparison:
     train_count: int  #: number of training pairs of the trivial rows; 0 without them
     protocol: EvalProtocol  #: how prediction and ground truth were compared
     notes: tuple[str, ...] = ()  #: footnotes of the table
+    differences: tuple[Difference, ...] = ()  #: between one row and every other, if requested
 
     def titled(self, split: str) -> str:
         """Data set, split in words, number of images and protocol in one line."""
@@ -69,7 +71,7 @@ class Comparison:
         count += " image" if self.split_count == 1 else " images"
         return f"{self.dataset} · {split}, {count} · protocol: {self.protocol.name}"
 
-    def document(self, rows: list[dict[str, Any]], **more: object) -> str:
+    def document(self, rows: list[dict[str, Any]]) -> str:
         """The table as JSON."""
         split = {
             "name": self.split,
@@ -81,8 +83,11 @@ class Comparison:
         protocol = names | asdict(self.protocol)
         del protocol["boundary"]
         origin = {"schema": 1, "software": SOFTWARE, "dataset": self.dataset}
-        document = origin | {"split": split, "protocol": protocol}
-        return json.dumps(document | {"rows": rows, "notes": self.notes} | more, indent=2)
+        document: dict[str, Any] = origin | {"split": split, "protocol": protocol}
+        document |= {"rows": rows, "notes": self.notes}
+        if self.differences:
+            document["differences"] = [_difference_json(found) for found in self.differences]
+        return json.dumps(document, indent=2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,6 +159,16 @@ def row_json(row: ReportRow) -> dict[str, Any]:
 def _all_scores_json(scored: ReportRow | ImageScores) -> dict[str, float | None]:
     boundary = scores_json(scored.boundary) if scored.boundary else {}
     return scores_json(scored.scores) | boundary
+
+
+def _difference_json(difference: Difference) -> dict[str, Any]:
+    intervals = zip(METRICS, difference.intervals, strict=True)
+    return {
+        "row": difference.name,
+        "minus": difference.other,
+        "align": difference.alignment,
+        "intervals": {metric: scores_json(asdict(interval)) for metric, interval in intervals},
+    }
 
 
 def scores_json(scores: Scores | BoundaryScores | Mapping[str, float]) -> dict[str, float | None]:

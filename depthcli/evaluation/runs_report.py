@@ -4,7 +4,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.differences import Difference
 from depthcli.evaluation.report import (
     Comparison,
     ReportRow,
@@ -50,7 +49,6 @@ class RunsReport(Comparison):
     """The table of training runs; the split ``val`` is the pairs that the runs held out."""
 
     rows: tuple[RunsRow, ...]  #: the lines
-    differences: tuple[Difference, ...] = ()  #: between one row and every other, if requested
 
     @property
     def title(self) -> str:
@@ -60,9 +58,7 @@ class RunsReport(Comparison):
 
     def to_json(self) -> str:
         """The report as JSON; NaN becomes null."""
-        differences = [_difference(difference) for difference in self.differences]
-        more = {"differences": differences} if differences else {}
-        return self.document([_run_json(row) for row in self.rows], **more)
+        return self.document([_run_json(row) for row in self.rows])
 
     def to_csv(self) -> str:
         """One line per row: name and training, then mean and standard deviation of every metric."""
@@ -89,16 +85,6 @@ def _run_json(line: RunsRow) -> dict[str, Any]:
         }
         entry["runs"] = [row_json(row) for row in line.runs]
     return entry
-
-
-def _difference(difference: Difference) -> dict[str, Any]:
-    intervals = zip(METRICS, difference.intervals, strict=True)
-    return {
-        "row": difference.name,
-        "minus": difference.other,
-        "align": difference.alignment,
-        "intervals": {metric: scores_json(asdict(interval)) for metric, interval in intervals},
-    }
 
 
 def _training_columns(training: Training | None) -> list[str]:

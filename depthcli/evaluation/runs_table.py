@@ -1,12 +1,10 @@
 """Making the table of training runs: mean and standard deviation over seeds, cost, baselines."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 from depthcli.core.choices import Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.differences import Difference, differences_from
 from depthcli.evaluation.published import PUBLISHED, PUBLISHED_COUNT
 from depthcli.evaluation.report import ReportRow
 from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
@@ -14,7 +12,7 @@ from depthcli.evaluation.table import (
     HEADLINE_TABLE,
     EvalOptions,
     EvalTask,
-    score_rows,
+    compare_rows,
     trivial_notes,
 )
 from depthcli.evaluation.trained import TrainedModel, group_by_seed, mean_and_std
@@ -49,10 +47,9 @@ def evaluate_runs(
         name: [by_name[run.name] for run in members]
         for name, members in group_by_seed([model.run for model in models]).items()
     }
-    options = replace(options, per_image=against is not None)
-    scored = score_rows(task, [model.predictor for model in models], options, progress)
-    differences = () if against is None else _differences(against, task, groups, scored)
-    scored = tuple(replace(row, images=()) for row in scored)
+    group_of = {member.run.name: name for name, members in groups.items() for member in members}
+    predictors = [model.predictor for model in models]
+    scored, differences = compare_rows(task, predictors, options, progress, against, group_of)
     rows = [RunsRow(row) for row in scored if row.name not in by_name]
     rows += [
         _row_of_seeds(name, groups[name], scored, alignment)
@@ -74,21 +71,6 @@ def evaluate_runs(
         ),
         differences=differences,
     )
-
-
-def _differences(
-    against: str,
-    task: EvalTask,
-    groups: Mapping[str, Sequence[TrainedModel]],
-    scored: Sequence[ReportRow],
-) -> tuple[Difference, ...]:
-    """The differences of one row from all others, averaged over the seeds of each method."""
-    group_of = {member.run.name: name for name, members in groups.items() for member in members}
-    rows: dict[str, list[ReportRow]] = {}
-    for row in scored:
-        rows.setdefault(group_of.get(row.name, row.name), []).append(row)
-    scenes = {task.dataset.ids[i]: task.dataset.scenes[i] for i in task.test}
-    return differences_from(against, rows, scenes)
 
 
 def _table_order(name: str) -> tuple[int, str]:

@@ -1,19 +1,21 @@
-"""Making a table of scores: published rows, trivial rows and the predictors to compare."""
+"""Scoring the rows of a table: trivial rows and the predictors to compare."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Self
 
 import numpy as np
 
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.progress import Progress
 from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.splits import ALL_PAIRS, NYU, Split, SplitName, split_nyu
+from depthcli.evaluation.bootstrap import differences_from
+from depthcli.evaluation.differences import Difference
 from depthcli.evaluation.predictors.base import Predictor
 from depthcli.evaluation.predictors.trivial import fit_trivial
 from depthcli.evaluation.protocol import HEADLINE, EvalProtocol
-from depthcli.evaluation.published import PUBLISHED
-from depthcli.evaluation.report import EvalReport, ReportRow
+from depthcli.evaluation.report import ReportRow
 from depthcli.evaluation.run import Entry, entry_for, evaluate
 from depthcli.evaluation.train_overlap import train_overlap
 from depthcli.metrics.choices import Alignment
@@ -54,6 +56,17 @@ class EvalTask:
         """Ids of the images to evaluate."""
         return tuple(self.dataset.ids[i] for i in self.test)
 
+    @property
+    def scenes(self) -> dict[str, str]:
+        """Scene of each image to evaluate, by id; an image of unknown scene is one of its own."""
+        scenes = (self.dataset.scenes[i] for i in self.test)
+        # Folders that are scenes do not begin with a slash, so no image joins one by its name.
+        return {name: scene or f"/{name}" for name, scene in zip(self.ids, scenes, strict=True)}
+
+    def has_trivial(self, options: EvalOptions) -> bool:
+        """Whether the table has rows that ignore the picture."""
+        return options.trivial and bool(self.split.train)
+
     def subsampled(self, limit: int | None) -> Self:
         """The same with at most ``limit`` images, evenly over the split."""
         if limit is None:
@@ -80,41 +93,38 @@ def plan_pairs(dataset: DepthDataset, title: str, limit: int | None = None) -> E
     return EvalTask(dataset, split, every, title).subsampled(limit)
 
 
-def evaluate_models(
+def compare_rows(
     task: EvalTask,
     predictors: Sequence[Predictor],
-    options: EvalOptions = HEADLINE_TABLE,
-    progress: Progress = NO_PROGRESS,
-) -> EvalReport:
-    """Make the table.
+    options: EvalOptions,
+    progress: Progress,
+    against: str | None,
+    group_of: Mapping[str, str] = MappingProxyType({}),
+) -> tuple[tuple[ReportRow, ...], tuple[Difference, ...]]:
+    """The rows of trivial baselines and predictors, and the differences of one from every other.
 
-    Raises:
-        DatasetError: a pair cannot be read or does not fit the protocol.
-        UsageError: no alignment suits a predictor.
+    Rows of the same ``group_of`` are averaged for the differences. ``against`` names the one row
+    or group; None for no differences. Other arguments and errors are those of evaluate_models.
     """
-    rows = score_rows(task, predictors, options, progress)
-    comparable = task.split.name == SplitName.PAPER and options.protocol.is_headline
-    return EvalReport(
-        dataset=task.title,
-        split=task.split.name,
-        image_count=len(task.test),
-        split_count=task.split.test_count,
-        train_count=len(task.split.train) if options.trivial else 0,
-        protocol=options.protocol,
-        rows=(*(PUBLISHED if comparable else ()), *rows),
-        notes=tuple(_notes(task, comparable=comparable, trivial=options.trivial)),
-    )
+    kept = options.per_image or against is not None
+    rows = _score_rows(task, predictors, replace(options, per_image=kept), progress)
+    if against is None:
+        return rows, ()
+    groups: dict[str, list[ReportRow]] = {}
+    for row in rows:
+        groups.setdefault(group_of.get(row.name, row.name), []).append(row)
+    differences = differences_from(against, groups, task.scenes)
+    return rows if options.per_image else tuple(replace(r, images=()) for r in rows), differences
 
 
-def score_rows(
+def _score_rows(
     task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions, progress: Progress
 ) -> tuple[ReportRow, ...]:
-    """The rows of trivial baselines and predictors; arguments and errors as evaluate_models."""
     entries = []
     for predictor in predictors:
         learned = train_overlap(predictor, task.dataset, task.ids) if task.is_nyu else None
         entries.append(entry_for(predictor, options.alignments, learned))
-    if options.trivial and task.split.train:
+    if task.has_trivial(options):
         entries = [*_trivial_entries(task, options, progress), *entries]
     return evaluate(
         task.dataset,
@@ -138,16 +148,6 @@ def _trivial_entries(task: EvalTask, options: EvalOptions, progress: Progress) -
     )
     wanted = (Alignment.NONE, Alignment.MEDIAN, *options.alignments)
     return [entry_for(mean, wanted) for mean in means]
-
-
-def _notes(task: EvalTask, *, comparable: bool, trivial: bool) -> list[str]:
-    notes = []
-    if task.is_nyu and not comparable:
-        notes.append(
-            "the paper's rows belong to the paper split and the headline protocol and are "
-            "omitted here"
-        )
-    return [*notes, *(trivial_notes(task.split) if trivial else ())]
 
 
 def trivial_notes(split: Split) -> list[str]:

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from depthcli.evaluation.bootstrap import differences_from, scene_interval
 from depthcli.evaluation.choices import Source
-from depthcli.evaluation.differences import Interval, differences_from, scene_interval
+from depthcli.evaluation.differences import Interval
 from depthcli.evaluation.report import ImageScores, ReportRow
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.choices import Alignment

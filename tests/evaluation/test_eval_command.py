@@ -136,6 +136,40 @@ def test_several_models_and_files(
     assert exact["source"] == "files"
 
 
+def test_a_row_is_compared_with_every_other(
+    data: Path, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    far, page = write_model(models / "far", output__shift=6.0), tmp_path / "page.html"
+    arguments = ["--split", "val", "--model", "default", "--model", str(far), "--against", str(far)]
+    assert _run(data, *arguments, "--json", "--per-image") == ExitCode.OK
+    document = json.loads(capsys.readouterr().out)
+    rows = {(row["name"], row["align"]): row for row in document["rows"]}
+    others = ["constant mean", "per-pixel mean", "default"]
+    assert [entry["minus"] for entry in document["differences"]] == others
+    for entry in document["differences"]:
+        assert (entry["row"], entry["align"]) == (str(far), "none")
+        for metric in ("abs_rel", "d1", "silog"):
+            interval = entry["intervals"][metric]
+            own, other = (
+                [image[metric] for image in rows[name, "none"]["per_image"]]
+                for name in (str(far), entry["minus"])
+            )
+            values = [a - b for a, b in zip(own, other, strict=True)]
+            assert interval["mean"] == pytest.approx(sum(values) / 2)
+            # Of two scenes with one image each, a quarter of the draws are one of them alone.
+            assert interval["low"] == pytest.approx(min(values))
+            assert interval["high"] == pytest.approx(max(values))
+    assert _run(data, *arguments, "--html", str(page)) == ExitCode.OK
+    title = f"{far} minus each row, 95 % interval over scenes; ! excludes 0"
+    shown = capsys.readouterr().out
+    assert f"\n\n{title}\n\nminus " in shown
+    assert title in page.read_text()
+    mean = document["differences"][-1]["intervals"]["abs_rel"]["mean"]
+    cells = [line.split()[:3] for line in shown.splitlines() if line.startswith("default ")]
+    assert cells[-1] == ["default", "none", f"{mean:+.4f}!"]
+    assert f"<td>default</td><td>none</td><td>{mean:+.4f}! [" in page.read_text()
+
+
 @pytest.mark.usefixtures("models")
 def test_predictions_alone_leave_the_bundled_model_out(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -273,6 +307,14 @@ def test_data_may_come_from_the_environment(
         (["--split", "val", "--no-model", "--no-trivial"], "nothing to compare: give --model or"),
         (["--predictions", ".", "--predictions-kind", "feet", "--split", "val"], "not feet"),
         (["--split", "test"], "'test' is not one of"),
+        (
+            ["--split", "val", "--no-model", "--against", "CUT (paper)"],
+            "--against CUT (paper) is not a row; choose from constant mean, per-pixel mean",
+        ),
+        (
+            ["--split=val", "--no-model", "--average=pooled", "--against=constant mean"],
+            "--against compares means over images: remove --average pooled",
+        ),
         (["--limit", "0"], "limit"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -14,6 +15,7 @@ from tiny import write_model
 from depthcli.cli.app import main
 from depthcli.core.scaling import focal_px_of_hfov
 from depthcli.errors import ExitCode
+from depthcli.evaluation.bootstrap import scene_interval
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -99,6 +101,45 @@ def test_files_of_another_tool_and_a_title(data: Path, capsys: pytest.CaptureFix
     assert shown.startswith("own · all pairs, 2 of 3 images · ")
     (row,) = [line for line in shown.splitlines() if "files" in line]
     assert row.split()[3:5] == ["0.0000", "0.0000"]
+
+
+@pytest.mark.parametrize(
+    ("index", "scenes"),
+    [
+        (None, ["hall", "hall", "yard"]),
+        (["x", "y", "y"], ["x", "y", "y"]),
+        (["", "", ""], ["a", "b", "c"]),
+    ],
+)
+def test_folders_or_the_scenes_of_an_index_are_resampled(
+    data: Path, index: list[str] | None, scenes: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    if index is not None:
+        lines = [f"{name},{scene}," for name, scene in zip(FACTORS, index, strict=True)]
+        (data / "index.csv").write_text("\n".join(["id,scene,official_split", *lines]))
+    tiny, far = str(data.parent / "tiny"), str(write_model(data.parent / "far", output__shift=6.0))
+    page = data.parent / "page.html"
+    words = ["eval", "pairs", str(data), "--model", tiny, "--model", far, "--against", far]
+    assert main([*words, "--json", "--per-image", "--html", str(page)]) == ExitCode.OK
+    document = json.loads(capsys.readouterr().out)
+    others, own = (
+        np.array([image["rmse"] for image in row["per_image"]]) for row in document["rows"]
+    )
+    expected = scene_interval(own - others, scenes)
+    (entry,) = document["differences"]
+    assert (entry["row"], entry["minus"]) == (far, tiny)
+    assert entry["intervals"]["rmse"] == asdict(expected)
+    assert f"{far} minus each row" in page.read_text()
+
+
+def test_a_row_to_compare_with_has_to_be_there(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tiny = str(data.parent / "tiny")
+    assert main(["eval", "pairs", str(data), "--model", tiny, "--against", "x"]) == ExitCode.USAGE
+    shown = capsys.readouterr()
+    assert shown.err == f"depthcli: error: --against x is not a row; choose from {tiny}\n"
+    assert shown.out == ""
 
 
 def test_nyu_has_a_command_of_its_own(data: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -193,3 +193,14 @@ def test_page_escapes_what_it_shows() -> None:
     assert "<b>caption" not in page
     assert "a &lt; b" in page
     assert "data:image/png;base64,cG5n" in page
+    assert page.count("<table>") == 1
+
+
+def test_page_has_the_differences_in_a_table_of_their_own() -> None:
+    differences = ("a < b minus each row", [["minus", "rmse"], ["c & d", "+0.5"]])
+    page = html_page(Page("title", "subtitle", [["row"], ["a < b"]], [], differences))
+    first, second = page.split("</table>")[:2]
+    assert "<td>a &lt; b</td>" in first
+    assert "<p>a &lt; b minus each row</p>" in second
+    assert "<tr><th>minus</th><th>rmse</th></tr>" in second
+    assert "<tr><td>c &amp; d</td><td>+0.5</td></tr>" in second

@@ -16,11 +16,12 @@ from depthcli.core.types import DepthKind
 from depthcli.datasets.splits import ALL_PAIRS, Split, SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.choices import Mask
+from depthcli.evaluation.models_table import evaluate_models
 from depthcli.evaluation.predictors.base import Sample
 from depthcli.evaluation.predictors.model import open_model
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.run import Entry, entry_for, evaluate
-from depthcli.evaluation.table import EvalOptions, evaluate_models, plan_nyu, plan_pairs
+from depthcli.evaluation.table import EvalOptions, plan_nyu, plan_pairs
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.boundary import boundary_scores, mean_boundary_scores
 from depthcli.metrics.choices import Alignment, Averaging

@@ -10,9 +10,10 @@ from small_set import HEIGHT, WIDTH, Playback, Watched, noisy, small_set
 
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.choices import Source
+from depthcli.evaluation.models_table import evaluate_models
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.published import PUBLISHED
-from depthcli.evaluation.table import EvalOptions, evaluate_models, plan_nyu
+from depthcli.evaluation.table import EvalOptions, plan_nyu
 from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import METRICS
 

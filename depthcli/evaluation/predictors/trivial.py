@@ -16,6 +16,9 @@ from depthcli.evaluation.choices import Source
 from depthcli.evaluation.predictors.base import Sample
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
 
+TRIVIAL_NAMES = ("constant mean", "per-pixel mean")
+"""Names of the rows of :func:`fit_trivial`, in its order."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrivialPredictor:
@@ -74,7 +77,8 @@ def _predictors(
     # A pixel that was never valid, for example in a corner, gets the constant mean.
     per_pixel_m = np.divide(sums, counts, out=np.full_like(sums, mean_m), where=counts > 0)
     constant = DepthMap(np.full(sums.shape, mean_m, np.float32))
+    constant_name, per_pixel_name = TRIVIAL_NAMES
     return (
-        TrivialPredictor("constant mean", constant),
-        TrivialPredictor("per-pixel mean", DepthMap(per_pixel_m.astype(np.float32))),
+        TrivialPredictor(constant_name, constant),
+        TrivialPredictor(per_pixel_name, DepthMap(per_pixel_m.astype(np.float32))),
     )

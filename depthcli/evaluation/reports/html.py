@@ -27,7 +27,6 @@ footer { color: #444; font-size: .8rem; overflow-wrap: anywhere; }"""
 
 def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
     """The content of the HTML file, with embedded figures."""
-    header, *rows = page.table
     lines = [
         "<!doctype html>",
         '<html lang="en">',
@@ -38,11 +37,8 @@ def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
         "<body>",
         f"<h1>{escape(page.title)}</h1>",
         f"<p>{escape(page.subtitle)}</p>",
-        '<div class="scroll"><table>',
-        f"<thead><tr>{_tagged('th', header)}</tr></thead>",
-        "<tbody>",
-        *(f"<tr>{_tagged('td', row)}</tr>" for row in rows),
-        "</tbody></table></div>",
+        *_table_lines(page.table),
+        *_difference_lines(page),
         "<ul>",
         *(f"<li>{escape(note)}</li>" for note in page.notes),
         "</ul>",
@@ -51,6 +47,24 @@ def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
         "</body></html>",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _table_lines(table: Sequence[Sequence[str]]) -> list[str]:
+    header, *rows = table
+    return [
+        '<div class="scroll"><table>',
+        f"<thead><tr>{_tagged('th', header)}</tr></thead>",
+        "<tbody>",
+        *(f"<tr>{_tagged('td', row)}</tr>" for row in rows),
+        "</tbody></table></div>",
+    ]
+
+
+def _difference_lines(page: Page) -> list[str]:
+    if page.differences is None:
+        return []
+    title, table = page.differences
+    return [f"<p>{escape(title)}</p>", *_table_lines(table)]
 
 
 def _tagged(tag: str, texts: Sequence[str]) -> str:

@@ -4,11 +4,10 @@ import math
 from collections.abc import Sequence
 
 from depthcli.core.text import one_line
-from depthcli.evaluation.differences import Interval
+from depthcli.evaluation.reports.differences_text import differences_table
 from depthcli.evaluation.reports.text import Page, model_checksums
 from depthcli.evaluation.runs_report import RunsReport, RunsRow, Training
 from depthcli.metrics.accumulate import Scores
-from depthcli.metrics.depth import METRICS
 
 _METRICS = ("abs_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3")
 """The columns of the paper's Table I; JSON and CSV have all metrics."""
@@ -20,11 +19,6 @@ def runs_page(report: RunsReport) -> Page:
     header = ["row", "align", *_FACTS, "images", *_METRICS]
     table = [header, *(_run_cells(line) for line in report.rows)]
     marked = [f"* {line.row.note}" for line in report.rows if line.row.note]
-    differences = None
-    if report.differences:
-        name = one_line(report.differences[0].name)
-        title = f"{name} minus each row, 95 % interval over scenes; ! excludes 0"
-        differences = title, _difference_cells(report)
     return Page(
         report.title,
         report.protocol.description,
@@ -34,26 +28,9 @@ def runs_page(report: RunsReport) -> Page:
             *marked,
             *report.notes,
         ],
-        differences,
+        differences_table(report.differences, _METRICS),
         model_checksums(run for line in report.rows for run in line.runs or (line.row,)),
     )
-
-
-def _difference_cells(report: RunsReport) -> list[list[str]]:
-    """The differences from one row as text, header first."""
-    lines = [["minus", "align", *_METRICS]]
-    for difference in report.differences:
-        intervals = dict(zip(METRICS, difference.intervals, strict=True))
-        shown = [_interval(intervals[metric]) for metric in _METRICS]
-        lines.append([one_line(difference.other), difference.alignment or "-", *shown])
-    return lines
-
-
-def _interval(interval: Interval) -> str:
-    if math.isnan(interval.mean):
-        return "-"
-    clear = "!" if interval.is_significant else ""
-    return f"{interval.mean:+.4f}{clear} [{interval.low:+.3f},{interval.high:+.3f}]"
 
 
 def _run_cells(line: RunsRow) -> list[str]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from depthcli.core.text import one_line
 from depthcli.evaluation.report import EvalReport, ReportRow
+from depthcli.evaluation.reports.differences_text import differences_table
 from depthcli.metrics.boundary import HIGHER_IS_BETTER
 from depthcli.metrics.depth import METRICS
 
@@ -43,7 +44,8 @@ def report_page(report: EvalReport) -> Page:
         report.protocol.description,
         table,
         _report_footnotes(report),
-        models=model_checksums(report.rows),
+        differences_table(report.differences, tuple(METRICS)),
+        model_checksums(report.rows),
     )
 
 

@@ -13,7 +13,9 @@ from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
+from depthcli.evaluation.against import check_against
 from depthcli.evaluation.choices import Mask
+from depthcli.evaluation.models_table import evaluate_models
 from depthcli.evaluation.predictors.base import Predictor
 from depthcli.evaluation.predictors.files import open_predictions
 from depthcli.evaluation.predictors.model import open_models
@@ -23,7 +25,6 @@ from depthcli.evaluation.table import (
     HEADLINE_TABLE,
     EvalOptions,
     EvalTask,
-    evaluate_models,
     plan_nyu,
     plan_pairs,
 )
@@ -45,6 +46,7 @@ class ModelsRequest:
     split: SplitName | None = SplitName.PAPER
     limit: int | None = None  #: maximum number of pictures, evenly over the split; None for all
     options: EvalOptions = HEADLINE_TABLE  #: options of the table
+    against: str | None = None  #: also compare this row with every other
     #: ids of pictures for the figures; empty for some of each scene type, None for no figures
     shown_ids: tuple[str, ...] | None = None
 
@@ -65,16 +67,14 @@ def compare_models(
     """Make the table; ``warn`` is called with the models' warnings.
 
     Raises:
-        UsageError: there is nothing to compare, a picture for the figures is not compared, or no
+        UsageError: there is nothing to compare, a requested row or picture is not compared, or no
             alignment suits a predictor.
         DatasetError: the data set or a prediction is missing or cannot be read.
         ModelError: a model is missing or cannot be used.
     """
     task = _plan_task(request)
     positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
-    if not (
-        request.models or request.predictions or (request.options.trivial and task.split.train)
-    ):
+    if not (request.models or request.predictions or task.has_trivial(request.options)):
         raise UsageError(
             "nothing to compare: give --model or --predictions, or remove --no-model or "
             "--no-trivial (baselines need training pairs of the split)"
@@ -83,7 +83,9 @@ def compare_models(
         for position in task.test[:1]:  # raises early for a data set without raw depth
             task.dataset.raw_depth_m(position)
     predictors = _open_predictors(request, task, warn)
-    report = evaluate_models(task, predictors, request.options, progress)
+    if request.against is not None:
+        check_against(request.against, task, predictors, request.options)
+    report = evaluate_models(task, predictors, request.options, progress, against=request.against)
     if not (positions and predictors):
         return ModelsResult(report, ())
     titles = [Path(predictor.name).name for predictor in predictors]

@@ -8,7 +8,8 @@ from depthcli.core.choices import Detail, Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
-from depthcli.errors import DepthcliError, UsageError
+from depthcli.errors import DepthcliError
+from depthcli.evaluation.against import check_row
 from depthcli.evaluation.predictors.model import open_models
 from depthcli.evaluation.reports.figures import Figure, choose_pictures, draw_figures
 from depthcli.evaluation.runs_report import RunsReport
@@ -71,10 +72,8 @@ def compare_runs(
     names = group_by_seed(
         opened
     )  # raises for runs that are not seeds of one row, before the export
-    if request.against is not None and request.against not in names:
-        raise UsageError(
-            f"--against {request.against} is not a row; choose from {', '.join(names)}"
-        )
+    if request.against is not None:
+        check_row(request.against, names)
     with temporary_folder() as fallback_folder:
         exported = _export_runs(opened, fallback_folder, request.weights, progress, failed)
         protocol = request.options.protocol

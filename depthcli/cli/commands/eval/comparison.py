@@ -52,6 +52,7 @@ def compare(
             per_image=given["per_image"],
             workers=workers,
         ),
+        against=given["against"],
         shown_ids=evaluation.shown_ids(given["ids"], given["figures"], given["html"]),
     )
     with show_progress(silent=is_silent, announce=True) as progress:

@@ -45,6 +45,13 @@ def nyu(
         Mask, typer.Option(help="raw: only where the sensor measured depth.")
     ] = Mask.FILLED,
     trivial: evaluation.TrivialOption = True,
+    against: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROW",
+            help="Also compare this row with every other: paired bootstrap over scenes.",
+        ),
+    ] = None,
     boundary: evaluation.BoundaryOption = False,
     upsample: evaluation.UpsampleOption = Upsampling.BILINEAR,
     tile: options.TileOption = None,

@@ -43,6 +43,14 @@ def pairs(
         ),
     ] = 10.0,
     compare_at: evaluation.CompareAtOption = None,
+    against: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROW",
+            help="Also compare this row with every other: paired bootstrap over scenes (subfolders "
+            "of rgb/, or scenes of index.csv; an image without one is a scene of its own).",
+        ),
+    ] = None,
     boundary: evaluation.BoundaryOption = False,
     upsample: evaluation.UpsampleOption = Upsampling.BILINEAR,
     tile: options.TileOption = None,

@@ -1,0 +1,190 @@
+"""Differences of one row of the table of models from every other."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
+
+from depthcli.core.types import DepthKind
+from depthcli.datasets.splits import SplitName
+from depthcli.errors import UsageError
+from depthcli.evaluation.against import check_against
+from depthcli.evaluation.bootstrap import scene_interval
+from depthcli.evaluation.models_table import evaluate_models
+from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.evaluation.reports.html import html_page
+from depthcli.evaluation.reports.text import report_page
+from depthcli.evaluation.table import EvalOptions, EvalTask, plan_nyu, plan_pairs
+from depthcli.metrics.choices import Alignment, Averaging
+from depthcli.metrics.depth import METRICS
+
+PROTOCOL = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
+NONE, MEDIAN, DEPTH, DISPARITY = Alignment
+ALONE = EvalOptions(PROTOCOL, trivial=False)
+
+
+def _rows(dataset: SmallSet) -> list[Playback]:
+    return [Playback(noisy(dataset, seed=seed), name=name) for seed, name in enumerate("abc")]
+
+
+def _abs_rel(dataset: SmallSet, row: Playback, i: int) -> float:
+    """Pixel by pixel; NaN without a valid one."""
+    truth, depth = dataset.depths_m[i].ravel(), row.maps[dataset.ids[i]].ravel()
+    pairs = [(float(g), min(max(float(p), 1e-3), 10.0)) for g, p in zip(truth, depth, strict=True)]
+    errors = [abs(g - p) / g for g, p in pairs if 1e-3 < g < 10]
+    return sum(errors) / len(errors) if errors else math.nan
+
+
+def test_means_and_intervals_are_those_of_the_images() -> None:
+    dataset = small_set(12)
+    dataset.depths_m[7] = 0
+    task, rows = plan_pairs(dataset, "own"), _rows(dataset)
+    report = evaluate_models(task, rows, ALONE, against="b")
+    assert not any(row.images for row in report.rows)
+    assert [(d.name, d.other, d.alignment) for d in report.differences] == [
+        ("b", "a", NONE),
+        ("b", "c", NONE),
+    ]
+    kept = evaluate_models(task, rows, replace(ALONE, per_image=True), against="b")
+    assert kept.differences == report.differences
+    images = {row.name: [image.scores for image in row.images] for row in kept.rows}
+    for difference in report.differences:
+        other = rows["abc".index(difference.other)]
+        errors = [
+            _abs_rel(dataset, rows[1], i) - _abs_rel(dataset, other, i) for i in range(12) if i != 7
+        ]
+        found = dict(zip(METRICS, difference.intervals, strict=True))
+        assert found["abs_rel"].mean == pytest.approx(sum(errors) / 11, abs=1e-6)
+        for metric, interval in found.items():
+            pairs = zip(images["b"], images[other.name], strict=True)
+            values = np.array([one[metric] - two[metric] for one, two in pairs])
+            expected = scene_interval(values, dataset.scenes)
+            assert interval == expected
+            assert expected.low < expected.high
+
+
+def test_text_json_and_page() -> None:
+    dataset = small_set(12)
+    rows = [Playback(row.maps, name=f"{row.name}\n<1>") for row in _rows(dataset)]
+    report = evaluate_models(plan_pairs(dataset, "own"), rows, ALONE, against="a\n<1>")
+    entries = json.loads(report.to_json())["differences"]
+    page = report_page(report)
+    assert page.differences is not None
+    title, (header, *lines) = page.differences
+    assert title == "a\\n<1> minus each row, 95 % interval over scenes; ! excludes 0"
+    assert header == ["minus", "align", *METRICS]
+    assert f"\n\n{title}\n\nminus " in page.to_text()
+    html = html_page(page)
+    assert "a\\n&lt;1&gt; minus each row" in html
+    for name, entry, difference, line in zip("bc", entries, report.differences, lines, strict=True):
+        assert (entry["row"], entry["minus"]) == ("a\n<1>", f"{name}\n<1>")
+        assert entry["align"] == "none"
+        assert list(entry["intervals"]) == list(METRICS)
+        assert line[:2] == [f"{name}\\n<1>", "none"]
+        for interval, values, cell in zip(
+            difference.intervals, entry["intervals"].values(), line[2:], strict=True
+        ):
+            expected = {"mean": interval.mean, "low": interval.low, "high": interval.high}
+            assert values == expected
+            assert cell.startswith(f"{interval.mean:+.4f}")
+            assert f"<td>{cell}</td>" in html
+    plain = evaluate_models(plan_pairs(dataset, "own"), rows, ALONE)
+    assert report_page(plain).differences is None
+    assert "differences" not in json.loads(plain.to_json())
+
+
+def test_trivial_rows_are_compared_with_their_alignments() -> None:
+    dataset = small_set(20, first=985)
+    task = plan_nyu(dataset, SplitName.PAPER)
+    options = EvalOptions(PROTOCOL, alignments=(MEDIAN,))
+    report = evaluate_models(task, _rows(dataset)[:1], options, against="per-pixel mean")
+    assert [(d.other, d.alignment) for d in report.differences] == [
+        ("constant mean", NONE),
+        ("constant mean", MEDIAN),
+        ("a", MEDIAN),
+    ]
+
+
+def test_images_of_unknown_scene_are_scenes_of_their_own() -> None:
+    dataset = small_set(6)
+    dataset.scenes = ("", "", "0000", "0001", "0001", "")
+    scenes = plan_pairs(dataset, "own").scenes
+    assert list(scenes) == list(dataset.ids)
+    assert len(set(scenes.values())) == 5
+    assert scenes["0003"] == scenes["0004"]
+    report = evaluate_models(plan_pairs(dataset, "own"), _rows(dataset), ALONE, against="a")
+    dataset.scenes = ("a", "b", "d", "e", "e", "c")
+    named = evaluate_models(plan_pairs(dataset, "own"), _rows(dataset), ALONE, against="a")
+    assert report.differences == named.differences
+
+
+def test_one_scene_has_no_interval() -> None:
+    dataset = small_set(6)
+    dataset.scenes = ("room",) * 6
+    report = evaluate_models(plan_pairs(dataset, "own"), _rows(dataset), ALONE, against="a")
+    interval = report.differences[0].intervals[0]
+    assert math.isfinite(interval.mean)
+    assert not interval.is_significant
+    page = report_page(report)
+    assert page.differences is not None
+    assert page.differences[1][1][2] == f"{interval.mean:+.4f} [-]"
+    (entry, _) = json.loads(report.to_json())["differences"]
+    assert entry["intervals"]["abs_rel"] == {"mean": interval.mean, "low": None, "high": None}
+
+
+def _task(first: int = 985) -> EvalTask:
+    return plan_nyu(small_set(20, first=first), SplitName.PAPER)
+
+
+def test_rows_that_can_be_compared() -> None:
+    rows = [Playback({}, name="a"), Playback({}, DepthKind.RELATIVE, "b")]
+    options = replace(ALONE, alignments=(NONE, DEPTH))
+    check_against("a", _task(), rows, options)
+    check_against("b", _task(), rows, options)
+    check_against("a", _task(), rows[:1], EvalOptions(PROTOCOL))
+    check_against("constant mean", _task(), [], EvalOptions(PROTOCOL))
+
+
+@pytest.mark.parametrize(
+    ("name", "names", "options", "problem"),
+    [
+        ("x", "ab", ALONE, "--against x is not a row; choose from a, b"),
+        (
+            "x",
+            "a",
+            EvalOptions(PROTOCOL),
+            "--against x is not a row; choose from constant mean, per-pixel mean, a",
+        ),
+        ("a", "aba", ALONE, "--against needs rows of different names: a is given twice"),
+        ("a", "a", ALONE, "--against a: there is no other row of its alignment; add one"),
+        (
+            "a",
+            "ab",
+            replace(ALONE, protocol=EvalProtocol(averaging=Averaging.POOLED)),
+            "--against compares means over images: remove --average pooled",
+        ),
+    ],
+)
+def test_rows_that_cannot_be_compared(
+    name: str, names: str, options: EvalOptions, problem: str
+) -> None:
+    with pytest.raises(UsageError) as raised:
+        check_against(name, _task(), [Playback({}, name=n) for n in names], options)
+    assert str(raised.value) == problem
+
+
+def test_rows_of_other_alignments_cannot_be_compared() -> None:
+    rows = [Playback({}, DepthKind.RELATIVE, "a"), Playback({}, DepthKind.INVERSE, "b")]
+    options = replace(ALONE, alignments=(DEPTH, DISPARITY))
+    with pytest.raises(UsageError, match="--against a: there is no other row of its alignment"):
+        check_against("a", _task(), rows, options)
+
+
+def test_trivial_rows_of_a_split_without_training_pairs_are_not_offered() -> None:
+    with pytest.raises(UsageError, match=r"choose from a$"):
+        check_against("per-pixel mean", _task(1000), [Playback({}, name="a")], EvalOptions())
