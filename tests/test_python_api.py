@@ -205,7 +205,7 @@ def test_a_scale_that_keeps_no_depth_is_refused(
         ({"anchors": np.array([[np.nan, 4, 1]])}, "not finite"),
         ({"anchors": np.ones((5, 4))}, "known depth is 4×5 pixels"),
         ({"anchors": np.zeros((48, 64))}, "there are no anchors"),
-        ({"anchors": [(3, 4, 1e-300)]}, "no depth that 32 bits can hold"),
+        ({"anchors": [(3, 4, 1e-300)]}, "1e-300 m; give a depth from 0.001"),
     ],
 )
 def test_a_camera_or_anchors_without_sense_are_refused(

@@ -152,6 +152,12 @@ def test_anchors_of_one_value_do_not_determine_a_shift(kind: DepthKind) -> None:
         fit_anchors(depth, [Point(0, 0, 1), Point(0, 0, 2)])
 
 
+def test_a_fit_beyond_32_bits_is_refused() -> None:
+    depth = DepthMap(np.float32([[1e-40]]), DepthKind.RELATIVE)
+    with pytest.raises(UsageError, match="no depth that 32 bits can hold"):
+        fit_anchors(depth, [Point(0, 0, 1e6)])
+
+
 def scene(kind: DepthKind) -> tuple[DepthMap, np.ndarray]:
     """A map of a kind, and its metres."""
     random = np.random.default_rng(5)
