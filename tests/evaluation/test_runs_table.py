@@ -264,7 +264,7 @@ def test_one_row_minus_each_other(task: EvalTask, models: list[TrainedModel]) ->
             assert entry["intervals"][name] == values
         first = difference.intervals[0]
         mark = "!" if first.low > 0 or first.high < 0 else ""
-        shown = f"{first.mean:+.4f}{mark} [{first.low:+.3f},{first.high:+.3f}]"
+        shown = f"{first.mean:+.4f}{mark} [{first.low:+.4f},{first.high:+.4f}]"
         assert cell[:3] == [other, alignment, shown]
 
 

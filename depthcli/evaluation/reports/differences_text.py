@@ -33,4 +33,4 @@ def _interval_cell(interval: Interval) -> str:
     if math.isnan(interval.low):
         return f"{interval.mean:+.4f} [-]"
     clear = "!" if interval.is_significant else ""
-    return f"{interval.mean:+.4f}{clear} [{interval.low:+.3f},{interval.high:+.3f}]"
+    return f"{interval.mean:+.4f}{clear} [{interval.low:+.4f},{interval.high:+.4f}]"
