@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator
 from contextlib import suppress
 from typing import NamedTuple
 
-from depthcli.io.pictures.avif import find_box
+from depthcli.io.pictures.boxes import find_box
 from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_tags
 from depthcli.io.png.chunks import SIGNATURE, read_chunks
