@@ -2,7 +2,7 @@
 
 from pathlib import PurePath
 
-from depthcli.io.listing.folder import EXR_SUFFIX, PICTURE_SUFFIXES
+from depthcli.io.listing.folder import is_exr, is_picture
 from depthcli.video.number_pattern import pattern_of
 
 
@@ -12,8 +12,7 @@ def single_picture_advice(name: str) -> str | None:
     A GIF counts as a video.
     """
     path = PurePath(name)
-    suffix = path.suffix.lower()
-    if suffix == ".gif" or suffix not in (*PICTURE_SUFFIXES, EXR_SUFFIX):
+    if path.suffix.lower() == ".gif" or not (is_picture(name) or is_exr(name)):
         return None
     pattern = pattern_of(path.stem)
     folder = name.removesuffix(path.name)
