@@ -2,7 +2,8 @@
 
 from pathlib import PurePath
 
-from depthcli.io.listing.folder import is_exr, is_picture
+from depthcli.io.listing.folder import EXR_SUFFIX, PICTURE_SUFFIXES
+from depthcli.io.listing.heif import HEIF_SUFFIXES
 from depthcli.video.number_pattern import pattern_of
 
 
@@ -12,7 +13,8 @@ def single_picture_advice(name: str) -> str | None:
     A GIF counts as a video.
     """
     path = PurePath(name)
-    if path.suffix.lower() == ".gif" or not (is_picture(name) or is_exr(name)):
+    suffix = path.suffix.lower()
+    if suffix == ".gif" or suffix not in (*PICTURE_SUFFIXES, *HEIF_SUFFIXES, EXR_SUFFIX):
         return None
     pattern = pattern_of(path.stem)
     folder = name.removesuffix(path.name)
