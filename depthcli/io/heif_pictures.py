@@ -18,7 +18,7 @@ from depthcli.io.pictures.levels import scaled
 
 _EIGHT_BIT = 8
 _RGB = (3, 4)  # channels, without and with alpha
-_COPIES = 2  # of the pixels at a time: libheif's and ours
+_COPIES = 2  # of the pixels at a time: pillow-heif's and ours
 _DAMAGE = (EOFError, LookupError, OSError, RuntimeError, SyntaxError, ValueError)
 """What pillow-heif raises about damaged files."""
 

@@ -169,7 +169,7 @@ def test_the_size_is_known_before_anything_is_decoded(
 
 
 def test_the_memory_of_decoding_counts() -> None:
-    """Two bytes a pixel, libheif's and ours, are enough for gray alone."""
+    """Two bytes a pixel, pillow-heif's and ours, are enough for gray alone."""
     most = bytes_needed(WIDTH, HEIGHT, Detail(), 2 * WIDTH * HEIGHT)
     limit = PictureLimit(10**6, Detail(max_memory_bytes=most))
     assert read_image(None, FILES["gray"], max_pixels=limit).width == WIDTH
