@@ -21,7 +21,7 @@ from depthcli.io.listing.heif import reads_heif
 from depthcli.io.listing.skipped import Skipped, conversion_hint, is_unread_picture
 from depthcli.io.pictures.boxes import find_box
 from depthcli.io.pictures.decode import check
-from depthcli.io.pictures.heif import is_heif
+from depthcli.io.pictures.heif import heif_problem, is_heif
 from depthcli.io.pictures.read import read_image
 from depthcli.io.pictures.size import picture_size
 
@@ -107,9 +107,9 @@ def test_exif_behind_its_usual_head_is_found() -> None:
 
 
 def test_of_several_pictures_the_primary_one_is_used() -> None:
-    frame = read_image(None, heic(DEEP, PICTURE[:32, :40], PICTURE, primary_index=1))
+    frame = read_image(None, heic(DEEP, PICTURE[:32, :40], primary_index=1))
     assert distance(frame.pixels, PICTURE[:32, :40]) < 2
-    assert frame.warnings == ("has 3 pictures; only the primary one is used",)
+    assert frame.warnings == ("has 2 pictures; only the primary one is used",)
 
 
 def test_thumbnails_are_no_other_pictures() -> None:
@@ -168,13 +168,44 @@ def test_the_size_is_known_before_anything_is_decoded(
     )
 
 
-def test_the_memory_of_decoding_counts() -> None:
-    """Two bytes a pixel, pillow-heif's and ours, are enough for gray alone."""
-    most = bytes_needed(WIDTH, HEIGHT, Detail(), 2 * WIDTH * HEIGHT)
-    limit = PictureLimit(10**6, Detail(max_memory_bytes=most))
-    assert read_image(None, FILES["gray"], max_pixels=limit).width == WIDTH
-    check(FILES["colour"], "a.heic", limit)
-    assert "more than --max-memory" in reason(FILES["colour"], limit)
+@pytest.mark.parametrize(("name", "pixel_bytes"), [("gray", 1), ("colour", 3), ("deep", 6)])
+def test_the_memory_of_decoding_counts(name: str, pixel_bytes: int) -> None:
+    """Twice: pillow-heif's pixels and ours."""
+    most = bytes_needed(WIDTH, HEIGHT, Detail(), 2 * pixel_bytes * WIDTH * HEIGHT)
+    enough, less = (PictureLimit(10**6, Detail(max_memory_bytes=n)) for n in (most, most - 1))
+    assert read_image(None, FILES[name], max_pixels=enough).width == WIDTH
+    check(FILES[name], "a.heic", less)
+    assert "more than --max-memory" in reason(FILES[name], less)
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        *((kind, "is damaged, or of") for kind in (EOFError, OSError, RuntimeError, SyntaxError)),
+        (MemoryError, "does not fit into memory; make it smaller"),
+    ],
+)
+def test_what_pillow_heif_raises_is_one_line(
+    error: type[Exception], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(pillow_heif, "open_heif", failing)
+    assert message in reason(FILES["colour"])
+
+
+def test_items_within_the_boxes_are_to_be_there() -> None:
+    """As the plan of tiles, which is in the idat box and not in the file's own data."""
+
+    def heif(length: int) -> bytes:
+        iloc = bytes([1, 0, 0, 0, 0x44, 0]) + struct.pack(">5H2I", 1, 1, 1, 0, 1, 2, length)
+        boxes = [(b"idat", b"tile"), (b"iloc", iloc)]
+        inner = b"".join(struct.pack(">I4s", 8 + len(body), kind) + body for kind, body in boxes)
+        return struct.pack(">I4sI", 12 + len(inner), b"meta", 0) + inner + bytes(99)
+
+    assert heif_problem(heif(2)) is None
+    assert "is truncated" in (heif_problem(heif(3)) or "")
 
 
 @pytest.mark.parametrize("claimed", [(8, 8), (WIDTH, 4 * HEIGHT)])

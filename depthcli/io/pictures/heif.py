@@ -12,7 +12,6 @@ _HEVC_BRANDS = frozenset((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", 
 _AVIF_BRANDS = frozenset((b"avif", b"avis"))
 _MAX_BRANDS_BYTES = 256
 _ISPE = re.compile(rb"ispe")
-_EXIF_HEAD = b"Exif\0\0"
 
 
 def is_heif(data: bytes) -> bool:
@@ -62,7 +61,6 @@ def heif_exif(data: bytes) -> bytes:
             at, length = extents[0] if extents else (0, 0)
             item = memoryview(whole)[at : at + length]
             start = 4 + int.from_bytes(item[:4], "big")  # of EXIF: where its TIFF structure is
-            start += len(_EXIF_HEAD) * (item[start : start + len(_EXIF_HEAD)] == _EXIF_HEAD)
             if bytes(item[start : start + 4]) in TIFF_STARTS:
                 return bytes(item[start:])
     return b""
