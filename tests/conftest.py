@@ -14,6 +14,7 @@ from command_line import ROOT, Cli, InProcess
 from hypothesis import HealthCheck, settings
 from tiny import write_model, write_picture
 
+from depthcli.io.listing.heif import reads_heif
 from depthcli.io.storage import objects
 
 if TYPE_CHECKING:
@@ -97,6 +98,15 @@ def _in_a_folder(kind: type[Cli], site: Path, tmp_path: Path) -> Cli:
     folder.mkdir(exist_ok=True)  # a test may have both
     write_model(models / "default")
     return kind(site, folder, models)
+
+
+@pytest.fixture
+def without_heif(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """As if pillow-heif were not installed."""
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    reads_heif.cache_clear()
+    yield
+    reads_heif.cache_clear()
 
 
 @pytest.fixture(scope="session")

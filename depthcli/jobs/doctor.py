@@ -27,6 +27,7 @@ def check_installation(model: str | None = None, provider: str = "auto") -> Iter
     yield from _guarded("providers", lambda: _check_providers(model))
     yield from _guarded("codecs", _check_codecs)
     yield from _guarded("codec .exr", _check_openexr)
+    yield from _guarded("codec .heic", _check_heif)
 
 
 def _check_model(name: str | None, provider: str) -> Iterator[Check]:
@@ -78,6 +79,15 @@ def _check_openexr() -> Iterator[Check]:
     import OpenEXR
 
     yield Check("codec .exr", "ok", f"OpenEXR {OpenEXR.__version__}")
+
+
+def _check_heif() -> Iterator[Check]:
+    from depthcli.core.extras import INSTALL_HEIF
+    from depthcli.io.heif_pictures import libheif_version
+    from depthcli.io.listing.heif import reads_heif
+
+    found = f"libheif {libheif_version()}" if reads_heif() else f"not read; {INSTALL_HEIF}"
+    yield Check("codec .heic", "ok", found)
 
 
 def _guarded(name: str, checks: Callable[[], Iterator[Check]]) -> Iterator[Check]:

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-_PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich", "torch", "onnx")
-_OPTIONAL = {"torch", "onnx"}
+_OPTIONAL = ("pillow-heif", "torch", "onnx")
+_PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich", *_OPTIONAL)
 _ONNXRUNTIME_BUILDS = {
     *("gpu", "directml", "openvino", "rocm", "migraphx"),
     *("training", "silicon", "qnn", "gpu-cu12"),

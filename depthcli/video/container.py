@@ -9,6 +9,7 @@ from av.container import InputContainer
 from av.video.stream import VideoStream
 
 from depthcli.errors import InputError
+from depthcli.io.listing.heif import HEIF_SUFFIXES
 from depthcli.video.pipes import InputPipe
 from depthcli.video.single_picture import single_picture_advice
 
@@ -31,6 +32,8 @@ def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
         file = source
     else:
         _check_file(source)
+        if source.suffix.lower() in HEIF_SUFFIXES:  # FFmpeg would take its first tile for a video
+            raise InputError(single_picture_advice(str(source)))
         # FFmpeg does not take an absolute path for a protocol.
         file = os.path.abspath(source)  # noqa: PTH100 - links stay as named
     container = None

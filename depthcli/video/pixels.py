@@ -25,7 +25,6 @@ _EXIF_OF_MATRIX = {
     (0, -1, 1, 0): 8,
 }
 _EXIF_OF_ANGLE = {90: 8, 180: 3, 270: 6}  # in degrees, counter-clockwise
-_HDR_TRANSFERS = {16: "PQ", 18: "HLG"}
 
 
 def rgb_pixels(
@@ -67,14 +66,3 @@ def orientation_of(frame: VideoFrame) -> int:
     shares = a / across, b / down, c / across, d / down
     turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose(shares, turn, atol=_TOLERANCE))
     return _EXIF_OF_MATRIX[next(turns, _IDENTITY)]
-
-
-def transfer_warning(frame: VideoFrame) -> str | None:
-    """A warning about high dynamic range, which is not tone-mapped for the network."""
-    name = _HDR_TRANSFERS.get(frame.color_trc)
-    if name is None:
-        return None
-    return (
-        f"the colours are high dynamic range ({name}) and are taken as they are stored; for better "
-        "depth, convert the video to BT.709 first"
-    )

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from depthcli.errors import InputError
-from depthcli.io.listing.folder import EXR_SUFFIX, PICTURE_SUFFIXES
+from depthcli.io.listing.folder import is_exr, is_picture
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.remote import RemotePath
 from depthcli.video.number_pattern import LAST_NUMBER, MAX_DIGITS, is_pattern, number_in
@@ -64,8 +64,7 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
 
 
 def _is_picture(name: str) -> bool:
-    suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - names, not paths
-    return not name.startswith(".") and suffix in (*PICTURE_SUFFIXES, EXR_SUFFIX)
+    return not name.startswith(".") and (is_picture(name) or is_exr(name))
 
 
 def _by_name(paths: list[Path]) -> list[NumberedPicture]:

@@ -3,6 +3,7 @@
 from pathlib import PurePath
 
 from depthcli.io.listing.folder import EXR_SUFFIX, PICTURE_SUFFIXES
+from depthcli.io.listing.heif import HEIF_SUFFIXES
 from depthcli.video.number_pattern import pattern_of
 
 
@@ -13,7 +14,7 @@ def single_picture_advice(name: str) -> str | None:
     """
     path = PurePath(name)
     suffix = path.suffix.lower()
-    if suffix == ".gif" or suffix not in (*PICTURE_SUFFIXES, EXR_SUFFIX):
+    if suffix == ".gif" or suffix not in (*PICTURE_SUFFIXES, *HEIF_SUFFIXES, EXR_SUFFIX):
         return None
     pattern = pattern_of(path.stem)
     folder = name.removesuffix(path.name)

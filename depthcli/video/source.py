@@ -12,6 +12,7 @@ from av.video.stream import VideoStream
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.pixel_aspect import pixel_aspect_of, pixel_aspect_warning
+from depthcli.core.transfer import transfer_warning
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import check_size
@@ -21,7 +22,7 @@ from depthcli.video.decoder import FrameDecoder
 from depthcli.video.frames import FrameSource
 from depthcli.video.integrity import is_incomplete, matroska_end, states_frame_count
 from depthcli.video.pipes import InputPipe
-from depthcli.video.pixels import orientation_of, rgb_pixels, transfer_warning
+from depthcli.video.pixels import orientation_of, rgb_pixels
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.spans import WHOLE, Span
 from depthcli.video.stream_info import stream_info
@@ -129,7 +130,10 @@ class VideoSource(FrameSource):
         self.width, self.height = size[::-1] if is_turned else size
         aspect = stream.sample_aspect_ratio
         self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
-        warnings = transfer_warning(first), pixel_aspect_warning(self._pixel_aspect)
+        warnings = (
+            transfer_warning(first.color_trc, "video", "BT.709"),
+            pixel_aspect_warning(self._pixel_aspect),
+        )
         self.warnings += tuple(warning for warning in warnings if warning)
 
     def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:

@@ -455,6 +455,7 @@ def test_a_folder_without_pictures(inside: Cli) -> None:
     assert contents(inside, "out") == {"manifest.jsonl": b""}
 
 
+@pytest.mark.usefixtures("without_heif")
 def test_a_folder_of_which_nothing_can_be_read_is_a_failure(inside: Cli) -> None:
     for name in ("a.HEIC", "b.heic", "notes.txt"):
         (inside.folder / "in").mkdir(exist_ok=True)
@@ -463,10 +464,11 @@ def test_a_folder_of_which_nothing_can_be_read_is_a_failure(inside: Cli) -> None
     assert (done.returncode, done.stdout) == (1, b"")
     (line,) = done.stderr.decode().splitlines()
     assert "no picture or video in in: 3 files skipped (2 .heic, 1 .txt); 2 pictures" in line
-    assert line.endswith("convert to JPEG, PNG or TIFF")
+    assert line.endswith("convert to JPEG, PNG or TIFF, or for HEIC pip install pillow-heif")
     assert not (inside.folder / "out").exists()
 
 
+@pytest.mark.usefixtures("without_heif")
 def test_pictures_that_are_not_read_are_named_among_others(inside: Cli) -> None:
     tree(inside, "a.png")
     (inside.folder / "in" / "b.heic").touch()

@@ -13,11 +13,11 @@ from depthcli.core import extras
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("extra", ["train", "tensorboard"])
+@pytest.mark.parametrize("extra", ["train", "tensorboard", "heif"])
 def test_a_hint_names_each_package_of_the_extra(extra: str) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     listed = [re.split(r"[<>=;\[]", line)[0] for line in project["optional-dependencies"][extra]]
-    command = {"train": extras.INSTALL_TRAIN, "tensorboard": extras.INSTALL_TENSORBOARD}[extra]
+    command = getattr(extras, f"INSTALL_{extra.upper()}")
     assert command.split()[:2] == ["pip", "install"]
     assert command.split()[2:] == [name for name in listed if name != "depthcli"]
 

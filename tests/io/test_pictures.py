@@ -113,8 +113,8 @@ def test_a_video_is_sent_to_the_command_for_videos() -> None:
 
 
 def test_a_picture_of_a_format_that_is_not_read_says_what_to_do(tmp_path: Path) -> None:
-    path = tmp_path / "phone.HEIC"
-    path.write_bytes(b"\0\0\0\x18ftypheic" + bytes(100))
+    path = tmp_path / "camera.DNG"
+    path.write_bytes(b"II*\0" + bytes(100))
     with pytest.raises(InputError, match="; convert it to JPEG, PNG or TIFF"):
         read_image(path)
 

@@ -110,9 +110,10 @@ def test_what_is_skipped_is_counted_by_its_reason() -> None:
     assert skip_summary(skipped[:1]) == "1 file skipped (1 hidden)"
     assert conversion_hint(skipped) == (
         "3 pictures of a format that is not read (.dng, .heic) skipped; "
-        "convert to JPEG, PNG or TIFF"
+        "convert to JPEG, PNG or TIFF, or for HEIC pip install pillow-heif"
     )
     assert (conversion_hint(skipped[3:4]) or "").startswith("1 picture of a format")
+    assert (conversion_hint(skipped[7:8]) or "").endswith("; convert to JPEG, PNG or TIFF")
     assert conversion_hint(skipped[:3]) is None
 
 

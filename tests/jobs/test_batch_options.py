@@ -64,7 +64,7 @@ def test_what_is_too_large_is_refused_beforehand_and_then(tmp_path: Path) -> Non
 
 def test_what_a_model_settled_for_is_told_once_of_the_whole_batch(tmp_path: Path) -> None:
     pictures(tmp_path)
-    (tmp_path / "in" / "a.heic").touch()
+    (tmp_path / "in" / "a.jxl").touch()
     asked = request(tmp_path)
     session = asked.model.load()
     session.warnings = ("runs on cpu",)

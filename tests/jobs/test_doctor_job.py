@@ -143,6 +143,20 @@ def test_what_works_only_in_part_is_a_warning(monkeypatch: pytest.MonkeyPatch) -
     assert (found["codec .webp"].status, found["codec .png"].status) == ("warning", "ok")
 
 
+@pytest.mark.usefixtures("models", "without_heif")
+def test_what_need_not_be_there_is_no_warning() -> None:
+    heic = Check("codec .heic", "ok", "not read; pip install pillow-heif")
+    assert by_name(check_installation())["codec .heic"] == heic
+
+
+@pytest.mark.usefixtures("models")
+def test_the_decoder_of_heic_is_named_or_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pillow_heif", reason="HEIC needs pillow-heif")
+    assert by_name(check_installation())["codec .heic"].detail.startswith("libheif 1.")
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    assert by_name(check_installation())["codec .heic"].status == "failed"
+
+
 def seem_installed(folder: Path, monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     for name in names:
         about = folder / f"{name}-1.0.dist-info"

@@ -158,7 +158,7 @@ def test_one_picture_loads_nothing_that_others_need(tmp_path: Path) -> None:
     loaded = set(done.stdout.decode().split())
     assert "depthcli.io.writers.png16" in loaded
     of_others = {"av", "sqlite3", "tempfile", "random", "rich", "torch", "pyarrow", "obstore"}
-    assert not loaded & (of_others | {"OpenEXR", "numpy.ma", "multiprocessing", "ssl"})
+    assert not loaded & (of_others | {"OpenEXR", "PIL", "numpy.ma", "multiprocessing", "ssl"})
     assert "depthcli.inference.tiles" not in loaded
 
 

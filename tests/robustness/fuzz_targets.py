@@ -19,6 +19,7 @@ import numpy as np
 import pyarrow as pa
 import torch
 from command_line import ROOT, InProcess
+from heifs import heic
 from PIL import Image
 from pyarrow import parquet
 from tiny import CARD, tiny_onnx, write_model
@@ -134,6 +135,13 @@ def _avifs() -> list[bytes]:
     first = Image.fromarray(_pixels())
     first.save(file, "AVIF", save_all=True, append_images=[first, first])
     return [_saved("AVIF", exif=_exif()), _saved("AVIF", "RGBA"), file.getvalue()]
+
+
+def _heics() -> list[bytes]:
+    colours = _pixels()
+    deep = heic(colours.astype(np.uint16) * 257)
+    made = [heic(colours, exif=_exif()), heic(colours, tile_size=64), heic(colours[..., 0])]
+    return [*made, deep, heic(np.dstack([colours, colours[..., :1]])), heic(colours, colours)]
 
 
 def _other_pictures() -> list[bytes]:
@@ -469,7 +477,7 @@ def _picture(path: Path) -> None:
 
 
 def _all_pictures() -> list[bytes]:
-    made = [_jpegs, _pngs, _tiffs, _webps, _avifs, _other_pictures]
+    made = [_jpegs, _pngs, _tiffs, _webps, _avifs, _heics, _other_pictures]
     return [seed for seeds in made for seed in seeds()]
 
 
@@ -485,6 +493,7 @@ TARGETS: dict[str, Target] = {
     "tiff": Target("a.tiff", _tiffs, _picture, 2),
     "webp": Target("a.webp", _webps, _picture),
     "avif": Target("a.avif", _avifs, _picture, 2),
+    "heic": Target("a.heic", _heics, _picture, 2),
     "other-pictures": Target("a.bmp", _other_pictures, _picture),
     "headers": Target("a.bin", _all_pictures, _read_headers, 4),
     "training-picture": Target("a.png", _pngs, read_image_rgb),

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeAlias
 
+from depthcli.io.listing.heif import HEIF_SUFFIXES, reads_heif
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.listing.skipped import HIDDEN, OWN, Skipped
 
@@ -49,10 +50,15 @@ def is_exr(name: str) -> bool:
     return os.path.splitext(name)[1].lower() == EXR_SUFFIX  # noqa: PTH122 - names, not paths
 
 
+def is_picture(name: str) -> bool:
+    """Whether a name's suffix is that of a picture that is read here, EXR apart."""
+    suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - names, not paths
+    return suffix in PICTURE_SUFFIXES or (suffix in HEIF_SUFFIXES and reads_heif())
+
+
 def is_media(name: str) -> bool:
     """Whether a name is a picture's or a video's by its suffix, and not hidden."""
-    suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - names, not paths
-    return not name.startswith(".") and (suffix in PICTURE_SUFFIXES or suffix in VIDEO_SUFFIXES)
+    return not name.startswith(".") and (is_picture(name) or is_video(name))
 
 
 def why_skipped(path: str) -> str | None:

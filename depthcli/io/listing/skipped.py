@@ -5,6 +5,9 @@ from collections.abc import Sequence
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
+from depthcli.core.extras import INSTALL_HEIF
+from depthcli.io.listing.heif import HEIF_SUFFIXES, reads_heif
+
 HIDDEN = "hidden"
 OWN = "written by depthcli"
 EXCLUDED = "excluded"
@@ -12,7 +15,8 @@ NOT_INCLUDED = "not included"
 TWICE = "listed twice"
 _UNREADABLE_PICTURES = frozenset(
     (
-        *(".heic", ".heif", ".jxl", ".jp2", ".psd"),
+        *HEIF_SUFFIXES,
+        *(".jxl", ".jp2", ".psd"),
         *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf"),
     )
 )
@@ -27,8 +31,9 @@ class Skipped(NamedTuple):
 
 
 def is_unread_picture(name: str) -> bool:
-    """Whether a name is that of a picture of an unsupported format."""
-    return PurePosixPath(name).suffix.lower() in _UNREADABLE_PICTURES
+    """Whether a name is that of a picture of a format that is not read here."""
+    suffix = PurePosixPath(name).suffix.lower()
+    return suffix in _UNREADABLE_PICTURES and not (suffix in HEIF_SUFFIXES and reads_heif())
 
 
 def skip_summary(skipped: Sequence[Skipped]) -> str:
@@ -42,12 +47,13 @@ def skip_summary(skipped: Sequence[Skipped]) -> str:
 
 
 def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
-    """Advice to convert pictures of unsupported formats; None if there are none."""
+    """Advice about pictures of formats that are not read; None if there are none."""
     found = Counter(file.reason for file in skipped if file.reason in _UNREADABLE_PICTURES)
     if not found:
         return None
+    or_install = f", or for HEIC {INSTALL_HEIF}" if found.keys() & set(HEIF_SUFFIXES) else ""
     pictures = "picture" if found.total() == 1 else "pictures"
     return (
         f"{found.total()} {pictures} of a format that is not read ({', '.join(sorted(found))}) "
-        "skipped; convert to JPEG, PNG or TIFF"
+        f"skipped; convert to JPEG, PNG or TIFF{or_install}"
     )

@@ -1,7 +1,4 @@
-"""The size of an AVIF file's pictures, by its boxes and by its AV1 sequence headers.
-
-Boxes are those of ISO/IEC 14496-12, the rest is the AV1 bitstream's section 5.5.1.
-"""
+"""The size of an AVIF file's pictures, by its boxes and by its AV1 sequence headers (5.5.1)."""
 
 import re
 import struct
@@ -9,27 +6,15 @@ from collections.abc import Iterator
 from contextlib import suppress
 from itertools import islice
 
+from depthcli.io.pictures.boxes import find_box, item_locations
+
 _ISPE = re.compile(rb"ispe")
 _STCO = re.compile(rb"stco\0\0\0\0")
-_BOX_HEADER_BYTES = 8  # bytes of a box before its content
 _SEQUENCE_HEADER = 1
 _MAX_OBUS = 10_000
 _MAX_TRACKS = 16
 _MAX_OVERLAP = 4  # items may use the same bytes, but not all of them all the time
 _SEQUENCE_HEADER_BYTES = 1024  # more than the fields before the size can take
-
-
-def find_box(data: bytes, wanted: bytes) -> bytes:
-    """Content of the first box of a kind; empty if there is none."""
-    at = 0
-    while at + _BOX_HEADER_BYTES <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, at)
-        if kind == wanted:
-            return data[at + _BOX_HEADER_BYTES : at + length]
-        if length < _BOX_HEADER_BYTES:
-            break
-        at += length
-    return b""
 
 
 def avif_size(data: bytes) -> tuple[int, int] | None:
@@ -61,7 +46,7 @@ def _item_payloads(data: bytes) -> Iterator[memoryview]:
     if not iloc:
         return
     inside, left = find_box(meta, b"idat"), _MAX_OVERLAP * len(data)
-    for is_inside, extents in _item_locations(iloc):
+    for is_inside, extents in item_locations(iloc):
         whole = memoryview(inside if is_inside else data)
         has_open_part = len(extents) > 1 and not all(n for _, n in extents)
         for rest in (None, 0) if has_open_part else (None,):  # decoders differ
@@ -70,32 +55,6 @@ def _item_payloads(data: bytes) -> Iterator[memoryview]:
             if left < 0:
                 raise struct.error("items hold more than the file")
             yield memoryview(b"".join(parts))
-
-
-def _item_locations(iloc: bytes) -> Iterator[tuple[bool, list[tuple[int, int]]]]:
-    """Of each item: whether it is in the ``idat`` box, and its (offset, length) in bytes."""
-    at = 0
-
-    def read(size: int) -> int:
-        nonlocal at
-        if at + size > len(iloc):
-            raise struct.error("iloc is cut short")
-        at += size
-        return int.from_bytes(iloc[at - size : at], "big")
-
-    version, _ = read(1), read(3)
-    sizes = read(2)
-    offset, length, base, index = (sizes >> shift & 15 for shift in (12, 8, 4, 0))
-    wide = 2 if version < 2 else 4
-    for _ in range(read(wide)):
-        read(wide)
-        method = read(2) & 15 if version else 0
-        read(2)
-        start, extents = read(base), []
-        for _ in range(read(2)):
-            read(index if version else 0)
-            extents.append((start + read(offset), read(length)))
-        yield method == 1, extents
 
 
 def _coded_sizes(item: memoryview) -> list[tuple[int, int]]:

@@ -8,12 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.extras import INSTALL_HEIF
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.listing.folder import is_video
+from depthcli.io.listing.heif import reads_heif
 from depthcli.io.listing.own_outputs import EXR_MAGIC
 from depthcli.io.listing.skipped import is_unread_picture
 from depthcli.io.pictures.decoder_messages import decoder_messages
+from depthcli.io.pictures.heif import is_heif
 from depthcli.io.pictures.integrity import find_problem
 from depthcli.io.pictures.size import is_os2, picture_size
 from depthcli.io.png.chunks import static_image
@@ -113,14 +116,16 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
     """Check a picture without decoding it.
 
     Raises:
-        InputError: empty, truncated, not a picture, or too large.
+        InputError: empty, truncated, not a picture, too large, or HEIC without pillow-heif.
     """
     if not data:
         raise InputError(f"{name} is empty")
+    if is_heif(data) and not reads_heif():
+        raise InputError(f"{name} is HEIC, which needs pillow-heif; {INSTALL_HEIF}")
     size = picture_size(data)
     if size is None:
         raise InputError(
-            f"{name} is not a picture (JPEG, PNG, TIFF, WebP, AVIF, BMP, GIF, PNM)"
+            f"{name} is not a picture (JPEG, PNG, TIFF, WebP, AVIF, HEIC, BMP, GIF, PNM)"
             f"{_hint_for(data, name)}"
         )
     width, height = size

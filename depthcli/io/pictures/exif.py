@@ -5,7 +5,8 @@ from collections.abc import Collection, Iterator
 from contextlib import suppress
 from typing import NamedTuple
 
-from depthcli.io.pictures.avif import find_box
+from depthcli.io.pictures.boxes import find_box
+from depthcli.io.pictures.heif import heif_exif, is_heif
 from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_tags
 from depthcli.io.png.chunks import SIGNATURE, read_chunks
@@ -25,14 +26,14 @@ class Exif(NamedTuple):
 
 
 def read_exif(data: bytes) -> Exif:
-    """EXIF of a JPEG, PNG, WebP or TIFF file; damaged tags count as absent.
+    """EXIF of a JPEG, PNG, WebP, TIFF or HEIF file; damaged tags count as absent.
 
-    The orientation of an AVIF file is that of its irot and imir properties.
+    The orientation of an AVIF or HEIF file is that of its irot and imir properties.
     """
     if data[4:8] == b"ftyp":
-        return Exif(_avif_orientation(data))
-    tiff = _tiff_part(data)
-    return _parse(tiff) if tiff.startswith(TIFF_STARTS) else Exif()
+        focal_35mm = _parse(heif_exif(data)).focal_35mm if is_heif(data) else None
+        return Exif(_property_orientation(data), focal_35mm)
+    return _parse(_tiff_part(data))
 
 
 def _tiff_part(data: bytes) -> bytes:
@@ -58,6 +59,8 @@ def _riff_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _parse(tiff: bytes) -> Exif:
+    if not tiff.startswith(TIFF_STARTS):
+        return Exif()
     first = _first_values(tiff, (_ORIENTATION, _EXIF_IFD))
     orientation = first.get(_ORIENTATION, 1)
     inner = _first_values(tiff, (_FOCAL_35MM,), first[_EXIF_IFD]) if _EXIF_IFD in first else {}
@@ -76,7 +79,7 @@ def _first_values(tiff: bytes, wanted: Collection[int], at: int | None = None) -
     return found
 
 
-def _avif_orientation(data: bytes) -> int:
+def _property_orientation(data: bytes) -> int:
     """The EXIF orientation that is the same as a file's irot and imir properties."""
     meta = find_box(data, b"meta")[4:]  # a version comes before its boxes
     properties = find_box(find_box(meta, b"iprp"), b"ipco")

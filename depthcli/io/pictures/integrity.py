@@ -3,6 +3,7 @@
 import struct
 import zlib
 
+from depthcli.io.pictures.heif import heif_problem, is_heif
 from depthcli.io.pictures.jpeg import JPEG_START, has_jpeg_end
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_problem
 from depthcli.io.png.chunks import SIGNATURE, read_chunks
@@ -13,7 +14,7 @@ _BMP_BGR = struct.pack("<III", 0xFF0000, 0xFF00, 0xFF)
 
 
 def find_problem(data: bytes) -> str | None:
-    """A problem of a JPEG's end, a PNG's chunks, a TIFF or a BMP, in words; None without one.
+    """A problem of a JPEG's or HEIF's end, a PNG's chunks, a TIFF or a BMP; None without one.
 
     The decoders of other formats report damage themselves.
 
@@ -26,6 +27,8 @@ def find_problem(data: bytes) -> str | None:
         return _png_problem(data)
     if data.startswith(TIFF_STARTS):
         return tiff_problem(data)
+    if is_heif(data):
+        return heif_problem(data)
     return _bmp_problem(data) if data.startswith(b"BM") else None
 
 

@@ -11,10 +11,12 @@ from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
+from depthcli.io.heif_pictures import read_heif_picture
 from depthcli.io.listing.own_outputs import EXR_MAGIC, is_own_exr
 from depthcli.io.pictures.count import count_warnings
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
+from depthcli.io.pictures.heif import is_heif
 from depthcli.io.pictures.levels import check_white_level, full_range
 from depthcli.io.pictures.tiff import TIFF_STARTS
 from depthcli.io.storage.remote import RemotePath, path_of
@@ -43,7 +45,7 @@ def read_image(
         max_pixels: pictures that claim more are refused before they are decoded.
         name: what messages call data without a path.
         white_level: value of white in a 16-bit picture, such as 4095 for data of 12 bits; it is
-            scaled so that this is 65535. None for 65535, or what an AVIF or Netpbm states.
+            scaled so that this is 65535. None for 65535, or what an AVIF, HEIC or Netpbm states.
 
     Returns:
         Gray (H, W) or RGB (H, W, 3); uint8, uint16 or float32.
@@ -64,6 +66,8 @@ def read_image(
         data = read_bytes(path)
     if data.startswith(EXR_MAGIC):
         return replace(_exr_picture(file, data, name, max_pixels), path=path)
+    if is_heif(data):
+        return replace(read_heif_picture(data, name, max_pixels), path=path)
     pixels, warnings = full_range(decode(data, name, max_pixels=max_pixels), data, white_level)
     pixels = _as_frame_dtype(pixels, name)
     exif = read_exif(data)

@@ -4,6 +4,7 @@ import re
 import struct
 
 from depthcli.io.pictures.avif import avif_size
+from depthcli.io.pictures.heif import heif_size, is_heif
 from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_size
 from depthcli.io.png.chunks import SIGNATURE
@@ -37,7 +38,7 @@ def _size_of_kind(data: bytes) -> tuple[int, int] | None:
     if data.startswith(TIFF_STARTS):
         return tiff_size(data)
     if data[4:8] == b"ftyp":
-        return avif_size(data)
+        return heif_size(data) if is_heif(data) else avif_size(data)
     if data.startswith((b"GIF87a", b"GIF89a")):
         return struct.unpack_from("<HH", data, 6)
     netpbm = NETPBM.match(data)

@@ -1,0 +1,107 @@
+"""HEIC pictures on the command line: predict, batch, image sequences, object stores."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from folders import contents, printed, rows, tree
+from heifs import heic, pillow_heif
+from PIL import Image
+from tiny import synthetic_picture
+
+from depthcli.io.listing.heif import reads_heif
+
+if TYPE_CHECKING:
+    from command_line import Cli
+    from stores import Bucket
+
+PICTURE = synthetic_picture(48, 64)
+HEIC = heic(PICTURE)
+MISSING = b"is HEIC, which needs pillow-heif; pip install pillow-heif"
+
+
+def test_the_depth_is_that_of_the_same_pixels(inside: Cli) -> None:
+    (inside.folder / "a.heic").write_bytes(HEIC)
+    Image.fromarray(np.asarray(pillow_heif.open_heif(HEIC))).save(inside.folder / "b.png")
+    done = inside("predict", "a.heic", "b.png", "-o", "out/", "--format", "npy")
+    assert (done.returncode, done.stderr) == (0, b"")
+    made = contents(inside, "out")
+    assert made["a.depth.npy"] == made["b.depth.npy"]
+    assert (
+        inside("predict", "-", "-o", "-", "--format", "npy", stdin=HEIC).stdout
+        == (made["a.depth.npy"])
+    )
+
+
+def test_the_focal_length_in_exif_is_used_as_that_of_a_jpeg(inside: Cli) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    exif.get_ifd(0x8769)[0xA405] = 26
+    (inside.folder / "a.heic").write_bytes(heic(PICTURE, exif=exif.tobytes()))
+    Image.fromarray(PICTURE).save(inside.folder / "b.jpg", exif=exif)
+    done = inside("predict", "a.heic", "b.jpg", "--format", "png16", "--json")
+    facts = [(one["width"], one["height"], one["camera"]) for one in printed(done)]
+    assert facts[0] == facts[1]
+    assert facts[0][:2] == (48, 64)
+    assert facts[0][2].endswith("(from EXIF)")
+
+
+@pytest.mark.usefixtures("without_heif")
+def test_without_pillow_heif_the_other_pictures_are_done(inside: Cli) -> None:
+    tree(inside, "b.png")
+    (inside.folder / "a.heic").write_bytes(HEIC)
+    done = inside("predict", "a.heic", "in/b.png", "-o", "out/", "--format", "png16")
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[0] == b"depthcli: error: a.heic " + MISSING
+    assert contents(inside, "out").keys() == {"b.depth.png"}
+
+
+def test_a_batch_reads_heic_once_pillow_heif_is_there(
+    inside: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tree(inside, "a.png")
+    (inside.folder / "in" / "b.HEIC").write_bytes(HEIC)
+    (inside.folder / "in" / "c.heic").write_bytes(HEIC[:-1])
+    (inside.folder / "list").write_text("b.HEIC")
+    with monkeypatch.context() as missing:
+        missing.setitem(sys.modules, "pillow_heif", None)
+        reads_heif.cache_clear()
+        assert b"2 files skipped (2 .heic)" in inside("batch", "in", "--out", "out").stdout
+        listed = inside("batch", "in", "--files", "list", "--out", "other")
+        assert (listed.returncode, MISSING in listed.stderr) == (1, True)
+    reads_heif.cache_clear()
+    would = inside("batch", "in", "--out", "out", "--dry-run", "--json")
+    assert [one["would"] for one in printed(would)] == ["keep", "do", "fail"]
+    done = inside("batch", "in", "--out", "out")
+    assert done.returncode == 1
+    assert b"in/c.heic is truncated" in done.stderr
+    found = rows(inside, "out")
+    assert [row["status"] for row in found.values()] == ["ok", "ok", "failed"]
+    assert contents(inside, "out").keys() == {"a.depth.png", "b.depth.png", "manifest.jsonl"}
+    again = inside("batch", "in", "--out", "out", "--json")
+    assert [one.get("kept") for one in printed(again)][:2] == [True, True]
+    assert inside("batch", "in", "--files", "list", "--out", "other").returncode == 0
+
+
+def test_a_folder_of_heic_is_an_image_sequence(inside: Cli) -> None:
+    (inside.folder / "shots").mkdir()
+    for number in (8, 9, 10):
+        data = heic(np.roll(PICTURE, number, 1))
+        (inside.folder / "shots" / f"IMG_{number}.HEIC").write_bytes(data)
+    done = inside("video", "shots", "--fps", "5", "--out", "d.%d.npy")
+    assert done.returncode == 0
+    assert {"d.8.npy", "d.9.npy", "d.10.npy"} <= contents(inside, ".").keys()
+    single = inside("video", "shots/IMG_8.HEIC")
+    assert b"is a single picture: use 'depthcli predict'" in single.stderr
+
+
+def test_a_bucket_of_heic(inside: Cli, bucket: Bucket) -> None:
+    bucket.put("in/a.heic", HEIC)
+    done = inside("batch", bucket.uri("in"), "--out", bucket.uri("out"))
+    assert (done.returncode, done.stderr) == (0, b"")
+    row = json.loads(bucket.objects()["out/manifest.jsonl"])
+    assert (row["input"], row["status"]) == ("a.heic", "ok")

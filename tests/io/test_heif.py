@@ -1,0 +1,281 @@
+"""HEIC pictures: bits, channels, how they were held, several in one; what is refused."""
+
+from __future__ import annotations
+
+import io
+import random
+import struct
+import sys
+from typing import TYPE_CHECKING, Any
+
+import made
+import numpy as np
+import pytest
+from heifs import heic, pillow_heif
+
+from depthcli.core.choices import Detail
+from depthcli.core.picture_limit import PictureLimit, bytes_needed
+from depthcli.errors import InputError
+from depthcli.io.listing.folder import is_picture
+from depthcli.io.listing.heif import reads_heif
+from depthcli.io.listing.skipped import Skipped, conversion_hint, is_unread_picture
+from depthcli.io.pictures.boxes import find_box
+from depthcli.io.pictures.decode import check
+from depthcli.io.pictures.heif import heif_problem, is_heif
+from depthcli.io.pictures.read import read_image
+from depthcli.io.pictures.size import picture_size
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+WIDTH, HEIGHT = 96, 64
+_ROWS, _COLUMNS = np.mgrid[:HEIGHT, :WIDTH]
+PICTURE = np.dstack([_COLUMNS * 2, _ROWS * 3, 255 - _COLUMNS * 2]).astype(np.uint8)
+DEEP = PICTURE.astype(np.uint16) * 257
+FILES = {
+    "colour": heic(PICTURE),
+    "tiles": heic(PICTURE, tile_size=64),
+    "alpha": heic(np.dstack([PICTURE, PICTURE[..., :1]])),
+    "gray": heic(PICTURE[..., 1]),
+    "deep": heic(DEEP),
+    "of a camera": heic(PICTURE, exif=made.exif(6, focal_35mm=26)),
+}
+
+
+def distance(pixels: npt.NDArray[Any], expected: npt.NDArray[Any]) -> float:
+    """The mean difference, in levels of the pixels' type."""
+    assert (pixels.shape, pixels.dtype) == (expected.shape, expected.dtype)
+    return float(abs(pixels.astype(float) - expected).mean())
+
+
+def reason(data: bytes, max_pixels: int | PictureLimit = WIDTH * HEIGHT) -> str:
+    with pytest.raises(InputError) as caught:
+        read_image(None, data, max_pixels=max_pixels)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["colour", "tiles", "alpha"])
+def test_colours_are_those_of_the_picture(name: str) -> None:
+    pixels = read_image(None, FILES[name]).pixels
+    assert distance(pixels, PICTURE) < 2
+    pixels[0] = 0  # it is the caller's own
+
+
+def test_gray_stays_gray() -> None:
+    assert distance(read_image(None, FILES["gray"]).pixels, PICTURE[..., 1]) < 2
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+@pytest.mark.parametrize("white_level", [None, 4095])
+def test_more_than_8_bits_become_16(bits: int, white_level: int | None) -> None:
+    ramp = np.linspace(0, 65535, WIDTH).astype(np.uint16)
+    deep = np.repeat(np.repeat(ramp[None, :, None], HEIGHT, 0), 3, 2)
+    data = heic(deep, bit_depth=bits, quality=-1)
+    assert pillow_heif.open_heif(data).info["bit_depth"] == bits
+    pixels = read_image(None, data, white_level=white_level).pixels
+    assert distance(pixels, deep) < 65535 / 2**bits
+    assert pixels.max() == 65535
+    assert len(np.unique(pixels)) > 90
+    gray = read_image(None, heic(deep[..., 0], bit_depth=bits)).pixels
+    assert distance(gray, deep[..., 0]) < 300
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_turned_picture_is_turned_once(orientation: int) -> None:
+    """The file has the orientation in its properties, which count, and in its EXIF."""
+    stored = np.ascontiguousarray(made.upright_to_stored(PICTURE, orientation))
+    data = heic(stored, exif=made.exif(orientation, focal_35mm=26))
+    assert pillow_heif.open_heif(data).info["exif"] == made.exif(orientation, focal_35mm=26)
+    frame = read_image(None, data)
+    assert distance(frame.pixels, PICTURE) < 2
+    assert (frame.orientation, frame.focal_35mm) == (orientation, 26)
+
+
+def test_the_orientation_in_exif_alone_does_not_count() -> None:
+    data = heic(PICTURE, exif=made.exif(1, focal_35mm=26))
+    assert made.exif(1, focal_35mm=26) in data
+    frame = read_image(None, data.replace(made.exif(1, 26), made.exif(6, 26)))
+    assert distance(frame.pixels, PICTURE) < 2
+    assert (frame.orientation, frame.focal_35mm) == (1, 26)
+
+
+def test_exif_behind_its_usual_head_is_found() -> None:
+    frame = read_image(None, heic(PICTURE, exif=b"Exif\0\0" + made.exif(1, focal_35mm=26)))
+    assert frame.focal_35mm == 26
+    assert read_image(None, FILES["colour"]).focal_35mm is None
+
+
+def test_of_several_pictures_the_primary_one_is_used() -> None:
+    frame = read_image(None, heic(DEEP, PICTURE[:32, :40], primary_index=1))
+    assert distance(frame.pixels, PICTURE[:32, :40]) < 2
+    assert frame.warnings == ("has 2 pictures; only the primary one is used",)
+
+
+def test_thumbnails_are_no_other_pictures() -> None:
+    made_of = pillow_heif.from_bytes("RGB", (WIDTH, HEIGHT), PICTURE.tobytes())
+    made_of.info["thumbnails"] = [32]
+    file = io.BytesIO()
+    made_of.save(file)
+    assert len(pillow_heif.open_heif(file.getvalue()).info["thumbnails"]) == 1
+    assert read_image(None, file.getvalue()).warnings == ()
+
+
+@pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG")])
+def test_high_dynamic_range_is_told(transfer: int, name: str) -> None:
+    (warning,) = read_image(None, heic(DEEP, transfer_characteristics=transfer)).warnings
+    assert f"({name})" in warning
+    assert warning.endswith("convert the picture to sRGB first")
+
+
+def test_content_counts_and_avif_is_not_heif() -> None:
+    heif = heic(PICTURE, chroma=420)
+    assert heif[8:12] == b"heic"
+    assert is_heif(heif)
+    for brand in (b"heix", b"hevc", b"mif1"):  # the last one is in the list as well
+        assert is_heif(heif[:8] + brand + heif[12:])
+    only_mif1 = heif.replace(b"heic", b"mif1")
+    assert is_heif(only_mif1)
+    assert read_image(None, only_mif1).width == WIDTH
+    assert not is_heif(only_mif1.replace(b"hvcC", b"av1C"))
+    assert not is_heif(heif.replace(b"miaf", b"avif"))
+    assert not is_heif(heif.replace(b"ftyp", b"free"))
+    assert not is_heif(b"\0\0\0\x14ftypisom\0\0\0\0mp42")
+
+
+def test_a_box_after_one_with_a_size_of_64_bits_is_found() -> None:
+    long = struct.pack(">I4sQ", 1, b"mdat", 19) + b"abc"
+    assert find_box(long + struct.pack(">I4s", 10, b"meta") + b"xyz", b"meta") == b"xy"
+    assert find_box(long, b"mdat") == b"abc"
+    assert find_box(long[:12] + b"meta", b"meta") == b""
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_size_is_known_before_anything_is_decoded(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = FILES[name]
+    assert picture_size(data) == (WIDTH, HEIGHT)
+    assert read_image(None, data, max_pixels=WIDTH * HEIGHT).width in (WIDTH, HEIGHT)
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(pillow_heif, "open_heif", never)
+    assert f"claims {WIDTH}×{HEIGHT} pixels" in reason(data, WIDTH * HEIGHT - 1)
+    assert "more than --max-memory" in reason(
+        data, PictureLimit(10**6, Detail(max_memory_bytes=1000))
+    )
+
+
+@pytest.mark.parametrize(("name", "pixel_bytes"), [("gray", 1), ("colour", 3), ("deep", 6)])
+def test_the_memory_of_decoding_counts(name: str, pixel_bytes: int) -> None:
+    """Twice: pillow-heif's pixels and ours."""
+    most = bytes_needed(WIDTH, HEIGHT, Detail(), 2 * pixel_bytes * WIDTH * HEIGHT)
+    enough, less = (PictureLimit(10**6, Detail(max_memory_bytes=n)) for n in (most, most - 1))
+    assert read_image(None, FILES[name], max_pixels=enough).width == WIDTH
+    check(FILES[name], "a.heic", less)
+    assert "more than --max-memory" in reason(FILES[name], less)
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        *((kind, "is damaged, or of") for kind in (EOFError, OSError, RuntimeError, SyntaxError)),
+        (MemoryError, "does not fit into memory; make it smaller"),
+    ],
+)
+def test_what_pillow_heif_raises_is_one_line(
+    error: type[Exception], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(pillow_heif, "open_heif", failing)
+    assert message in reason(FILES["colour"])
+
+
+def test_items_within_the_boxes_are_to_be_there() -> None:
+    """As the plan of tiles, which is in the idat box and not in the file's own data."""
+
+    def heif(length: int) -> bytes:
+        iloc = bytes([1, 0, 0, 0, 0x44, 0]) + struct.pack(">5H2I", 1, 1, 1, 0, 1, 2, length)
+        boxes = [(b"idat", b"tile"), (b"iloc", iloc)]
+        inner = b"".join(struct.pack(">I4s", 8 + len(body), kind) + body for kind, body in boxes)
+        return struct.pack(">I4sI", 12 + len(inner), b"meta", 0) + inner + bytes(99)
+
+    assert heif_problem(heif(2)) is None
+    assert "is truncated" in (heif_problem(heif(3)) or "")
+
+
+@pytest.mark.parametrize("claimed", [(8, 8), (WIDTH, 4 * HEIGHT)])
+def test_a_size_that_is_not_that_of_the_data_is_refused(claimed: tuple[int, int]) -> None:
+    true, false = (b"ispe" + struct.pack(">III", 0, *size) for size in ((WIDTH, HEIGHT), claimed))
+    assert true in FILES["colour"]
+    assert "cannot be decoded" in reason(FILES["colour"].replace(true, false), 10**6)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_truncated_file_is_refused(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    data = FILES[name]
+    for length in {*range(0, len(data), 7), *range(len(data) - 30, len(data))}:
+        assert any(
+            word in reason(data[:length])
+            for word in ("is truncated", "is empty", "is not a picture (JPEG")
+        )
+    assert "is truncated" in reason(data[:-1])
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_damaged_file_is_read_or_refused_in_one_line(
+    name: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    luck, refused = random.Random(4), set()  # noqa: S311 - the same every time
+    boxes = FILES[name].index(b"mdat")
+    for _ in range(150):
+        data = bytearray(FILES[name])
+        for _ in range(luck.choice([1, 8])):
+            data[luck.randrange(luck.choice([boxes, len(data)]))] ^= 1 << luck.randrange(8)
+        try:
+            read_image(None, bytes(data), max_pixels=WIDTH * HEIGHT)
+        except InputError as error:
+            refused.add(str(error))
+    assert any("is damaged, or of a variant" in text for text in refused)
+    assert not any("\n" in text for text in refused)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_pillow_heif_that_cannot_be_loaded_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert reads_heif()
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    assert "needs pillow-heif, which is broken; pip install" in reason(FILES["colour"])
+
+
+@pytest.mark.usefixtures("without_heif")
+def test_without_pillow_heif_one_line_says_what_to_install() -> None:
+    expected = "a.heic is HEIC, which needs pillow-heif; pip install pillow-heif"
+    for read in (check, lambda data, name: read_image(None, data, name=name)):
+        with pytest.raises(InputError) as caught:
+            read(FILES["colour"], "a.heic")
+        assert str(caught.value) == expected
+
+
+NAMES = ("a.heic", "A.HEIC", "a.heif", "a.HIF")
+
+
+def test_names_of_heif_are_those_of_pictures() -> None:
+    assert all(map(is_picture, NAMES))
+    assert not any(map(is_unread_picture, NAMES))
+    assert not is_picture("heic")
+
+
+@pytest.mark.usefixtures("without_heif")
+def test_without_pillow_heif_they_are_skipped_with_advice() -> None:
+    assert not any(map(is_picture, NAMES))
+    assert all(map(is_unread_picture, NAMES))
+    hint = conversion_hint([Skipped("a.heic", ".heic"), Skipped("b.dng", ".dng")])
+    assert hint == (
+        "2 pictures of a format that is not read (.dng, .heic) skipped; convert to JPEG, PNG or "
+        "TIFF, or for HEIC pip install pillow-heif"
+    )
