@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import struct
 import zlib
+from io import BytesIO
 from typing import TYPE_CHECKING
 
 import cv2
 import made
 import numpy as np
 import pytest
+from PIL import Image
 
 from depthcli.errors import InputError
 from depthcli.io.pictures.exif import read_exif
@@ -123,6 +125,14 @@ def test_avif_turns_and_mirrors_are_undone(quarters: int, axis: int | None) -> N
     data = made.avif_properties(quarters, axis)
     orientation = read_exif(data).orientation
     np.testing.assert_array_equal(made.upright_to_stored(upright, orientation), stored)
+
+
+def test_the_focal_length_of_an_avif_is_read() -> None:
+    data = BytesIO()
+    picture = Image.fromarray(np.zeros((16, 32, 3), np.uint8))
+    picture.save(data, "AVIF", exif=made.exif(1, focal_35mm=26))
+    frame = read_image(None, data.getvalue())
+    assert (frame.orientation, frame.focal_35mm) == (1, 26)
 
 
 def test_a_turned_avif_is_turned_once() -> None:

@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from depthcli.io.pictures.boxes import find_box
-from depthcli.io.pictures.heif import heif_exif, is_heif
+from depthcli.io.pictures.heif import heif_exif
 from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_tags
 from depthcli.io.png.chunks import SIGNATURE, read_chunks
@@ -26,13 +26,12 @@ class Exif(NamedTuple):
 
 
 def read_exif(data: bytes) -> Exif:
-    """EXIF of a JPEG, PNG, WebP, TIFF or HEIF file; damaged tags count as absent.
+    """EXIF of a JPEG, PNG, WebP, TIFF, AVIF or HEIF file; damaged tags count as absent.
 
     The orientation of an AVIF or HEIF file is that of its irot and imir properties.
     """
     if data[4:8] == b"ftyp":
-        focal_35mm = _parse(heif_exif(data)).focal_35mm if is_heif(data) else None
-        return Exif(_property_orientation(data), focal_35mm)
+        return Exif(_property_orientation(data), _parse(heif_exif(data)).focal_35mm)
     return _parse(_tiff_part(data))
 
 

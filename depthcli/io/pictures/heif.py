@@ -1,4 +1,4 @@
-"""What the boxes of a HEIF file coded in HEVC, such as HEIC, state about it."""
+"""What the boxes of a HEIF file, such as HEIC, state about it."""
 
 import re
 import struct
@@ -55,7 +55,7 @@ def heif_problem(data: bytes) -> str | None:
 
 
 def heif_exif(data: bytes) -> bytes:
-    """The TIFF structure of a file's EXIF; empty if it has none that can be found."""
+    """The TIFF structure of the EXIF of a HEIF or AVIF file; empty if none can be found."""
     with suppress(struct.error):
         for whole, extents in _items(data):
             at, length = extents[0] if extents else (0, 0)
