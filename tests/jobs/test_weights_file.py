@@ -25,15 +25,17 @@ def test_a_model_s_file_stands_for_its_float_model_too() -> None:
 
 
 def test_the_preset_finetune_starts_where_the_bundled_model_is() -> None:
-    generator = build_generator(resolve_config("proposed", "finetune").generator).eval()
+    config, model = resolve_config("proposed", "finetune"), find_model("float")
+    generator = build_generator(config.generator).eval()
     start_from(generator, [weights_file(Path("default"))])
-    gray = torch.rand(1, 1, 144, 192, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    seen = model.card.input
+    assert (config.data.width, config.data.height) == (seen.width, seen.height)
+    size = (1, 1, seen.height, seen.width)
+    gray = torch.rand(size, generator=torch.Generator().manual_seed(0)) * 2 - 1
     with torch.no_grad():
-        mirrored = generator(gray.flip(3)).flip(3)
-        mean = (generator(gray) + mirrored) / 2
-    model = find_model("float")
+        started = generator(gray)
     exported = Session(model, provider="cpu", threads=1).run(gray.numpy())
-    np.testing.assert_allclose(mean.numpy().squeeze(), exported.squeeze(), atol=1e-3)
+    np.testing.assert_allclose(started.numpy().squeeze(), exported.squeeze(), atol=2e-3)
 
 
 def test_a_checkpoint_is_taken_as_it_is(tmp_path: Path) -> None:
