@@ -156,3 +156,20 @@ def test_takes_any_size_and_batch(model: str) -> None:
     session = depthcli.load(ROOT / "models" / model, provider="cpu").session
     for shape in ((3, 1, 144, 192), (1, 1, 192, 144), (1, 1, 288, 384)):
         assert session.run(np.zeros(shape, np.float32)).shape[0] == shape[0]
+
+
+def test_the_generators_of_the_comparison_are_those_that_are_named() -> None:
+    listed = dict(
+        re.findall(r"\[(\S+)\]\(results/generators/\S+ \| `(\w{64})`", _page("methods.md"))
+    )
+    folders = sorted((ROOT / "docs" / "results" / "generators").iterdir())
+    assert listed.keys() == {folder.name for folder in folders}
+    for folder in folders:
+        data = (folder / "model.onnx").read_bytes()
+        assert len(data) <= 2_000_000
+        card = ModelCard.from_json((folder / "card.json").read_bytes())
+        assert hashlib.sha256(data).hexdigest() == card.sha256 == listed[folder.name]
+
+
+def _page(name: str) -> str:
+    return (ROOT / "docs" / name).read_text()
