@@ -49,9 +49,9 @@ def fit_anchors(
         fit puts a pixel at or behind the camera.
 
     Raises:
-        UsageError: a point is outside, has no depth, or one that is not above 0; there are none, or
-            they do not determine the fit; or the best fit puts one at or behind the camera; or they
-            are from a map of another size.
+        UsageError: a point is outside, has no depth, or one that is not 0.001 to 1e6 m; there are
+            none, or they do not determine the fit; or the best fit puts one at or behind the
+            camera; or they are from a map of another size.
     """
     points = points if isinstance(points, AnchorPoints) else AnchorPoints.of(points)
     shown = displayed_depth(depth, windows)
