@@ -1,7 +1,7 @@
 """Initial weights from exported models or from checkpoints of other runs."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,22 +15,28 @@ from depthcli.datasets.splits import NYU, TRAIN_IDS
 from depthcli.errors import CheckpointError
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import Checkpoint, load_generator
+from depthcli.training.resized_weights import resized_weights
 
 _MIRRORED = "network."  # prefix of weights in a graph that averages with the mirrored picture
 _HALF = "_half"  # suffix of float16 weights, which the graph casts to float32
 _HASH_LENGTH = 16
+# Names of a network's state end so; graphs have other constants, too.
+_STATE = (".weight", ".bias", ".running_mean", ".running_var", ".num_batches_tracked")
 
 
-def start_from(generator: nn.Module, paths: Sequence[Path]) -> str:
+def start_from(generator: nn.Module, paths: Sequence[Path], pictures: Callable[[], Tensor]) -> str:
     """Load the weights of a file, or the mean of those of several, into a generator.
 
     The mean of networks fine-tuned from the same one is often better than each of them (Wortsman
     et al. 2022, "Model soups").
 
     Args:
-        generator: of the same architecture; for an exported model, without batch norm, which is
-            folded into its weights.
+        generator: of the same architecture but for its size, see
+            :func:`depthcli.training.resized_weights.resized_weights`; for an exported model,
+            without batch norm, which is folded into its weights.
         paths: ONNX files that `depthcli export-onnx` made of floats, or checkpoints; at least one.
+        pictures: gives network inputs (B, 1, H, W) in [-1, 1], by which the decoder channels to
+            keep are chosen.
 
     Returns:
         The origin of the weights for a model card: file names and the first 16 digits of SHA-256.
@@ -38,11 +44,10 @@ def start_from(generator: nn.Module, paths: Sequence[Path]) -> str:
     Raises:
         CheckpointError: a file cannot be read or holds other networks.
     """
-    found = [_fitting_weights(generator, path) for path in paths]
-    means = {
-        name: torch.stack([each[name] for each in found]).double().mean(0) for name in found[0]
-    }
-    generator.load_state_dict(means)
+    stored = _mean_weights(paths)
+    generator.load_state_dict(
+        _fitting(resized_weights(generator, stored, pictures), generator, paths)
+    )
     hashes = [hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_LENGTH] for path in paths]
     names = [f"{path.name} {digest}" for path, digest in zip(paths, hashes, strict=True)]
     return names[0] if len(names) == 1 else f"mean of {', '.join(names)}"
@@ -77,20 +82,41 @@ def _trained_on(path: Path, data: str) -> set[str]:
     return {*progress.train_ids, *progress.start_ids} if is_same else set()
 
 
-def _fitting_weights(generator: nn.Module, path: Path) -> dict[str, Tensor]:
-    weights = _of_onnx(path) if path.suffix == ".onnx" else _of_checkpoint(path)
+def _mean_weights(paths: Sequence[Path]) -> dict[str, Tensor]:
+    found = [_of_onnx(path) if path.suffix == ".onnx" else _of_checkpoint(path) for path in paths]
+    shapes = [
+        {name: value.shape for name, value in each.items() if name.endswith(_STATE)}
+        for each in found
+    ]
+    for path, other in zip(paths, shapes, strict=True):
+        if other != shapes[0]:
+            raise CheckpointError(
+                f"{path} and {paths[0]} are different networks, whose weights have no mean: "
+                "start from one of them"
+            )
+    return {
+        name: torch.stack([each[name] for each in found]).double().mean(0) for name in shapes[0]
+    }
+
+
+def _fitting(
+    weights: dict[str, Tensor], generator: nn.Module, paths: Sequence[Path]
+) -> dict[str, Tensor]:
     wanted = generator.state_dict()
     missing = [
         name
         for name, now in wanted.items()
         if name not in weights or weights[name].shape != now.shape
     ]
-    if missing:
+    surplus = [name for name in weights if name not in wanted]
+    if missing or surplus:
+        lack = f"no weights for {missing[0]}" if missing else f"more blocks ({surplus[0]})"
         raise CheckpointError(
-            f"{path} has no weights for {missing[0]}: set generator.* as they were when it was "
-            "trained, with generator.norm=none for an exported float model"
+            f"{paths[0]} has {lack}: set generator.* as they were when it was trained, with "
+            "generator.norm=none for an exported float model; generator.depths may be greater, "
+            "and generator.decoder smaller"
         )
-    return {name: weights[name] for name in wanted}
+    return weights
 
 
 def _of_onnx(path: Path) -> dict[str, Tensor]:

@@ -1,6 +1,6 @@
 """Networks, optimisers and weight average of one run: steps, saving and resuming."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import torch
@@ -61,13 +61,15 @@ class Run:
         """The network that is validated: the weight average, if there is one."""
         return self.average.network if self.average else self.method.generator
 
-    def start_from(self, paths: Sequence[Path]) -> str:
+    def start_from(self, paths: Sequence[Path], pictures: Callable[[], Tensor]) -> str:
         """Load the mean weights of exported models or checkpoints; returns their origin.
+
+        ``pictures`` is as for :func:`depthcli.training.initial_weights.start_from`.
 
         Raises:
             CheckpointError: they do not fit.
         """
-        started = start_from(self.method.generator, paths)
+        started = start_from(self.method.generator, paths, pictures)
         if self.average:
             self.average = WeightAverage(self.method.generator, self.config.optim.ema)
         return started

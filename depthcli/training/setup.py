@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import torch
 from lightning_fabric import Fabric
+from torch import Tensor
 
 from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.splits import held_out_scenes
@@ -16,12 +18,14 @@ from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.ranges import check_batch
 from depthcli.training.config.schema import DataConfig, TrainConfig
 from depthcli.training.data.batches import Batches
-from depthcli.training.data.pair_store import PairStore
+from depthcli.training.data.pair_store import PairStore, whole_pictures
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, write_errors
 from depthcli.training.initial_weights import trained_ids
 from depthcli.training.methods.registry import method_class
 from depthcli.training.run import Run
 from depthcli.training.validation import Validation
+
+_EXAMPLES = 128  # pictures, by which the decoder channels of initial weights are chosen
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +49,9 @@ def set_up(
         folder.mkdir(parents=True, exist_ok=True)
     dataset, first = data.dataset, fabric.is_global_zero
     train_rows, held_out = train_val_split(dataset, config.data)
+    store = PairStore(dataset, train_rows, config.data)
     batches = Batches(
-        PairStore(dataset, train_rows, config.data),
+        store,
         config.data,
         config.optim.batch_size,
         config.seed,
@@ -65,7 +70,7 @@ def set_up(
         data=data.title,
         hfov_deg=data.hfov_deg,
         extra=data.extra_title,
-        start=run.start_from(start) if start else "",
+        start=run.start_from(start, partial(_examples, store, config)) if start else "",
         start_ids=trained_ids(start, data.title, dataset.ids),
         aspect=data.aspect,
     )
@@ -85,6 +90,12 @@ def train_val_split(dataset: DepthDataset, data: DataConfig) -> tuple[list[int],
     inside = [scene in held_out for scene in dataset.scenes]
     train_rows = [i for i, held in enumerate(inside) if not held]
     return train_rows, [i for i, held in enumerate(inside) if held]
+
+
+def _examples(store: PairStore, config: TrainConfig) -> Tensor:
+    """Evenly spaced training pictures (B, 1, H, W) in [-1, 1], without augmentation."""
+    rows = torch.linspace(0, len(store) - 1, min(len(store), _EXAMPLES)).long()
+    return whole_pictures(store, config.data, rows)
 
 
 def _extra_store(data: TrainingData, config: TrainConfig) -> PairStore | None:

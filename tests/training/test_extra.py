@@ -8,22 +8,18 @@ from typing import TYPE_CHECKING
 import onnx
 import pytest
 import torch
-from lightning_fabric import Fabric
-from rooms import EFFICIENT, PAPER, TRAIN, room_data, rooms, write_rooms
+from rooms import PAPER, TRAIN, rooms, write_rooms
+from supervised_runs import BARE, SUPERVISED, train_two_steps
 
-from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.training_data import NYU_OFFICIAL, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
-from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import Checkpoint, load_generator
-from depthcli.training.config.objective import LossConfig
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.initial_weights import start_from, trained_ids
-from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.proposed import Proposed
 from depthcli.training.networks.build import build_generator
 
@@ -32,33 +28,8 @@ if TYPE_CHECKING:
 
     from torch import Tensor
 
-    from depthcli.training.config.schema import TrainConfig
 
 CPU = torch.device("cpu")
-L1 = LossConfig(0, 0, 0, 0, 0, 1, 0, 0)
-SUPERVISED = replace(
-    EFFICIENT,
-    loss=L1,
-    output=replace(EFFICIENT.output, coding="log"),
-    optim=replace(EFFICIENT.optim, batch_size=4),
-)
-BARE = replace(SUPERVISED, generator=replace(SUPERVISED.generator, norm="none"))
-
-
-def _train(  # noqa: ANN202
-    config: TrainConfig,
-    folder: Path,
-    start: Path | None = None,
-    extra: Path | None = None,
-    title: str = "rooms",
-):
-    data = room_data()._replace(title=title)
-    if extra is not None:
-        data = data._replace(extra=open_paired_folder(extra))
-    fabric = Fabric(accelerator="cpu", devices=1)
-    return fit(
-        config, data, folder, fabric, Callback(), Limits(steps=2), start=[start] if start else ()
-    )
 
 
 def test_a_batch_has_its_share_of_extra_pairs() -> None:
@@ -101,7 +72,7 @@ def _pull(method: Proposed, gray: Tensor, depth_m: Tensor, extra: Tensor) -> flo
 def test_the_scale_of_an_extra_pair_counts_in_part(scale: float) -> None:
     """A truth that is farther by a factor costs the logarithm of it times ``extra_scale``."""
     torch.manual_seed(0)
-    method = Proposed(replace(SUPERVISED, loss=replace(L1, extra_scale=scale))).eval()
+    method = Proposed(replace(SUPERVISED, loss=replace(SUPERVISED.loss, extra_scale=scale))).eval()
     gray = torch.rand(2, 1, 32, 32) * 2 - 1
     depth_m = method.codec.decode(method.generator(gray).detach().numpy())
     depth_m = torch.nn.functional.interpolate(torch.from_numpy(depth_m), (32, 32))
@@ -133,32 +104,32 @@ def test_what_is_not_known_of_an_extra_pair_does_not_move_its_scale() -> None:
 
 
 def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
-    _train(SUPERVISED, tmp_path / "first")
+    train_two_steps(SUPERVISED, tmp_path / "first")
     model = tmp_path / "first" / "model.onnx"
     exported = export_checkpoint(tmp_path / "first" / CHECKPOINT, model, ExportOptions("first"))
     taught, _ = load_generator(tmp_path / "first" / CHECKPOINT)
     generator = build_generator(BARE.generator).eval()
-    assert start_from(generator, [model]) == f"model.onnx {exported.card.sha256[:16]}"
+    assert start_from(generator, [model], pytest.fail) == f"model.onnx {exported.card.sha256[:16]}"
     gray = torch.rand(2, 1, 32, 32) * 2 - 1
     torch.testing.assert_close(generator(gray), taught(gray), atol=1e-4, rtol=1e-4)
     apart = tmp_path / "apart.onnx"
     onnx.save(onnx.load(model), apart, save_as_external_data=True, size_threshold=0)
     with pytest.raises(CheckpointError, match=r"apart\.onnx is not a complete ONNX file with"):
-        start_from(generator, [apart])
+        start_from(generator, [apart], pytest.fail)
 
     extra = write_rooms(tmp_path / "extra")
     (extra / "index.csv").unlink()
-    _train(BARE, tmp_path / "second", model, extra)
+    train_two_steps(BARE, tmp_path / "second", model, extra)
     progress = Checkpoint.load(tmp_path / "second" / CHECKPOINT).progress
     assert progress.start == f"model.onnx {exported.card.sha256[:16]}"
     assert progress.extra == "6 extra pairs (extra)"
-    assert _train(BARE, tmp_path / "second", model, extra).step == 4
+    assert train_two_steps(BARE, tmp_path / "second", model, extra).step == 4
     with pytest.raises(CheckpointError, match="another run: extra is"):
-        _train(BARE, tmp_path / "second", model)
-    assert _train(BARE, tmp_path / "second", None, extra).step == 6  # what it began with is known
+        train_two_steps(BARE, tmp_path / "second", model)
+    assert train_two_steps(BARE, tmp_path / "second", None, extra).step == 6
     renamed = model.rename(tmp_path / "other.onnx")
     with pytest.raises(CheckpointError, match="another run: start is"):
-        _train(BARE, tmp_path / "second", renamed, extra)
+        train_two_steps(BARE, tmp_path / "second", renamed, extra)
     card = export_checkpoint(
         tmp_path / "second" / CHECKPOINT, tmp_path / "second.onnx", ExportOptions("second")
     ).card
@@ -170,7 +141,7 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
 def test_pairs_that_initial_weights_were_trained_on_are_passed_on(tmp_path: Path) -> None:
     start, ids = tmp_path / "first" / CHECKPOINT, ("0000", "0001", "0002", "0009")
     data = replace(SUPERVISED.data, holdout_every=0)
-    first = _train(replace(SUPERVISED, data=data), start.parent, title=NYU_PAPER)
+    first = train_two_steps(replace(SUPERVISED, data=data), start.parent, title=NYU_PAPER)
     model = start.with_name("model.onnx")
     export_checkpoint(start, model, ExportOptions("first"))
     assert len(first.train_ids) == 6
@@ -183,18 +154,18 @@ def test_pairs_that_initial_weights_were_trained_on_are_passed_on(tmp_path: Path
         entry.value = entry.value.replace('"0000-0005"', '"all of them"')
     onnx.save(free, tmp_path / "free.onnx")
     assert trained_ids([tmp_path / "free.onnx"], first.data, ids) == ()
-    second = _train(SUPERVISED, tmp_path / "second", start, title=NYU_PAPER)
+    second = train_two_steps(SUPERVISED, tmp_path / "second", start, title=NYU_PAPER)
     assert set(second.held_out_ids) < set(second.start_ids) == set(first.train_ids)
     later = tmp_path / "second" / CHECKPOINT
-    third = _train(SUPERVISED, tmp_path / "third", later, title=NYU_PAPER)
+    third = train_two_steps(SUPERVISED, tmp_path / "third", later, title=NYU_PAPER)
     assert third.start_ids == second.start_ids
-    assert _train(SUPERVISED, tmp_path / "other", later).start_ids == ()
+    assert train_two_steps(SUPERVISED, tmp_path / "other", later).start_ids == ()
 
 
 def test_a_checkpoint_gives_its_weights(tmp_path: Path) -> None:
-    _train(SUPERVISED, tmp_path)
+    train_two_steps(SUPERVISED, tmp_path)
     generator = build_generator(SUPERVISED.generator).eval()
-    start_from(generator, [tmp_path / CHECKPOINT])
+    start_from(generator, [tmp_path / CHECKPOINT], pytest.fail)
     taught, _ = load_generator(tmp_path / CHECKPOINT)
     for name, weights in generator.state_dict().items():
         assert torch.equal(weights, taught.state_dict()[name])
@@ -203,9 +174,9 @@ def test_a_checkpoint_gives_its_weights(tmp_path: Path) -> None:
 def test_several_give_the_mean_of_their_weights(tmp_path: Path) -> None:
     files = [tmp_path / name / CHECKPOINT for name in "abc"]
     for seed, file in enumerate(files):
-        _train(replace(SUPERVISED, seed=seed), file.parent)
+        train_two_steps(replace(SUPERVISED, seed=seed), file.parent)
     generator = build_generator(SUPERVISED.generator).eval()
-    started = start_from(generator, files)
+    started = start_from(generator, files, pytest.fail)
     assert started.startswith("mean of last.ckpt ")
     assert started.count("last.ckpt ") == 3
     states = [load_generator(file)[0].state_dict() for file in files]
@@ -215,15 +186,15 @@ def test_several_give_the_mean_of_their_weights(tmp_path: Path) -> None:
 
 
 def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
-    _train(SUPERVISED, tmp_path)
+    train_two_steps(SUPERVISED, tmp_path)
     with pytest.raises(CheckpointError, match=r"no weights for stem\.0\.bias"):
-        start_from(build_generator(BARE.generator), [tmp_path / CHECKPOINT])
+        start_from(build_generator(BARE.generator), [tmp_path / CHECKPOINT], pytest.fail)
     wider = replace(SUPERVISED.generator, decoder=(8, 8, 4, 8))
     with pytest.raises(CheckpointError, match=r"no weights for fusions\.3\.0\.weight"):
-        start_from(build_generator(wider), [tmp_path / CHECKPOINT])
+        start_from(build_generator(wider), [tmp_path / CHECKPOINT], pytest.fail)
     (tmp_path / "broken.onnx").write_bytes(b"no graph")
     with pytest.raises(CheckpointError, match=r"broken\.onnx is not a complete ONNX file"):
-        start_from(build_generator(BARE.generator), [tmp_path / "broken.onnx"])
+        start_from(build_generator(BARE.generator), [tmp_path / "broken.onnx"], pytest.fail)
 
 
 def test_extra_pairs_need_log_depth(tmp_path: Path) -> None:
@@ -231,4 +202,4 @@ def test_extra_pairs_need_log_depth(tmp_path: Path) -> None:
     (extra / "index.csv").unlink()
     config = replace(SUPERVISED, output=replace(SUPERVISED.output, coding="linear"))
     with pytest.raises(UsageError, match=r"output\.coding=log"):
-        _train(config, tmp_path / "run", None, extra)
+        train_two_steps(config, tmp_path / "run", None, extra)

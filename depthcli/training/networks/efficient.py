@@ -31,6 +31,9 @@ class EfficientGenerator(nn.Module):
     ) -> None:
         super().__init__()
         self.encoder_channels = tuple(encoder)
+        self.decoder_channels = tuple(decoder)
+        self.depths = tuple(depths)
+        self.norm = norm
         self.stem = ConvNorm(1, encoder[0], stride=2, norm=norm)
         self.stages = nn.ModuleList(
             nn.Sequential(
@@ -50,6 +53,12 @@ class EfficientGenerator(nn.Module):
         self.head = nn.Conv2d(decoder[-1], 1, 3, padding=1)
         nn.init.zeros_(self.head.weight)
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+
+    def with_decoder(self, channels: Sequence[int]) -> "EfficientGenerator":
+        """A network that differs in its decoder's channels, newly initialised, on the CPU."""
+        return EfficientGenerator(
+            self.encoder_channels, channels, self.depths, self.dropout.p, norm=self.norm
+        )
 
     def tap_channels(self, tap: str) -> int:
         """Channels of a named feature map."""

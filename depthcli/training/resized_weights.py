@@ -1,0 +1,93 @@
+"""Weights of an efficient generator for a deeper one, or one with a narrower decoder."""
+
+from collections.abc import Callable, Mapping
+
+import torch
+from torch import Tensor, nn
+
+from depthcli.training.networks.efficient import EfficientGenerator, ResidualBlock
+
+Weights = Mapping[str, Tensor]
+
+
+def resized_weights(
+    generator: nn.Module, weights: Weights, pictures: Callable[[], Tensor]
+) -> dict[str, Tensor]:
+    """Weights for a generator that has more residual blocks or fewer decoder channels.
+
+    Added blocks start as the identity, so the deeper network predicts the same depth (Chen et al.
+    2016, "Net2Net"). Of a decoder layer, the channels that contribute most to the next layer are
+    kept: mean activation on the pictures times the L1 norm of the weights that read it.
+
+    Args:
+        generator: the network that is to get the weights.
+        weights: by name, of another network.
+        pictures: gives network inputs (B, 1, H, W) in [-1, 1], once it is known that they are
+            needed.
+
+    Returns:
+        The weights, resized where that is possible; other differences stay.
+    """
+    if not isinstance(generator, EfficientGenerator):
+        return dict(weights)
+    deeper = {**weights, **_identity_blocks(generator, weights)}
+    widths = tuple(
+        len(deeper.get(f"fusions.{i}.0.weight", ())) for i in range(len(generator.fusions))
+    )
+    wanted = generator.decoder_channels
+    if widths == wanted or any(now < new for now, new in zip(widths, wanted, strict=True)):
+        return deeper
+    return _narrower(generator, deeper, widths, pictures())
+
+
+def _identity_blocks(generator: EfficientGenerator, weights: Weights) -> dict[str, Tensor]:
+    """Weights of the residual blocks without any: the second convolution is zero."""
+    added: dict[str, Tensor] = {}
+    for name, block in generator.named_modules():
+        if not isinstance(block, ResidualBlock) or not isinstance(block.skip, nn.Identity):
+            continue
+        if not any(key.startswith(f"{name}.") for key in weights):
+            state = {f"{name}.{key}": value for key, value in block.state_dict().items()}
+            second = f"{name}.body.1.0."
+            added |= {
+                key: torch.zeros_like(value) if key.startswith(second) else value.clone()
+                for key, value in state.items()
+            }
+    return added
+
+
+def _narrower(
+    generator: EfficientGenerator, weights: Weights, widths: tuple[int, ...], gray: Tensor
+) -> dict[str, Tensor]:
+    wide = generator.with_decoder(widths)
+    try:
+        wide.load_state_dict({name: weights[name] for name in wide.state_dict()})
+    except (KeyError, RuntimeError):  # other differences, which the caller reports
+        return dict(weights)
+    narrowed = dict(weights)
+    for index, activation in enumerate(_mean_activations(wide.eval(), gray)):
+        readers = f"fusions.{index + 1}.0.weight" if index + 1 < len(widths) else "head.weight"
+        read, width = narrowed[readers], widths[index]
+        contribution = activation * read[:, :width].abs().sum((0, 2, 3))
+        keep = torch.topk(contribution, generator.decoder_channels[index]).indices.sort().values
+        narrowed |= {
+            name: value[keep]
+            for name, value in narrowed.items()
+            if name.startswith(f"fusions.{index}.") and value.ndim
+        }
+        narrowed[readers] = torch.cat([read[:, :width][:, keep], read[:, width:]], 1)
+    return narrowed
+
+
+@torch.no_grad()
+def _mean_activations(generator: EfficientGenerator, gray: Tensor) -> list[Tensor]:
+    """Mean output (C,) of each decoder layer."""
+    means: list[Tensor] = []
+    hooks = [
+        fusion.register_forward_hook(lambda _, __, output: means.append(output.mean((0, 2, 3))))
+        for fusion in generator.fusions
+    ]
+    generator(gray)
+    for hook in hooks:
+        hook.remove()
+    return means
