@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from depthcli.api.depth_map import DepthMap
     from depthcli.api.files import DepthVideo, read_depth
     from depthcli.api.model import DepthModel, load_model
+    from depthcli.core.calibration import Calibration
     from depthcli.core.camera import Anchor
     from depthcli.core.choices import Detail, Upsampling
     from depthcli.core.point_cloud import PointCloud
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     )
     from depthcli.inference.pipeline import Pipeline, load
     from depthcli.inference.session import Session
+    from depthcli.io.calibration import read_calibration
     from depthcli.io.pictures.convert import Picture
     from depthcli.io.pictures.read import read_image
     from depthcli.models.card import ModelCard
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Anchor",
     "AnchorFit",
+    "Calibration",
     "CameraSource",
     "CheckpointError",
     "DatasetError",
@@ -81,6 +84,7 @@ __all__ = [
     "find_model",
     "load",
     "load_model",
+    "read_calibration",
     "read_depth",
     "read_image",
 ]
@@ -89,6 +93,7 @@ _HOMES = {
     "depthcli.api.depth_map": ("DepthMap",),
     "depthcli.api.files": ("DepthVideo", "read_depth"),
     "depthcli.api.model": ("DepthModel", "load_model"),
+    "depthcli.core.calibration": ("Calibration",),
     "depthcli.core.camera": ("Anchor",),
     "depthcli.core.choices": ("Detail", "Upsampling"),
     "depthcli.core.point_cloud": ("PointCloud",),
@@ -98,6 +103,7 @@ _HOMES = {
     "depthcli.models.catalog": ("Model", "find_model"),
     "depthcli.inference.pipeline": ("Pipeline", "load"),
     "depthcli.inference.session": ("Session",),
+    "depthcli.io.calibration": ("read_calibration",),
     "depthcli.io.pictures.read": ("read_image",),
     "depthcli.io.pictures.convert": ("Picture",),
     "depthcli.video.source": ("VideoSource",),

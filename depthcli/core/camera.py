@@ -1,10 +1,14 @@
 """Options about camera and scene; free of numpy, so that they are checked before it loads."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 from depthcli.core.validation import Rule
-from depthcli.errors import InputError
+
+if TYPE_CHECKING:
+    from depthcli.core.calibration import Calibration
 
 HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004
 """Horizontal fields of view; outside this range, depths would be almost zero or infinite."""
@@ -44,34 +48,6 @@ class Lens(NamedTuple):
 
     focal_px: float | None = None
     hfov_deg: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Calibration:
-    """A calibrated camera: a pinhole camera at one size of its pictures."""
-
-    width: int  #: columns of the pictures it was calibrated with
-    height: int  #: rows of these
-    focal_px: float  #: focal length in pixels of these
-    #: (cx, cy), principal point in pixels of these; (0, 0) is the middle of the first pixel
-    centre_px: tuple[float, float]
-    is_distorted: bool = False  #: whether its lens has a distortion, which a pinhole has not
-
-    def centre_for(self, width: int, height: int) -> tuple[float, float]:
-        """The principal point in pixels of a picture, which may be resized.
-
-        Raises:
-            InputError: the picture has another aspect ratio, so it is cropped or turned.
-        """
-        # One side may be rounded to whole pixels.
-        if abs(width * self.height - height * self.width) >= max(self.width, self.height):
-            raise InputError(
-                f"the calibration is for {self.width}×{self.height} pixels, and the picture of "
-                f"{width}×{height} has another aspect ratio; give --focal-px and --centre-px"
-            )
-        scale = width / self.width
-        x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)
-        return x, y
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,17 @@
 """Reading camera calibrations of ROS and OpenCV."""
 
 import math
+import os
 from pathlib import Path
 
 import cv2
 
-from depthcli.core.camera import FOCAL_PX, Calibration
+from depthcli.core.calibration import Calibration
+from depthcli.core.camera import FOCAL_PX
 from depthcli.errors import InputError
 from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.pictures.decode import read_bytes
+from depthcli.io.storage.remote import path_of
 
 _WIDTHS, _HEIGHTS = ("image_width", "width"), ("image_height", "height")
 _MATRICES = ("camera_matrix", "K", "k")
@@ -19,15 +22,17 @@ _MAX_PX = 1e6
 _OTHERS = (b"<?xml", b"{")
 
 
-def read_calibration(path: Path) -> Calibration:
+def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     """A calibration in ``camera_info`` YAML of ROS, or in YAML, XML or JSON of OpenCV.
 
-    Its focal length is the geometric mean of fx and fy.
+    Its focal length is the geometric mean of fx and fy. Its ``hfov_deg`` is for ``predict``, its
+    ``centre_for(width, height)`` for the ``centre_px`` of point clouds.
 
     Raises:
         InputError: the file cannot be read, or does not have all of the size of the pictures and
             the camera matrix.
     """
+    path = path_of(path)
     root = _opened_storage(path)
     size = [_numbers(_node(root, names, path)) for names in (_WIDTHS, _HEIGHTS)]
     width, height = (numbers[0] if len(numbers) == 1 else math.nan for numbers in size)

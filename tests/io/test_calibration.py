@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
+from tiny import synthetic_picture, write_model
 
-from depthcli.core.camera import Calibration, Camera
+import depthcli
+from depthcli.core.calibration import Calibration
+from depthcli.core.camera import Camera
 from depthcli.errors import InputError
 from depthcli.io.calibration import read_calibration
 
@@ -128,6 +131,20 @@ def test_a_resized_picture_has_the_point_in_its_own_pixels() -> None:
     for size in ((640, 360), (480, 640), (323, 240)):
         with pytest.raises(InputError, match="is for 640×480 pixels, and the picture of"):
             EXPECTED.centre_for(*size)
+
+
+def test_in_python_it_gives_a_resized_picture_its_camera(tmp_path: Path) -> None:
+    path = tmp_path / "head.yaml"
+    path.write_text(TOPIC)
+    calibration = depthcli.read_calibration(str(path))
+    assert calibration.hfov_deg == pytest.approx(math.degrees(2 * math.atan2(320, 431.5)))
+    model = depthcli.load_model(write_model(tmp_path / "m", camera={"hfov_deg": 60.0}))
+    depth = model.predict(synthetic_picture(24, 32), hfov_deg=calibration.hfov_deg)
+    assert depth.focal_px == pytest.approx(431.5 / 20)
+    cloud = depth.to_points(centre_px=calibration.centre_for(depth.width, depth.height))
+    z = cloud.xyz_m[0, 2]
+    assert cloud.xyz_m[0, 0] == pytest.approx(-(338.3 / 20 - 0.5) * z / (431.5 / 20))
+    assert cloud.xyz_m[0, 1] == pytest.approx(-(251.2 / 20 - 0.5) * z / (431.5 / 20))
 
 
 def test_a_distorted_lens_is_a_warning() -> None:

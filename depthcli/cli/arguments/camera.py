@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from depthcli.core.camera import DEPTH_M, Anchor, Camera
-from depthcli.core.scaling import hfov_deg
 from depthcli.errors import InputError, UsageError
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import path_of, safe_name
@@ -61,11 +60,10 @@ def _calibrated(camera: Camera, name: str) -> Camera:
     from depthcli.io.calibration import read_calibration
 
     try:
-        found = read_calibration(path_of(name))
+        found = read_calibration(name)
     except InputError as error:
         raise UsageError(f"--calibration: {error}") from error
-    # The field of view is that of resized pictures, too.
-    return replace(camera, hfov_deg=hfov_deg(found.focal_px, found.width), calibration=found)
+    return replace(camera, hfov_deg=found.hfov_deg, calibration=found)
 
 
 def parse_pixel(word: str) -> tuple[int, int]:

@@ -1,0 +1,39 @@
+"""A calibrated camera."""
+
+from dataclasses import dataclass
+
+from depthcli.core import scaling
+from depthcli.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A calibrated camera: a pinhole camera at one size of its pictures."""
+
+    width: int  #: columns of the pictures it was calibrated with
+    height: int  #: rows of these
+    focal_px: float  #: focal length in pixels of these
+    #: (cx, cy), principal point in pixels of these; (0, 0) is the middle of the first pixel
+    centre_px: tuple[float, float]
+    is_distorted: bool = False  #: whether its lens has a distortion, which a pinhole has not
+
+    @property
+    def hfov_deg(self) -> float:
+        """Horizontal field of view in degrees, which resized pictures share."""
+        return scaling.hfov_deg(self.focal_px, self.width)
+
+    def centre_for(self, width: int, height: int) -> tuple[float, float]:
+        """The principal point in pixels of a picture, which may be resized.
+
+        Raises:
+            InputError: the picture has another aspect ratio, so it is cropped or turned.
+        """
+        # One side may be rounded to whole pixels.
+        if abs(width * self.height - height * self.width) >= max(self.width, self.height):
+            raise InputError(
+                f"the calibration is for {self.width}×{self.height} pixels, and the picture of "
+                f"{width}×{height} has another aspect ratio; give --focal-px and --centre-px"
+            )
+        scale = width / self.width
+        x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)
+        return x, y
