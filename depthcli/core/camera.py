@@ -1,27 +1,9 @@
 """Options about camera and scene; free of numpy, so that they are checked before it loads."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import NamedTuple, Self
 
-from depthcli.core.validation import Rule
-
-if TYPE_CHECKING:
-    from depthcli.core.calibration import Calibration
-
-HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004
-"""Horizontal fields of view; outside this range, depths would be almost zero or infinite."""
-FOCAL_PX = Rule("a number from 0.001 to 1e8", lambda px: 1e-3 <= px <= 1e8)  # noqa: PLR2004
-"""Focal lengths in pixels: what these angles give at any width of a picture."""
-DEPTH_M_RANGE = 1e-3, 1e6
-"""Least and largest depth of known points in metres."""
-DEPTH_M = Rule(
-    "a depth from 0.001 to 1000000", lambda depth_m: DEPTH_M_RANGE[0] <= depth_m <= DEPTH_M_RANGE[1]
-)
-"""Depths of known points in metres."""
-WHITE_LEVEL = Rule("a whole number from 1 to 65535", lambda level: 1 <= level <= 0xFFFF)  # noqa: PLR2004
-"""Values of white in 16-bit pictures."""
+from depthcli.core.calibration import Calibration
 
 
 class Anchor(NamedTuple):

@@ -6,7 +6,7 @@ trained on one camera is right up to the ratio of focal lengths: depth ∝ focal
 
 import math
 
-from depthcli.core.camera import FOCAL_PX, HFOV_DEG
+from depthcli.core.camera_ranges import FOCAL_PX, HFOV_DEG
 from depthcli.errors import UsageError
 
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)

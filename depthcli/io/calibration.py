@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 
 from depthcli.core.calibration import Calibration
-from depthcli.core.camera import FOCAL_PX
+from depthcli.core.camera_ranges import FOCAL_PX
 from depthcli.errors import InputError
 from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.pictures.decode import read_bytes

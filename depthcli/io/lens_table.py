@@ -5,7 +5,8 @@ import math
 from io import StringIO
 from pathlib import Path
 
-from depthcli.core.camera import FOCAL_PX, HFOV_DEG, Lens
+from depthcli.core.camera import Lens
+from depthcli.core.camera_ranges import FOCAL_PX, HFOV_DEG
 from depthcli.core.text import short_repr
 from depthcli.errors import InputError
 from depthcli.io.storage.regular import read_regular

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self, TypeAlias
 import torch
 from torch import nn
 
-from depthcli.core.camera import HFOV_DEG
+from depthcli.core.camera_ranges import HFOV_DEG
 from depthcli.core.choices import Weights
 from depthcli.core.validation import FieldError, Rule, merged, validated
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER

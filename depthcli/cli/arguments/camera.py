@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from depthcli.core.camera import DEPTH_M, Anchor, Camera
+from depthcli.core.camera import Anchor, Camera
+from depthcli.core.camera_ranges import DEPTH_M
 from depthcli.errors import InputError, UsageError
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import path_of, safe_name

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import typer
 
-from depthcli.core.camera import FOCAL_PX, HFOV_DEG
+from depthcli.core.camera_ranges import FOCAL_PX, HFOV_DEG
 from depthcli.core.text import short_repr
 from depthcli.core.validation import Rule
 from depthcli.errors import UsageError

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import DEPTH_M
+from depthcli.core.camera_ranges import DEPTH_M
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.pictures.decode import read_bytes

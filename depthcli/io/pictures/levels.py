@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
-from depthcli.core.camera import WHITE_LEVEL
+from depthcli.core.camera_ranges import WHITE_LEVEL
 from depthcli.errors import UsageError
 from depthcli.io.pictures.size import NETPBM
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_bits
