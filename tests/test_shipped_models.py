@@ -94,7 +94,7 @@ def test_its_card_names_the_pairs_it_learned(model: str) -> None:
 def test_the_float_model_is_the_default_one_in_more_bits() -> None:
     default_m, fast_m, float_m = (_depth(model, upsampling="bilinear").values for model in MODELS)
     assert 0 < np.abs(default_m - float_m).mean() < 0.03 * float_m.mean()
-    assert np.abs(fast_m - float_m).mean() < 0.1 * float_m.mean()  # an earlier version
+    assert np.abs(fast_m - float_m).mean() < 0.1 * float_m.mean()  # another training
     sizes = [(ROOT / "models" / model / "model.onnx").stat().st_size for model in MODELS]
     assert max(sizes[:2]) < 0.6 * sizes[2]
     for model in MODELS[:2]:  # on GPUs the float one takes the place of the int8 ones
