@@ -32,7 +32,8 @@ class Calibration:
         if abs(width * self.height - height * self.width) >= max(self.width, self.height):
             raise InputError(
                 f"the calibration is for {self.width}×{self.height} pixels, and the picture of "
-                f"{width}×{height} has another aspect ratio; give --focal-px and --centre-px"
+                f"{width}×{height} has another aspect ratio; give its own focal length and "
+                "principal point"
             )
         scale = width / self.width
         x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)

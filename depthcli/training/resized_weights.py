@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from depthcli.training.networks.efficient import EfficientGenerator, ResidualBlock
 
 Weights = Mapping[str, Tensor]
+_AT_ONCE = 8  # pictures, so that many or large ones need little memory
 
 
 def resized_weights(
@@ -82,12 +83,20 @@ def _narrower(
 @torch.no_grad()
 def _mean_activations(generator: EfficientGenerator, gray: Tensor) -> list[Tensor]:
     """Mean output (C,) of each decoder layer."""
-    means: list[Tensor] = []
+    sums = [torch.zeros(width) for width in generator.decoder_channels]
+
+    def adding(total: Tensor) -> Callable[[nn.Module, object, Tensor], None]:
+        def add(_: nn.Module, __: object, output: Tensor) -> None:
+            total.add_(output.mean((2, 3)).sum(0))
+
+        return add
+
     hooks = [
-        fusion.register_forward_hook(lambda _, __, output: means.append(output.mean((0, 2, 3))))
-        for fusion in generator.fusions
+        fusion.register_forward_hook(adding(total))
+        for fusion, total in zip(generator.fusions, sums, strict=True)
     ]
-    generator(gray)
+    for pictures in torch.split(gray, _AT_ONCE):
+        generator(pictures)
     for hook in hooks:
         hook.remove()
-    return means
+    return [total / len(gray) for total in sums]

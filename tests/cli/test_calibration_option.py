@@ -65,7 +65,7 @@ def test_a_resized_picture_has_a_resized_camera(inside: Cli, folder: Path) -> No
     assert large["centre_px"] == [61.5, 51]
     assert wide["error"] == (
         "the calibration is for 64×48 pixels, and the picture of 64×36 has another aspect ratio; "
-        "give --focal-px and --centre-px"
+        "give its own focal length and principal point"
     )
     assert not (folder / "wide.depth.npy").exists()
 
