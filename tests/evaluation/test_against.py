@@ -76,23 +76,29 @@ def test_text_json_and_page() -> None:
     page = report_page(report)
     assert page.differences is not None
     title, (header, *lines) = page.differences
-    assert title == "a\\n<1> minus each row, 95 % interval over scenes; ! excludes 0"
-    assert header == ["minus", "align", *METRICS]
+    assert title == "a\\n<1> minus each row: mean and 95 % interval over scenes; ! excludes 0"
+    assert header == ["minus", "align", "", *METRICS]
     assert f"\n\n{title}\n\nminus " in page.to_text()
     html = html_page(page)
     assert "a\\n&lt;1&gt; minus each row" in html
-    for name, entry, difference, line in zip("bc", entries, report.differences, lines, strict=True):
+    assert len(lines) == 3 * len(entries)
+    for name, entry, difference, i in zip("bc", entries, report.differences, (0, 3), strict=True):
+        mean, low, high = lines[i : i + 3]
         assert (entry["row"], entry["minus"]) == ("a\n<1>", f"{name}\n<1>")
         assert entry["align"] == "none"
         assert list(entry["intervals"]) == list(METRICS)
-        assert line[:2] == [f"{name}\\n<1>", "none"]
-        for interval, values, cell in zip(
-            difference.intervals, entry["intervals"].values(), line[2:], strict=True
+        assert mean[:3] == [f"{name}\\n<1>", "none", "mean"]
+        assert (low[:3], high[:3]) == (["", "", "low"], ["", "", "high"])
+        for j, (interval, values) in enumerate(
+            zip(difference.intervals, entry["intervals"].values(), strict=True), 3
         ):
             expected = {"mean": interval.mean, "low": interval.low, "high": interval.high}
             assert values == expected
-            assert cell.startswith(f"{interval.mean:+.4f}")
-            assert f"<td>{cell}</td>" in html
+            mark = "!" if interval.low > 0 or interval.high < 0 else " "
+            assert mean[j] == f"{interval.mean:+.4f}{mark}"
+            assert low[j] == f"{interval.low:+.4f} "
+            assert high[j] == f"{interval.high:+.4f} "
+            assert f"<td>{mean[j]}</td>" in html
     plain = evaluate_models(plan_pairs(dataset, "own"), rows, ALONE)
     assert report_page(plain).differences is None
     assert "differences" not in json.loads(plain.to_json())
@@ -132,7 +138,8 @@ def test_one_scene_has_no_interval() -> None:
     assert not interval.is_significant
     page = report_page(report)
     assert page.differences is not None
-    assert page.differences[1][1][2] == f"{interval.mean:+.4f} [-]"
+    column = [cells[3] for cells in page.differences[1][1:4]]
+    assert column == [f"{interval.mean:+.4f} ", "- ", "- "]
     (entry, _) = json.loads(report.to_json())["differences"]
     assert entry["intervals"]["abs_rel"] == {"mean": interval.mean, "low": None, "high": None}
 

@@ -160,14 +160,14 @@ def test_a_row_is_compared_with_every_other(
             assert interval["low"] == pytest.approx(min(values))
             assert interval["high"] == pytest.approx(max(values))
     assert _run(data, *arguments, "--html", str(page)) == ExitCode.OK
-    title = f"{far} minus each row, 95 % interval over scenes; ! excludes 0"
+    title = f"{far} minus each row: mean and 95 % interval over scenes; ! excludes 0"
     shown = capsys.readouterr().out
     assert f"\n\n{title}\n\nminus " in shown
     assert title in page.read_text()
     mean = document["differences"][-1]["intervals"]["abs_rel"]["mean"]
-    cells = [line.split()[:3] for line in shown.splitlines() if line.startswith("default ")]
-    assert cells[-1] == ["default", "none", f"{mean:+.4f}!"]
-    assert f"<td>default</td><td>none</td><td>{mean:+.4f}! [" in page.read_text()
+    cells = [line.split()[:4] for line in shown.splitlines() if line.startswith("default ")]
+    assert cells[-1] == ["default", "none", "mean", f"{mean:+.4f}!"]
+    assert f"<td>default</td><td>none</td><td>mean</td><td>{mean:+.4f}!</td>" in page.read_text()
 
 
 @pytest.mark.usefixtures("models")

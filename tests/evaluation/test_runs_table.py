@@ -250,10 +250,10 @@ def test_one_row_minus_each_other(task: EvalTask, models: list[TrainedModel]) ->
     page = runs_page(report)
     assert page.differences is not None
     title, (header, *cells) = page.differences
-    assert title == "zeta minus each row, 95 % interval over scenes; ! excludes 0"
-    assert header[:3] == ["minus", "align", "abs_rel"]
+    assert title == "zeta minus each row: mean and 95 % interval over scenes; ! excludes 0"
+    assert header[:4] == ["minus", "align", "", "abs_rel"]
     assert page.to_text().count(f"\n\n{title}\n\nminus ") == 1
-    for difference, entry, cell in zip(report.differences, entries, cells, strict=True):
+    for difference, entry, cell in zip(report.differences, entries, cells[::3], strict=True):
         alignment, other = difference.alignment, difference.other
         assert (entry["row"], entry["minus"], entry["align"]) == ("zeta", other, alignment)
         for i, name in enumerate(METRICS):
@@ -263,9 +263,8 @@ def test_one_row_minus_each_other(task: EvalTask, models: list[TrainedModel]) ->
             values = {"mean": found.mean, "low": found.low, "high": found.high}
             assert entry["intervals"][name] == values
         first = difference.intervals[0]
-        mark = "!" if first.low > 0 or first.high < 0 else ""
-        shown = f"{first.mean:+.4f}{mark} [{first.low:+.4f},{first.high:+.4f}]"
-        assert cell[:3] == [other, alignment, shown]
+        mark = "!" if first.low > 0 or first.high < 0 else " "
+        assert cell[:4] == [other, alignment, "mean", f"{first.mean:+.4f}{mark}"]
 
 
 def test_what_has_no_score_is_a_dash(models: list[TrainedModel]) -> None:
@@ -275,7 +274,7 @@ def test_what_has_no_score_is_a_dash(models: list[TrainedModel]) -> None:
     report = _report(task, models, against="zeta")
     page = runs_page(report)
     assert page.differences is not None
-    assert all(set(cells[2:]) == {"-"} for cells in page.differences[1][1:])
+    assert all(set(cells[3:]) == {"- "} for cells in page.differences[1][1:])
     assert {line.split()[-1] for line in page.to_text().splitlines() if "cut " in line} == {"-"}
 
 
@@ -335,4 +334,4 @@ def test_one_row_minus_one_other(task: EvalTask, models: list[TrainedModel]) -> 
     report = evaluate_runs(task, models[::3], options, against="zeta")
     page = runs_page(report)
     assert page.differences is not None
-    assert [cells[0] for cells in page.differences[1]] == ["minus", "cut"]
+    assert [cells[0] for cells in page.differences[1]] == ["minus", "cut", "", ""]

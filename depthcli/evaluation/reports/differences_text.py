@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from depthcli.core.text import one_line
-from depthcli.evaluation.differences import Difference, Interval
+from depthcli.evaluation.differences import Difference
 from depthcli.metrics.depth import METRICS
 
 
@@ -13,24 +13,27 @@ def differences_table(
 ) -> tuple[str, list[list[str]]] | None:
     """Title and cells, header first, of the differences from one row; None if there are none.
 
+    Three lines for each difference: the mean and the bounds of its interval.
+
     ``metrics`` are the names of the columns.
     """
     if not differences:
         return None
     name = one_line(differences[0].name)
-    title = f"{name} minus each row, 95 % interval over scenes; ! excludes 0"
-    lines = [["minus", "align", *metrics]]
+    title = f"{name} minus each row: mean and 95 % interval over scenes; ! excludes 0"
+    lines = [["minus", "align", "", *metrics]]
     for difference in differences:
         intervals = dict(zip(METRICS, difference.intervals, strict=True))
-        shown = [_interval_cell(intervals[metric]) for metric in metrics]
-        lines.append([one_line(difference.other), difference.alignment or "-", *shown])
+        shown = [intervals[metric] for metric in metrics]
+        row = (one_line(difference.other), difference.alignment or "-")
+        lines += [
+            [*row, "mean", *(_cell(one.mean, "!" if one.is_significant else " ") for one in shown)],
+            ["", "", "low", *(_cell(one.low) for one in shown)],
+            ["", "", "high", *(_cell(one.high) for one in shown)],
+        ]
     return title, lines
 
 
-def _interval_cell(interval: Interval) -> str:
-    if math.isnan(interval.mean):
-        return "-"
-    if math.isnan(interval.low):
-        return f"{interval.mean:+.4f} [-]"
-    clear = "!" if interval.is_significant else ""
-    return f"{interval.mean:+.4f}{clear} [{interval.low:+.4f},{interval.high:+.4f}]"
+def _cell(value: float, mark: str = " ") -> str:
+    """A number with a last character that keeps the digits of a column in line."""
+    return ("-" if math.isnan(value) else f"{value:+.4f}") + mark
