@@ -27,7 +27,7 @@ class ConvertRequest:
     """A depth file, and how to convert it."""
 
     source: str  #: a depth map or a depth video
-    target: str  #: the file to write; a name without suffix gets that of the format
+    target: str  #: the file to write; the suffix of the format is added where it is missing
     format: Format | None = None  #: of the target; None to take it from the suffix
     scale: float | None = None  #: units per metre of the source; None for what it states
     frame: int | None = None  #: of a depth video, from 0
@@ -85,7 +85,7 @@ def convert(request: ConvertRequest) -> ConvertResult:
         depth = shown
     inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
     name = request.target
-    name += "" if path_of(name).suffix else wanted.facts.suffix
+    name += "" if format_of(name) else wanted.facts.suffix
     target = path_of(name)
     check_writable(target)
     with atomic_path(target, inputs=inputs) as temporary:

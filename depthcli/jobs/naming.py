@@ -13,7 +13,7 @@ from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
-from depthcli.io.writers.formats import Format, file_suffix_of, fits, stem_of
+from depthcli.io.writers.formats import Format, file_suffix_of, fits, format_of, stem_of
 from depthcli.jobs.namesakes import namesakes
 
 STDIN_STEM = "stdin"
@@ -41,7 +41,8 @@ def plan_outputs(
     Args:
         sources: the inputs; None is standard input, whose outputs go to the working directory.
         out: a file (for one input), or a folder, which exists or ends in ``/``. With several
-            formats, or for a name without suffix, the formats' suffixes follow the file's stem.
+            formats, or for a name without the suffix of a format, the formats' suffixes follow the
+            file's stem.
         suffixes: of each format, such as ``.depth.png``.
 
     Raises:
@@ -62,7 +63,7 @@ def is_folder(out: str) -> bool:
 
 
 def check_suffix(option: str, name: str, asked: Format) -> None:
-    """Check that the suffix of a file name matches the requested format, or is missing.
+    """Check that a file name does not have the suffix of another format than the requested one.
 
     Raises:
         UsageError: it is the suffix of another format.
@@ -83,7 +84,7 @@ def _one_file(
         )
     if is_special(file):
         raise UsageError(f"-o {file} is a device or a pipe; '-o -' writes to standard output")
-    if len(suffixes) == 1 and file.suffix:
+    if len(suffixes) == 1 and format_of(file.name):
         return OutputPlan(sources[0], dict.fromkeys(suffixes, file))
     # Several formats of one input share the stem of the name; a single one adds its suffix.
     return OutputPlan(

@@ -167,6 +167,28 @@ def test_a_sidecar_leaves_the_output_s_name_alone(inside: Cli) -> None:
     assert (sidecar["kind"], sidecar["unit"], sidecar["model"]) == ("metric", "m", "tiny")
 
 
+def test_digits_after_a_point_are_no_suffix(inside: Cli) -> None:
+    room(inside)
+    stamp, two = "1305031102.160407", ("--format", "png16", "--format", "npy")
+    assert inside("predict", "room.png", "-o", stamp, *two).returncode == 0
+    assert here(inside) == {"room.png", f"{stamp}.depth.png", f"{stamp}.depth.npy"}
+    assert (
+        inside("predict", "room.png", "-o", "v.2", "--format", "ply", "--sidecar").returncode == 0
+    )
+    assert {"v.2.ply", "v.2.json"} <= here(inside)
+    assert inside("convert", f"{stamp}.depth.npy", "w.16", "--format", "png16").returncode == 0
+    assert "w.16.depth.png" in here(inside)
+
+
+def test_a_sidecar_is_beside_a_name_with_the_format_s_suffix(inside: Cli) -> None:
+    room(inside)
+    write_model(inside.models / "default", camera={"hfov_deg": 90.0})
+    words = ("predict", "room.png", "-o", "d", "--format", "npy", "--sidecar", "--hfov", "50")
+    assert inside(*words).returncode == 0
+    assert here(inside) == {"room.png", "d.depth.npy", "d.depth.json"}
+    assert b"hfov 50.0" in inside("info", "d.depth.npy").stdout
+
+
 def test_a_folder_in_the_place_of_a_sidecar_is_said(inside: Cli) -> None:
     (inside.folder / "depth.json").mkdir()
     done = inside("predict", "room.png", "-o", "depth.exr", "--sidecar")

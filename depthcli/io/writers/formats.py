@@ -88,10 +88,13 @@ def file_suffix_of(asked: Format) -> str:
 
 
 def stem_of(path: str | PurePath) -> str:
-    """A file's name without the suffix of its format: ``a`` of ``a.png`` and ``a.preview.png``."""
+    """A file's name without the suffix of its format: ``a`` of ``a.png`` and ``a.preview.png``.
+
+    What selects no format is part of the name: ``1305031102.16`` is its own stem.
+    """
     name = PurePath(path).name
-    ends = (facts.suffix for facts in FORMATS.values() if name.lower().endswith(facts.suffix))
-    end = next(ends, PurePath(name).suffix)
+    ends = (*(facts.suffix for facts in FORMATS.values()), *FILE_SUFFIXES)
+    end = next((end for end in ends if name.lower().endswith(end)), "")
     return name[: len(name) - len(end)] or name
 
 

@@ -89,8 +89,9 @@ def plan_pictures(
         )
         for name, plan in zip(names, plans, strict=True)
     ]
-    if beside and output is not None:
-        json_path = str(path_of(output).with_suffix(".json"))
+    if beside:
+        (written,) = plans[0].outputs.values()
+        json_path = str(written.with_suffix(".json"))
         if is_folder(json_path):
             raise UsageError(f"the sidecar {safe_name(json_path)} is a folder; choose another -o")
         (plan,) = plan_outputs(sources, json_path, {Format.JSON: ""})
