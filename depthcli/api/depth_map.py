@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
@@ -11,8 +10,8 @@ import numpy as np
 
 from depthcli.core import anchor_fit, scaling, types
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import Anchor
 from depthcli.core.point_cloud import point_cloud
+from depthcli.core.text import short_repr
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.by_suffix import write_depth
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from matplotlib.axes import Axes
 
+    from depthcli.core.camera import Anchor
     from depthcli.core.point_cloud import PointCloud
 
 AnchorLike: TypeAlias = "Anchor | tuple[int, int, float]"
@@ -102,9 +102,9 @@ class DepthMap(types.DepthMap):
         because the fit puts them at or below 0 m.
 
         Args:
-            anchors: (column, row, metres along the camera axis), one or more; (N, 3) numbers of
-                these; or a sparse map of the same size, as (H, W) float metres or metric
-                ``DepthMap``, whose pixels that are NaN or 0 are unknown.
+            anchors: (column, row, metres along the camera axis), one or more, as a list or (N, 3)
+                numbers, each of the nearest pixel; or a sparse map of the same size, as (H, W)
+                float metres or metric ``DepthMap``, whose pixels that are NaN or 0 are unknown.
 
         Raises:
             UsageError: the points do not fit the map, or not each other.
@@ -133,7 +133,7 @@ class DepthMap(types.DepthMap):
                 None for the one that the file of the map stated, else the middle of the map.
 
         Raises:
-            UsageError: the map has no metres, or no focal length is known.
+            UsageError: the map has no metres, no focal length is known, or one is not valid.
         """
         scaling.check_camera(focal_px, hfov_deg)
         if hfov_deg is not None:
@@ -257,7 +257,7 @@ def _points_of(anchors: Anchors) -> AnchorPoints:
             raise UsageError(f"anchors are metres, and {anchors.kind} depth has none")
         return AnchorPoints.of_map(anchors.values)
     if not isinstance(anchors, np.ndarray):
-        return AnchorPoints.of([_anchor_of(anchor) for anchor in anchors])
+        return AnchorPoints.of_table(_table(anchors))
     if anchors.ndim == _TABLE_RANK and anchors.shape[1] == _COLUMNS and anchors.dtype.kind in "fiu":
         return AnchorPoints.of_table(anchors)
     if anchors.ndim == _TABLE_RANK and anchors.dtype.kind == "f":
@@ -268,9 +268,9 @@ def _points_of(anchors: Anchors) -> AnchorPoints:
     )
 
 
-def _anchor_of(point: AnchorLike) -> Anchor:
+def _table(anchors: Sequence[AnchorLike]) -> npt.NDArray[np.float64]:
+    """(N, 3) column, row, metres of a list."""
     try:
-        x, y, depth_m = point
-        return Anchor(operator.index(x), operator.index(y), float(depth_m))
+        return np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
     except (TypeError, ValueError) as error:
-        raise UsageError(f"an anchor is (column, row, metres), not {point!r}") from error
+        raise UsageError(f"anchors are (column, row, metres), not {short_repr(anchors)}") from error

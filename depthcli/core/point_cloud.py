@@ -1,11 +1,13 @@
 """Back-projection of a depth map to a point cloud."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.text import short_repr
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import UsageError
 
@@ -54,14 +56,15 @@ def point_cloud(
         frame: the picture, for colours.
 
     Raises:
-        UsageError: the map has no metres.
+        UsageError: the map has no metres, or the principal point is not two numbers.
     """
     if not depth.is_metric:
         raise UsageError(
             f"a point cloud needs metres, and {depth.kind} depth has none; fit it to anchors"
         )
-    stated_px = depth.provenance and depth.provenance.centre_px
-    centre_x, centre_y = centre_px or stated_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
+    source = with_centre(depth, centre_px).provenance
+    stated_px = source and source.centre_px
+    centre_x, centre_y = stated_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
     valid = np.isfinite(depth.values) & (depth.values > 0)
     rows, columns = np.nonzero(valid)
     xyz_m = np.empty((len(rows), 3), np.float32)
@@ -72,8 +75,18 @@ def point_cloud(
 
 
 def with_centre(depth: DepthMap, centre_px: tuple[float, float] | None) -> DepthMap:
-    """The same depth with a principal point in pixels of the map; None for the one it states."""
+    """The same depth with a principal point in pixels of the map; None for the one it states.
+
+    Raises:
+        UsageError: it is not two finite numbers.
+    """
     if centre_px is None:
         return depth
-    source = replace(depth.provenance or Provenance(), centre_px=centre_px)
+    try:
+        x, y = (float(value) for value in centre_px)
+    except (TypeError, ValueError):
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise UsageError(f"a principal point is (cx, cy) in pixels, not {short_repr(centre_px)}")
+    source = replace(depth.provenance or Provenance(), centre_px=(x, y))
     return replace(depth, provenance=source)
