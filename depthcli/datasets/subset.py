@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +35,17 @@ class Subset:
         """The data set's own division."""
         parts = self.whole.official_split
         return tuple(parts[i] for i in self.positions)
+
+    @property
+    def focal_px(self) -> tuple[float, ...]:
+        """Focal length of each picture, in its own pixels; empty if they are not known."""
+        focal_px = self.whole.focal_px if isinstance(self.whole, HasFocalLengths) else ()
+        return tuple(focal_px[i] for i in self.positions) if focal_px else ()
+
+    @property
+    def hfov_deg(self) -> float | None:
+        """Horizontal field of view over the full picture width, degrees; None if not known."""
+        return self.whole.hfov_deg if isinstance(self.whole, HasCamera) else None
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Picture of pair ``i``: (H, W, 3) RGB uint8."""
