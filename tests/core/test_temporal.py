@@ -37,9 +37,7 @@ def at(values: Array, row: int, column: int) -> float:
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 1000), st.integers(1, 9), st.integers(1, 9))
-def test_a_difference_is_that_of_means_over_5_by_5_pixels(
-    seed: int, height: int, width: int
-) -> None:
+def test_a_difference_is_that_of_means_over_25_pixels(seed: int, height: int, width: int) -> None:
     values = noise(seed, (height, width))
     expected = [
         [
