@@ -42,7 +42,7 @@ def plan_comparison(
     whole = _held_out(dataset, runs) if split is SplitName.VAL else plan_nyu(dataset, split)
     task = whole.subsampled(limit)
     for run in runs:
-        seen = {*run.train_ids, *run.start_ids} & set(task.ids)
+        seen = set(run.nyu_ids).intersection(task.ids)
         if seen:
             raise UsageError(
                 f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test pictures: "

@@ -18,6 +18,7 @@ from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
 from depthcli.models.locations import CARD_NAME, CARD_SUFFIX
 from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.seen_pairs import seen_by_run
 
 MODEL_NAME = "model.onnx"
 _FULL_STRIDE = 4
@@ -112,8 +113,6 @@ def _training_facts(saved: Checkpoint, weights: Weights) -> dict[str, Any]:
 
 
 def _nyu_pairs(progress: RunProgress) -> dict[str, str]:
-    """Ids of the pairs of NYU Depth v2 that it was trained on, for evaluations of the model."""
-    if not progress.data.startswith(NYU):
-        return {}
-    ids = {*progress.train_ids, *progress.start_ids}
-    return {TRAIN_IDS: id_ranges.compact(i for i in ids if i.isdecimal())}
+    """Ids of the pairs of NYU Depth v2 that its weights have seen, for evaluations of the model."""
+    ids = seen_by_run(progress).get(NYU)
+    return {TRAIN_IDS: id_ranges.compact(i for i in ids if i.isdecimal())} if ids else {}

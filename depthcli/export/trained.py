@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from depthcli.core.choices import Weights
+from depthcli.datasets.splits import NYU
 from depthcli.errors import ModelError, OutputError, UsageError
 from depthcli.export.onnx import check_predicts_depth, export_checkpoint
 from depthcli.export.options import ExportOptions
@@ -13,6 +14,7 @@ from depthcli.models.catalog import read_model
 from depthcli.models.locations import ModelLocation
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.folder import CHECKPOINT
+from depthcli.training.seen_pairs import seen_by_run
 from depthcli.training.trained_run import TrainedRun
 
 CACHE_NAMES = {Weights.AVERAGED: "evaluated.onnx", Weights.RAW: "evaluated-raw.onnx"}
@@ -53,8 +55,8 @@ def open_run(folder: Path) -> TrainedRun:
         steps=progress.step,
         minutes=progress.seconds / 60,
         train_ids=progress.train_ids,
-        start_ids=progress.start_ids,
         held_out_ids=progress.held_out_ids,
+        nyu_ids=seen_by_run(progress).get(NYU, ()),
     )
 
 

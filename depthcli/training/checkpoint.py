@@ -49,7 +49,9 @@ class RunProgress:
     hfov_deg: Annotated[float, HFOV_DEG] | None = NYU_HFOV_DEG
     extra: str = ""  #: name of the extra pairs; "" if there are none
     start: str = ""  #: origin of the initial weights; "" for a random initialisation
-    start_ids: tuple[str, ...] = ()  #: pairs of this data set that those were trained on
+    #: pairs that those were trained on, by :func:`~depthcli.training.seen_pairs.data_set`
+    start_pairs: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    start_ids: tuple[str, ...] = ()  #: before 0.10, those of them that are of this data set
     aspect: _Aspect = NYU_ASPECT  #: width over height of their first picture
     #: CPU threads of the last session, on which the last digits depend; 0 if unknown
     threads: Count = 0

@@ -10,11 +10,8 @@ import torch
 from onnx import numpy_helper
 from torch import Tensor, nn
 
-from depthcli.datasets import id_ranges
-from depthcli.datasets.splits import NYU, TRAIN_IDS
 from depthcli.errors import CheckpointError
-from depthcli.models.catalog import find_model
-from depthcli.training.checkpoint import Checkpoint, load_generator
+from depthcli.training.checkpoint import load_generator
 from depthcli.training.resized_weights import resized_weights
 
 _MIRRORED = "network."  # prefix of weights in a graph that averages with the mirrored picture
@@ -51,35 +48,6 @@ def start_from(generator: nn.Module, paths: Sequence[Path], pictures: Callable[[
     hashes = [hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_LENGTH] for path in paths]
     names = [f"{path.name} {digest}" for path, digest in zip(paths, hashes, strict=True)]
     return names[0] if len(names) == 1 else f"mean of {', '.join(names)}"
-
-
-def trained_ids(paths: Sequence[Path], data: str, ids: Sequence[str]) -> tuple[str, ...]:
-    """Those of the ids of a data set whose pairs the weights of any file were trained on.
-
-    Args:
-        paths: as for :func:`start_from`; none is fine.
-        data: name of the data set, as in model cards.
-        ids: of its pairs.
-
-    Raises:
-        CheckpointError: a checkpoint cannot be read.
-        ModelError: a model cannot be read.
-    """
-    seen = {name for path in paths for name in _trained_on(path, data)}
-    return tuple(name for name in ids if name in seen)
-
-
-def _trained_on(path: Path, data: str) -> set[str]:
-    is_nyu = data.startswith(NYU)
-    if path.suffix == ".onnx":
-        stated = str(find_model(path).card.training.get(TRAIN_IDS, "")) if is_nyu else ""
-        try:
-            return {f"{number:04d}" for number in id_ranges.parse(stated)}
-        except ValueError:  # ``training`` in a card is free-form
-            return set()
-    progress = Checkpoint.load(path).progress
-    is_same = progress.data == data or (is_nyu and progress.data.startswith(NYU))
-    return {*progress.train_ids, *progress.start_ids} if is_same else set()
 
 
 def _mean_weights(paths: Sequence[Path]) -> dict[str, Tensor]:

@@ -20,9 +20,9 @@ from depthcli.training.config.schema import DataConfig, TrainConfig
 from depthcli.training.data.batches import Batches
 from depthcli.training.data.pair_store import PairStore, whole_pictures
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, write_errors
-from depthcli.training.initial_weights import trained_ids
 from depthcli.training.methods.registry import method_class
 from depthcli.training.run import Run
+from depthcli.training.seen_pairs import seen_by_files
 from depthcli.training.validation import Validation
 
 _EXAMPLES = 128  # pictures, by which the decoder channels of initial weights are chosen
@@ -71,7 +71,7 @@ def set_up(
         hfov_deg=data.hfov_deg,
         extra=data.extra_title,
         start=run.start_from(start, partial(_examples, store, config)) if start else "",
-        start_ids=trained_ids(start, data.title, dataset.ids),
+        start_pairs=seen_by_files(start),
         aspect=data.aspect,
     )
     run.resume(folder / CHECKPOINT)

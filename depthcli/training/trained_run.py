@@ -19,7 +19,7 @@ class TrainedRun:
     minutes: float  #: training time in minutes
     train_ids: tuple[str, ...]  #: pairs it was trained on
     held_out_ids: tuple[str, ...]  #: pairs it was validated on
-    start_ids: tuple[str, ...] = ()  #: pairs its initial weights were trained on
+    nyu_ids: tuple[str, ...]  #: pairs of NYU that it or its initial weights were trained on
 
     @property
     def name(self) -> str:

@@ -49,6 +49,7 @@ RUN = TrainedRun(
     minutes=1.23456,
     train_ids=("0002", "0003", "0004"),
     held_out_ids=("0005", "0001"),
+    nyu_ids=("0002", "0003", "0004"),
 )
 LONGER = replace(RUN, seed=1, epochs=3, steps=60, minutes=2.5)
 
@@ -232,9 +233,14 @@ def test_trivial_and_published_rows_can_be_left_out(
 def test_titles(
     models: list[TrainedModel], split: SplitName, limit: int | None, title: str
 ) -> None:
-    runs = [replace(model.run, train_ids=("0003",)) for model in models]
+    runs = [replace(model.run, train_ids=("0003",), nyu_ids=("0003",)) for model in models]
     report = _report(plan_comparison(small_set(), runs, split, limit), models)
     assert report.title == f"{title} · protocol: {PROTOCOL.name}"
+
+
+def test_pairs_of_one_s_own_are_not_those_of_nyu() -> None:
+    own = _run("a", train_ids=("0000", "0002"), nyu_ids=())
+    assert plan_comparison(small_set(), [own], SplitName.OFFICIAL).ids[:2] == ("0000", "0002")
 
 
 def test_one_row_minus_each_other(task: EvalTask, models: list[TrainedModel]) -> None:
@@ -299,7 +305,7 @@ def test_pages_name_footnotes_and_the_models_of_all_seeds(
         ([_run("a", held_out_ids=())], "a held out no pair"),
         ([_run("a", held_out_ids=("0001", "0099"))], r"1 pairs .* \(first: 0099\)"),
         ([_run("a", train_ids=("0098", "0099"))], r"2 pairs .* \(first: 0098\)"),
-        ([_run("a", train_ids=("0001", "0005"))], "a was trained on 2 of the 2 test pictures"),
+        ([_run("a", nyu_ids=("0001", "0005"))], "a was trained on 2 of the 2 test pictures"),
     ],
 )
 def test_what_cannot_be_compared(runs: Sequence[TrainedRun], problem: str) -> None:

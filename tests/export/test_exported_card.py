@@ -10,6 +10,7 @@ import pytest
 from small import small_network, write_checkpoint
 
 from depthcli.core.choices import Weights
+from depthcli.datasets.splits import NYU
 from depthcli.errors import UsageError
 from depthcli.export.card import card_of, card_path
 from depthcli.export.options import ExportOptions
@@ -96,8 +97,12 @@ def test_a_card_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
 
 
 def test_pairs_that_the_initial_weights_knew_are_known_to_the_model(tmp_path: Path) -> None:
-    ids = {"train_ids": ("0003", "0000"), "start_ids": ("0000", "0001")}
+    ids = {"train_ids": ("0003", "0000"), "start_pairs": {NYU: ("0000", "0001")}}
     assert _card(tmp_path, **ids).training["nyu_train_ids"] == "0000-0001,0003"
+    own = _card(tmp_path, data="own pairs (yard)", **ids).training
+    assert (own["pairs"], own["nyu_train_ids"]) == (2, "0000-0001")
+    former = _card(tmp_path, train_ids=("0003",), start_ids=("0002",)).training
+    assert former["nyu_train_ids"] == "0002-0003"
 
 
 def test_scores_of_averaged_weights_are_not_those_of_the_raw_ones(tmp_path: Path) -> None:

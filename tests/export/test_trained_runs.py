@@ -45,6 +45,7 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
         minutes=1.5,
         train_ids=("0001", "0003"),
         held_out_ids=("0002",),
+        nyu_ids=("0001", "0003"),
     )
     assert open_run(folder).name == "proposed-seed7"
 

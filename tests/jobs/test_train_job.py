@@ -66,6 +66,18 @@ def test_pairs_without_scenes_are_said_to_lack_them(tmp_path: Path) -> None:
     assert [start.lacks_scenes for start in notes.starts] == [True]
 
 
+def test_held_out_pairs_that_the_initial_weights_were_trained_on_are_counted(
+    tmp_path: Path,
+) -> None:
+    write_rooms(tmp_path / "data")
+    request, notes = _request(tmp_path, minutes=0), Notes()
+    config = replace(request.config, data=replace(request.config.data, holdout_every=0))
+    first = replace(request, config=config, out=tmp_path / "first")
+    train(first, notes)
+    train(replace(request, start=(first.out / "last.ckpt",)), notes)
+    assert [start.seen_held_out for start in notes.starts] == [0, 1]
+
+
 @pytest.mark.parametrize(
     ("changed", "line"),
     [

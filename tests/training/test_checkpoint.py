@@ -79,6 +79,7 @@ def test_what_a_checkpoint_of_before_does_not_say_is_what_it_was_then(tmp_path: 
         "hfov_deg": 63.3,
         "extra": "",
         "start": "",
+        "start_pairs": {},
         "start_ids": (),
         "aspect": 4 / 3,
         "threads": 0,

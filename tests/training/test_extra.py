@@ -11,7 +11,6 @@ import torch
 from rooms import PAPER, TRAIN, rooms, write_rooms
 from supervised_runs import BARE, SUPERVISED, train_two_steps
 
-from depthcli.datasets.training_data import NYU_OFFICIAL, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
@@ -19,7 +18,7 @@ from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT
-from depthcli.training.initial_weights import start_from, trained_ids
+from depthcli.training.initial_weights import start_from
 from depthcli.training.methods.proposed import Proposed
 from depthcli.training.networks.build import build_generator
 
@@ -136,30 +135,6 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
     assert card.training is not None
     assert card.training["start"] == progress.start
     assert card.training["extra"] == progress.extra
-
-
-def test_pairs_that_initial_weights_were_trained_on_are_passed_on(tmp_path: Path) -> None:
-    start, ids = tmp_path / "first" / CHECKPOINT, ("0000", "0001", "0002", "0009")
-    data = replace(SUPERVISED.data, holdout_every=0)
-    first = train_two_steps(replace(SUPERVISED, data=data), start.parent, title=NYU_PAPER)
-    model = start.with_name("model.onnx")
-    export_checkpoint(start, model, ExportOptions("first"))
-    assert len(first.train_ids) == 6
-    for source in (start, model):
-        assert trained_ids([source], NYU_OFFICIAL, ids) == ids[:3]
-        assert trained_ids([source], "own pairs (yard)", ids) == ()
-    assert trained_ids([], first.data, ids) == ()
-    free = onnx.load(model)
-    for entry in free.metadata_props:
-        entry.value = entry.value.replace('"0000-0005"', '"all of them"')
-    onnx.save(free, tmp_path / "free.onnx")
-    assert trained_ids([tmp_path / "free.onnx"], first.data, ids) == ()
-    second = train_two_steps(SUPERVISED, tmp_path / "second", start, title=NYU_PAPER)
-    assert set(second.held_out_ids) < set(second.start_ids) == set(first.train_ids)
-    later = tmp_path / "second" / CHECKPOINT
-    third = train_two_steps(SUPERVISED, tmp_path / "third", later, title=NYU_PAPER)
-    assert third.start_ids == second.start_ids
-    assert train_two_steps(SUPERVISED, tmp_path / "other", later).start_ids == ()
 
 
 def test_a_checkpoint_gives_its_weights(tmp_path: Path) -> None:

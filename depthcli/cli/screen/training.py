@@ -80,7 +80,8 @@ class JsonCallback(Callback):
     def on_epoch_end(self, progress: RunProgress) -> None:
         """Print step, seconds, scores, and the losses of the last step."""
         values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
-        del values["train_ids"], values["held_out_ids"], values["start_ids"]
+        for ids in ("train_ids", "held_out_ids", "start_pairs", "start_ids"):
+            del values[ids]
         values["losses"] = self._losses
         console.out_json(values)
 

@@ -15,9 +15,9 @@ from depthcli.training import loop
 from depthcli.training.callbacks import Callback, TrainStart
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.initial_weights import trained_ids
 from depthcli.training.launch import launched, open_fabric
 from depthcli.training.methods.registry import method_class
+from depthcli.training.seen_pairs import data_set, seen_by_files
 from depthcli.training.setup import train_val_split
 from depthcli.training.tensorboard_logger import TensorBoardLogger
 from depthcli.training.threads import Threads, set_threads
@@ -87,9 +87,11 @@ def _facts(
 ) -> TrainStart:
     wanted = bool(config.data.holdout_every) and method_class(config.method).DEPTH
     held_out = train_val_split(data.dataset, config.data)[1] if wanted else []
-    held_out_ids = [data.dataset.ids[i] for i in held_out]
-    seen = trained_ids(start, data.title, held_out_ids)
-    return TrainStart(threads, lacks_scenes=wanted and not held_out, seen_held_out=len(seen))
+    seen = seen_by_files(start).get(data_set(data.title), ())
+    seen_held_out = {data.dataset.ids[i] for i in held_out}.intersection(seen)
+    return TrainStart(
+        threads, lacks_scenes=wanted and not held_out, seen_held_out=len(seen_held_out)
+    )
 
 
 def _data(request: TrainRequest) -> TrainingData:

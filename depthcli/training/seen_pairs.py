@@ -1,0 +1,59 @@
+"""Which pairs a network has seen: those of its own training and those of its initial weights."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from depthcli.datasets import id_ranges
+from depthcli.datasets.splits import NYU, TRAIN_IDS
+from depthcli.models.card import ModelCard
+from depthcli.models.catalog import find_model
+from depthcli.training.checkpoint import Checkpoint, RunProgress
+
+
+def data_set(title: str) -> str:
+    """The name under which the pairs of a data set are recorded, of its name in model cards.
+
+    All splits of NYU Depth v2 share one.
+    """
+    return NYU if title.startswith(NYU) else title
+
+
+def seen_by_run(progress: RunProgress) -> dict[str, tuple[str, ...]]:
+    """Ids of the pairs that a run or its initial weights were trained on, by data set."""
+    own = {data_set(progress.data): (*progress.train_ids, *progress.start_ids)}
+    return _merged([own, progress.start_pairs])
+
+
+def seen_by_files(paths: Sequence[Path]) -> dict[str, tuple[str, ...]]:
+    """Ids of the pairs that the weights of any file were trained on, by data set.
+
+    Args:
+        paths: checkpoints and exported models; none is fine. The card of a model states its pairs
+            of NYU Depth v2 only.
+
+    Raises:
+        CheckpointError: a checkpoint cannot be read.
+        ModelError: a model cannot be read.
+    """
+    return _merged(
+        _stated(find_model(path).card)
+        if path.suffix == ".onnx"
+        else seen_by_run(Checkpoint.load(path).progress)
+        for path in paths
+    )
+
+
+def _stated(card: ModelCard) -> dict[str, tuple[str, ...]]:
+    try:
+        numbers = id_ranges.parse(str(card.training.get(TRAIN_IDS, "")))
+    except ValueError:  # ``training`` in a card is free-form
+        return {}
+    return {NYU: tuple(f"{number:04d}" for number in numbers)}
+
+
+def _merged(records: Iterable[Mapping[str, Sequence[str]]]) -> dict[str, tuple[str, ...]]:
+    found: dict[str, set[str]] = {}
+    for record in records:
+        for name, ids in record.items():
+            found.setdefault(name, set()).update(ids)
+    return {name: tuple(sorted(ids)) for name, ids in found.items() if ids}

@@ -1,0 +1,81 @@
+"""What a network has seen is remembered, whatever its later training is of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import onnx
+import pytest
+from supervised_runs import SUPERVISED, train_two_steps
+
+from depthcli.datasets.splits import NYU
+from depthcli.datasets.training_data import NYU_OFFICIAL, NYU_PAPER
+from depthcli.export.onnx import export_checkpoint
+from depthcli.export.options import ExportOptions
+from depthcli.export.trained import open_run
+from depthcli.training.checkpoint import RunProgress
+from depthcli.training.folder import CHECKPOINT
+from depthcli.training.seen_pairs import seen_by_files, seen_by_run
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+ALL = replace(SUPERVISED, data=replace(SUPERVISED.data, holdout_every=0))
+SIX = tuple(f"{i:04d}" for i in range(6))
+YARD = "own pairs (yard)"
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Path:
+    """A checkpoint of a network that was trained on six pairs of NYU."""
+    train_two_steps(ALL, tmp_path / "first", title=NYU_PAPER)
+    return tmp_path / "first" / CHECKPOINT
+
+
+@pytest.mark.parametrize("title", [NYU_PAPER, NYU_OFFICIAL, YARD])
+def test_pairs_that_are_not_trained_on_again_are_remembered(
+    tmp_path: Path, start: Path, title: str
+) -> None:
+    later = tmp_path / "later" / CHECKPOINT
+    progress = train_two_steps(SUPERVISED, later.parent, start, title=title)
+    assert progress.start_pairs == {NYU: SIX}
+    assert "0002" in progress.held_out_ids
+    model = later.with_name("model.onnx")
+    card = export_checkpoint(later, model, ExportOptions("later")).card
+    assert card.training["nyu_train_ids"] == "0000-0005"
+    assert open_run(later.parent).nyu_ids == SIX
+    for source in (later, model):
+        assert seen_by_files([source])[NYU] == SIX
+
+
+def test_a_chain_over_other_data_forgets_nothing(tmp_path: Path, start: Path) -> None:
+    for title in (YARD, NYU_OFFICIAL, "own pairs (hall)"):
+        folder = tmp_path / title
+        train_two_steps(SUPERVISED, folder, start, title=title)
+        start = folder / CHECKPOINT
+    five = tuple(i for i in SIX if i != "0002")
+    assert seen_by_files([start]) == {NYU: SIX, YARD: five, "own pairs (hall)": five}
+
+
+def test_of_several_files_all_pairs_are_meant(tmp_path: Path, start: Path) -> None:
+    train_two_steps(SUPERVISED, tmp_path / "yard", title=YARD)
+    both = seen_by_files([start, tmp_path / "yard" / CHECKPOINT])
+    assert (both[NYU], len(both[YARD])) == (SIX, 5)
+    assert seen_by_files([]) == {}
+
+
+def test_a_card_that_states_no_ids_is_no_error(start: Path) -> None:
+    model = start.with_name("model.onnx")
+    export_checkpoint(start, model, ExportOptions("first"))
+    free = onnx.load(model)
+    for entry in free.metadata_props:
+        entry.value = entry.value.replace('"0000-0005"', '"all of them"')
+    onnx.save(free, start.with_name("free.onnx"))
+    assert seen_by_files([start.with_name("free.onnx")]) == {}
+
+
+def test_checkpoints_before_0_10_tell_what_they_know() -> None:
+    former = RunProgress(train_ids=("0003",), start_ids=("0001",))
+    assert seen_by_run(former) == {NYU: ("0001", "0003")}
+    assert seen_by_run(replace(former, data=YARD)) == {YARD: ("0001", "0003")}
