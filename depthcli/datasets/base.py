@@ -57,6 +57,15 @@ class HasFocalLengths(Protocol):
 
 
 @runtime_checkable
+class HasScales(Protocol):
+    """A data set whose depth may be scaled to one camera."""
+
+    @property
+    def scales(self) -> Sequence[float]:
+        """Factor on the metres of each pair; empty for 1."""
+
+
+@runtime_checkable
 class HasCamera(Protocol):
     """A data set whose pictures may have been taken with one known camera."""
 

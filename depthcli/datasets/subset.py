@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths
+from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths, HasScales
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +41,12 @@ class Subset:
         """Focal length of each picture, in its own pixels; empty if they are not known."""
         focal_px = self.whole.focal_px if isinstance(self.whole, HasFocalLengths) else ()
         return tuple(focal_px[i] for i in self.positions) if focal_px else ()
+
+    @property
+    def scales(self) -> tuple[float, ...]:
+        """Factor on the metres of each pair; empty for 1."""
+        scales = self.whole.scales if isinstance(self.whole, HasScales) else ()
+        return tuple(scales[i] for i in self.positions) if scales else ()
 
     @property
     def hfov_deg(self) -> float | None:

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.base import DepthDataset, HasScales
 from depthcli.metrics.accumulate import Accumulator, Scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.config.schema import TrainConfig
@@ -23,6 +23,9 @@ class Validation:
     ) -> None:
         self.dataset, self.positions, self.config = dataset, tuple(positions), config
         self.store = PairStore(dataset, positions, config.data)
+        scales = dataset.scales if isinstance(dataset, HasScales) else ()
+        #: factor by which the depth of each pair was multiplied for the network's camera
+        self.scales = [scales[i] if scales else 1.0 for i in positions]
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -41,14 +44,19 @@ class Validation:
         return raw
 
     def score(self, generator: nn.Module, device: torch.device) -> Scores:
-        """Mean over the pairs of every metric, at the truth's size, to 10 m or ``output.max_m``."""
+        """Mean over the pairs of every metric, at the truth's size, to 10 m or ``output.max_m``.
+
+        Depth that is scaled to one camera is compared in true metres, as in an evaluation.
+        """
         total, codec = Accumulator(), self.config.output.codec
         farthest_m = max(MAX_DEPTH_M, self.config.output.max_m)
         for start in range(0, len(self), _BATCH_SIZE):
             rows = range(start, min(start + _BATCH_SIZE, len(self)))
             for row, raw in zip(rows, self.raw(generator, rows, device), strict=True):
-                truth_m = self.dataset.depth_m(self.positions[row])
+                scale = self.scales[row]
+                truth_m = self.dataset.depth_m(self.positions[row]) / scale
                 depth_m = torch.from_numpy(codec.decode(raw.numpy()))
                 grown_m = F.interpolate(depth_m[None], truth_m.shape, mode="bilinear")
-                total.update(DepthPixels.of(truth_m, grown_m[0, 0].numpy(), max_m=farthest_m))
+                predicted_m = grown_m[0, 0].numpy() / scale
+                total.update(DepthPixels.of(truth_m, predicted_m, max_m=farthest_m))
         return total.compute()

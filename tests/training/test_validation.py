@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -13,6 +13,7 @@ import torch.nn.functional as F  # noqa: N812
 from lightning_fabric import Fabric
 from rooms import EFFICIENT, PAPER, Rooms, rooms
 
+from depthcli.datasets.subset import Subset
 from depthcli.metrics.accumulate import PixelSums
 from depthcli.metrics.pixels import DepthPixels
 from depthcli.training.config.schema import OutputConfig
@@ -81,6 +82,32 @@ def test_depth_counts_to_ten_metres_or_as_far_as_the_output_goes() -> None:
         assert found[max_m] == pytest.approx(wanted, rel=1e-4)
     wanted = np.mean([np.sqrt(np.mean((d - 20.0) ** 2)) for d in far.depths_m[:2]])
     assert found[20.0] == pytest.approx(wanted, rel=1e-4)
+
+
+@dataclass(frozen=True)
+class _Scaled(Rooms):
+    """Rooms whose depth is that of another camera."""
+
+    scales: tuple[float, ...] = ()
+
+
+@pytest.mark.parametrize("positions", [[0, 1], [4, 1]])
+def test_depth_of_other_cameras_is_compared_in_true_metres(positions: list[int]) -> None:
+    """Also its limit of 10 m: half of the second picture is 12 m away, and learned as 6 m."""
+    true = rooms()
+    true.depths_m[1, :, 32:] = 12
+    scales = (2.0, 0.5, 1.0, 1.0, 0.25, 1.0)
+    factors = np.array(scales, np.float32)[:, None, None]
+    dataset = _Scaled(true.images, true.depths_m * factors, scales=scales)
+    network = _Constant(torch.zeros(1, 1, 16, 32))
+    learned_m = float(EFFICIENT.output.codec.decode(0.0))
+    rmse = []
+    for i in positions:
+        truth_m = true.depths_m[i][true.depths_m[i] < 10]
+        rmse.append(np.sqrt(np.mean((truth_m - learned_m / scales[i]) ** 2)))
+    for whole in (dataset, Subset(dataset, tuple(range(5)))):
+        scores = Validation(whole, positions, EFFICIENT).score(network, CPU)
+        assert scores["rmse"] == pytest.approx(np.mean(rmse), rel=1e-4)
 
 
 class _Constant(torch.nn.Module):
