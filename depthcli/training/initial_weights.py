@@ -17,8 +17,8 @@ from depthcli.training.resized_weights import resized_weights
 _MIRRORED = "network."  # prefix of weights in a graph that averages with the mirrored picture
 _HALF = "_half"  # suffix of float16 weights, which the graph casts to float32
 _HASH_LENGTH = 16
-# Names of a network's state end so; graphs have other constants, too.
-_STATE = (".weight", ".bias", ".running_mean", ".running_var", ".num_batches_tracked")
+# Names of an exported network's weights end so; graphs have other constants, too.
+_WEIGHTS = (".weight", ".bias", "input_gain")
 
 
 def start_from(generator: nn.Module, paths: Sequence[Path], pictures: Callable[[], Tensor]) -> str:
@@ -52,10 +52,7 @@ def start_from(generator: nn.Module, paths: Sequence[Path], pictures: Callable[[
 
 def _mean_weights(paths: Sequence[Path]) -> dict[str, Tensor]:
     found = [_of_onnx(path) if path.suffix == ".onnx" else _of_checkpoint(path) for path in paths]
-    shapes = [
-        {name: value.shape for name, value in each.items() if name.endswith(_STATE)}
-        for each in found
-    ]
+    shapes = [{name: value.shape for name, value in each.items()} for each in found]
     for path, other in zip(paths, shapes, strict=True):
         if other != shapes[0]:
             raise CheckpointError(
@@ -78,7 +75,7 @@ def _fitting(
     ]
     surplus = [name for name in weights if name not in wanted]
     if missing or surplus:
-        lack = f"no weights for {missing[0]}" if missing else f"more blocks ({surplus[0]})"
+        lack = f"no weights for {missing[0]}" if missing else f"further weights ({surplus[0]})"
         raise CheckpointError(
             f"{paths[0]} has {lack}: set generator.* as they were when it was trained, with "
             "generator.norm=none for an exported float model; generator.depths may be greater, "
@@ -95,11 +92,13 @@ def _of_onnx(path: Path) -> dict[str, Tensor]:
         raise CheckpointError(
             f"{path} is not a complete ONNX file with embedded weights"
         ) from error
+    plain = {
+        name.removeprefix(_MIRRORED).removesuffix(_HALF): values for name, values in arrays.items()
+    }
     return {
-        name.removeprefix(_MIRRORED).removesuffix(_HALF): torch.from_numpy(
-            values.astype(np.float32)
-        )
-        for name, values in arrays.items()
+        name: torch.from_numpy(values.astype(np.float32))
+        for name, values in plain.items()
+        if name.endswith(_WEIGHTS)
     }
 
 

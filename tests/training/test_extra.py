@@ -146,6 +146,23 @@ def test_a_checkpoint_gives_its_weights(tmp_path: Path) -> None:
         assert torch.equal(weights, taught.state_dict()[name])
 
 
+@pytest.mark.parametrize("mirror", [False, True])
+def test_the_learned_gain_of_the_input_is_a_weight(tmp_path: Path, *, mirror: bool) -> None:
+    """``generator.residual=input``: a checkpoint and its model give the same start."""
+    config = replace(PAPER.generator, residual="input")
+    train_two_steps(replace(PAPER, generator=config), tmp_path)
+    taught, _ = load_generator(tmp_path / CHECKPOINT)
+    assert taught.input_gain.detach() != 0
+    model = tmp_path / "model.onnx"
+    export_checkpoint(tmp_path / CHECKPOINT, model, ExportOptions("first", mirror=mirror))
+    for source in (tmp_path / CHECKPOINT, model):
+        generator = build_generator(config).eval()
+        start_from(generator, [source], pytest.fail)
+        assert torch.equal(generator.input_gain, taught.input_gain)
+        with pytest.raises(CheckpointError, match=r"has further weights \(input_gain\): set gener"):
+            start_from(build_generator(PAPER.generator), [source], pytest.fail)
+
+
 def test_several_give_the_mean_of_their_weights(tmp_path: Path) -> None:
     files = [tmp_path / name / CHECKPOINT for name in "abc"]
     for seed, file in enumerate(files):

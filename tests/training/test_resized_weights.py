@@ -104,7 +104,7 @@ def test_a_run_starts_from_a_shallower_and_wider_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "lack"),
     [
-        ({"depths": (1, 1, 1, 1)}, r"more blocks \(stages\.1\.1\.body\.0\.0\.weight\)"),
+        ({"depths": (1, 1, 1, 1)}, r"further weights \(stages\.1\.1\.body\.0\.0\.weight\)"),
         ({"decoder": (8, 8, 8, 4)}, r"no weights for fusions\.2\.0\.weight"),
         ({"encoder": (4, 4, 8, 8, 16)}, "no weights for stages"),
         ({"encoder": (4, 4, 8, 8, 16), "decoder": (8, 6, 4, 2)}, "no weights for stages"),
