@@ -126,6 +126,12 @@ def _own_folder(
         pictures = _own_part(open_picture_folder(path), split)
         return TrainingData(pictures, f"own pictures ({title})", None)
     if not (paired or indexed or _are_matching(path)):
+        if (path / CAMERAS_NAME).exists():
+            raise DatasetError(
+                f"{path / CAMERAS_NAME} is of no use here, as rgb/ and depth/ have different names "
+                "or sizes and are not pairs: give pairs, or scale the depth images to one camera "
+                "and remove the file"
+            )
         lists = _own_part(open_unpaired_folder(path, units_per_metre=units_per_metre), split)
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
     opener = open_indexed_folder if indexed else open_paired_folder

@@ -162,6 +162,14 @@ def test_same_names_and_other_sizes_are_two_lists(tmp_path: Path) -> None:
         open_training_data(folder, paired=True)
 
 
+def test_pictures_and_depth_that_are_no_pairs_have_no_cameras(tmp_path: Path) -> None:
+    folder = _fill(tmp_path, ["a", "b"], ["a", "c"])
+    (folder / "cameras.csv").write_text("id,focal_px\na,9\nb,9\nc,9\n")
+    with pytest.raises(DatasetError, match=r"cameras\.csv is of no use here, .*: give pairs"):
+        open_training_data(folder, paired=False)
+    assert len(open_training_data(folder, paired=False, depth=False).dataset) == 2
+
+
 def test_the_unit_of_one_s_own_depth(tmp_path: Path) -> None:
     names = ["a", "b"]
     folder = _fill(tmp_path, names, names)
