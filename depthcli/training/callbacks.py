@@ -13,6 +13,8 @@ class TrainStart:
     threads: Threads  #: CPU threads that it uses
     lacks_scenes: bool  #: whether there are too few scenes to hold some out as configured
     seen_held_out: int  #: number of held-out pairs that the initial weights were trained on
+    #: decoder channels of the initial weights and of the network, if they are narrowed to these
+    narrowed_decoder: tuple[tuple[int, ...], tuple[int, ...]] | None = None
 
 
 class Callback:

@@ -12,7 +12,8 @@ from torch import Tensor, nn
 
 from depthcli.errors import CheckpointError
 from depthcli.training.checkpoint import load_generator
-from depthcli.training.resized_weights import resized_weights
+from depthcli.training.config.schema import GeneratorConfig
+from depthcli.training.resized_weights import decoder_channels, narrows, resized_weights
 
 _MIRRORED = "network."  # prefix of weights in a graph that averages with the mirrored picture
 _HALF = "_half"  # suffix of float16 weights, which the graph casts to float32
@@ -50,8 +51,26 @@ def start_from(generator: nn.Module, paths: Sequence[Path], pictures: Callable[[
     return names[0] if len(names) == 1 else f"mean of {', '.join(names)}"
 
 
+def narrowed_decoder(
+    config: GeneratorConfig, paths: Sequence[Path]
+) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+    """Decoder channels of initial weights and of the network, if they are narrowed to these.
+
+    Args:
+        config: of the network.
+        paths: as for :func:`start_from`; none is fine.
+
+    Raises:
+        CheckpointError: a file cannot be read.
+    """
+    if not paths or config.name != "efficient":
+        return None
+    before = decoder_channels(_weights_of(paths[0]))
+    return (before, config.decoder) if narrows(before, config.decoder) else None
+
+
 def _mean_weights(paths: Sequence[Path]) -> dict[str, Tensor]:
-    found = [_of_onnx(path) if path.suffix == ".onnx" else _of_checkpoint(path) for path in paths]
+    found = [_weights_of(path) for path in paths]
     shapes = [{name: value.shape for name, value in each.items()} for each in found]
     for path, other in zip(paths, shapes, strict=True):
         if other != shapes[0]:
@@ -82,6 +101,10 @@ def _fitting(
             "and generator.decoder smaller"
         )
     return weights
+
+
+def _weights_of(path: Path) -> dict[str, Tensor]:
+    return _of_onnx(path) if path.suffix == ".onnx" else _of_checkpoint(path)
 
 
 def _of_onnx(path: Path) -> dict[str, Tensor]:

@@ -32,13 +32,25 @@ def resized_weights(
     if not isinstance(generator, EfficientGenerator):
         return dict(weights)
     deeper = {**weights, **_identity_blocks(generator, weights)}
-    widths = tuple(
-        len(deeper.get(f"fusions.{i}.0.weight", ())) for i in range(len(generator.fusions))
-    )
-    wanted = generator.decoder_channels
-    if widths == wanted or any(now < new for now, new in zip(widths, wanted, strict=True)):
+    widths = decoder_channels(deeper)
+    if not narrows(widths, generator.decoder_channels):
         return deeper
     return _narrower(generator, deeper, widths, pictures())
+
+
+def decoder_channels(weights: Weights) -> tuple[int, ...]:
+    """Channels of each decoder layer of an efficient generator; empty for other networks."""
+    channels: list[int] = []
+    while (layer := f"fusions.{len(channels)}.0.weight") in weights:
+        channels.append(len(weights[layer]))
+    return tuple(channels)
+
+
+def narrows(before: tuple[int, ...], after: tuple[int, ...]) -> bool:
+    """Whether a decoder of the channels ``after`` is a narrower one than of ``before``."""
+    if len(before) != len(after) or before == after:
+        return False
+    return all(now >= new for now, new in zip(before, after, strict=True))
 
 
 def _identity_blocks(generator: EfficientGenerator, weights: Weights) -> dict[str, Tensor]:

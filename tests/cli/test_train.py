@@ -196,6 +196,25 @@ def test_without_scenes_nothing_is_validated_and_a_warning_says_so(folder: Path)
     assert _train(folder, "--set", "seed=1", "--out", "other", "--quiet").stderr == ""
 
 
+def test_warnings_say_what_initial_weights_have_seen_and_lose(folder: Path) -> None:
+    every = ("--set", "data.holdout_every=0", "--max-minutes", "0")
+    assert _train(folder, *every, "--out", "first").returncode == 0
+    narrow = ("--set", "generator.decoder=[8,6,4,4]", "--json")
+    done = _train(folder, "--init", "first/last.ckpt", *narrow)
+    seen, narrowed = done.stderr.splitlines()
+    assert seen == (
+        "depthcli: warning: the initial weights were trained on 1 of the held-out pairs, so the "
+        "scores are not those of new pictures"
+    )
+    assert narrowed == (
+        "depthcli: warning: the decoder of the initial weights, [8,8,4,4], is narrowed to "
+        "[8,6,4,4]; --set generator.decoder=[8,8,4,4] keeps it"
+    )
+    epoch = json.loads(done.stdout.splitlines()[0])
+    assert epoch["start"].startswith("last.ckpt ")
+    assert not [name for name in epoch if "ids" in name or "pairs" in name]
+
+
 def test_a_method_without_pairs_takes_two_lists(folder: Path) -> None:
     _without_pairs(folder)
     common = ("--data", "data", "--out", "run", "--preset", "reduced", "--accelerator", "cpu")

@@ -79,6 +79,22 @@ def test_held_out_pairs_that_the_initial_weights_were_trained_on_are_counted(
 
 
 @pytest.mark.parametrize(
+    ("decoder", "narrowed"),
+    [((8, 8, 4, 4), None), ((8, 6, 4, 2), ((8, 8, 4, 4), (8, 6, 4, 2)))],
+)
+def test_a_decoder_that_is_narrowed_is_told_with_both_widths(
+    tmp_path: Path, decoder: tuple[int, ...], narrowed: object
+) -> None:
+    write_rooms(tmp_path / "data")
+    request, notes = _request(tmp_path, minutes=0), Notes()
+    first = replace(request, out=tmp_path / "first")
+    train(first, notes)
+    config = replace(request.config, generator=replace(EFFICIENT.generator, decoder=decoder))
+    train(replace(request, config=config, start=(first.out / "last.ckpt",)), notes)
+    assert [start.narrowed_decoder for start in notes.starts] == [None, narrowed]
+
+
+@pytest.mark.parametrize(
     ("changed", "line"),
     [
         ({"units_per_metre": 256.0}, "is in a unit that is known"),

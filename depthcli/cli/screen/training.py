@@ -63,13 +63,19 @@ class JsonCallback(Callback):
         self._losses: dict[str, float] = {}
 
     def on_train_start(self, start: TrainStart) -> None:
-        """Warn if nothing will be validated."""
+        """Warn of what the user may not expect of validation and initial weights."""
         if start.lacks_scenes:
             console.warn("too few scenes to hold one out, so nothing is validated")
         if start.seen_held_out:
             console.warn(
                 f"the initial weights were trained on {start.seen_held_out} of the held-out "
                 "pairs, so the scores are not those of new pictures"
+            )
+        if start.narrowed_decoder:
+            before, after = (json.dumps(c, separators=(",", ":")) for c in start.narrowed_decoder)
+            console.warn(
+                f"the decoder of the initial weights, {before}, is narrowed to {after}; "
+                f"--set generator.decoder={before} keeps it"
             )
 
     def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:

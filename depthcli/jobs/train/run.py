@@ -15,6 +15,7 @@ from depthcli.training import loop
 from depthcli.training.callbacks import Callback, TrainStart
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
+from depthcli.training.initial_weights import narrowed_decoder
 from depthcli.training.launch import launched, open_fabric
 from depthcli.training.methods.registry import method_class
 from depthcli.training.seen_pairs import data_set, seen_by_files
@@ -90,7 +91,10 @@ def _facts(
     seen = seen_by_files(start).get(data_set(data.title), ())
     seen_held_out = {data.dataset.ids[i] for i in held_out}.intersection(seen)
     return TrainStart(
-        threads, lacks_scenes=wanted and not held_out, seen_held_out=len(seen_held_out)
+        threads,
+        lacks_scenes=wanted and not held_out,
+        seen_held_out=len(seen_held_out),
+        narrowed_decoder=narrowed_decoder(config.generator, start),
     )
 
 
