@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from depthcli.datasets.base import DepthDataset
-from depthcli.datasets.splits import Split, SplitName
+from depthcli.datasets.splits import Split, SplitName, is_label
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.predictors.model import ModelPredictor
 from depthcli.evaluation.table import EvalTask, plan_nyu
@@ -36,9 +36,15 @@ def plan_comparison(
     ``val`` is the pairs that the runs held out.
 
     Raises:
-        DatasetError: a pair of the runs is missing, or the split has no test image.
+        DatasetError: it is not NYU Depth v2, a pair of the runs is missing, or the split has no
+            test image.
         UsageError: the runs hold out different pairs, or one was trained on the test images.
     """
+    if not all(map(is_label, dataset.ids)):
+        raise DatasetError(
+            "the data set is not NYU Depth v2: compare exported models on pairs of your own with "
+            "'depthcli eval pairs'"
+        )
     whole = _held_out(dataset, runs) if split is SplitName.VAL else plan_nyu(dataset, split)
     task = whole.subsampled(limit)
     for run in runs:

@@ -24,7 +24,7 @@ from depthcli.cli.app import main
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.training_data import TrainingData
+from depthcli.datasets.training_data import NYU_PAPER, TrainingData
 from depthcli.errors import DepthcliError, ExitCode, ModelError
 from depthcli.evaluation.table import HEADLINE_TABLE
 from depthcli.export.trained import export_run
@@ -56,7 +56,7 @@ def _config(method: str, seed: int = 0) -> TrainConfig:
 
 def _train(config: TrainConfig, data: DepthDataset, folder: Path, steps: float = math.inf) -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
-    opened = TrainingData(data, "rooms", None)
+    opened = TrainingData(data, NYU_PAPER, None)
     fit(config, opened, folder, fabric, Callback(), Limits(steps=steps))
 
 

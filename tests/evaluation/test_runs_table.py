@@ -243,6 +243,12 @@ def test_pairs_of_one_s_own_are_not_those_of_nyu() -> None:
     assert plan_comparison(small_set(), [own], SplitName.OFFICIAL).ids[:2] == ("0000", "0002")
 
 
+def test_runs_are_compared_on_nyu_only() -> None:
+    own = _run("a", held_out_ids=("1449",), train_ids=("1450",))
+    with pytest.raises(DatasetError, match=r"is not NYU Depth v2: .* 'depthcli eval pairs'"):
+        plan_comparison(small_set(2, first=1449), [own])
+
+
 def test_one_row_minus_each_other(task: EvalTask, models: list[TrainedModel]) -> None:
     report = _report(task, models, NONE, MEDIAN, against="zeta")
     assert [(d.name, d.other, d.alignment) for d in report.differences] == [
