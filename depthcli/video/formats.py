@@ -5,7 +5,7 @@ from enum import StrEnum
 from pathlib import PurePath
 from typing import Self
 
-from depthcli.io.writers.formats import FORMATS, Format
+from depthcli.io.writers.formats import FORMATS, Format, stem_of
 
 FRAME_NUMBER = "%06d"
 """Placeholder of the frame's number in the name of a sequence."""
@@ -111,3 +111,18 @@ def sequence_of(path: str | PurePath) -> VideoFormat | None:
     """The format that the suffix of numbered files chooses; None if it chooses none."""
     suffix = PurePath(path).suffix.lower()
     return next((w for w in SEQUENCES if VIDEO_FORMATS[w].suffix.endswith(suffix or "\0")), None)
+
+
+def frame_suffix(which: VideoFormat) -> str:
+    """The suffix of numbered files: ``.exr`` of ``.depth.%06d.exr``."""
+    return PurePath(f"a{VIDEO_FORMATS[which].suffix}").suffix
+
+
+def video_stem_of(path: str | PurePath) -> str:
+    """A file's name without the suffix of its format: ``a`` of ``a.mkv`` and ``a.preview.mp4``.
+
+    What selects no format is part of the name: ``shot.v003`` is its own stem.
+    """
+    whole = [facts.suffix for facts in VIDEO_FORMATS.values() if facts.file_suffix]
+    short = [facts.file_suffix for facts in VIDEO_FORMATS.values() if facts.file_suffix]
+    return stem_of(path, (*whole, *short))

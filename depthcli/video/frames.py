@@ -25,6 +25,11 @@ class FrameSource(ABC):
     #: time of the first frame in the file, which its audio refers to; None without audio
     start_s: Fraction | None = None
 
+    @property
+    def numbers_stated(self) -> tuple[int, int] | None:
+        """Number of the first and of the last frame; None if that is not known."""
+        return (0, self.frames_stated - 1) if self.frames_stated else None
+
     @abstractmethod
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """The frames of a span; to be called once.

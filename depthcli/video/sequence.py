@@ -56,6 +56,11 @@ class ImageSequence(FrameSource):
         self.frames_stated = len(self._files)
         self.warnings = tuple(self._warnings(first, is_timed=stated is not None))
 
+    @property
+    def numbers_stated(self) -> tuple[int, int]:
+        """Number of the first and of the last picture."""
+        return self._files[0].number, self._files[-1].number
+
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Read the frames of a span.
 

@@ -31,7 +31,8 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
     Raises:
         InputError: there is no such folder, or no picture in it, or depthcli wrote all of them.
     """
-    folder = path.parent if is_pattern(path.name) else path
+    is_folder = not is_pattern(path.name) or path.is_dir()
+    folder = path if is_folder else path.parent
     try:
         if isinstance(folder, RemotePath):
             names = sorted(folder.names_after(""))
@@ -39,7 +40,6 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
             names = sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
     except OSError as error:
         raise InputError(f"{folder} cannot be listed: {error.strerror}") from None
-    is_folder = folder is path
     matching = [
         folder / name
         for name in names

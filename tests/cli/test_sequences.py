@@ -61,6 +61,13 @@ def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
         ("p.####.exr", "p.1001.exr", 1001),
         ("p.####.exr", "p.101.exr", None),
         ("p.%04d.exr", "p.12345.exr", 12345),
+        ("p.#.exr", "p.1001.exr", 1001),
+        ("p.$F4.exr", "p.1001.exr", 1001),
+        ("p.$F4.exr", "p.101.exr", None),
+        ("p.$F.exr", "p.7.exr", 7),
+        ("p.$FF.exr", "p.7.exr", None),
+        ("take #2.%03d.exr", "take #2.007.exr", 7),
+        ("a%d.%06d.png", "a%d.000012.png", 12),
         ("p.%d.exr", "p.7.exr", 7),
         ("%06d.png", "000012.png", 12),
         ("p.%04d.exr", "p.001.exr", None),
@@ -80,6 +87,7 @@ def test_what_the_files_of_a_pattern_share() -> None:
     assert base_name("plate.%04d") == "plate"
     assert base_name("%04d") == "sequence"
     assert base_name("plate.####") == "plate"
+    assert base_name("plate.$F4") == "plate"
 
 
 def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> None:
@@ -89,6 +97,32 @@ def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> N
     (tmp_path / "take##2.mp4").touch()
     assert not is_sequence(tmp_path / "take##2.mp4")
     assert not is_sequence(tmp_path / "take#3.mp4")
+
+
+def test_a_folder_can_be_named_like_a_pattern(inside: Cli) -> None:
+    plates(inside.folder / "C#", range(1, 3))
+    assert inside("video", "C#", "--format", "npy", "--out", "C#/").returncode == 0
+    assert inside("video", "C#", "--out", "C#/d.%04d.exr").returncode == 0
+    names = {path.name for path in (inside.folder / "C#").iterdir()}
+    assert names >= {"C#.depth.000001.npy", "C#.depth.000002.npy", "d.0001.exr", "d.0002.exr"}
+
+
+def test_the_number_is_in_the_name_of_the_file_not_of_a_folder(inside: Cli) -> None:
+    plates(inside.folder / "shot", range(1, 3))
+    done = inside("video", "shot", "--out", "new/%04d/d.%04d.exr")
+    assert done.returncode == 2
+    (line,) = done.stderr.decode().splitlines()
+    assert "has a number in the name of a folder" in line
+    assert {path.name for path in inside.folder.iterdir()} == {"shot"}
+
+
+@pytest.mark.parametrize("name", ["plate.@@@@.exr", "plate.%4d.exr", "plate.%04d.%04d.exr"])
+def test_an_unknown_notation_of_numbers_names_the_known_ones(name: str, inside: Cli) -> None:
+    plates(inside.folder / "shot", range(1, 3))
+    done = inside("video", f"shot/{name}", "--out", "d.mkv")
+    assert done.returncode == 1
+    assert done.stderr.decode().endswith("has one of %04d, %d, #### and $F4\n")
+    assert b"####" not in inside("video", "shot/plate.0009.exr", "--out", "d.mkv").stderr
 
 
 @pytest.mark.parametrize(
@@ -168,6 +202,16 @@ def test_a_span_counts_in_the_sequences_own_numbers(tmp_path: Path) -> None:
         assert source.rate == FILM
         assert [frame.index for frame in source.frames(span)] == [1003, 1004, 1005, 1006, 1007]
         assert source.count(span) == 5
+
+
+@pytest.mark.parametrize("start", ["1003", "1008f"])
+def test_a_span_without_frames_names_the_numbers_that_there_are(start: str, inside: Cli) -> None:
+    plates(inside.folder / "shot", range(1001, 1007))
+    done = inside("video", "shot", "--start", start, "--out", "d.mkv")
+    assert done.returncode == 1
+    assert (
+        "it has frames 1001–1006, 0.250 s; a frame number ends in f: 1001f" in done.stderr.decode()
+    )
 
 
 def test_steps_count_numbers_where_some_are_missing(tmp_path: Path) -> None:

@@ -165,7 +165,7 @@ def video(
     from depthcli.io.storage.remote import safe_name
     from depthcli.jobs.failed import FailedInput
     from depthcli.jobs.video import run as job
-    from depthcli.jobs.video.plan import STDIO, video_formats
+    from depthcli.jobs.video.output_names import STDIO, video_formats
     from depthcli.jobs.video.request import VideoRequest, VideoSettings
 
     to_stdout = output == STDIO

@@ -1,5 +1,6 @@
 """The table of output formats; free of numpy, so that help texts can list it."""
 
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import PurePath
 from pkgutil import resolve_name
@@ -87,13 +88,14 @@ def file_suffix_of(asked: Format) -> str:
     return PurePath(f"a{asked.facts.suffix}").suffix
 
 
-def stem_of(path: str | PurePath) -> str:
+def stem_of(path: str | PurePath, others: Iterable[str] = ()) -> str:
     """A file's name without the suffix of its format: ``a`` of ``a.png`` and ``a.preview.png``.
 
-    What selects no format is part of the name: ``1305031102.16`` is its own stem.
+    What selects no format is part of the name: ``1305031102.16`` is its own stem. ``others`` are
+    suffixes of further formats, longer ones first.
     """
     name = PurePath(path).name
-    ends = (*(facts.suffix for facts in FORMATS.values()), *FILE_SUFFIXES)
+    ends = (*others, *(facts.suffix for facts in FORMATS.values()), *FILE_SUFFIXES)
     end = next((end for end in ends if name.lower().endswith(end)), "")
     return name[: len(name) - len(end)] or name
 
