@@ -92,6 +92,12 @@ def base_name(stem: str) -> str:
     return start or "sequence"
 
 
+def sequence_name(pattern: str) -> str:
+    """The name of the one file that a sequence counts as: ``plate.exr`` of ``plate.%04d.exr``."""
+    parts = _parts(pattern)
+    return base_name(pattern) + parts.end if parts else pattern
+
+
 def _parts(pattern: str) -> _Parts | None:
     """The parts of a pattern; None if it has no placeholder."""
     matches = list(_PLACEHOLDER.finditer(pattern))

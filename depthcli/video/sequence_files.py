@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -45,16 +45,13 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
     is_folder = not is_pattern(path.name) or path.is_dir()
     folder = path if is_folder else path.parent
     try:
-        if isinstance(folder, RemotePath):
-            names = sorted(folder.names_after(""))
-        else:
-            names = sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
+        names = list(listed_names(folder))
     except OSError as error:
         raise InputError(f"{folder} cannot be listed: {error.strerror}") from None
     matching = [
         folder / name
         for name in names
-        if (_is_picture(name) if is_folder else number_in(path.name, name) is not None)
+        if (is_sequence_picture(name) if is_folder else number_in(path.name, name) is not None)
     ]
     if not matching:
         what = "no picture" if is_folder else "no such picture: nothing fits the pattern"
@@ -74,7 +71,19 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
     )
 
 
-def _is_picture(name: str) -> bool:
+def listed_names(folder: Path) -> Iterable[str]:
+    """The names in a folder, in the order of their characters.
+
+    Raises:
+        OSError: the folder cannot be listed.
+    """
+    if isinstance(folder, RemotePath):
+        return folder.names_after("")
+    return sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
+
+
+def is_sequence_picture(name: str) -> bool:
+    """Whether a name is that of a picture, EXR included, by its suffix, and not hidden."""
     return not name.startswith(".") and (is_picture(name) or is_exr(name))
 
 

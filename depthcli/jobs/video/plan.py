@@ -8,13 +8,11 @@ from typing import BinaryIO
 from depthcli.errors import UsageError
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
-from depthcli.jobs.naming import output_bases
+from depthcli.jobs.video.base_names import video_base
 from depthcli.jobs.video.output_names import STDIO, file_names, is_output_folder, video_formats
 from depthcli.jobs.video.request import VideoRequest
 from depthcli.video.codecs import Codec, preview_codec
 from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat
-from depthcli.video.frame_source import is_sequence
-from depthcli.video.number_pattern import base_name
 from depthcli.video.pipes import InputPipe, OutputPipe
 
 
@@ -58,7 +56,8 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         folder, names = Path(), _stdout_name(wanted, request.stdout)
     elif output is None or is_output_folder(output):
         folder = path_of(name).parent if output is None else path_of(output)
-        names = {which: _output_base(file) + VIDEO_FORMATS[which].suffix for which in wanted}
+        base = video_base(file)
+        names = {which: base + VIDEO_FORMATS[which].suffix for which in wanted}
     else:
         folder = path_of(output).parent
         names = file_names(path_of(output), formats, wanted)
@@ -90,10 +89,3 @@ def _stdout_name(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict
     if stdout is None:
         raise UsageError("the output is '-' but there is no stdout; name a file or a folder")
     return {wanted[0]: STDIO}
-
-
-def _output_base(source: Path | None) -> str:
-    """The name of outputs, without suffix."""
-    if source is None or not is_sequence(source):
-        return output_bases([source])[0]
-    return source.resolve().name if source.is_dir() else base_name(source.stem)
