@@ -17,8 +17,6 @@ class FrameSource(ABC):
     rate: Fraction  #: frames a second, exact; the mean where frames are not evenly spaced
     tick_s: Fraction  #: seconds of which every frame's time is a multiple
     frames_stated: int | None  #: how many frames there are; None if the source does not state it
-    width: int  #: columns of an upright frame
-    height: int  #: rows of an upright frame
     warnings: tuple[str, ...] = ()  #: one-line texts about the source
     #: why frames are missing, once the others have been read; None if all were read
     problem: str | None = None

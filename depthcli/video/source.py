@@ -38,6 +38,9 @@ _TRANSPOSED = 5
 class VideoSource(FrameSource):
     """A video file or a pipe, read from its beginning to its end."""
 
+    width: int  #: columns of an upright frame
+    height: int  #: rows of an upright frame
+
     def __init__(
         self, source: str | Path | InputPipe, *, max_pixels: int | PictureLimit = MAX_PIXELS
     ) -> None:

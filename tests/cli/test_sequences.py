@@ -162,6 +162,7 @@ def test_linear_light_is_seen_as_on_a_display(tmp_path: Path) -> None:
 def test_anamorphic_plates_give_a_warning(aspect: float, shown: str | None, tmp_path: Path) -> None:
     write_exr(tmp_path / "a.1.exr", 1.0, FILM, aspect)
     with open_frames(tmp_path / "a.%d.exr") as source:
+        assert len(list(source.frames())) == 1
         warnings = source.warnings
     assert len(warnings) == (shown is not None)
     assert all(f"the pixels are not square ({shown})" in warning for warning in warnings)
@@ -260,6 +261,33 @@ def test_a_hole_and_a_damaged_plate(inside: Cli) -> None:
     assert "missing numbers in the sequence: 1;" in facts["warnings"][0]
     names = {path.name for path in inside.folder.glob("d.*")}
     assert names == {f"d.{number}.png" for number in (1001, 1002, 1004, 1006)}
+
+
+@pytest.mark.parametrize("damage", [b"v/1\x01 no more", None])
+def test_a_damaged_first_plate_costs_no_other(damage: bytes | None, inside: Cli) -> None:
+    pattern = plates(inside.folder / "shot", range(1001, 1005))
+    first = inside.folder / "shot" / "plate.1001.exr"
+    first.write_bytes(first.read_bytes()[:-500] if damage is None else damage)
+    done = inside("video", pattern, "--out", "a.%d.png", "--json")
+    facts = report(done)
+    assert (done.returncode, facts["status"], facts["fps"]) == (1, "incomplete", "24000/1001")
+    assert "1 of its pictures cannot be read" in facts["error"]
+    assert {path.name for path in inside.folder.glob("a.*")} == {
+        *("a.1002.png", "a.1003.png", "a.1004.png")
+    }
+    done = inside("video", pattern, "--start", "1002f", "--out", "b.%d.png")
+    assert (done.returncode, done.stderr) == (0, b"")
+    for file in inside.folder.glob("a.*"):
+        assert file.read_bytes() == (inside.folder / f"b{file.name[1:]}").read_bytes()
+
+
+def test_a_sequence_that_cannot_be_read_is_given_up_after_a_few(inside: Cli) -> None:
+    for number in range(20):
+        (inside.folder / f"p.{number:04d}.png").write_bytes(b"no picture")
+    done = inside("video", "p.%04d.png", "--out", "d.mkv")
+    assert done.returncode == 1
+    assert b"has no frame that can be read: 10 of its pictures" in done.stderr
+    assert b"p.0009.png" in done.stderr
 
 
 def test_plates_are_never_overwritten(inside: Cli) -> None:
