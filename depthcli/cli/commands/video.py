@@ -156,6 +156,7 @@ def video(
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
     from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
+    from depthcli.cli.arguments.codec import choose_codec
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.span import parse_fps, parse_span, refuse_for_videos
@@ -186,7 +187,7 @@ def video(
         output=output,
         formats=chosen,
         sidecar=sidecar,
-        codec=codec,
+        codec=choose_codec(context, codec, chosen),
         has_audio=audio,
         model=session_loader(model, provider, threads, provider_option),
         settings=VideoSettings(
@@ -197,7 +198,7 @@ def video(
             camera=camera,
             detail=choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side),
             max_pixels=max_pixels,
-            fps=parse_fps(fps, file),
+            fps=parse_fps(fps),
             start_number=start_number,
         ),
         workers=workers,

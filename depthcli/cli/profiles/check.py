@@ -6,7 +6,7 @@ from depthcli.cli.arguments.anchors import check_anchors
 from depthcli.cli.arguments.camera import check_alternatives, choose_camera
 from depthcli.cli.arguments.detail import choose_detail
 from depthcli.cli.arguments.provider import provider_options
-from depthcli.cli.arguments.span import parse_span
+from depthcli.cli.arguments.span import parse_fps, parse_span
 from depthcli.cli.arguments.writing import writer_options
 from depthcli.cli.profile_files import Value
 from depthcli.core.choices import Upsampling
@@ -36,6 +36,7 @@ def check_together(values: Mapping[str, Value]) -> None:
     choose_camera(number("focal-px"), number("hfov"), words("anchor"))
     check_anchors(words("anchor"), word("anchors"), number("anchors-scale"))
     choose_detail(Upsampling.BILINEAR, word("tile"), word("max-memory"))
+    parse_fps(word("fps"))
     parse_span(word("start"), word("end"), word("every"))
     provider_options(words("provider-option"))
     writer_options({key.replace("-", "_"): value for key, value in values.items()})
