@@ -29,6 +29,10 @@ from depthcli.video.stream_info import stream_info
 from depthcli.video.timeline import Timeline
 from depthcli.video.truncation import ends_within_packet
 
+_INTERLACED = (
+    "the video is interlaced, and the network sees both fields of a frame at once; for better "
+    "depth, deinterlace it first: ffmpeg -i in.mov -vf yadif -c:v ffv1 out.mkv"
+)
 _MISSING_SHARE = 200
 _Y4M = "yuv4mpegpipe"
 _TRANSPOSED = 5
@@ -136,6 +140,7 @@ class VideoSource(FrameSource):
         warnings = (
             transfer_warning(first.color_trc, "video", "BT.709"),
             pixel_aspect_warning(self._pixel_aspect),
+            _INTERLACED if first.interlaced_frame else None,
         )
         self.warnings += tuple(warning for warning in warnings if warning)
 

@@ -231,6 +231,17 @@ def test_depth_without_a_unit_is_normalized_and_says_so(tmp_path: Path) -> None:
     assert normalized_to_range(values, 3, 3).tolist() == [[1, 1, 1, 0, 1, 1]]
 
 
+@pytest.mark.parametrize(("options", "count"), [({"x264-params": "tff=1"}, 1), ({}, 0)])
+def test_interlaced_video_gives_a_warning(
+    options: dict[str, str], count: int, tmp_path: Path
+) -> None:
+    frames = flat_frames(range(4))
+    path = encode(tmp_path / "a.mkv", frames, Fraction(25), "libx264", "yuv420p", options=options)
+    with VideoSource(path) as source:
+        assert len(source.warnings) == count
+        assert all("ffmpeg -i in.mov -vf yadif" in warning for warning in source.warnings)
+
+
 def test_a_colour_video_is_no_depth(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.avi", flat_frames([1, 2]))
     with pytest.raises(InputError, match="16-bit"):
