@@ -17,7 +17,7 @@ from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.io.writers.formats import FILE_SUFFIXES, Format, format_of
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.inspect import read_whole_map
-from depthcli.jobs.naming import check_suffix, is_folder
+from depthcli.jobs.naming import check_suffix, is_folder, refuse_pattern
 
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
@@ -104,6 +104,7 @@ def target_format(target: str, asked: Format | None) -> Format:
     if target == "-" or is_folder(target):
         folder = "" if target == "-" else f"{target.rstrip('/')}/"
         raise UsageError(f"{target} is not a file; name one, for example {folder}depth.exr")
+    refuse_pattern("", target)
     if asked is not None:
         check_suffix("", target, asked)
     found = asked or format_of(target)

@@ -59,8 +59,8 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
     paths = [file for file in matching if not is_own_picture(file)]
     if not paths:
         raise InputError(
-            f"{matching[0]} was written by depthcli, as was all of {path}; name pictures, or use "
-            "'depthcli convert' for depth files"
+            f"{matching[0]} was written by depthcli, as was all of {path}; name the pictures that "
+            "it was made of ('depthcli convert' converts depth files, but not to a video)"
         )
     if is_folder:
         return _of_folder(folder, paths)

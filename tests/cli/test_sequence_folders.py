@@ -116,4 +116,15 @@ def test_a_sequence_of_outputs_is_refused(source: str, inside: Cli) -> None:
     assert done.returncode == 1
     (line,) = done.stderr.decode().splitlines()
     assert "d/d.0001.exr was written by depthcli" in line
-    assert "'depthcli convert'" in line
+    assert "name the pictures that it was made of" in line
+
+
+def test_a_depth_video_is_no_video_to_estimate(inside: Cli) -> None:
+    write_pictures(inside.folder / "f", (1, 2))
+    assert inside("video", "f/", "--out", "any.mkv", "--fps", "24").returncode == 0
+    for words, data in ((("any.mkv",), b""), (("-",), (inside.folder / "any.mkv").read_bytes())):
+        done = inside("video", *words, "--out", "again.mkv", stdin=data)
+        assert done.returncode == 1
+        (line,) = done.stderr.decode().splitlines()
+        assert "is depth that depthcli wrote; name the video that it was made of" in line
+    assert not (inside.folder / "again.mkv").exists()
