@@ -58,6 +58,7 @@ class VideoSource(FrameSource):
         self._check_size(stream.width, stream.height, max_pixels)
         stated = stream_info(self._container, stream)
         self.rate, self.tick_s = stated.rate, stated.tick_s
+        self.timecode = stated.timecode
         self.frames_stated = stated.frames if self.paths else None  # in a pipe it is a guess
         no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
         self.warnings = () if stated.is_rate_stated else (no_rate,)

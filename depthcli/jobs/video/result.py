@@ -22,6 +22,7 @@ class VideoResult:
     rate: Fraction  #: frames per second of the outputs, exact
     source_rate: Fraction  #: frames per second of the video
     is_regular: bool  #: whether the frame rate is constant
+    timecode: str | None  #: of the first frame written, in the video; None if it states none
     first: Frame  #: first frame written, without its pixels
     depth: DepthMap  #: its depth, for kind and model
     #: flicker of the depth written, see ``FlickerMeter``; None without two similar frames
@@ -51,6 +52,7 @@ class VideoResult:
             "constant_rate": self.is_regular,
             "first_frame": self.first.index,
             "start_s": self.first.timestamp_s,
+            "timecode": self.timecode,
             "width": depth.width,
             "height": depth.height,
             "orientation": self.first.orientation,
