@@ -39,8 +39,9 @@ def video(
             "--out",
             "--output",
             metavar="OUT",
-            help="Output .mkv, .mp4, .webm or .mov file, folder (existing, ending in '/', or "
-            "without suffix), or '-' for stdout. Default: next to the video.",
+            help="Output .mkv, .mp4, .webm or .mov file, numbered files (d.%04d.exr), folder "
+            "(existing, ending in '/', or without suffix), or '-' for stdout. Default: next to the "
+            "video.",
         ),
     ] = None,
     formats: Annotated[
