@@ -279,13 +279,14 @@ def test_a_damaged_first_plate_costs_no_other(damage: bytes | None, inside: Cli)
         assert file.read_bytes() == (inside.folder / f"b{file.name[1:]}").read_bytes()
 
 
-def test_a_sequence_that_cannot_be_read_is_given_up_after_a_few(inside: Cli) -> None:
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_a_sequence_that_cannot_be_read_is_given_up_after_a_few(suffix: str, inside: Cli) -> None:
     for number in range(20):
-        (inside.folder / f"p.{number:04d}.png").write_bytes(b"no picture")
-    done = inside("video", "p.%04d.png", "--out", "d.mkv")
+        (inside.folder / f"p.{number:04d}{suffix}").write_bytes(b"no picture")
+    done = inside("video", f"p.%04d{suffix}", "--out", "d.mkv")
     assert done.returncode == 1
     assert b"has no frame that can be read: 10 of its pictures" in done.stderr
-    assert b"p.0009.png" in done.stderr
+    assert f"p.0009{suffix}" in done.stderr.decode()
 
 
 def test_plates_are_never_overwritten(inside: Cli) -> None:
