@@ -48,9 +48,7 @@ class Camera:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the calibration, one line each."""
-        if self.calibration is None or not self.calibration.is_distorted:
-            return ()
-        return ("the camera has lens distortion, which is not removed; rectify the pictures first",)
+        return () if self.calibration is None else self.calibration.warnings
 
     def centre_px(self, width: int, height: int) -> tuple[float, float] | None:
         """The calibrated principal point in pixels of a picture; None without a calibration.

@@ -15,8 +15,12 @@ from depthcli.io.storage.remote import path_of
 
 _WIDTHS, _HEIGHTS = ("image_width", "width"), ("image_height", "height")
 _MATRICES = ("camera_matrix", "K", "k")
-_DISTORTIONS = ("distortion_coefficients", "dist_coeffs", "D", "d")
+_DISTORTIONS = ("distortion_coefficients", "dist_coeffs", "D", "d", "fisheye_model")
+"""Nodes with a number that is not 0 if there is distortion."""
+_FISHEYES = ("equi", "fisheye", "kannala", "omni")
+"""Parts of the names of models that are no pinhole even if all coefficients are 0."""
 _MATRIX_SIZE = 9
+_LAST_ROW = [0, 0, 1]
 _MAX_BYTES = 2**20
 _MAX_PX = 1e6
 _OTHERS = (b"<?xml", b"{")
@@ -29,27 +33,38 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     ``centre_for(width, height)`` for the ``centre_px`` of point clouds.
 
     Raises:
-        InputError: the file cannot be read, or does not have all of the size of the pictures and
-            the camera matrix.
+        InputError: the file cannot be read, or lacks the size of the pictures or the camera matrix,
+            or they are of no camera.
     """
     path = path_of(path)
     root = _opened_storage(path)
     size = [_numbers(_node(root, names, path)) for names in (_WIDTHS, _HEIGHTS)]
     width, height = (numbers[0] if len(numbers) == 1 else math.nan for numbers in size)
     matrix = _numbers(_node(root, _MATRICES, path))
-    if len(matrix) != _MATRIX_SIZE:
-        raise InputError(f"{path} has a camera matrix that is not 3×3; calibrate the camera again")
+    if len(matrix) != _MATRIX_SIZE or matrix[6:] != _LAST_ROW:
+        raise InputError(
+            f"{path} has a camera_matrix that is not 3×3 with 0 0 1 in the last row; write it row "
+            "by row, or calibrate the camera again"
+        )
     (fx, _, cx), (_, fy, cy) = matrix[:3], matrix[3:6]
-    focal_px = math.sqrt(fx * fy) if fx > 0 and fy > 0 else 0
     is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in (width, height))
-    if not (is_size and FOCAL_PX.holds(focal_px) and abs(cx) < _MAX_PX and abs(cy) < _MAX_PX):
+    # A crop can have it outside, but hardly by more than its own size.
+    is_near = -width <= cx <= 2 * width and -height <= cy <= 2 * height
+    if not (is_size and is_near and FOCAL_PX.holds(fx) and FOCAL_PX.holds(fy)):
         raise InputError(
             f"{path} is for {width:g}×{height:g} pixels with fx {fx:g}, fy {fy:g}, cx {cx:g}, "
             f"cy {cy:g}, which is no camera; calibrate it again"
         )
+    focal_px, is_distorted = math.sqrt(fx * fy), _is_distorted(root)
+    return Calibration(int(width), int(height), focal_px, (cx, cy), is_distorted, fy / fx)
+
+
+def _is_distorted(root: cv2.FileStorage) -> bool:
+    model = root.getNode("distortion_model")
+    if model.isString() and any(part in model.string().lower() for part in _FISHEYES):
+        return True
     named = [root.getNode(name) for name in _DISTORTIONS]
-    is_distorted = any(any(_numbers(node)) for node in named if not node.isNone())
-    return Calibration(int(width), int(height), focal_px, (cx, cy), is_distorted)
+    return any(any(_numbers(node)) for node in named if not node.isNone())
 
 
 def _opened_storage(path: Path) -> cv2.FileStorage:

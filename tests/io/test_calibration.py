@@ -45,6 +45,7 @@ width: 640
 D: [0.0, 0.0, 0.0, 0.0, 0.0]
 K: [431.5, 0.0, 337.8, 0.0, 431.5, 250.7, 0.0, 0.0, 1.0]
 """
+TRANSPOSED = "K: [431.5, 0.0, 0.0, 0.0, 431.5, 0.0, 337.8, 250.7, 1.0]"
 EXPECTED = Calibration(640, 480, 431.5, (337.8, 250.7))
 
 
@@ -70,7 +71,9 @@ def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> Non
     file.write("distortion_coefficients", np.array([[0.0, 0, 0.1 * is_distorted, 0, 0]]))
     file.release()
     found = read_calibration(path)
-    assert found == Calibration(640, 480, pytest.approx(420), (337.8, 250.7), is_distorted)
+    assert found == Calibration(
+        640, 480, pytest.approx(420), (337.8, 250.7), is_distorted, pytest.approx(1.1025)
+    )
 
 
 def test_lists_of_rows(tmp_path: Path) -> None:
@@ -97,8 +100,17 @@ def test_lists_of_rows(tmp_path: Path) -> None:
         (TOPIC.replace("640", "0"), "is for 0×480 pixels"),
         (TOPIC.replace("640", "640.5"), "which is no camera"),
         (TOPIC.replace("431.5", "-431.5"), "fx -431.5"),
+        (TOPIC.replace("431.5, 250.7", "0, 250.7"), "fy 0"),
         (TOPIC.replace("337.8", "'x'"), "cx nan"),
+        (TOPIC.replace("337.8", "1280.5"), "cx 1280.5"),
+        (TOPIC.replace("337.8", "-641"), "cx -641"),
+        (TOPIC.replace("250.7", "-2390"), "cy -2390"),
+        (TOPIC.replace("250.7", "961"), "cy 961"),
         (TOPIC.replace("0.0, 1.0]", "1.0]"), "not 3×3"),
+        (
+            TOPIC.replace("K: [431.5, 0.0, 337.8, 0.0, 431.5, 250.7, 0.0, 0.0, 1.0]", TRANSPOSED),
+            "not 3×3 with 0 0 1 in the last row; write it row by row",
+        ),
         ("#" + "x" * 2**20, "too large for a calibration"),
     ],
 )
@@ -147,8 +159,49 @@ def test_in_python_it_gives_a_resized_picture_its_camera(tmp_path: Path) -> None
     assert cloud.xyz_m[0, 1] == pytest.approx(-(251.2 / 20 - 0.5) * z / (431.5 / 20))
 
 
+@pytest.mark.parametrize("centre", [(-320.0, 700.0), (1280.0, -480.0)])
+def test_a_crop_may_have_its_principal_point_outside(
+    tmp_path: Path, centre: tuple[float, float]
+) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(TOPIC.replace("337.8", f"{centre[0]}").replace("250.7", f"{centre[1]}"))
+    assert read_calibration(path).centre_px == centre
+
+
+@pytest.mark.parametrize(
+    ("more", "is_distorted"),
+    [
+        ("distortion_model: plumb_bob", False),
+        ("distortion_model: ''", False),
+        ("distortion_model: 4", False),
+        ("distortion_model: equidistant", True),
+        ("distortion_model: Fisheye", True),
+        ("distortion_model: kannala_brandt4", True),
+        ("fisheye_model: 0", False),
+        ("fisheye_model: 1", True),
+    ],
+)
+def test_a_fisheye_is_distorted_without_coefficients(
+    tmp_path: Path, more: str, is_distorted: bool
+) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(f"{TOPIC}{more}\n")
+    assert read_calibration(path).is_distorted is is_distorted
+
+
 def test_a_distorted_lens_is_a_warning() -> None:
     assert Camera().warnings == Camera(calibration=EXPECTED).warnings == ()
     distorted = Calibration(640, 480, 431.5, (math.pi, 2), is_distorted=True)
     (warning,) = Camera(calibration=distorted).warnings
     assert "rectify the pictures first" in warning
+
+
+def test_pixels_that_are_not_square_are_a_warning(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    for fy, known in (("431.5", ()), ("435.8", ()), ("427.2", ()), ("436.0", ("1.01",)),
+                      ("350", ("0.811",))):  # fmt: skip
+        path.write_text(TOPIC.replace("431.5, 250.7", f"{fy}, 250.7"))
+        warnings = read_calibration(path).warnings
+        assert len(warnings) == len(known)
+        for warning, ratio in zip(warnings, known, strict=True):
+            assert warning.startswith(f"fy is {ratio} of fx, and depth and point clouds assume")
