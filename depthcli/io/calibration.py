@@ -2,6 +2,7 @@
 
 import math
 import os
+from itertools import dropwhile, takewhile
 from pathlib import Path
 
 import cv2
@@ -24,6 +25,8 @@ _LAST_ROW = [0, 0, 1]
 _MAX_BYTES = 2**20
 _MAX_PX = 1e6
 _OTHERS = (b"<?xml", b"{")
+_ENDS = (b"---", b"...")
+"""Lines at which a YAML document ends."""
 
 
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:
@@ -72,11 +75,11 @@ def _opened_storage(path: Path) -> cv2.FileStorage:
     if len(data) > _MAX_BYTES:
         raise InputError(f"{path} is too large for a calibration; name another file")
     if not data.startswith(_OTHERS):
-        # ROS writes no header, and versions of OpenCV differ in theirs.
+        # ROS writes no header, and versions of OpenCV differ in theirs. A topic has an end.
         lines = data.removeprefix(b"\xef\xbb\xbf").splitlines()
-        while lines and (lines[0].startswith(b"%YAML") or lines[0].strip() in {b"", b"---"}):
-            del lines[0]
-        data = b"\n".join([b"%YAML:1.0", b"---", *lines, b""])
+        rest = dropwhile(_is_before_document, lines)
+        document = takewhile(lambda line: line.rstrip() not in _ENDS, rest)
+        data = b"\n".join([b"%YAML:1.0", b"---", *document, b""])
     try:
         with silent_opencv():
             flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
@@ -87,9 +90,14 @@ def _opened_storage(path: Path) -> cv2.FileStorage:
     if not is_read:
         raise InputError(
             f"{path} is not a calibration that OpenCV can read: YAML of ROS with lists as [1, 2] "
-            "and without comments behind values, or YAML, XML or JSON of OpenCV"
+            "(ros2 topic echo --flow-style) and without comments behind values, or YAML, XML or "
+            "JSON of OpenCV"
         )
     return root
+
+
+def _is_before_document(line: bytes) -> bool:
+    return line.startswith(b"%YAML") or line.strip() in {b"", b"---"}
 
 
 def _node(root: cv2.FileStorage, names: tuple[str, ...], path: Path) -> cv2.FileNode:

@@ -60,6 +60,15 @@ def test_camera_info_of_ros(tmp_path: Path, start: str, end: str) -> None:
     assert read_calibration(path) == EXPECTED
 
 
+@pytest.mark.parametrize(
+    "end", ["---\n", "---\n\n", "...\n", "\n \n", "---\nheight: 1\n---\n", "--- \r\n"]
+)
+def test_the_first_message_of_a_topic(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "head.yaml"
+    path.write_text(TOPIC.lower() + end, "utf-8")
+    assert read_calibration(path) == EXPECTED
+
+
 @pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
 @pytest.mark.parametrize("is_distorted", [True, False])
 def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> None:
@@ -92,7 +101,10 @@ def test_lists_of_rows(tmp_path: Path) -> None:
         ("[1, 2]", "is not a calibration that OpenCV can read"),
         ("just text", "is not a calibration that OpenCV can read"),
         ("<?xml version='1.0'?><a/>", "is not a calibration that OpenCV can read"),
-        (TOPIC.replace("[431.5", "\n- 431.5"), r"lists as \[1, 2\] and without comments"),
+        (
+            TOPIC.replace("[431.5", "\n- 431.5"),
+            r"lists as \[1, 2\] \(ros2 topic echo --flow-style\)",
+        ),
         (TOPIC.replace("K:", "P:"), "has no camera_matrix; name the calibration"),
         (TOPIC.replace("width:", "columns:"), "has no image_width"),
         (TOPIC.replace("width: 640", "width: []"), "is for nan×480 pixels"),
