@@ -8,6 +8,7 @@ import numpy as np
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
 from depthcli.core.overscan import displayed_depth, displayed_frame
+from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_whole_depth
@@ -117,6 +118,7 @@ def target_format(target: str, asked: Format | None) -> Format:
 
 def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:
     """The same depth with the given camera instead of the stated one."""
+    depth = with_centre(depth, camera.centre_for(depth.width, depth.height))
     focal_px = camera.focal_px
     if camera.hfov_deg is not None:
         focal_px = scaling.focal_px_of_hfov(camera.hfov_deg, depth.width)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 app = typer.Typer(rich_markup_mode=None)
 
 # Unlike those of predict, they do not scale depth.
-_CLOUD_OPTIONS = ("cloud_focal_px", "cloud_hfov", "centre_px", "picture")
+_CLOUD_OPTIONS = ("focal_px", "hfov", "centre_px", "picture")
 _FOLDER_OPTIONS = ("include", "exclude", "workers")
 _FILE_OPTIONS = ("frame", "picture")
 
@@ -96,19 +96,17 @@ def convert(
     vmax: options.VmaxOption = None,
     legend: options.LegendOption = False,
     side_by_side: options.SideBySideOption = False,
-    cloud_focal_px: Annotated[
+    focal_px: Annotated[
         float | None,
         typer.Option(
-            "--focal-px",
             callback=focal_length,
             help="Focal length in pixels for a point cloud; depth stays as it is. Default: what "
             "the input states.",
         ),
     ] = None,
-    cloud_hfov: Annotated[
+    hfov: Annotated[
         float | None,
         typer.Option(
-            "--hfov",
             callback=field_of_view,
             help="Horizontal field of view in degrees, instead of --focal-px.",
         ),
@@ -140,7 +138,7 @@ def convert(
     refuse_unused(context, (chosen,), PICTURE_OPTIONS | own_options)
     if chosen is Format.PREVIEW and side_by_side != (picture is not None):
         raise UsageError("a preview needs both --side-by-side and --picture, or neither")
-    camera = choose_camera(cloud_focal_px, cloud_hfov, None)
+    camera = choose_camera(context.params)
     writing = writer_options(context.params)
     if target is None:
         return _convert_folder(context.params, chosen, camera, writing)
