@@ -520,7 +520,9 @@ TARGETS: dict[str, Target] = {
     "mat": Target("a.mat", mats, _read_mat, 2),
     "index": Target("index.csv", _indices, read_index),
     "cameras": Target(
-        "cameras.csv", lambda: [b"id,focal_px,hfov_deg\na,30,\nb,,60\n"], read_lenses
+        "cameras.csv",
+        lambda: [b"id,focal_px,hfov_deg,cx,cy\na,30,,,\nb,,60,3.5,-2\n"],
+        read_lenses,
     ),
     "checkpoint": Target("a.ckpt", lambda: [checkpoint()], Checkpoint.load),
     "metrics": Target(

@@ -170,8 +170,8 @@ def batch(
         str | None,
         typer.Option(
             metavar="FILE",
-            help="CSV file with the focal length of each input: column id, its path from DIR with "
-            "or without suffix, and focal_px or hfov_deg.",
+            help="CSV file with the camera of each input: column id, its path from DIR with or "
+            "without suffix; focal_px or hfov_deg; and optionally cx and cy, the principal point.",
         ),
     ] = None,
     centre_px: options.CentrePxOption = None,
