@@ -33,7 +33,7 @@ def read_lenses(path: Path) -> dict[str, Lens]:
         text = read_regular(path, _MAX_BYTES).decode("utf-8-sig", "surrogateescape")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
-    rows = csv.DictReader(StringIO(text, newline=""))
+    rows = csv.DictReader(StringIO(text, newline=""), skipinitialspace=True)
     try:
         columns = rows.fieldnames or ()
         if ID not in columns or _FOCAL.isdisjoint(columns):

@@ -114,6 +114,7 @@ def test_a_video_has_its_own_principal_point(tmp_path: Path) -> None:
         (TABLE, set()),
         (TABLE + "z.png,,\n", set()),
         ("other,id,hfov_deg,focal_px\nx,./hall/b,90,\ny,a.png,,40.0\n", set()),
+        ('other, id, "hfov_deg", focal_px\nx, ./hall/b, 90,\ny, "a.png", , 40\n', set()),
         (TABLE.replace("40", "41"), {"a.png"}),
         (TABLE.replace("a,40,", "a,,43.6"), {"a.png"}),
         (TABLE.replace("a,40,", "z,40,"), {"a.png", "z.png"}),
