@@ -32,7 +32,8 @@ class Calibration:
         found = []
         if self.is_distorted:
             found.append(
-                "the camera has lens distortion, which is not removed; rectify the pictures first"
+                "the camera has lens distortion, which is not removed; rectify the pictures, and "
+                "then add --rectified"
             )
         if abs(self.pixel_aspect - 1) > _SQUARE:
             found.append(

@@ -205,7 +205,37 @@ def test_a_distorted_lens_is_a_warning() -> None:
     assert Camera().warnings == Camera(calibration=EXPECTED).warnings == ()
     distorted = Calibration(640, 480, 431.5, (math.pi, 2), is_distorted=True)
     (warning,) = Camera(calibration=distorted).warnings
-    assert "rectify the pictures first" in warning
+    assert warning.endswith("rectify the pictures, and then add --rectified")
+
+
+@pytest.mark.parametrize("name", ["projection_matrix", "P", "p"])
+def test_rectified_pictures_have_the_camera_of_the_projection_matrix(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / "camera.yaml"
+    numbers = "[400, 0, 330, -48.5, 0, 400, 250, 0, 0, 0, 1, 0]"  # right camera of a stereo pair
+    path.write_text(f"{TOPIC}distortion_model: equidistant\n{name}: {numbers}\n")
+    assert read_calibration(path, rectified=True) == Calibration(640, 480, 400, (330, 250))
+    assert read_calibration(path).focal_px == 431.5
+    path.write_text(ROS)
+    found = depthcli.read_calibration(path, rectified=True)
+    assert (found.focal_px, found.centre_px, found.warnings) == (400, (330, 250), ())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("projection_matrix", "other", "has no projection_matrix; give --focal-px and --centre-px"),
+        ("0, 0, 0, 1, 0]", "0, 0, 0, 0, 0]", "not 3×4 with 0 0 1 in the last row"),
+        ("0, 0, 0, 1, 0]", "0, 0, 1]", "has a projection_matrix that is not 3×4"),
+        ("400, 0, 330", "0, 0, 330", "with fx 0, fy 400"),
+    ],
+)
+def test_what_is_no_projection_matrix(tmp_path: Path, old: str, new: str, why: str) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(ROS.replace(old, new))
+    with pytest.raises(InputError, match=why):
+        read_calibration(path, rectified=True)
 
 
 def test_pixels_that_are_not_square_are_a_warning(tmp_path: Path) -> None:

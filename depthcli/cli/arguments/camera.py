@@ -28,7 +28,9 @@ def choose_camera(given: Mapping[str, Any]) -> Camera:
             cannot be read.
     """
     camera, name = parse_camera(given), given.get("calibration")
-    return camera if name is None else _calibrated(camera, name)
+    if name is None:
+        return camera
+    return _calibrated(camera, name, rectified=bool(given.get("rectified")))
 
 
 def parse_camera(given: Mapping[str, Any]) -> Camera:
@@ -44,6 +46,8 @@ def parse_camera(given: Mapping[str, Any]) -> Camera:
         words = [f"--{name.replace('_', '-')}" for name in names if given.get(name) is not None]
         if len(words) > 1:
             raise UsageError(f"give {words[0]} or {words[1]}, not both")
+    if given.get("rectified") and given.get("calibration") is None:
+        raise UsageError("--rectified is for --calibration; give both or neither")
     centre = given.get("centre_px")
     return Camera(
         focal_px=given.get("focal_px"),
@@ -64,11 +68,11 @@ def refuse_replacing(calibration: str | None, output: str | None) -> None:
         raise UsageError(f"{safe_name(output)} is the file of --calibration; choose another -o")
 
 
-def _calibrated(camera: Camera, name: str) -> Camera:
+def _calibrated(camera: Camera, name: str, *, rectified: bool) -> Camera:
     from depthcli.io.calibration import read_calibration
 
     try:
-        found = read_calibration(name)
+        found = read_calibration(name, rectified=rectified)
     except InputError as error:
         raise UsageError(f"--calibration: {error}") from error
     return replace(camera, hfov_deg=found.hfov_deg, calibration=found)

@@ -176,6 +176,7 @@ def batch(
     ] = None,
     centre_px: options.CentrePxOption = None,
     calibration: options.CalibrationOption = None,
+    rectified: options.RectifiedOption = False,
     anchor: options.AnchorOption = None,
     anchors: options.AnchorsOption = None,
     anchors_scale: options.AnchorsScaleOption = None,

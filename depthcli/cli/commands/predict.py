@@ -54,6 +54,7 @@ def predict(
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
     calibration: options.CalibrationOption = None,
+    rectified: options.RectifiedOption = False,
     anchor: options.AnchorOption = None,
     anchors: options.AnchorsOption = None,
     anchors_scale: options.AnchorsScaleOption = None,

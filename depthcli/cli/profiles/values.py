@@ -18,6 +18,8 @@ _NOT_SAVED = frozenset({"help", "debug", "profile", "output", "out"})
 """Options that profiles do not hold: those of one run or of the command line itself."""
 _ALTERNATIVES = (
     *camera.ALTERNATIVES,
+    ("rectified", "cameras", "focal_px", "hfov"),
+    ("rectified", "centre_px"),
     ("anchor", "anchors"),
     ("png_scale", "png_normalize"),
     ("colormap", "near"),
