@@ -32,7 +32,7 @@ class ConvertRequest:
     format: Format | None = None  #: of the target; None to take it from the suffix
     scale: float | None = None  #: units per metre of the source; None for what it states
     frame: int | None = None  #: of a depth video, from 0
-    #: camera of a point cloud, instead of that of the source; depth is not changed
+    #: instead of that of the source; depth is not changed
     camera: Camera = field(default_factory=Camera)
     #: of the same size, for the colours of a point cloud, or beside a preview
     picture: str | None = None

@@ -65,7 +65,7 @@ def refuse_replacing(calibration: str | None, output: str | None) -> None:
         UsageError: they are one file.
     """
     if calibration and output and is_same_file(path_of(output), path_of(calibration)):
-        raise UsageError(f"{safe_name(output)} is the file of --calibration; choose another -o")
+        raise UsageError(f"{safe_name(output)} is the file of --calibration; choose another output")
 
 
 def _calibrated(camera: Camera, name: str, *, rectified: bool) -> Camera:
