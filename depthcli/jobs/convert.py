@@ -8,6 +8,7 @@ import numpy as np
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
 from depthcli.core.overscan import displayed_depth, displayed_frame
+from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_whole_depth
@@ -31,7 +32,7 @@ class ConvertRequest:
     format: Format | None = None  #: of the target; None to take it from the suffix
     scale: float | None = None  #: units per metre of the source; None for what it states
     frame: int | None = None  #: of a depth video, from 0
-    #: camera of a point cloud, instead of that of the source; depth is not changed
+    #: instead of that of the source; depth is not changed
     camera: Camera = field(default_factory=Camera)
     #: of the same size, for the colours of a point cloud, or beside a preview
     picture: str | None = None
@@ -117,6 +118,7 @@ def target_format(target: str, asked: Format | None) -> Format:
 
 def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:
     """The same depth with the given camera instead of the stated one."""
+    depth = with_centre(depth, camera.centre_for(depth.width, depth.height))
     focal_px = camera.focal_px
     if camera.hfov_deg is not None:
         focal_px = scaling.focal_px_of_hfov(camera.hfov_deg, depth.width)

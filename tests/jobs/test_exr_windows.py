@@ -97,8 +97,7 @@ def test_the_field_of_view_is_that_of_the_display_window(
     given_px = scaling.focal_px_of_hfov(40, 64)
     done = depth_of(
         VideoFormat.EXR,
-        camera=Camera(hfov_deg=40),
-        writing=WriterOptions(centre_px=(30.5, 22.25)),
+        camera=Camera(hfov_deg=40, centre_px=(30.5, 22.25)),
     )
     assert done.depth.provenance is not None
     assert done.depth.provenance.focal_px == pytest.approx(given_px)

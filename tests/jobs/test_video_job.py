@@ -160,8 +160,8 @@ def test_the_sidecar_says_what_the_outputs_mean(
 def test_a_depth_video_states_the_principal_point(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
-    writing = WriterOptions(centre_px=(1.5, -2.0))  # which batch passes on
-    done = run(clip, tmp_path / "d.mkv", loader, writing=writing)
+    camera = Camera(centre_px=(1.5, -2.0))
+    done = run(clip, tmp_path / "d.mkv", loader, camera=camera)
     assert done.metadata()["centre_px"] == (1.5, -2.0)
     depth = next(iter(DepthVideo(tmp_path / "d.mkv")))
     assert depth.provenance is not None

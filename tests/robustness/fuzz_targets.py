@@ -1,5 +1,6 @@
 """Everything of depthcli that reads a file from outside, each with good files to begin with."""
 
+import contextlib
 import dataclasses
 import io
 import json
@@ -30,6 +31,7 @@ from depthcli.core.windows import Window, Windows
 from depthcli.datasets.files import read_depth_m, read_image_rgb
 from depthcli.datasets.nyu import read_index
 from depthcli.datasets.nyu_mat import open_mat
+from depthcli.errors import InputError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.calibration import read_calibration
@@ -249,7 +251,8 @@ def _calibrations() -> list[bytes]:
     matrix = (
         b"camera_matrix:\n  rows: 3\n  cols: 3\n  data: [431.5, 0, 3, 0, 431.5, 250.7, 0, 0, 1]\n"
     )
-    made = [b"image_width: 640\nimage_height: 480\n" + matrix + b"D: [0.1, 0.0]\n"]
+    more = b"D: [0.1, 0.0]\nP: [400, 0, 3, 0, 0, 400, 250, 0, 0, 0, 1, 0]\n---\n"
+    made = [b"image_width: 640\nimage_height: 480\n" + matrix + more]
     for suffix in (".yml", ".xml", ".json"):
         file = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
         file.write("image_width", 640)
@@ -258,6 +261,12 @@ def _calibrations() -> list[bytes]:
         file.write("distortion_coefficients", np.zeros((1, 5)))
         made.append(file.releaseAndGetString().encode())
     return made
+
+
+def _read_calibration(path: Path) -> None:
+    with contextlib.suppress(InputError):
+        read_calibration(path, rectified=True)
+    read_calibration(path)
 
 
 def _read_sidecar(path: Path) -> None:
@@ -509,7 +518,7 @@ TARGETS: dict[str, Target] = {
         lambda: [b"x,y,depth_m\n3,4,2.5\n20.4,7,1e1\n", b'depth_m,x,y,"a, b"\r\n2,3,4,"c"\r\n'],
         lambda path: AnchorFiles(str(path)).read(),
     ),
-    "calibration": Target("a.yaml", _calibrations, read_calibration, 2),
+    "calibration": Target("a.yaml", _calibrations, _read_calibration, 2),
     "sidecar": Target("a.json", _sidecars, _read_sidecar),
     "card": Target("card.json", _cards, lambda path: ModelCard.from_json(path.read_bytes()), 2),
     "onnx": Target("a.onnx", _models, _read_onnx, 2),
@@ -520,7 +529,9 @@ TARGETS: dict[str, Target] = {
     "mat": Target("a.mat", mats, _read_mat, 2),
     "index": Target("index.csv", _indices, read_index),
     "cameras": Target(
-        "cameras.csv", lambda: [b"id,focal_px,hfov_deg\na,30,\nb,,60\n"], read_lenses
+        "cameras.csv",
+        lambda: [b"id,focal_px,hfov_deg,cx,cy\na,30,,,\nb,,60,3.5,-2\n"],
+        read_lenses,
     ),
     "checkpoint": Target("a.ckpt", lambda: [checkpoint()], Checkpoint.load),
     "metrics": Target(

@@ -54,6 +54,7 @@ def predict(
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
     calibration: options.CalibrationOption = None,
+    rectified: options.RectifiedOption = False,
     anchor: options.AnchorOption = None,
     anchors: options.AnchorsOption = None,
     anchors_scale: options.AnchorsScaleOption = None,
@@ -87,7 +88,7 @@ def predict(
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     refuse_replacing(calibration, output)
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, anchor, white_level, calibration, centre_px)
+    camera = choose_camera(context.params)
     known = choose_anchors(anchor, anchors, anchors_scale)
     chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen

@@ -139,6 +139,7 @@ def video(
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
     calibration: options.CalibrationOption = None,
+    rectified: options.RectifiedOption = False,
     white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
@@ -173,7 +174,7 @@ def video(
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     refuse_replacing(calibration, output)
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, None, white_level, calibration, centre_px)
+    camera = choose_camera(context.params)
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")

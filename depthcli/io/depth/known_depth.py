@@ -46,7 +46,8 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
 def _table(data: bytes, name: str) -> AnchorPoints:
     """The points of a CSV table with the columns x, y and depth_m."""
     try:
-        rows = csv.DictReader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
+        text = io.StringIO(data.decode("utf-8-sig"), newline="")
+        rows = csv.DictReader(text, strict=True, skipinitialspace=True)
         missing = [column for column in _COLUMNS if column not in (rows.fieldnames or ())]
         if missing:
             raise InputError(

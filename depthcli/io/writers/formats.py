@@ -21,7 +21,8 @@ class FormatFacts(NamedTuple):
     #: file suffix that chooses this format where the user names a file; None if only ``suffix``
     #: does
     file_suffix: str | None
-    #: fields of :class:`~depthcli.io.writers.options.WriterOptions` that the writer has, too
+    #: parameters of the writer: fields of :class:`~depthcli.io.writers.options.WriterOptions`, and
+    #: ``centre_px``
     options: tuple[str, ...] = ()
     #: memory of writing it, in bytes a pixel besides picture and depth, measured with a margin
     use_bytes: int = 10

@@ -1,6 +1,6 @@
 """Options of all output formats."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 from depthcli.io.writers.base import Writer
@@ -9,14 +9,15 @@ from depthcli.io.writers.formats import FORMATS, MILLIMETRES, Format, writer_cla
 
 @dataclass(frozen=True, slots=True)
 class WriterOptions:
-    """Options of all formats; the table of formats states which of them each writer uses."""
+    """Options of all formats; the table of formats states which of them each writer uses.
+
+    The principal point is that of the map.
+    """
 
     png_scale: float = MILLIMETRES  #: steps a metre in 16-bit PNG
     png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range
     exr_channel: str = "Y"  #: name of the channel in EXR
     half: bool = False  #: 16-bit floats in EXR
-    #: (cx, cy), principal point in pixels of the map; None for what the map states, else its middle
-    centre_px: tuple[float, float] | None = None
     colormap: str = "inferno"  #: colours of the preview
     near: Literal["warm", "white", "black"] = "warm"  #: the colormap's end that is near
     vmin: float | None = None  #: low end of the colour range; None for a percentile
@@ -26,4 +27,5 @@ class WriterOptions:
 
     def writer(self, name: Format) -> Writer:
         """The writer of a format; its module is loaded now."""
-        return writer_class(name)(**{own: getattr(self, own) for own in FORMATS[name].options})
+        own = [field.name for field in fields(self) if field.name in FORMATS[name].options]
+        return writer_class(name)(**{option: getattr(self, option) for option in own})

@@ -85,7 +85,8 @@ class PictureWorker:
                 max_pixels=self.options.limit,
                 white_level=self.options.camera.white_level,
             )
-            centre_px = self.options.camera.centre_px(*frame.display_size_px)
+            camera = self.options.camera.with_lens(task.lens)
+            centre_px = camera.centre_for(*frame.display_size_px)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
         return _OpenedPicture(task, frame, points, centre_px, sha256, time.perf_counter() - start_s)

@@ -65,7 +65,7 @@ def _predict_picture(
     start = time.perf_counter()
     frame = _read_picture(request, plan)
     camera = request.camera
-    centre_px = camera.centre_px(*frame.display_size_px) or request.writing.centre_px
+    centre_px = camera.centre_for(*frame.display_size_px)
     session = loading.result()
     predicted = Pipeline(session, request.detail).predict(
         frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg

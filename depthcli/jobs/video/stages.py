@@ -87,8 +87,7 @@ class FrameStages:
         if self._scale is not None and kept is None:
             values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
             depth = dataclasses.replace(depth, values=values)
-        centre_px = camera.centre_px(*picture.display_size_px) or self._settings.writing.centre_px
-        depth = with_centre(depth, centre_px)
+        depth = with_centre(depth, camera.centre_for(*picture.display_size_px))
         depth, shown = _in_windows(depth, picture.windows, is_kept=kept is not None)
         thumbnail = temporal.thumbnail(picture.pixels)
         small = DepthMap(sample_cells(shown, thumbnail.shape), depth.kind)
