@@ -16,6 +16,7 @@ from depthcli.io.depth.exr_library import OPENEXR_ERRORS, silenced, stated_rate,
 from depthcli.io.pictures.decode import read_bytes
 
 _WINDOWS = ("dataWindow", "displayWindow")
+_DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
 _SAMPLE_BYTES, _GRAY_BYTES = 2, 4  # at least, of each channel of a file; of a frame
 
 
@@ -50,7 +51,7 @@ def read_exr_channels(
             ``MAX_PIXELS``, without advice to change it.
 
     Raises:
-        InputError: missing, damaged, or too large.
+        InputError: missing, damaged, deep, or too large.
     """
     read_bytes(path)
     shown = name or str(path)
@@ -59,6 +60,8 @@ def read_exr_channels(
     try:
         with utf8_name(path) as file, silenced():
             for part in OpenEXR.File(file, header_only=True).parts:
+                if part.header["type"] in _DEEP:
+                    raise InputError(f"{shown} holds deep data; flatten it first")
                 _check_pixel_count(shown, part.header, limit)
             problem = "is damaged: its pixels cannot be read; copy it again"
             parts = OpenEXR.File(file, separate_channels=True).parts
