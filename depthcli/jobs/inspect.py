@@ -12,7 +12,7 @@ from depthcli.core.summary import DepthRange
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.metadata import positive_number, read_metadata
-from depthcli.io.depth.read import read_depth, read_whole_depth
+from depthcli.io.depth.read import channel_read, read_depth, read_whole_depth
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.io.writers.formats import MILLIMETRES
@@ -34,6 +34,7 @@ class DepthMapInfo:
     unit: str | None  #: ``m``; None for relative and inverse maps
     scale: float | None  #: integers per metre; None if the file does not hold such integers
     scale_source: str | None  #: ``file``, ``option`` or ``assumed``; None without a scale
+    channel: str | None  #: that of an EXR which holds the depth; None for other files
     width: int  #: columns
     height: int  #: rows
     valid: int  #: pixels with depth
@@ -84,6 +85,7 @@ def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthV
         unit="m" if depth.is_metric else None,
         scale=stated,
         scale_source=source,
+        channel=channel_read(path),
         width=depth.width,
         height=depth.height,
         valid=int(np.isfinite(depth.values).sum()),

@@ -53,6 +53,15 @@ def test_info_says_what_a_pixel_is(inside: Cli) -> None:
     assert b"scale   1000 per metre (assumed: millimetres; " in inside("info", "other.png").stdout
 
 
+def test_info_names_the_channel_of_an_exr(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    inside("predict", "room.png", "--format", "exr", "--format", "npy", "--exr-channel", "depth.Z")
+    told = inside("info", "room.depth.exr", "--json"), inside("info", "room.depth.npy", "--json")
+    assert [json.loads(done.stdout)["channel"] for done in told] == ["depth.Z", None]
+    assert b"\nchannel                depth.Z\n" in inside("info", "room.depth.exr").stdout
+    assert b"channel" not in inside("info", "room.depth.npy").stdout
+
+
 def test_info_s_values_stand_in_one_column(inside: Cli) -> None:
     write_picture(inside.folder / "room.png")
     inside("predict", "room.png", "-o", "d.png")

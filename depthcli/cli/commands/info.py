@@ -43,6 +43,8 @@ def _show(facts: dict[str, Any]) -> None:
         facts.pop("scale")
     else:
         facts["scale"] = f"{facts['scale']:g} per metre ({_SCALE_SOURCES[source]})"
+    if facts.get("channel") is None:
+        facts.pop("channel", None)
     facts |= {f"metadata {name}": value for name, value in facts.pop("metadata").items()}
     width = max(map(len, facts))
     for name, value in facts.items():

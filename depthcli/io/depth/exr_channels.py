@@ -1,5 +1,6 @@
 """Reading the pixels of OpenEXR files, and the windows that they are in."""
 
+from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -68,7 +69,7 @@ def read_exr_channels(
         if not parts or not all(part.channels for part in parts):  # all that becomes of damage
             raise InputError(f"{shown} {problem}")
         for part in parts:
-            layer = f"{part.header['name']}." if len(parts) > 1 else ""
+            layer = layer_prefix(part.header, len(parts))
             data, display = (_window(part.header[which]) for which in _WINDOWS)
             aspect, rate = float(part.header["pixelAspectRatio"]), stated_rate(part.header)
             for channel, content in part.channels.items():
@@ -78,6 +79,11 @@ def read_exr_channels(
     except OPENEXR_ERRORS as error:
         raise InputError(f"{shown} {problem}") from error
     return channels
+
+
+def layer_prefix(header: Mapping[str, Any], part_count: int) -> str:
+    """What precedes the names of a part's channels."""
+    return f"{header['name']}." if part_count > 1 else ""
 
 
 def _check_pixel_count(name: str, header: dict[str, Any], limit: PictureLimit | None) -> None:

@@ -1,6 +1,6 @@
 """Reading the depth in OpenEXR files of depthcli and of other tools."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +9,11 @@ from depthcli.core.text import one_line
 from depthcli.core.types import DepthMap, Frame
 from depthcli.core.windows import Windows
 from depthcli.errors import InputError
-from depthcli.io.depth.exr import read_exr_texts
-from depthcli.io.depth.exr_channels import StoredChannel, read_exr_channels
+from depthcli.io.depth.exr import read_exr_headers, read_exr_texts
+from depthcli.io.depth.exr_channels import StoredChannel, layer_prefix, read_exr_channels
+from depthcli.io.depth.exr_layers import depth_channel, layer_of
 from depthcli.io.depth.metadata import kind_named, provenance_of, with_sidecar
 
-_CHANNELS = ("Z", "V", "Y", "R")
 _COLOURS = ("G", "B", "RY", "BY")
 
 
@@ -29,18 +29,9 @@ def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
     """
     channels = read_exr_channels(path)
     name = depth_channel(list(channels))
-    if name is None:
-        raise InputError(
-            f"{path} has no channel Z, V, Y or R; it has {one_line(', '.join(channels))}"
-        )
+    if name is None or _is_coloured(name, channels):
+        raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
     stored = channels[name]
-    layer = name[: -len(name.rpartition(".")[2])]
-    for colour in _COLOURS:
-        other = channels.get(layer + colour)
-        if name != layer + "Z" and not (other is None or _is_same(other, stored)):
-            raise InputError(
-                f"{path} holds colours, not depth; it has {one_line(', '.join(channels))}"
-            )
     metadata = with_sidecar(path, read_exr_texts(path))
     values = stored.over(stored.data)
     depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))
@@ -53,22 +44,24 @@ def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
     return depth, frame
 
 
+def read_depth_channel(path: Path) -> str | None:
+    """The name of the channel that :func:`read_exr_depth` reads; None if there is none.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    headers = read_exr_headers(path)
+    prefixed = [(layer_prefix(header, len(headers)), header["channels"]) for header in headers]
+    return depth_channel([layer + one.name for layer, channels in prefixed for one in channels])
+
+
+def _is_coloured(name: str, channels: Mapping[str, StoredChannel]) -> bool:
+    """Whether a channel belongs to a colour picture; gray may be stored as three equal colours."""
+    layer = layer_of(name)
+    others = [] if name == layer + "Z" else [channels.get(layer + colour) for colour in _COLOURS]
+    return not all(other is None or _is_same(other, channels[name]) for other in others)
+
+
 def _is_same(one: StoredChannel, other: StoredChannel) -> bool:
     """Whether two channels have the same values, as gray has that is stored as three colours."""
     return np.array_equal(one.over(one.display), other.over(other.display), equal_nan=True)
-
-
-def depth_channel(names: Sequence[str]) -> str | None:
-    """The channel that holds depth, in files of any program; None if there is none.
-
-    That is ``Z``, else Z, V, Y or R of a layer called depth (Nuke's ``depth.Z``, Blender's
-    ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R.
-    """
-    depths = [name for name in names if name.rpartition(".")[2] in _CHANNELS]
-    return min(depths, key=_channel_rank, default=None)
-
-
-def _channel_rank(name: str) -> tuple[int, int, str]:
-    layer, _, last = name.rpartition(".")
-    signs = (name == "Z", "depth" in layer.lower(), last != "R" and not layer, last != "R", True)
-    return signs.index(True), _CHANNELS.index(last), name

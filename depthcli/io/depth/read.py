@@ -76,6 +76,20 @@ def read_whole_depth(
     return replace(depth, kind=kind or depth.kind), frame
 
 
+def channel_read(path: Path) -> str | None:
+    """The channel of an EXR that its depth is read from; None for other files.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    if path.suffix.lower() != ".exr":
+        return None
+    # Reading PNG need not wait for OpenEXR.
+    from depthcli.io.depth.exr_map import read_depth_channel  # noqa: PLC0415
+
+    return read_depth_channel(path)
+
+
 def _png(path: Path, png_scale: float | None) -> DepthMap:
     data = read_bytes(path)
     steps = decode(data, str(path))
