@@ -1,6 +1,5 @@
 """Pictures in OpenEXR files, converted from linear light to sRGB."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -12,10 +11,9 @@ from depthcli.core.bands import row_bands
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.pixel_aspect import pixel_aspect_warning
-from depthcli.core.text import one_line
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
-from depthcli.errors import InputError, OutputError
+from depthcli.errors import OutputError
 from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.temporary_folder import temporary_folder
 
@@ -32,7 +30,7 @@ def read_exr_picture(
     """The colours of an EXR, encoded for display, with its windows and the shape of its pixels.
 
     Args:
-        path: the file; its R, G and B, or those of its first layer that has them, or its Y.
+        path: the file; its R, G and B, or its Y, or R, G and B of the layer that is its picture.
         name: what messages call it; None for its path.
         max_pixels: pictures with more are refused before they are decoded.
         overscan: the window to read, relative to the corner of the display window; None for the
@@ -47,11 +45,12 @@ def read_exr_picture(
     """
     # OpenEXR is slow to load.
     from depthcli.io.depth.exr_channels import read_exr_channels  # noqa: PLC0415
+    from depthcli.io.depth.exr_layers import colour_channels  # noqa: PLC0415
 
     name = name or str(path)
     limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
     channels = read_exr_channels(path, name=name, limit=limit)
-    names = _colour_names(name, list(channels))
+    names, doubt = colour_channels(name, list(channels))
     data, display, pixel_aspect = channels[names[0]][1:4]
     whole = display.union(data)
     if overscan is not None:
@@ -61,11 +60,11 @@ def read_exr_picture(
     for i, colour in enumerate(names):
         # Each is freed when it is encoded.
         _encode(channels.pop(colour).over(whole), pixels[..., i])
-    stretched = pixel_aspect_warning(pixel_aspect)
+    warnings = doubt, pixel_aspect_warning(pixel_aspect)
     return Frame(
         pixels if len(names) > 1 else pixels[..., 0],
         path,
-        warnings=(stretched,) if stretched else (),
+        warnings=tuple(filter(None, warnings)),
         pixel_aspect=pixel_aspect,
         windows=Windows(whole, data, display),
     )
@@ -90,19 +89,6 @@ def read_exr_data(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_P
             ) from error
         frame = read_exr_picture(copy, name=name, max_pixels=max_pixels)
     return replace(frame, path=None)
-
-
-def _colour_names(file: str, names: Sequence[str]) -> tuple[str, ...]:
-    """The names of the channels R, G and B, or of the channel Y."""
-    layers = sorted({name[:-1] for name in names if name.endswith("R")}, key=len)
-    for layer in layers:
-        if {f"{layer}G", f"{layer}B"} <= set(names):
-            return tuple(layer + colour for colour in "RGB")
-    if "Y" not in names:
-        raise InputError(
-            f"{file} has no channels R, G, B or Y; it has {one_line(', '.join(names))}"
-        )
-    return ("Y",)
 
 
 def read_exr_rate(path: Path) -> Fraction | None:

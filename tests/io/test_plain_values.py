@@ -169,12 +169,12 @@ def test_light_is_shown_in_the_srgb_curve(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_exr_picture(path).pixels[0], expected, atol=1e-6)
 
 
-def test_colours_are_those_of_the_outermost_layer_that_has_them(tmp_path: Path) -> None:
+def test_colours_are_those_of_the_layer_that_holds_the_picture(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     one = np.ones((2, 3), F32)
-    long = {f"view.long.{c}": one * k for c, k in zip("RGB", (0, 0, 0), strict=True)}
-    short = {f"zz.{c}": one * k for c, k in zip("RGB", (0, 0.0031, 1), strict=True)}
-    write_exr(path, long | short | {"R": one, "Y": one}, {})
+    emitted = {f"view.Emit.{c}": one * k for c, k in zip("RGB", (0, 0, 0), strict=True)}
+    combined = {f"view.Combined.{c}": one * k for c, k in zip("RGB", (0, 0.0031, 1), strict=True)}
+    write_exr(path, emitted | combined | {"R": one}, {})
     picture = read_exr_picture(path).pixels
     np.testing.assert_allclose(picture[0, 0], [0, 0.0031 * 12.92, 1], atol=1e-6)
     assert picture.shape == (2, 3, 3)
@@ -182,7 +182,7 @@ def test_colours_are_those_of_the_outermost_layer_that_has_them(tmp_path: Path) 
     with pytest.raises(InputError, match="3×2"):
         read_exr_picture(path, max_pixels=5)
     write_exr(path, {"R": one, "G": one}, {})
-    with pytest.raises(InputError, match="no channels R, G, B or Y; it has G, R"):
+    with pytest.raises(InputError, match="holds no picture in R, G, B or Y; it has G, R"):
         read_exr_picture(path)
 
 

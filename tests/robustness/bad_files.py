@@ -116,7 +116,7 @@ EXR_PICTURES = {
     "deep": Bad(_deep_exr, "a.exr holds deep data; flatten it first"),
     "depth": Bad(
         _EXR.replace(b"depthcli:software", b"anothers:software").replace(b"Y\0", b"Z\0"),
-        "a.exr has no channels R, G, B or Y; it has Z",
+        "a.exr holds no picture in R, G, B or Y; it has Z",
     ),
 }
 DEPTH_PNGS = {
