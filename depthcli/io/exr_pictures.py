@@ -5,19 +5,16 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from depthcli.core.bands import row_bands
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.pixel_aspect import pixel_aspect_warning
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
 from depthcli.errors import OutputError
+from depthcli.io.exr_light import clip_warning, encode, primaries_warning
 from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.temporary_folder import temporary_folder
-
-_LINEAR_UP_TO = 0.0031308
 
 
 def read_exr_picture(
@@ -51,22 +48,29 @@ def read_exr_picture(
     limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
     channels = read_exr_channels(path, name=name, limit=limit)
     names, doubt = colour_channels(name, list(channels))
-    data, display, pixel_aspect = channels[names[0]][1:4]
-    whole = display.union(data)
+    part = channels[names[0]].part
+    whole = part.display.union(part.data)
     if overscan is not None:
-        whole = overscan.moved(display.left, display.top)
+        whole = overscan.moved(part.display.left, part.display.top)
     limit.check(name, whole.width, whole.height)
+    windows = Windows(whole, part.data, part.display)
     pixels = np.empty((whole.height, whole.width, len(names)), np.float32)
-    for i, colour in enumerate(names):
-        # Each is freed when it is encoded.
-        _encode(channels.pop(colour).over(whole), pixels[..., i])
-    warnings = doubt, pixel_aspect_warning(pixel_aspect)
+    # Each is freed when it is encoded.
+    above = max(
+        encode(channels.pop(colour).over(whole), pixels[..., i]) for i, colour in enumerate(names)
+    )
+    warnings = (
+        doubt,
+        pixel_aspect_warning(part.pixel_aspect),
+        clip_warning(above / max(1, windows.valid.width * windows.valid.height)),
+        primaries_warning(part.primaries) if len(names) > 1 else None,
+    )
     return Frame(
         pixels if len(names) > 1 else pixels[..., 0],
         path,
         warnings=tuple(filter(None, warnings)),
-        pixel_aspect=pixel_aspect,
-        windows=Windows(whole, data, display),
+        pixel_aspect=part.pixel_aspect,
+        windows=windows,
     )
 
 
@@ -100,20 +104,3 @@ def read_exr_rate(path: Path) -> Fraction | None:
     from depthcli.io.depth.exr_library import stated_rate  # noqa: PLC0415
 
     return stated_rate(read_exr_header(path))
-
-
-def _encode(linear: npt.NDArray[np.float32], encoded: npt.NDArray[np.float32]) -> None:
-    """Write linear light, (H, W), into another array as sRGB."""
-    height, width = linear.shape
-    for rows in row_bands(width, height):  # of the whole, it takes several times its memory
-        encoded[rows] = _srgb(linear[rows])
-
-
-def _srgb(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Linear light encoded by the sRGB transfer function (IEC 61966-2-1)."""
-    light = np.clip(np.nan_to_num(linear), 0, 1)
-    curve = np.float32(1.055) * light ** np.float32(1 / 2.4) - np.float32(0.055)
-    shown: npt.NDArray[np.float32] = np.where(
-        light <= _LINEAR_UP_TO, light * np.float32(12.92), curve
-    )
-    return shown

@@ -77,6 +77,7 @@ def predict(
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
+    from depthcli.cli.arguments.white_level import refuse_for_exr
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.io.storage.remote import safe_name
     from depthcli.jobs.predict import run as job
@@ -96,6 +97,7 @@ def predict(
     use_bytes = [which.facts.use_bytes for which in chosen]
     detail = choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side)
     pictures, own = split_own_outputs(images)
+    refuse_for_exr(context, pictures)
     results = job.predict(
         PredictRequest(
             pictures=tuple(pictures),

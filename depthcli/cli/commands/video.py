@@ -161,6 +161,7 @@ def video(
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.span import parse_fps, parse_span, refuse_for_videos
     from depthcli.cli.arguments.unused import refuse_unused
+    from depthcli.cli.arguments.white_level import refuse_for_exr_frames
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.remote import safe_name
@@ -181,6 +182,7 @@ def video(
     written = [*chosen, VideoFormat.JSON] if sidecar else chosen
     refuse_unused(context, written, {which: which.facts.options for which in VideoFormat})
     refuse_for_videos(context, file)
+    refuse_for_exr_frames(context, file)
     use_bytes = [which.facts.use_bytes for which in chosen]
     request = VideoRequest(
         video=file,

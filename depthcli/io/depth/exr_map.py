@@ -31,15 +31,15 @@ def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
     name = depth_channel(list(channels))
     if name is None or _is_coloured(name, channels):
         raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
-    stored = channels[name]
+    stored, part = channels[name], channels[name].part
     metadata = with_sidecar(path, read_exr_texts(path))
-    values = stored.over(stored.data)
+    values = stored.over(part.data)
     depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))
     frame = Frame(
         np.zeros((1, 1), np.uint8),
-        rate=stored.rate,
-        pixel_aspect=stored.pixel_aspect,
-        windows=Windows(stored.data, stored.data, stored.display),
+        rate=part.rate,
+        pixel_aspect=part.pixel_aspect,
+        windows=Windows(part.data, part.data, part.display),
     )
     return depth, frame
 
@@ -64,4 +64,5 @@ def _is_coloured(name: str, channels: Mapping[str, StoredChannel]) -> bool:
 
 def _is_same(one: StoredChannel, other: StoredChannel) -> bool:
     """Whether two channels have the same values, as gray has that is stored as three colours."""
-    return np.array_equal(one.over(one.display), other.over(other.display), equal_nan=True)
+    shown, other_shown = (stored.over(stored.part.display) for stored in (one, other))
+    return np.array_equal(shown, other_shown, equal_nan=True)
