@@ -51,11 +51,14 @@ class Frame:
         timestamp_s: its time in a video, in seconds; None for a still picture.
         orientation: the EXIF orientation (1-8) that was undone on reading.
         focal_35mm: EXIF 35-mm-equivalent focal length in millimetres, if the file states one.
-        rate: frames a second of the video that is made of it; None for a still picture.
+        rate: frames a second of the video that is made of it, or that an EXR states; None for
+            other still pictures.
         warnings: about its file, one line each.
         pixel_aspect: width by height of a pixel; 1 is square.
         windows: which part of the image plane the pixels cover, of an EXR; None if they are all of
             the frame.
+        time_code: SMPTE time code of an EXR: hours, minutes, seconds, frame, six flags and eight
+            binary groups; None if it has none.
     """
 
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
@@ -68,6 +71,7 @@ class Frame:
     warnings: tuple[str, ...] = ()
     pixel_aspect: float = 1.0
     windows: Windows | None = None
+    time_code: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         """Check the pixels.

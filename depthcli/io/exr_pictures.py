@@ -24,7 +24,7 @@ def read_exr_picture(
     max_pixels: int | PictureLimit = MAX_PIXELS,
     overscan: Window | None = None,
 ) -> Frame:
-    """The colours of an EXR, encoded for display, with its windows and the shape of its pixels.
+    """The colours of an EXR, encoded for display, and what its header states.
 
     Args:
         path: the file; its R, G and B, or its Y, or R, G and B of the layer that is its picture.
@@ -68,9 +68,11 @@ def read_exr_picture(
     return Frame(
         pixels if len(names) > 1 else pixels[..., 0],
         path,
+        rate=part.rate,
         warnings=tuple(filter(None, warnings)),
         pixel_aspect=part.pixel_aspect,
         windows=windows,
+        time_code=part.time_code,
     )
 
 

@@ -22,7 +22,7 @@ def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
 
     Returns:
         Depth over the data window, (H, W) float32, and a frame with the windows, the shape of
-        pixels and the rate of the file, but without a picture.
+        pixels, the rate and the time code of the file, but without a picture.
 
     Raises:
         InputError: missing, damaged, without depth, or too large.
@@ -40,6 +40,7 @@ def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
         rate=part.rate,
         pixel_aspect=part.pixel_aspect,
         windows=Windows(part.data, part.data, part.display),
+        time_code=part.time_code,
     )
     return depth, frame
 

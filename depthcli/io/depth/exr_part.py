@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from depthcli.core.windows import Window
 from depthcli.io.depth.exr_library import stated_rate
+from depthcli.io.depth.time_code import stated_time_code
 
 _CHROMATICITIES, _PRIMARIES = 8, 6  # the last two are those of white
 
@@ -20,6 +21,7 @@ class ExrPart(NamedTuple):
     display: Window  #: its display window
     pixel_aspect: float  #: width by height of a pixel
     rate: Fraction | None  #: frames a second; None if it does not state them
+    time_code: tuple[int, ...] | None  #: of the frame; None if it does not state a valid one
     #: CIE x and y of red, green and blue; None if it does not state them
     primaries: tuple[float, ...] | None
 
@@ -33,6 +35,7 @@ class ExrPart(NamedTuple):
             header_window(header["displayWindow"]),
             float(header["pixelAspectRatio"]),
             stated_rate(header),
+            stated_time_code(header),
             stated[:_PRIMARIES] if is_stated else None,
         )
 

@@ -26,7 +26,7 @@ class ExrWriter:
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN.
 
-        The data window, the display window and the shape of pixels are those of the frame.
+        The windows, the shape of pixels, the rate and the time code are those of the frame.
         """
         shown, stored, windows = _windowed(depth, frame)
         values = np.ascontiguousarray(stored)
@@ -42,6 +42,7 @@ class ExrWriter:
             frame.rate if frame else None,
             pixel_aspect=frame.pixel_aspect if frame else 1.0,
             windows=windows,
+            time_code=frame.time_code if frame else None,
         )
         lost = np.count_nonzero(np.isinf(values) & np.isfinite(stored)) if self.half else 0
         return (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()
