@@ -126,7 +126,7 @@ DEPTH_PNGS = {
     "8 bits": Bad(_png(np.zeros((4, 4), np.uint8)), "is not 16-bit gray, so it holds no depth"),
     "cut": Bad(_PNG16[:-20], "is truncated (its end is missing)"),
     "checksum": Bad(_PNG16[:-17] + b"\0" + _PNG16[-16:], "a checksum of the PNG is wrong"),
-    "an EXR": Bad(_EXR, "is not a picture"),
+    "an EXR": Bad(_EXR, "is an EXR; end its name in .exr, or save it as PNG or TIFF"),
 }
 
 _MKV, _COLOUR, _MP4, _, _MJPEG, *_ = videos()
