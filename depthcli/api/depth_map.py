@@ -257,9 +257,9 @@ def _points_of(anchors: Anchors) -> AnchorPoints:
             raise UsageError(f"anchors are metres, and {anchors.kind} depth has none")
         return AnchorPoints.of_map(anchors.values)
     if not isinstance(anchors, np.ndarray):
-        return AnchorPoints.of_table(_table(anchors))
+        return AnchorPoints.of_table(_anchor_table(anchors))
     if anchors.ndim == _TABLE_RANK and anchors.shape[1] == _COLUMNS and anchors.dtype.kind in "fiu":
-        return AnchorPoints.of_table(anchors)
+        return AnchorPoints.of_anchor_table(anchors)
     if anchors.ndim == _TABLE_RANK and anchors.dtype.kind == "f":
         return AnchorPoints.of_map(anchors)
     raise UsageError(
@@ -268,7 +268,7 @@ def _points_of(anchors: Anchors) -> AnchorPoints:
     )
 
 
-def _table(anchors: Sequence[AnchorLike]) -> npt.NDArray[np.float64]:
+def _anchor_table(anchors: Sequence[AnchorLike]) -> npt.NDArray[np.float64]:
     """(N, 3) column, row, metres of a list."""
     try:
         return np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
