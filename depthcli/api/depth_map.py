@@ -259,7 +259,7 @@ def _points_of(anchors: Anchors) -> AnchorPoints:
     if not isinstance(anchors, np.ndarray):
         return AnchorPoints.of_table(_anchor_table(anchors))
     if anchors.ndim == _TABLE_RANK and anchors.shape[1] == _COLUMNS and anchors.dtype.kind in "fiu":
-        return AnchorPoints.of_anchor_table(anchors)
+        return AnchorPoints.of_table(anchors)
     if anchors.ndim == _TABLE_RANK and anchors.dtype.kind == "f":
         return AnchorPoints.of_map(anchors)
     raise UsageError(
