@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from depthcli.core.camera import Anchor
 from depthcli.core.camera_ranges import DEPTH_M, DEPTH_M_RANGE
+from depthcli.core.types import has_depth
 from depthcli.errors import UsageError
 
 _COLUMNS = 3
@@ -54,7 +55,7 @@ class AnchorPoints:
     @classmethod
     def of_map(cls, depth_m: npt.NDArray[np.floating]) -> Self:
         """The pixels of a sparse map, (H, W) metres, that have a depth: finite and above 0."""
-        y, x = np.nonzero(np.isfinite(depth_m) & (depth_m > 0))
+        y, x = np.nonzero(has_depth(depth_m))
         height, width = depth_m.shape
         return cls(x, y, depth_m[y, x].astype(np.float64), (width, height))
 

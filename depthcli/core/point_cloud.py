@@ -62,7 +62,7 @@ def point_cloud(
         )
     stated_px = depth.provenance and depth.provenance.centre_px
     centre_x, centre_y = centre_px or stated_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
-    valid = np.isfinite(depth.values) & (depth.values > 0)
+    valid = depth.valid
     rows, columns = np.nonzero(valid)
     xyz_m = np.empty((len(rows), 3), np.float32)
     xyz_m[:, 2] = depth.values[valid]

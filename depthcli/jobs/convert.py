@@ -49,7 +49,7 @@ class RoundTrip:
     @classmethod
     def of(cls, depth: DepthMap, read_back: DepthMap) -> Self:
         """The errors between two maps of the same size."""
-        here, there = np.isfinite(depth.values), np.isfinite(read_back.values)
+        here, there = depth.valid, read_back.valid
         both = here & there
         error = np.abs(depth.values[both].astype(np.float64) - read_back.values[both])
         lost = int((here & ~there).sum())

@@ -86,7 +86,7 @@ def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthV
         scale_source=source,
         width=depth.width,
         height=depth.height,
-        valid=int(np.isfinite(depth.values).sum()),
+        valid=int(depth.valid.sum()),
         **DepthRange.of(depth)._asdict(),
         metadata=metadata,
     )
@@ -137,8 +137,7 @@ def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
     """
     if x >= depth.width or y >= depth.height:
         raise UsageError(f"{x},{y} is outside the map of {depth.width}×{depth.height} pixels")
-    value = float(depth.values[y, x])
-    return value if math.isfinite(value) else None
+    return float(depth.values[y, x]) if depth.valid[y, x] else None
 
 
 def _is_video(path: Path) -> bool:
@@ -178,7 +177,7 @@ def _video_info(video: DepthVideo, file: str, scale: float | None) -> DepthVideo
     frames = valid = width = height = 0
     low, high = math.inf, -math.inf
     for depth in video:
-        known = depth.values[np.isfinite(depth.values)]
+        known = depth.values[depth.valid]
         frames, valid = frames + 1, valid + known.size
         height, width = depth.values.shape
         low = min(low, float(known.min(initial=np.inf)))

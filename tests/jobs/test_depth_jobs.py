@@ -15,6 +15,7 @@ from depthcli.core.camera import Camera
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_depth
+from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
@@ -52,6 +53,21 @@ def test_a_pixel_has_depth_or_none(depth_npy: Path) -> None:
     for x, y in ((4, 0), (0, 1)):
         with pytest.raises(UsageError, match=f"{x},{y} is outside"):
             depth_at(depth, x, y)
+
+
+@pytest.mark.parametrize("name", ["d.npy", "d.exr"])
+def test_zero_negative_and_infinite_metres_are_no_depth(name: str, tmp_path: Path) -> None:
+    path, values_m = tmp_path / name, np.float32([[0, -1, np.inf, np.nan, 2, 3]])
+    (NpyWriter() if name == "d.npy" else ExrWriter()).write(DepthMap(values_m), path)
+    facts = inspect_file(str(path))
+    assert (facts.valid, facts.min, facts.max) == (2, 2, 3)
+    depth = read_map(path)
+    assert [depth_at(depth, x, 0) for x in range(6)] == [None, None, None, None, 2, 3]
+    done = convert(ConvertRequest(str(path), str(tmp_path / "a.png")))
+    assert (done.warnings, done.round_trip) == ((), RoundTrip(0, 0, 0))
+    steps = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED)
+    assert steps is not None
+    assert steps.tolist() == [[0, 0, 0, 0, 2000, 3000]]
 
 
 FRAMES_M = np.float32([[[1, 2, 3, np.nan]] * 2, [[np.nan] * 4] * 2, [[7, 0.5, 6, 5]] * 2])
