@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from tiny import write_picture
+from tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import read_depth
@@ -75,6 +75,24 @@ def test_info_states_what_the_sidecar_beside_the_file_knows(inside: Cli, name: s
     sidecar.write_text(sidecar.read_text().replace(stated["model_sha256"], "0" * 64))
     after = json.loads(inside("info", name, "--json").stdout)["metadata"]
     assert ("orientation" in after) == (name == "d.npy")
+
+
+def test_a_sidecar_of_an_earlier_run_is_ignored_with_a_warning(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png", synthetic_picture())
+    write_model(inside.models / "default", camera={"hfov_deg": 60.0})
+    words = ("predict", "room.png", "-o", "d.npy", "--hfov")
+    assert inside(*words, "50", "--sidecar").returncode == 0
+    assert inside("info", "d.npy").stderr == b""
+    assert inside(*words, "90").returncode == 0
+    ignored = "d.json describes another map than d.npy and is ignored; remove it, or write it"
+    warning = f"depthcli: warning: {ignored} again with --sidecar\n"
+    done = inside("info", "d.npy")
+    assert (done.stderr.decode(), b"focal_px" in done.stdout) == (warning, False)
+    told = json.loads(inside("info", "d.npy", "--json").stdout)
+    assert (len(told["warnings"]), told["metadata"]) == (1, {})
+    assert inside("probe", "d.npy", "3,3").stderr.decode() == warning
+    assert inside("convert", "d.npy", "d.exr").stderr.decode() == warning
+    assert inside("convert", "d.npy", "d.exr", "--quiet").stderr == b""
 
 
 def test_info_on_exr_states_the_model(inside: Cli) -> None:

@@ -20,13 +20,13 @@ from PIL import Image
 
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth import exr_channels, metadata
+from depthcli.io.depth import exr_channels, sidecar
 from depthcli.io.depth.exr import _has_all_rows, write_exr
 from depthcli.io.depth.exr_channels import read_exr_channels
 from depthcli.io.depth.exr_library import silenced
-from depthcli.io.depth.metadata import positive_number, read_metadata
+from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.quantization import dequantized, quantized
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.convert import frame_of
 from depthcli.io.png.encode import encode_png
@@ -335,7 +335,7 @@ def test_facts_are_a_file_s_own_before_its_sidecar_s(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(metadata, "_MAX_SIDECAR_BYTES", 2**20)
+    monkeypatch.setattr(sidecar, "_MAX_SIDECAR_BYTES", 2**20)
     labels = {f"depthcli:{key}": text for key, text in own.items()} | {"model": "somebody's"}
     data = encode_png(np.ones((1, 2), np.uint16), labels)
     (tmp_path / name).write_text(json.dumps(beside))

@@ -35,8 +35,7 @@ from depthcli.inference.trial import try_session
 from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.depth.exr import write_exr
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth, read_whole_depth
+from depthcli.io.depth.read import read_depth, read_metadata, read_stored_depth
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.lens_table import read_lenses
 from depthcli.io.listing.own_outputs import is_own_picture
@@ -483,8 +482,8 @@ def _all_pictures() -> list[bytes]:
 
 def _exr_or_facts(path: Path) -> None:
     read_metadata(path)
-    depth, frame = read_whole_depth(path)
-    ExrWriter().write(depth, path.with_name("b.exr"), frame)
+    stored = read_stored_depth(path)
+    ExrWriter().write(stored.depth, path.with_name("b.exr"), stored.frame)
 
 
 TARGETS: dict[str, Target] = {

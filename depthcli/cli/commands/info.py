@@ -33,6 +33,8 @@ def info(
     if as_json:
         console.out_json(facts)
     else:
+        for warning in facts.pop("warnings", ()):
+            console.warn(warning)
         _show(facts)
     return ExitCode.OK
 

@@ -11,18 +11,16 @@ from depthcli.core.windows import Windows
 from depthcli.errors import InputError
 from depthcli.io.depth.exr import read_exr_texts
 from depthcli.io.depth.exr_channels import StoredChannel, read_exr_channels
-from depthcli.io.depth.metadata import kind_named, provenance_of, with_sidecar
+from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
+from depthcli.io.depth.sidecar import with_sidecar
+from depthcli.io.depth.stored import StoredDepth
 
 _CHANNELS = ("Z", "V", "Y", "R")
 _COLOURS = ("G", "B", "RY", "BY")
 
 
-def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
-    """Depth of an EXR, and its frame.
-
-    Returns:
-        Depth over the data window, (H, W) float32, and a frame with the windows, the shape of
-        pixels and the rate of the file, but without a picture.
+def read_exr_depth(path: Path) -> StoredDepth:
+    """Depth of an EXR over its data window, (H, W) float32.
 
     Raises:
         InputError: missing, damaged, without depth, or too large.
@@ -41,7 +39,8 @@ def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
             raise InputError(
                 f"{path} holds colours, not depth; it has {one_line(', '.join(channels))}"
             )
-    metadata = with_sidecar(path, read_exr_texts(path))
+    size_px = stored.display.width, stored.display.height
+    metadata, problems = with_sidecar(path, own_metadata(read_exr_texts(path)), size_px)
     values = stored.over(stored.data)
     depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))
     frame = Frame(
@@ -50,7 +49,7 @@ def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
         pixel_aspect=stored.pixel_aspect,
         windows=Windows(stored.data, stored.data, stored.display),
     )
-    return depth, frame
+    return StoredDepth(str(path), depth, metadata, frame=frame, warnings=problems)
 
 
 def _is_same(one: StoredChannel, other: StoredChannel) -> bool:

@@ -1,0 +1,60 @@
+"""A depth map that was read from a file, with what the file states about it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from depthcli.core.overscan import displayed_depth
+from depthcli.core.types import DepthMap, Frame
+from depthcli.io.depth.metadata import positive_number
+from depthcli.io.writers.formats import MILLIMETRES
+
+
+class StepScale(NamedTuple):
+    """Scale of depth that is stored as integers."""
+
+    steps_per_metre: float  #: 1000 for millimetres
+    source: Literal["file", "option", "assumed"]  #: who states it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredDepth:
+    """A depth map that was read from a file.
+
+    Attributes:
+        name: the file.
+        depth: the map, of an EXR over its data window.
+        metadata: metadata of the file and its sidecar, texts by name.
+        scale: of integers; None if the file holds floats, or is normalized.
+        frame: without a picture; has the windows, the shape of pixels and the rate of an EXR.
+        warnings: one line each.
+    """
+
+    name: str
+    depth: DepthMap
+    metadata: Mapping[str, str]
+    scale: StepScale | None = None
+    frame: Frame = field(default_factory=lambda: Frame(np.zeros((1, 1), np.uint8)))
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def displayed(self) -> DepthMap:
+        """The map, of an EXR in its display window."""
+        return displayed_depth(self.depth, self.frame.windows)
+
+
+def step_scale(metadata: Mapping[str, str], option: float | None) -> StepScale | None:
+    """Scale of the integers in a file; None if they are normalized.
+
+    Args:
+        metadata: metadata of the file.
+        option: steps per metre that the user states; None for what the file states, or millimetres.
+    """
+    if option is not None:
+        return StepScale(option, "option")
+    if metadata.get("scale") == "normalized":
+        return None
+    stated = positive_number(metadata.get("scale"))
+    return StepScale(MILLIMETRES, "assumed") if stated is None else StepScale(stated, "file")

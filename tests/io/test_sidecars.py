@@ -1,0 +1,122 @@
+"""Sidecars beside depth files: whose they are, and what they add."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import OpenEXR
+import pytest
+
+import depthcli
+from depthcli.core.types import CameraSource, DepthKind, DepthMap, Provenance
+from depthcli.io.depth.read import read_depth, read_metadata, read_stored_depth
+from depthcli.io.png.encode import encode_png
+from depthcli.io.writers.npy import NpyWriter
+from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.writers.sidecar import SidecarWriter
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.io.depth.stored import StoredDepth
+
+DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
+STATED = Provenance("m", "ab" * 32, focal_px=3.0, orientation=6, camera_source=CameraSource.OPTION)
+DEPTH = DepthMap(DEPTH_M, provenance=STATED)
+
+
+def write_steps(path: Path, steps: np.ndarray) -> None:
+    """A 16-bit PNG without texts."""
+    path.write_bytes(encode_png(steps.astype(np.uint16), {}))
+
+
+def write_map(path: Path, values: np.ndarray) -> None:
+    """A map in a file without metadata."""
+    match path.suffix:
+        case ".png":
+            write_steps(path, values * 1000)
+        case ".exr":
+            OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Z": values}).write(str(path))
+        case _:
+            np.save(path, values)
+
+
+def is_used(stored: StoredDepth) -> bool:
+    """Whether a sidecar adds its facts; if not, a warning names it."""
+    if stored.depth.provenance is not None and stored.depth.provenance.orientation == 6:
+        assert stored.warnings == ()
+        return True
+    (warning,) = stored.warnings
+    assert warning.endswith(
+        f"a.json describes another map than {stored.name.rpartition('/')[2]} and is ignored; "
+        "remove it, or write it again with --sidecar"
+    )
+    return False
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".png", ".exr"])
+def test_a_sidecar_of_another_size_is_ignored(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    SidecarWriter().write(DEPTH, tmp_path / "a.json")
+    for values, expected in ((DEPTH_M, True), (DEPTH_M[:, ::3], False), (DEPTH_M[::2], False)):
+        write_map(path, np.ascontiguousarray(values))
+        stored = read_stored_depth(path)
+        assert is_used(stored) is expected
+        assert ("focal_px" in read_metadata(path)) is expected
+        assert (stored.depth.provenance is not None) is expected
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        (DEPTH_M.astype(np.float16), True),
+        (DEPTH_M.astype(np.float64), True),
+        (np.where(DEPTH_M == 1, np.inf, DEPTH_M), True),
+        (DEPTH_M * 0.99, False),
+        (np.maximum(DEPTH_M, 0.6), False),
+        (np.minimum(DEPTH_M, 8), False),
+        (DEPTH_M * np.nan, False),
+    ],
+)
+def test_a_sidecar_of_another_range_is_not_that_of_an_npy(
+    values: np.ndarray, expected: bool, tmp_path: Path
+) -> None:
+    np.save(tmp_path / "a.npy", values)
+    SidecarWriter().write(DEPTH, tmp_path / "a.json")
+    assert is_used(read_stored_depth(tmp_path / "a.npy")) is expected
+
+
+def test_the_sidecar_of_a_map_without_depth_has_no_range(tmp_path: Path) -> None:
+    SidecarWriter().write(replace(DEPTH, values=DEPTH_M * 0), tmp_path / "a.json")
+    for values, expected in ((DEPTH_M * np.nan, True), (DEPTH_M, False)):
+        np.save(tmp_path / "a.npy", values)
+        assert is_used(read_stored_depth(tmp_path / "a.npy")) is expected
+
+
+def test_a_sidecar_of_another_camera_is_not_that_of_a_png(tmp_path: Path) -> None:
+    Png16Writer().write(DEPTH, tmp_path / "a.png")
+    for focal_px in (3.0, 5.0):
+        other = replace(DEPTH, provenance=replace(STATED, focal_px=focal_px))
+        SidecarWriter().write(other, tmp_path / "a.json")
+        assert is_used(read_stored_depth(tmp_path / "a.png")) == (focal_px == 3)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".png", ".exr"])
+def test_the_kind_comes_from_the_sidecar(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    SidecarWriter().write(DepthMap(DEPTH_M, DepthKind.INVERSE), tmp_path / "a.json")
+    write_map(path, DEPTH_M)
+    assert read_depth(path).kind is DepthKind.INVERSE
+    assert read_depth(path, kind=DepthKind.RELATIVE).kind is DepthKind.RELATIVE
+
+
+def test_python_warns_of_a_sidecar_of_another_map(tmp_path: Path) -> None:
+    NpyWriter().write(DEPTH, tmp_path / "a.npy")
+    SidecarWriter().write(DEPTH, tmp_path / "a.json")
+    assert depthcli.read_depth(tmp_path / "a.npy").focal_px == 3
+    NpyWriter().write(DepthMap(DEPTH_M * 2), tmp_path / "a.npy")
+    with pytest.warns(depthcli.DepthcliWarning, match=r"a\.json describes another map") as told:
+        assert depthcli.read_depth(tmp_path / "a.npy").focal_px is None
+    assert told[0].filename == __file__
