@@ -48,7 +48,10 @@ def test_info_says_what_a_pixel_is(inside: Cli) -> None:
     lines = dict(
         line.split(maxsplit=1) for line in inside("info", "d.png").stdout.decode().split("\n")[:-1]
     )
-    assert (lines["unit"], lines["scale"]) == ("m", "5000 per metre (as the file states)")
+    assert (lines["unit"], lines["scale"]) == (
+        "m",
+        "5000 per metre (as the file or its sidecar states)",
+    )
     cv2.imwrite(str(inside.folder / "other.png"), np.full((4, 4), 1000, np.uint16))
     assert b"scale   1000 per metre (assumed: millimetres; " in inside("info", "other.png").stdout
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import OpenEXR
 import pytest
@@ -110,6 +112,44 @@ def test_the_kind_comes_from_the_sidecar(suffix: str, tmp_path: Path) -> None:
     write_map(path, DEPTH_M)
     assert read_depth(path).kind is DepthKind.INVERSE
     assert read_depth(path, kind=DepthKind.RELATIVE).kind is DepthKind.RELATIVE
+
+
+@pytest.mark.parametrize("kind", DepthKind)
+@pytest.mark.parametrize(
+    "options", [{}, {"png_scale": 256.0}, {"png_normalize": True}], ids=["mm", "256", "normalized"]
+)
+def test_a_png_that_is_saved_again_has_the_scale_of_its_sidecar(
+    kind: DepthKind, options: dict[str, float], tmp_path: Path
+) -> None:
+    path, depth = tmp_path / "a.png", DepthMap(DEPTH_M, kind)
+    Png16Writer(**options).write(depth, path)  # type: ignore[arg-type]
+    SidecarWriter(**options).write(depth, tmp_path / "a.json")  # type: ignore[arg-type]
+    before = read_stored_depth(path)
+    write_steps(path, cv2.imread(str(path), cv2.IMREAD_UNCHANGED))  # type: ignore[arg-type]
+    after = read_stored_depth(path)
+    assert (after.scale, after.depth.kind) == (before.scale, kind)
+    np.testing.assert_allclose(after.depth.values, before.depth.values, rtol=1e-6)
+    np.testing.assert_allclose(after.depth.values, DEPTH_M, atol=0.003)
+
+
+def test_the_scale_of_a_frame_is_that_of_its_video_s_sidecar(tmp_path: Path) -> None:
+    path = tmp_path / "a.depth.000007.png"
+    write_steps(path, DEPTH_M * 256)
+    sidecar = {"software": "depthcli 0.9.0", "frames": 9, "scale": 256.0, "times_s": {"7": 0.5}}
+    (tmp_path / "a.depth.json").write_text(json.dumps(sidecar))
+    assert read_stored_depth(path).scale == (256, "file")
+    (tmp_path / "a.depth.json").write_text(json.dumps(sidecar | {"scale": None}))
+    assert read_stored_depth(path).scale == (1000, "assumed")
+
+
+def test_a_png_s_own_scale_comes_before_that_of_its_sidecar(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    Png16Writer().write(DEPTH, path)
+    for sidecar in (SidecarWriter(png_scale=256), SidecarWriter(png_normalize=True)):
+        sidecar.write(DEPTH, tmp_path / "a.json")
+        stored = read_stored_depth(path)
+        assert stored.scale == (1000, "file")
+        assert "range" not in stored.metadata
 
 
 def test_python_warns_of_a_sidecar_of_another_map(tmp_path: Path) -> None:

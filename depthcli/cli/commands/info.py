@@ -11,7 +11,7 @@ from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
 
 _SCALE_SOURCES = {
-    "file": "as the file states",
+    "file": "as the file or its sidecar states",
     "option": "--png-scale",
     "assumed": "assumed: millimetres; --png-scale sets another",
 }

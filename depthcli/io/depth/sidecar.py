@@ -51,6 +51,8 @@ def with_sidecar(
         ignored = f"{found.path} describes another map than {path.name} and is ignored"
         return dict(own), (f"{ignored}; remove it, or write it again with --sidecar",)
     texts = _texts(found.fields, own)
+    if path.suffix.lower() == ".png" and "scale" not in own:
+        texts |= _png_scale_texts(found.fields)
     return dict(own) | {name: text for name, text in texts.items() if name not in own}, ()
 
 
@@ -134,6 +136,16 @@ def _texts(fields: Mapping[str, object], own: Mapping[str, str]) -> dict[str, st
     if "software" in own:  # without a principal point, the file has that of its middle
         texts.pop("centre_px", None)
     return texts
+
+
+def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
+    """What a sidecar states of the integers in the 16-bit PNG beside it."""
+    scale = fields.get("png16_scale", fields.get("scale"))  # of a picture, of a video
+    if scale is not None:
+        return {"scale": _text(scale)}
+    if "png16_scale" not in fields:
+        return {}
+    return {"scale": "normalized", "range": f"{fields.get('min')} {fields.get('max')}"}
 
 
 def _text(value: object) -> str:
