@@ -22,7 +22,8 @@ class DepthVideo(depth_videos.DepthVideo):
 def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) -> DepthMap:
     """Depth of a 16-bit PNG, EXR or NPY file, with the file's metadata about model and camera.
 
-    A ``DepthcliWarning`` tells if the sidecar beside it is that of another map.
+    A ``DepthcliWarning`` tells if the sidecar beside it is that of another map, or if a PNG states
+    no scale and none is given.
 
     Args:
         path: the file, with the suffix of its format.
@@ -37,6 +38,6 @@ def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) 
     if path.suffix.lower() == ".mkv":
         raise InputError(f"{path} is a video; depthcli.DepthVideo reads the maps in it")
     stored = depth_files.read_stored_depth(path, png_scale=png_scale)
-    for message in stored.warnings:
+    for message in stored.warnings_with_scale("png_scale"):
         warnings.warn(message, DepthcliWarning, stacklevel=2)
     return DepthMap.of(stored.displayed)

@@ -82,9 +82,7 @@ def fit_anchors(
 
 
 def fitted(
-    depth: DepthMap,
-    points: Sequence[Anchor] | AnchorPoints,
-    windows: Windows | None = None,
+    depth: DepthMap, points: AnchorPoints | None, windows: Windows | None = None
 ) -> DepthMap:
     """Depth of one of several pictures, fitted to points; unchanged if no points are given.
 
@@ -94,7 +92,7 @@ def fitted(
         InputError: the points do not fit this picture, but may fit the next one.
     """
     try:
-        return depth if points == () else fit_anchors(depth, points, windows)
+        return depth if points is None else fit_anchors(depth, points, windows)
     except UsageError as error:
         raise InputError(str(error)) from error
 

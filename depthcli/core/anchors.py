@@ -25,12 +25,14 @@ class AnchorPoints:
         y: (N,) int64, rows from 0 at the top.
         depth_m: (N,) float64, metres along the camera axis.
         size_px: (columns, rows) of the map that they are from; None for a list of points.
+        warnings: about their file, one line each.
     """
 
     x: npt.NDArray[np.int64]
     y: npt.NDArray[np.int64]
     depth_m: npt.NDArray[np.float64]
     size_px: tuple[int, int] | None = None
+    warnings: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, points: Sequence[Anchor]) -> Self:

@@ -92,7 +92,7 @@ def convert(request: ConvertRequest) -> ConvertResult:
         warnings = request.writing.writer(wanted).write(depth, temporary, picture)
         read_back = read_stored_depth(temporary).depth if wanted in _READABLE else None
     round_trip = None if read_back is None else RoundTrip.of(depth, read_back)
-    warnings = (*stored.warnings, *warnings)
+    warnings = (*stored.warnings_with_scale("--from-scale"), *warnings)
     return ConvertResult(safe_name(request.source), name, shown, round_trip, warnings)
 
 

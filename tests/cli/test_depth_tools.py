@@ -164,6 +164,20 @@ def test_convert_between_scales(inside: Cli) -> None:
     assert np.load(inside.folder / "again.npy")[11, 15] == pytest.approx(4.5)
 
 
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [(("probe", "d.png", "1,1"), "--png-scale"), (("convert", "d.png", "d.npy"), "--from-scale")],
+)
+def test_an_assumed_scale_is_a_warning(inside: Cli, words: tuple[str, ...], option: str) -> None:
+    cv2.imwrite(str(inside.folder / "d.png"), np.full((4, 4), 512, np.uint16))
+    assert inside(*words).stderr.decode() == (
+        "depthcli: warning: d.png states no scale, so millimetres are assumed; "
+        f"{option} states another\n"
+    )
+    assert inside(*words, option, "1000").stderr == b""
+    assert inside("info", "d.png").stderr == b""  # which prints the scale
+
+
 @pytest.mark.usefixtures("depth_npy")
 def test_convert_says_the_unit_of_its_error(inside: Cli) -> None:
     line = inside("convert", "d.npy", "d.png").stdout.decode()

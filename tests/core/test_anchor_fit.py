@@ -270,7 +270,7 @@ def test_a_map_of_another_size_fails_its_picture_alone() -> None:
         fitted(depth, AnchorPoints.of_map(truth_m[:, 1:]))
     with pytest.raises(InputError, match="there are no anchors"):
         fitted(depth, AnchorPoints.of_map(truth_m * 0))
-    assert fitted(depth, ()) is depth
+    assert fitted(depth, None) is depth
 
 
 def test_a_table_is_of_the_nearest_pixels() -> None:

@@ -160,3 +160,12 @@ def test_python_warns_of_a_sidecar_of_another_map(tmp_path: Path) -> None:
     with pytest.warns(depthcli.DepthcliWarning, match=r"a\.json describes another map") as told:
         assert depthcli.read_depth(tmp_path / "a.npy").focal_px is None
     assert told[0].filename == __file__
+
+
+def test_python_warns_of_an_assumed_scale(tmp_path: Path) -> None:
+    write_steps(tmp_path / "a.png", DEPTH_M * 256)
+    assumed = r"a\.png states no scale, so millimetres are assumed; png_scale states another$"
+    with pytest.warns(depthcli.DepthcliWarning, match=assumed) as told:
+        depthcli.read_depth(tmp_path / "a.png")
+    assert told[0].filename == __file__
+    assert depthcli.read_depth(tmp_path / "a.png", png_scale=256).values.max() == 9

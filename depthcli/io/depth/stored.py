@@ -44,6 +44,13 @@ class StoredDepth:
         """The map, of an EXR in its display window."""
         return displayed_depth(self.depth, self.frame.windows)
 
+    def warnings_with_scale(self, option: str) -> tuple[str, ...]:
+        """The warnings, and one if the scale is assumed, which names the option that states it."""
+        if self.scale is None or self.scale.source != "assumed":
+            return self.warnings
+        assumed = f"{self.name} states no scale, so millimetres are assumed"
+        return (*self.warnings, f"{assumed}; {option} states another")
+
 
 def step_scale(metadata: Mapping[str, str], option: float | None) -> StepScale | None:
     """Scale of the integers in a file; None if they are normalized.
