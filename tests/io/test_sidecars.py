@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
@@ -12,16 +13,18 @@ import OpenEXR
 import pytest
 
 import depthcli
-from depthcli.core.types import CameraSource, DepthKind, DepthMap, Provenance
+from depthcli.core.types import AnchorFit, CameraSource, DepthKind, DepthMap, Provenance
+from depthcli.io.depth.metadata import provenance_of
 from depthcli.io.depth.read import read_depth, read_metadata, read_stored_depth
 from depthcli.io.png.encode import encode_png
+from depthcli.io.writers.exr import ExrWriter
+from depthcli.io.writers.formats import FORMATS, Format, writer_class
+from depthcli.io.writers.metadata import metadata_texts
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.sidecar import SidecarWriter
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from depthcli.io.depth.stored import StoredDepth
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
@@ -150,6 +153,55 @@ def test_a_png_s_own_scale_comes_before_that_of_its_sidecar(tmp_path: Path) -> N
         stored = read_stored_depth(path)
         assert stored.scale == (1000, "file")
         assert "range" not in stored.metadata
+
+
+FIT = AnchorFit(1_234_567, 2_000_000, 0.012346)
+FITTED = replace(DEPTH, provenance=replace(STATED, input_size_px=(256, 192), anchor_fit=FIT))
+
+
+@pytest.mark.parametrize("name", [Format.PNG16, Format.EXR, Format.NPY])
+def test_a_file_with_a_sidecar_states_how_its_depth_was_fitted(
+    name: Format, tmp_path: Path
+) -> None:
+    path = tmp_path / f"a{Path(FORMATS[name].suffix).suffix}"
+    writer_class(name)().write(FITTED, path)
+    SidecarWriter().write(FITTED, tmp_path / "a.json")
+    stored = read_stored_depth(path)
+    assert (is_used(stored), stored.depth.provenance) == (True, FITTED.provenance)
+    SidecarWriter().write(stored.depth, tmp_path / "b.json")
+    assert (tmp_path / "b.json").read_bytes() == (tmp_path / "a.json").read_bytes()
+    assert depthcli.read_depth(path).anchor_fit == FIT
+
+
+@pytest.mark.parametrize("writer", [Png16Writer(), ExrWriter()])
+def test_png_and_exr_state_the_fit_themselves(
+    writer: Png16Writer | ExrWriter, tmp_path: Path
+) -> None:
+    path = tmp_path / ("a.png" if isinstance(writer, Png16Writer) else "a.exr")
+    for depth, expected in ((FITTED, "1234567,2000000,0.012346"), (DEPTH, None)):
+        writer.write(depth, path)
+        assert read_metadata(path).get("anchors") == expected
+        assert depthcli.read_depth(path).anchor_fit == (expected and FIT)
+    # The fit in the sidecar of an earlier run is not that of the map.
+    SidecarWriter().write(FITTED, tmp_path / "a.json")
+    assert not is_used(read_stored_depth(path))
+
+
+def test_a_file_of_version_0_9_has_the_fit_of_its_sidecar(tmp_path: Path) -> None:
+    texts = metadata_texts(FITTED)
+    del texts["anchors"]
+    labels = {f"depthcli:{name}": text for name, text in texts.items()} | {"depthcli:scale": "1000"}
+    (tmp_path / "a.png").write_bytes(encode_png((DEPTH_M * 1000).astype(np.uint16), labels))
+    SidecarWriter().write(FITTED, tmp_path / "a.json")
+    assert read_depth(tmp_path / "a.png").provenance == FITTED.provenance
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1", "1,2", "0,3,1", "3,2,1", "1,2,-1", "1,2,nan", "1,2,3,4", "a,b,c"]
+)
+def test_a_fit_or_size_that_makes_no_sense_is_left_out(text: str) -> None:
+    assert provenance_of({"anchors": text}) is None
+    assert provenance_of({"network_size_px": text.replace("1,2", "1,0")}) is None
 
 
 def test_python_warns_of_a_sidecar_of_another_map(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from depthcli.core.types import CameraSource, DepthKind, Provenance
+from depthcli.core.types import AnchorFit, CameraSource, DepthKind, Provenance
 
 _LEAST, _MOST = 1e-9, 1e12
 _PREFIX = "depthcli:"
@@ -20,11 +20,13 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
     found = Provenance(
         model=metadata.get("model"),
         model_sha256=metadata.get("model_sha256"),
+        input_size_px=_size_px(metadata.get("network_size_px")),
         focal_px=positive_number(metadata.get("focal_px")),
         orientation=int(orientation) if orientation in _ORIENTATIONS else None,
         camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
         centre_px=_centre_px(metadata.get("centre_px")),
         time_s=number(metadata.get("time_s")),
+        anchor_fit=_anchor_fit(metadata.get("anchors")),
     )
     return None if found == Provenance() else found
 
@@ -61,4 +63,22 @@ def _centre_px(text: str | None) -> tuple[float, float] | None:
     match _numbers(text):
         case [float(x), float(y)]:
             return x, y
+    return None
+
+
+def _size_px(text: str | None) -> tuple[int, int] | None:
+    """A size in whole pixels from an untrusted file; None for anything else."""
+    match _numbers(text):
+        case [float(width), float(height)] if width >= 1 and height >= 1:
+            return int(width), int(height)
+    return None
+
+
+def _anchor_fit(text: str | None) -> AnchorFit | None:
+    """A fit to known points from an untrusted file; None for anything else."""
+    match _numbers(text):
+        case [float(used), float(given), float(residual_m)] if (
+            1 <= used <= given and residual_m >= 0
+        ):
+            return AnchorFit(int(used), int(given), residual_m)
     return None

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.types import has_depth
+from depthcli.core.types import AnchorFit, has_depth
 from depthcli.core.validation import FieldError, parsed_json
 from depthcli.io.depth.metadata import kind_named, number
 from depthcli.io.storage.regular import read_regular
@@ -19,7 +19,10 @@ from depthcli.io.writers.metadata import ORIGIN_FIELDS
 _MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
 _FRAME_NAME = re.compile(r"(.*?)([._\- ]*)(\d+)(\D*)", re.ASCII | re.DOTALL)
 _MIN_DIGITS = 6  # of the names that depthcli chooses
-_SHARED = ("software", "kind", "orientation", "time_s", *ORIGIN_FIELDS)
+_SHARED = (
+    *("software", "kind", "orientation", "time_s", "network_size_px", "anchors"),
+    *ORIGIN_FIELDS,
+)
 
 
 class _Sidecar(NamedTuple):
@@ -149,4 +152,6 @@ def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
 
 
 def _text(value: object) -> str:
+    if isinstance(value, dict):  # of the anchors
+        value = [value.get(name) for name in AnchorFit._fields]
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
