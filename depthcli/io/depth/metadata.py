@@ -54,13 +54,13 @@ def number(text: str | None) -> float | None:
     return value if abs(value) < _MOST else None
 
 
-def _numbers(text: str | None) -> list[float | None]:
+def _number_list(text: str | None) -> list[float | None]:
     return [number(part) for part in (text or "").split(",")]
 
 
 def _centre_px(text: str | None) -> tuple[float, float] | None:
     """A principal point from an untrusted file; None for anything else."""
-    match _numbers(text):
+    match _number_list(text):
         case [float(x), float(y)]:
             return x, y
     return None
@@ -68,7 +68,7 @@ def _centre_px(text: str | None) -> tuple[float, float] | None:
 
 def _size_px(text: str | None) -> tuple[int, int] | None:
     """A size in whole pixels from an untrusted file; None for anything else."""
-    match _numbers(text):
+    match _number_list(text):
         case [float(width), float(height)] if width >= 1 and height >= 1:
             return int(width), int(height)
     return None
@@ -76,7 +76,7 @@ def _size_px(text: str | None) -> tuple[int, int] | None:
 
 def _anchor_fit(text: str | None) -> AnchorFit | None:
     """A fit to known points from an untrusted file; None for anything else."""
-    match _numbers(text):
+    match _number_list(text):
         case [float(used), float(given), float(residual_m)] if (
             1 <= used <= given and residual_m >= 0
         ):

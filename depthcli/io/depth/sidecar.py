@@ -53,7 +53,7 @@ def with_sidecar(
     if not _describes(found.fields, own, size_px, values):
         ignored = f"{found.path} describes another map than {path.name} and is ignored"
         return dict(own), (f"{ignored}; remove it, or write it again with --sidecar",)
-    texts = _texts(found.fields, own)
+    texts = _shared_texts(found.fields, own)
     if path.suffix.lower() == ".png" and "scale" not in own:
         texts |= _png_scale_texts(found.fields)
     return dict(own) | {name: text for name, text in texts.items() if name not in own}, ()
@@ -133,7 +133,7 @@ def _is_close(stated: float, found: float) -> bool:
     return math.isclose(stated, found, rel_tol=1e-3)
 
 
-def _texts(fields: Mapping[str, object], own: Mapping[str, str]) -> dict[str, str]:
+def _shared_texts(fields: Mapping[str, object], own: Mapping[str, str]) -> dict[str, str]:
     """What a sidecar states for the files beside it, as texts."""
     texts = {name: _text(fields[name]) for name in _SHARED if fields.get(name) is not None}
     if "software" in own:  # without a principal point, the file has that of its middle
