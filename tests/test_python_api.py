@@ -18,7 +18,7 @@ from PIL import Image
 from tiny import synthetic_picture, write_model, write_picture
 
 import depthcli
-from depthcli.io.depth.metadata import read_metadata
+from depthcli.io.depth.read import read_metadata
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -54,12 +54,6 @@ class DepthMap(types.DepthMap):
         return cls(depth.values, depth.kind, depth.provenance, frame)
 
     @property
-    def valid(self) -> npt.NDArray[np.bool_]:
-        """(H, W) bool: where there is a finite depth, for metres above 0."""
-        finite = np.isfinite(self.values)
-        return finite & (self.values > 0) if self.is_metric else finite
-
-    @property
     def model(self) -> str | None:
         """Name of the model; None if it is not known."""
         return self.provenance.model if self.provenance else None

@@ -65,7 +65,7 @@ def point_cloud(
     source = with_centre(depth, centre_px).provenance
     stated_px = source and source.centre_px
     centre_x, centre_y = stated_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
-    valid = np.isfinite(depth.values) & (depth.values > 0)
+    valid = depth.valid
     rows, columns = np.nonzero(valid)
     xyz_m = np.empty((len(rows), 3), np.float32)
     xyz_m[:, 2] = depth.values[valid]

@@ -9,7 +9,7 @@ import pytest
 from folders import contents, printed, rows, tree
 from tiny import write_model
 
-from depthcli.io.depth.metadata import read_metadata
+from depthcli.io.depth.read import read_metadata
 
 if TYPE_CHECKING:
     from command_line import Cli

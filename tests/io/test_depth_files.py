@@ -20,8 +20,7 @@ from hypothesis import strategies as st
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError
 from depthcli.io.depth.exr_layers import depth_channel
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.png.encode import encode_png
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.exr import ExrWriter

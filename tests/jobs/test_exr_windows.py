@@ -17,8 +17,7 @@ from videos import flat_frames
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video

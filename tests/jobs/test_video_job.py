@@ -24,8 +24,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import load
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.video.plan import plan_video, video_formats

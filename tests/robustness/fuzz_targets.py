@@ -26,7 +26,7 @@ from pyarrow import parquet
 from tiny import CARD, tiny_onnx, write_model
 from videos import encode, flat_frames
 
-from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance
 from depthcli.core.windows import Window, Windows
 from depthcli.datasets.files import read_depth_m, read_image_rgb
 from depthcli.datasets.nyu import read_index
@@ -37,8 +37,7 @@ from depthcli.inference.trial import try_session
 from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.depth.exr import write_exr
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth, read_whole_depth
+from depthcli.io.depth.read import read_depth, read_metadata, read_stored_depth
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.lens_table import read_lenses
 from depthcli.io.listing.own_outputs import is_own_picture
@@ -51,8 +50,10 @@ from depthcli.io.pictures.exif import read_exif
 from depthcli.io.pictures.integrity import find_problem
 from depthcli.io.pictures.read import read_image
 from depthcli.io.pictures.size import picture_size
+from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.writers.sidecar import SidecarWriter
 from depthcli.models import onnx_file
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
@@ -244,7 +245,11 @@ def _sidecars() -> list[bytes]:
         "camera_source": "exif",
     }
     times_s = {"times_s": {"7": 0.25}}
-    return [json.dumps(facts).encode(), json.dumps(facts | times_s).encode()]
+    fitted = Provenance("tiny", "0" * 64, (256, 192), 500.0, anchor_fit=AnchorFit(3, 4, 0.1))
+    of_a_picture = _written(
+        SidecarWriter(), "a.json", dataclasses.replace(_depth(), provenance=fitted)
+    )
+    return [json.dumps(facts).encode(), json.dumps(facts | times_s).encode(), of_a_picture]
 
 
 def _calibrations() -> list[bytes]:
@@ -274,6 +279,9 @@ def _read_sidecar(path: Path) -> None:
         np.save(array, _depth().values)
         read_depth(array)
         read_metadata(array)
+    picture = path.with_suffix(".png")
+    picture.write_bytes(encode_png((_depth().values * 1000).astype(np.uint16), {}))
+    read_depth(picture)
 
 
 def _cards() -> list[bytes]:
@@ -492,8 +500,8 @@ def _all_pictures() -> list[bytes]:
 
 def _exr_or_facts(path: Path) -> None:
     read_metadata(path)
-    depth, frame = read_whole_depth(path)
-    ExrWriter().write(depth, path.with_name("b.exr"), frame)
+    stored = read_stored_depth(path)
+    ExrWriter().write(stored.depth, path.with_name("b.exr"), stored.frame)
 
 
 TARGETS: dict[str, Target] = {

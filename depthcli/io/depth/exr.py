@@ -103,19 +103,10 @@ def read_exr_header(path: Path) -> dict[str, Any]:
     Raises:
         InputError: missing or damaged.
     """
-    return read_exr_headers(path)[0]
-
-
-def read_exr_headers(path: Path) -> list[dict[str, Any]]:
-    """All attributes of every part, of which there is at least one.
-
-    Raises:
-        InputError: missing or damaged.
-    """
     read_bytes(path)
     try:
         with utf8_name(path) as name, silenced():
-            file = OpenEXR.File(name, header_only=True)
-            return [file.header(), *(part.header for part in file.parts[1:])]
+            header: dict[str, Any] = OpenEXR.File(name, header_only=True).header()
+            return header
     except OPENEXR_ERRORS as error:
         raise InputError(f"{path} is not an EXR file that can be read") from error

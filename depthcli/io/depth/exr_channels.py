@@ -1,6 +1,5 @@
 """Reading the pixels of OpenEXR files, and the windows that they are in."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,18 +65,13 @@ def read_exr_channels(
         if not parts or not all(part.channels for part in parts):  # all that becomes of damage
             raise InputError(f"{shown} {problem}")
         for part in parts:
-            layer = layer_prefix(part.header, len(parts))
+            layer = f"{part.header['name']}." if len(parts) > 1 else ""
             stated = ExrPart.of(part.header)
             for channel, content in part.channels.items():
                 channels[layer + channel] = StoredChannel(content.pixels, stated)
     except OPENEXR_ERRORS as error:
         raise InputError(f"{shown} {problem}") from error
     return channels
-
-
-def layer_prefix(header: Mapping[str, Any], part_count: int) -> str:
-    """What precedes the names of a part's channels."""
-    return f"{header['name']}." if part_count > 1 else ""
 
 
 def _check_pixel_count(name: str, header: dict[str, Any], limit: PictureLimit | None) -> None:

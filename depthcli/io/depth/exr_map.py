@@ -9,20 +9,18 @@ from depthcli.core.text import one_line
 from depthcli.core.types import DepthMap, Frame
 from depthcli.core.windows import Windows
 from depthcli.errors import InputError
-from depthcli.io.depth.exr import read_exr_headers, read_exr_texts
-from depthcli.io.depth.exr_channels import StoredChannel, layer_prefix, read_exr_channels
+from depthcli.io.depth.exr import read_exr_texts
+from depthcli.io.depth.exr_channels import StoredChannel, read_exr_channels
 from depthcli.io.depth.exr_layers import depth_channel, layer_of
-from depthcli.io.depth.metadata import kind_named, provenance_of, with_sidecar
+from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
+from depthcli.io.depth.sidecar import with_sidecar
+from depthcli.io.depth.stored import StoredDepth
 
 _COLOURS = ("G", "B", "RY", "BY")
 
 
-def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
-    """Depth of an EXR, and its frame.
-
-    Returns:
-        Depth over the data window, (H, W) float32, and a frame with the windows, the shape of
-        pixels, the rate and the time code of the file, but without a picture.
+def read_exr_depth(path: Path) -> StoredDepth:
+    """Depth of an EXR over its data window, (H, W) float32.
 
     Raises:
         InputError: missing, damaged, without depth, or too large.
@@ -32,7 +30,8 @@ def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
     if name is None or _is_coloured(name, channels):
         raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
     stored, part = channels[name], channels[name].part
-    metadata = with_sidecar(path, read_exr_texts(path))
+    size_px = part.display.width, part.display.height
+    metadata, problems = with_sidecar(path, own_metadata(read_exr_texts(path)), size_px)
     values = stored.over(part.data)
     depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))
     frame = Frame(
@@ -42,18 +41,7 @@ def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
         windows=Windows(part.data, part.data, part.display),
         time_code=part.time_code,
     )
-    return depth, frame
-
-
-def read_depth_channel(path: Path) -> str | None:
-    """The name of the channel that :func:`read_exr_depth` reads; None if there is none.
-
-    Raises:
-        InputError: missing or damaged.
-    """
-    headers = read_exr_headers(path)
-    prefixed = [(layer_prefix(header, len(headers)), header["channels"]) for header in headers]
-    return depth_channel([layer + one.name for layer, channels in prefixed for one in channels])
+    return StoredDepth(str(path), depth, metadata, frame=frame, channel=name, warnings=problems)
 
 
 def _is_coloured(name: str, channels: Mapping[str, StoredChannel]) -> bool:

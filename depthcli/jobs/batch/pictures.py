@@ -116,9 +116,10 @@ class PictureWorker:
         try:
             frame, points = opened.frame, opened.points
             predicted = without_invented(depth, frame.windows)
-            depth = predicted if points is None else fitted(predicted, points, frame.windows)
+            depth = fitted(predicted, points, frame.windows)
             depth = with_centre(depth, opened.centre_px)
-            warnings = [*frame.warnings, *lost_in_fit(predicted, depth)]
+            warnings = [*frame.warnings, *(points.warnings if points else ())]
+            warnings += lost_in_fit(predicted, depth)
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())
