@@ -5,11 +5,10 @@ from typing import Self
 
 import numpy as np
 
-from depthcli.core import scaling
 from depthcli.core.camera import Camera
+from depthcli.core.map_camera import with_centre, with_focal
 from depthcli.core.overscan import displayed_frame
-from depthcli.core.point_cloud import with_centre
-from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.pictures.read import read_image
@@ -120,15 +119,7 @@ def target_format(target: str, asked: Format | None) -> Format:
 def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:
     """The same depth with the given camera instead of the stated one."""
     depth = with_centre(depth, camera.centre_for(depth.width, depth.height))
-    focal_px = camera.focal_px
-    if camera.hfov_deg is not None:
-        focal_px = scaling.focal_px_of_hfov(camera.hfov_deg, depth.width)
-    if focal_px is None:
-        return depth
-    source = replace(
-        depth.provenance or Provenance(), focal_px=focal_px, camera_source=CameraSource.OPTION
-    )
-    return replace(depth, provenance=source)
+    return with_focal(depth, camera.focal_px, camera.hfov_deg)
 
 
 def _colours(picture: str, depth: DepthMap) -> Frame:

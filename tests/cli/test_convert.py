@@ -13,6 +13,7 @@ import typer
 from tiny import write_picture
 
 from depthcli.cli.shell import load_command
+from depthcli.core.map_camera import with_centre
 from depthcli.core.types import CameraSource, DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_depth
@@ -75,7 +76,7 @@ def test_a_cloud_of_an_unknown_camera_says_what_it_assumes(inside: Cli) -> None:
     done = inside("convert", "bare.npy", "a.ply")
     assert done.returncode == 0
     assert b"assumes an hfov of 63.3" in done.stderr
-    assert b"--focal-px" in done.stderr
+    assert b"give the focal length or field of view" in done.stderr
 
 
 def test_a_cloud_of_an_assumed_camera_says_so(inside: Cli) -> None:
@@ -189,7 +190,7 @@ def test_a_cloud_has_the_principal_point_of_the_prediction(inside: Cli) -> None:
 
 
 def test_a_sidecar_of_an_earlier_run_moves_no_principal_point(files: Path) -> None:
-    SidecarWriter(centre_px=(1.0, 2.0)).write(DEPTH, files / "d.json")
+    SidecarWriter().write(with_centre(DEPTH, (1.0, 2.0)), files / "d.json")
     made_by = read_depth(files / "d.png").provenance
     assert made_by is not None
     assert made_by.centre_px is None

@@ -14,10 +14,9 @@ _CAMERA_OPTIONS = ("focal_px", "hfov", "calibration", "rectified")
 
 
 def _used_options(name: str) -> tuple[str, ...]:
-    """The options that a format uses; one that has a principal point has the whole camera."""
-    own = PICTURE_OPTIONS[name]
-    camera = _CAMERA_OPTIONS if "centre_px" in own else ()
-    return (*own, *camera, *(("picture",) if name in _PICTURE_FORMATS else ()))
+    """The options that a format uses, by parameter name."""
+    camera = _CAMERA_OPTIONS if Format(name).facts.has_camera else ()
+    return (*PICTURE_OPTIONS[name], *camera, *(("picture",) if name in _PICTURE_FORMATS else ()))
 
 
 USED_OPTIONS = {name: _used_options(name) for name in PICTURE_OPTIONS}

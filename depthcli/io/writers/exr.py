@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.core.windows import Window, over_window
 from depthcli.io.depth.exr import write_exr
@@ -20,8 +19,6 @@ class ExrWriter:
     #: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``
     exr_channel: str = "Y"
     half: bool = False  #: 16-bit instead of 32-bit floats
-    #: (cx, cy), principal point in pixels of the map; None for what the map states
-    centre_px: tuple[float, float] | None = None
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN.
@@ -30,7 +27,7 @@ class ExrWriter:
         """
         shown, stored, windows = _windowed(depth, frame)
         values = np.ascontiguousarray(stored)
-        metadata = metadata_texts(with_centre(shown, self.centre_px))
+        metadata = metadata_texts(shown)
         texts = {f"depthcli:{name}": text for name, text in metadata.items()}
         if self.half:
             with np.errstate(over="ignore"):

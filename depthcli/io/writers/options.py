@@ -1,6 +1,6 @@
 """Options of all output formats."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Literal
 
 from depthcli.io.writers.base import Writer
@@ -9,10 +9,7 @@ from depthcli.io.writers.formats import FORMATS, MILLIMETRES, Format, writer_cla
 
 @dataclass(frozen=True, slots=True)
 class WriterOptions:
-    """Options of all formats; the table of formats states which of them each writer uses.
-
-    The principal point is that of the map.
-    """
+    """Options of all formats; the table of formats states which of them each writer uses."""
 
     png_scale: float = MILLIMETRES  #: steps a metre in 16-bit PNG
     png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range
@@ -27,5 +24,4 @@ class WriterOptions:
 
     def writer(self, name: Format) -> Writer:
         """The writer of a format; its module is loaded now."""
-        own = [field.name for field in fields(self) if field.name in FORMATS[name].options]
-        return writer_class(name)(**{option: getattr(self, option) for option in own})
+        return writer_class(name)(**{own: getattr(self, own) for own in FORMATS[name].options})

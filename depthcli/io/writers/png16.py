@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.quantization import UINT16_MAX, quantized
 from depthcli.io.png.encode import encode_png
@@ -21,13 +20,11 @@ class Png16Writer(NamedTuple):
     #: steps per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
     png_scale: float = MILLIMETRES
     png_normalize: bool = False  #: normalize each map to 1-65535 instead, without a unit
-    #: (cx, cy), principal point in pixels of the map; None for what the map states
-    centre_px: tuple[float, float] | None = None
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write (H, W) uint16; depth beyond the range saturates, with a warning."""
         del frame
-        texts = metadata_texts(with_centre(depth, self.centre_px))
+        texts = metadata_texts(depth)
         warnings: tuple[str, ...] = ()
         if self.png_normalize or not depth.is_metric:
             steps, low, high = normalized(depth)

@@ -9,8 +9,8 @@ from typing import TypeAlias
 
 from depthcli.core.anchor_fit import fitted, lost_in_fit
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.map_camera import with_centre
 from depthcli.core.overscan import displayed_depth, without_invented
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline

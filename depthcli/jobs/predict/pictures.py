@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from depthcli.core.anchor_fit import fitted, lost_in_fit
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.map_camera import with_centre
 from depthcli.core.overscan import displayed_depth, without_invented
 from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.pipeline import Pipeline

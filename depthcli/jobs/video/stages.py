@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.map_camera import with_centre
 from depthcli.core.overscan import without_invented
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.temporal import changes as temporal
 from depthcli.core.temporal.range_lock import RangeLock
 from depthcli.core.temporal.smoothing import (
