@@ -6,6 +6,7 @@ import io
 import math
 import warnings
 import weakref
+from functools import partial
 from pathlib import Path
 from threading import get_ident
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from PIL import Image
 from tiny import synthetic_picture, write_model, write_picture
 
 import depthcli
-from depthcli.io.depth.metadata import read_metadata
+from depthcli.io.depth.read import read_metadata
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -196,8 +197,13 @@ def test_a_scale_that_keeps_no_depth_is_refused(
         ({"focal_px": -400}, "-400 pixels is not a number from 0.001 to 1e8"),
         ({"focal_px": 400, "hfov_deg": 60}, "not both"),
         ({"hfov_deg": 190}, "190°"),
-        ({"anchors": [(3, 4)]}, r"not \(3, 4\)"),
-        ({"anchors": [(3.5, 4, 2)]}, "column, row, metres"),
+        ({"focal_px": "400"}, "400 pixels is not a number"),
+        ({"focal_px": np.array([400.0, 300.0])}, "pixels is not a number"),
+        ({"anchors": [(3, 4)]}, r"not \[\(3, 4\)\]"),
+        ({"anchors": ()}, "there are no anchors"),
+        ({"anchors": np.zeros((0, 3))}, "there are no anchors"),
+        ({"anchors": [(math.inf, 4, 2)]}, "not finite"),
+        ({"anchors": [(3, 4, "far")]}, "column, row, metres"),
         ({"anchors": [(3, 4, -2)]}, "-2 m; give a depth from 0.001"),
         ({"anchors": [(64, 4, 2)]}, "outside the picture"),
         ({"anchors": np.zeros((5, 4), int)}, "column, row, metres"),
@@ -357,6 +363,8 @@ def test_the_focal_length_scales_metres(model: depthcli.DepthModel) -> None:
 def test_anchors_are_fitted_and_kept(model: depthcli.DepthModel) -> None:
     points = [(8, 10, 3.0), (50, 20, 7.0)]
     depth = model.predict(PIXELS, anchors=points)
+    listed = model.predict(PIXELS, anchors=np.array(points).tolist())
+    np.testing.assert_array_equal(depth.values, listed.values)
     for x, y, depth_m in points:
         assert depth.values[y, x] == pytest.approx(depth_m, rel=0.1)
     assert depth.anchors == tuple(points)
@@ -490,11 +498,49 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         found.to_points(focal_px=9).xyz_m, found.to_points(focal_px=9, centre_px=(0, 0)).xyz_m
     )
+    for name in ("f.png", "f.exr"):
+        depth.save(tmp_path / name, hfov_deg=90)
+        found = depthcli.read_depth(tmp_path / name)
+        assert (found.focal_px, found.camera_source) == (depth.width / 2, "option")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is assumed
+        depth.save(tmp_path / "f.ply", focal_px=9)
+        depth.save(tmp_path / "g.ply", focal_px=18)
+    narrow, wide = ((tmp_path / name).read_bytes() for name in ("g.ply", "f.ply"))
+    assert (len(narrow) == len(wide), narrow != wide) == (True, True)
+    with pytest.raises(depthcli.UsageError, match=r"\.depth\.npy states no camera"):
+        depth.save(tmp_path / "b.npy", focal_px=9)
+    with pytest.raises(depthcli.UsageError, match="not both"):
+        depth.save(tmp_path / "b.png", focal_px=9, hfov_deg=60)
     with pytest.raises(depthcli.UsageError, match=r"half is for \.depth\.exr"):
         depth.save(tmp_path / "b.png", half=True)
     with pytest.raises(depthcli.UsageError, match="selects a format"):
         depth.save(tmp_path / "b.jpg")
     assert not list(tmp_path.glob("b.*"))
+
+
+@pytest.mark.parametrize("centre_px", [[3.0, 2.0], np.array([3.0, 2.0], np.float32)])
+def test_a_principal_point_may_be_a_list_or_an_array(centre_px: Any, tmp_path: Path) -> None:
+    depth = depthcli.read_depth(_flat_file(tmp_path))
+    expected = depth.to_points(focal_px=9, centre_px=(3.0, 2.0)).xyz_m
+    np.testing.assert_array_equal(depth.to_points(focal_px=9, centre_px=centre_px).xyz_m, expected)
+    for name in ("p.png", "p.exr"):
+        depth.save(tmp_path / name, centre_px=centre_px)
+        assert depthcli.read_depth(tmp_path / name).centre_px == (3.0, 2.0)
+
+
+@pytest.mark.parametrize("centre_px", [3.0, (1.0, 2.0, 3.0), (math.nan, 1.0), ("a", 1)])
+def test_a_principal_point_is_two_finite_numbers(centre_px: Any, tmp_path: Path) -> None:
+    depth = depthcli.read_depth(_flat_file(tmp_path))
+    for use in (partial(depth.to_points, focal_px=9), partial(depth.save, tmp_path / "p.png")):
+        with pytest.raises(depthcli.UsageError, match="a principal point is"):
+            use(centre_px=centre_px)
+    assert not (tmp_path / "p.png").exists()
+
+
+def _flat_file(folder: Path) -> Path:
+    np.save(folder / "flat.npy", np.full((4, 6), 2, np.float32))
+    return folder / "flat.npy"
 
 
 def test_a_file_is_whole_or_not_there(depth: depthcli.DepthMap, tmp_path: Path) -> None:

@@ -99,7 +99,7 @@ class DepthModel:
         *,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
-        anchors: Anchors = (),
+        anchors: Anchors | None = None,
         white_level: int | None = None,
     ) -> DepthMap:
         """Depth of every pixel of a picture.
@@ -111,7 +111,8 @@ class DepthModel:
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``. With neither,
                 the 35-mm focal length in the picture's EXIF is used, if it has one, else the camera
                 that the model learned is assumed; ``camera_source`` of the map states which.
-            anchors: known points that metres are fitted to; see :meth:`DepthMap.fit_anchors`.
+            anchors: known points that metres are fitted to; see :meth:`DepthMap.fit_anchors`. None
+                for no fit.
             white_level: value of white in a 16-bit picture, such as 4095 for data of 12 bits; None
                 for 65535. Not for a ``Frame``, whose white is 65535.
 
@@ -135,7 +136,7 @@ class DepthModel:
         *,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
-        anchors: Anchors = (),
+        anchors: Anchors | None = None,
         white_level: int | None = None,
         batch_size: int = 1,
         workers: int = 0,
@@ -178,12 +179,11 @@ class DepthModel:
         return itertools.chain.from_iterable(done)
 
 
-def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Anchors) -> DepthMap:
+def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Anchors | None) -> DepthMap:
     windows = frame.windows
     shown = displayed_depth(without_invented(depth, windows), windows)
     found = DepthMap.of(shown, displayed_frame(frame))
-    is_given = isinstance(anchors, types.DepthMap) or len(anchors) > 0
-    return found.fit_anchors(anchors) if is_given else found
+    return found if anchors is None else found.fit_anchors(anchors)
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:

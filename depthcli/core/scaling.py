@@ -7,6 +7,7 @@ trained on one camera is right up to the ratio of focal lengths: depth ∝ focal
 import math
 
 from depthcli.core.camera_ranges import FOCAL_PX, HFOV_DEG
+from depthcli.core.validation import Rule
 from depthcli.errors import UsageError
 
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
@@ -20,10 +21,17 @@ def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
     """
     if focal_px is not None and hfov_deg is not None:
         raise UsageError("give the focal length or the field of view, not both")
-    if focal_px is not None and not FOCAL_PX.holds(focal_px):
-        raise UsageError(f"a focal length of {focal_px:g} pixels is not {FOCAL_PX.what}")
-    if hfov_deg is not None and not HFOV_DEG.holds(hfov_deg):
-        raise UsageError(f"a field of view of {hfov_deg:g}° is not {HFOV_DEG.what}")
+    if focal_px is not None and not _holds(FOCAL_PX, focal_px):
+        raise UsageError(f"a focal length of {focal_px} pixels is not {FOCAL_PX.what}")
+    if hfov_deg is not None and not _holds(HFOV_DEG, hfov_deg):
+        raise UsageError(f"a field of view of {hfov_deg}° is not {HFOV_DEG.what}")
+
+
+def _holds(rule: Rule, value: object) -> bool:
+    try:
+        return bool(rule.holds(value))
+    except (TypeError, ValueError):  # text, or an array of several numbers
+        return False
 
 
 def focal_px_of_hfov(hfov_deg: float, width: int) -> float:

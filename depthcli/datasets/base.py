@@ -58,8 +58,8 @@ class HasFocalLengths(Protocol):
 
 @runtime_checkable
 class HasCamera(Protocol):
-    """A data set whose pictures were taken with one known camera."""
+    """A data set whose pictures may have been taken with one known camera."""
 
     @property
-    def hfov_deg(self) -> float:
-        """Horizontal field of view over the full picture width, degrees."""
+    def hfov_deg(self) -> float | None:
+        """Horizontal field of view over the full picture width, degrees; None if not known."""

@@ -1,14 +1,15 @@
 """Some pairs of a data set, as a data set."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Subset:
     """The pairs at some positions; a :class:`~depthcli.datasets.base.DepthDataset`."""
 
@@ -18,7 +19,7 @@ class Subset:
     def __len__(self) -> int:
         return len(self.positions)
 
-    @property
+    @cached_property
     def ids(self) -> tuple[str, ...]:
         """Name of each pair."""
         names = self.whole.ids
@@ -35,6 +36,17 @@ class Subset:
         """The data set's own division."""
         parts = self.whole.official_split
         return tuple(parts[i] for i in self.positions)
+
+    @property
+    def focal_px(self) -> tuple[float, ...]:
+        """Focal length of each picture, in its own pixels; empty if they are not known."""
+        focal_px = self.whole.focal_px if isinstance(self.whole, HasFocalLengths) else ()
+        return tuple(focal_px[i] for i in self.positions) if focal_px else ()
+
+    @property
+    def hfov_deg(self) -> float | None:
+        """Horizontal field of view over the full picture width, degrees; None if not known."""
+        return self.whole.hfov_deg if isinstance(self.whole, HasCamera) else None
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Picture of pair ``i``: (H, W, 3) RGB uint8."""

@@ -97,10 +97,11 @@ class DepthVideoOutput:
 def normalized_to_range(
     values: npt.NDArray[np.float32], low: float, high: float
 ) -> npt.NDArray[np.uint16]:
-    """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are NaN.
+    """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are not finite.
 
     (H, W) float32 in, (H, W) uint16 out.
     """
-    share = (np.nan_to_num(values, nan=low) - low) / ((high - low) or 1.0)
+    known = np.isfinite(values)
+    share = (np.where(known, values, low) - low) / ((high - low) or 1.0)
     steps = np.rint(1 + np.clip(share, 0, 1) * (UINT16_MAX - 1))
-    return np.where(np.isnan(values), 0, steps).astype(np.uint16)
+    return np.where(known, steps, 0).astype(np.uint16)

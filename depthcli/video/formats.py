@@ -49,7 +49,7 @@ def _frames(picture: Format, *, is_counterpart: bool = True) -> VideoFormatFacts
     facts = FORMATS[picture]
     suffix = f".depth.{FRAME_NUMBER}{facts.file_suffix}"
     counterpart = picture if is_counterpart else None
-    return VideoFormatFacts(suffix, None, picture, counterpart, facts.options, facts.use_bytes)
+    return VideoFormatFacts(suffix, None, picture, counterpart, facts.parameters, facts.use_bytes)
 
 
 class VideoFormat(StrEnum):
@@ -88,7 +88,7 @@ class VideoFormat(StrEnum):
     JSON = (
         "json",
         VideoFormatFacts(
-            ".depth.json", ".json", None, Format.JSON, Format.JSON.facts.options, use_bytes=10
+            ".depth.json", ".json", None, Format.JSON, Format.JSON.facts.parameters, use_bytes=10
         ),
     )
 

@@ -19,8 +19,7 @@ from videos import NTSC, encode, flat_frames, write_mp4, write_video
 
 from depthcli.cli.arguments.span import parse_point, parse_span
 from depthcli.errors import UsageError
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.video.depth import DepthVideo
 from depthcli.video.partial import readable_steps
 from depthcli.video.spans import Point, Span

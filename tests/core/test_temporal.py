@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from depthcli.core.temporal.changes import THUMBNAIL_PX, Change, ChangeDetector, box_mean, thumbnail
+from depthcli.core.temporal.changes import THUMBNAIL_PX, Change, ChangeDetector, thumbnail
 from depthcli.core.temporal.range_lock import RangeLock
 from depthcli.core.temporal.smoothing import (
     FlickerMeter,
@@ -37,7 +37,7 @@ def at(values: Array, row: int, column: int) -> float:
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 1000), st.integers(1, 9), st.integers(1, 9))
-def test_the_mean_of_a_box_is_that_of_a_loop(seed: int, height: int, width: int) -> None:
+def test_a_difference_is_that_of_means_over_25_pixels(seed: int, height: int, width: int) -> None:
     values = noise(seed, (height, width))
     expected = [
         [
@@ -46,7 +46,9 @@ def test_the_mean_of_a_box_is_that_of_a_loop(seed: int, height: int, width: int)
         ]
         for y in range(height)
     ]
-    np.testing.assert_allclose(box_mean(values), expected, atol=1e-6)
+    changes = ChangeDetector()
+    changes.step(np.zeros_like(values))
+    np.testing.assert_allclose(changes.step(values).difference, expected, atol=1e-6)
 
 
 def test_stillness_takes_the_largest_change_nearby() -> None:

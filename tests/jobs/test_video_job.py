@@ -24,8 +24,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import load
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.video.output_names import video_formats
@@ -162,8 +161,8 @@ def test_the_sidecar_says_what_the_outputs_mean(
 def test_a_depth_video_states_the_principal_point(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
-    writing = WriterOptions(centre_px=(1.5, -2.0))  # which batch passes on
-    done = run(clip, tmp_path / "d.mkv", loader, writing=writing)
+    camera = Camera(centre_px=(1.5, -2.0))
+    done = run(clip, tmp_path / "d.mkv", loader, camera=camera)
     assert done.metadata()["centre_px"] == (1.5, -2.0)
     depth = next(iter(DepthVideo(tmp_path / "d.mkv")))
     assert depth.provenance is not None

@@ -215,9 +215,9 @@ def test_a_rate_that_no_container_states_is_refused(rate: Fraction, tmp_path: Pa
 def test_depth_out_of_range_saturates_with_a_warning(tmp_path: Path) -> None:
     values = np.array([[70, np.inf, np.nan, 0, -3, 1e-5]], np.float32)
     (warning,) = write_depth(tmp_path / "a.mkv", [values] * 3)
-    assert "6 pixels" in warning
+    assert "3 pixels" in warning
     steps = next(DepthVideo(tmp_path / "a.mkv").steps())
-    assert steps.tolist() == [[65535, 65535, 0, 0, 0, 1]]
+    assert steps.tolist() == [[65535, 0, 0, 0, 0, 1]]
 
 
 def test_depth_without_a_unit_is_normalized_and_says_so(tmp_path: Path) -> None:

@@ -140,6 +140,7 @@ def video(
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
     calibration: options.CalibrationOption = None,
+    rectified: options.RectifiedOption = False,
     white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
@@ -162,6 +163,7 @@ def video(
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.span import parse_fps, parse_span, refuse_for_videos
     from depthcli.cli.arguments.unused import refuse_unused
+    from depthcli.cli.arguments.white_level import refuse_for_exr_frames
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.remote import safe_name
@@ -175,13 +177,14 @@ def video(
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     refuse_replacing(calibration, output)
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, None, white_level, calibration, centre_px)
+    camera = choose_camera(context.params)
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
     written = [*chosen, VideoFormat.JSON] if sidecar else chosen
     refuse_unused(context, written, {which: which.facts.options for which in VideoFormat})
     refuse_for_videos(context, file)
+    refuse_for_exr_frames(context, file)
     use_bytes = [which.facts.use_bytes for which in chosen]
     request = VideoRequest(
         video=file,

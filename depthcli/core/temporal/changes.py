@@ -59,7 +59,9 @@ class ChangeDetector:
 
     def step(self, thumbnail: npt.NDArray[np.float32]) -> Change:
         """The change to the next picture's :func:`thumbnail`; the first picture is a cut."""
-        blurred = box_mean(thumbnail)
+        blurred = np.asarray(
+            cv2.blur(thumbnail, (_BLUR_PX, _BLUR_PX), borderType=cv2.BORDER_REPLICATE), np.float32
+        )
         before, self._blurred = self._blurred, blurred
         if before is None or before.shape != blurred.shape:
             return Change(np.ones_like(blurred), is_cut=True)
@@ -85,13 +87,3 @@ def thumbnail(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     scale = min(1.0, THUMBNAIL_PX / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     return luma(resize_area(np.asarray(pixels), *size))
-
-
-def box_mean(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """The mean of the 5×5 pixels around each one; (h, w) float32 in and out, edges repeated."""
-    height, width = values.shape
-    wide = np.pad(values, _BLUR_PX // 2, mode="edge")
-    rows = np.add.reduce([wide[i : i + height] for i in range(_BLUR_PX)])
-    total = np.add.reduce([rows[:, i : i + width] for i in range(_BLUR_PX)])
-    mean: npt.NDArray[np.float32] = total / np.float32(_BLUR_PX**2)
-    return mean

@@ -21,6 +21,6 @@ def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple
     focal_px = long_px * focal_px_of_hfov(NYU_HFOV_DEG, 1)
     if isinstance(dataset, HasFocalLengths) and dataset.focal_px:
         focal_px = dataset.focal_px[i]
-    elif isinstance(dataset, HasCamera):
+    elif isinstance(dataset, HasCamera) and dataset.hfov_deg is not None:
         focal_px = focal_px_of_hfov(dataset.hfov_deg, width)
     return width / 2 / focal_px, height / 2 / focal_px
