@@ -17,6 +17,7 @@ from depthcli.video.file import VideoFile, video_file
 from depthcli.video.output import DepthFrame, VideoOutput
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing, rate_text
+from depthcli.video.time_code import time_code_label
 
 
 @contextmanager
@@ -91,7 +92,8 @@ class DepthVideoOutput:
             labels |= {"scale": f"{self._scale:g}", "unit": step_unit(self._scale)}
         else:
             labels |= {"scale": "normalized"}
-        return {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
+        own = {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
+        return own | time_code_label(frame.picture.time_code, self._timing)
 
 
 def normalized_to_range(

@@ -112,9 +112,6 @@ class VideoFile:
             self._container = None
 
     def _open(self, frame: VideoFrame, labels: Mapping[str, str]) -> None:
-        timecode = self._timing.timecode_at(self._first_s)
-        if timecode is not None:
-            labels = {**labels, "timecode": timecode}
         container = self._container = new_container(self._target, self._timing, labels)
         size = frame.width, frame.height
         self._stream = add_video(container, self._codec, self._timing, *size)

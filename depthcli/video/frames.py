@@ -22,7 +22,6 @@ class FrameSource(ABC):
     problem: str | None = None
     #: time of the first frame in the file, which its audio refers to; None without audio
     start_s: Fraction | None = None
-    timecode: str | None = None  #: of the first frame, as ``01:02:03:04``; None if none is stated
 
     @property
     def numbers_stated(self) -> tuple[int, int] | None:

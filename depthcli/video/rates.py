@@ -4,8 +4,6 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 
-from depthcli.video.timecode import timecode_after
-
 FALLBACK_RATE = Fraction(25)
 """Frames a second if the source states no rate."""
 _NTSC = tuple(Fraction(n * 1000, 1001) for n in (12, 15, 24, 30, 48, 60, 120, 240))
@@ -52,7 +50,7 @@ class Timing:
 
     rate: Fraction  #: frames a second; the mean where frames are not evenly spaced
     tick_s: Fraction = Fraction(1, 1000)  #: seconds that all times of the source are multiples of
-    timecode: str | None = None  #: of the source's first frame; None for none
+    has_all_frames: bool = False  #: whether the frames are consecutive ones of the source
 
     @property
     def is_representable(self) -> bool:
@@ -70,9 +68,3 @@ class Timing:
         most = min(_MAX_TICKS, int(_MAX_DURATION_TICKS * self.rate))
         candidates = (math.lcm(grid, source), source, grid, _COARSE_TICKS)
         return Fraction(1, next((ticks for ticks in candidates if ticks <= most), _COARSE_TICKS))
-
-    def timecode_at(self, time_s: float) -> str | None:
-        """The time code of the frame at a time in the source; None for none."""
-        if self.timecode is None:
-            return None
-        return timecode_after(self.timecode, round(time_s * self.rate), self.rate)

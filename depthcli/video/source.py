@@ -26,6 +26,7 @@ from depthcli.video.pixels import orientation_of, picture_warnings, rgb_pixels
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.spans import WHOLE, Span
 from depthcli.video.stream_info import stream_info
+from depthcli.video.time_code import TimeCode, time_code_after
 from depthcli.video.timeline import Timeline
 from depthcli.video.truncation import ends_within_packet
 
@@ -58,7 +59,7 @@ class VideoSource(FrameSource):
         self._check_size(stream.width, stream.height, max_pixels)
         stated = stream_info(self._container, stream)
         self.rate, self.tick_s = stated.rate, stated.tick_s
-        self.timecode = stated.timecode
+        self._time_code = stated.time_code
         self.frames_stated = stated.frames if self.paths else None  # in a pipe it is a guess
         no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
         self.warnings = () if stated.is_rate_stated else (no_rate,)
@@ -112,6 +113,7 @@ class VideoSource(FrameSource):
                 float(self._timeline.time_s),
                 orientation=self._orientation,
                 pixel_aspect=self._pixel_aspect,
+                time_code=self._current_time_code(),
             )
 
     def close(self) -> None:
@@ -137,6 +139,12 @@ class VideoSource(FrameSource):
         aspect = stream.sample_aspect_ratio
         self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
         self.warnings += tuple(picture_warnings(first, self._pixel_aspect))
+
+    def _current_time_code(self) -> TimeCode | None:
+        if self._time_code is None:
+            return None
+        frames = round(self._timeline.time_s * self.rate)
+        return time_code_after(self._time_code, frames, self.rate)
 
     def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
         """Number and time of each frame, while it is the current one."""

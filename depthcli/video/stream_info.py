@@ -8,7 +8,7 @@ from av.container import InputContainer
 from av.video.stream import VideoStream
 
 from depthcli.video.rates import FALLBACK_RATE, exact_rate
-from depthcli.video.timecode import stated_timecode
+from depthcli.video.time_code import TimeCode, header_time_code
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class StreamInfo:
     time_base: Fraction  #: seconds a tick of the stream's times
     tick_s: Fraction  #: seconds of which every frame's time is a multiple
     frames: int | None  #: how many there are; None if nothing states it
-    timecode: str | None  #: of the first frame; None if nothing states it
+    time_code: TimeCode | None  #: of the first frame; None if nothing states it
 
 
 def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
@@ -40,5 +40,5 @@ def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
         time_base=time_base,
         tick_s=Fraction(1, rate.numerator) if is_even else time_base,
         frames=stream.frames or round(length_s * rate) or None,
-        timecode=stated_timecode(container, stream),
+        time_code=header_time_code(container, stream),
     )

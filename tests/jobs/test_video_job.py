@@ -137,7 +137,7 @@ def test_the_sidecar_says_what_the_outputs_mean(
         "constant_rate": True,
         "first_frame": 4,
         "start_s": pytest.approx(4 * 1001 / 30000),
-        "timecode": None,
+        "time_code": None,
         "width": 64,
         "height": 48,
         "orientation": 1,

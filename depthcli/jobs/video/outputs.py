@@ -39,9 +39,7 @@ def open_output(
         written: path of a depth video until it is complete; None for a temporary name.
     """
     target, inputs = plan.target(which), source.paths
-    # A time code counts the frames of the file that has it.
-    timecode = source.timecode if rate == source.rate else None
-    timing = Timing(rate, source.tick_s, timecode)
+    timing = Timing(rate, source.tick_s, has_all_frames=rate == source.rate)
     if which is VideoFormat.MKV:
         return depth_video(target, timing, writing.png_scale, inputs, written)
     picture = VIDEO_FORMATS[which].picture

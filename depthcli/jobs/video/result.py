@@ -8,6 +8,7 @@ from fractions import Fraction
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.writers.metadata import SOFTWARE, DepthMetadata
 from depthcli.video.rates import rate_text
+from depthcli.video.time_code import time_code_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +23,6 @@ class VideoResult:
     rate: Fraction  #: frames per second of the outputs, exact
     source_rate: Fraction  #: frames per second of the video
     is_regular: bool  #: whether the frame rate is constant
-    timecode: str | None  #: of the first frame written, in the video; None if it states none
     first: Frame  #: first frame written, without its pixels
     depth: DepthMap  #: its depth, for kind and model
     #: flicker of the depth written, see ``FlickerMeter``; None without two similar frames
@@ -45,6 +45,7 @@ class VideoResult:
     def metadata(self) -> dict[str, object]:
         """The fields of JSON and sidecar that are the same for every run."""
         depth, known = self.depth, DepthMetadata.of(self.depth)
+        time_code = self.first.time_code
         return {
             "frames": self.frames,
             "fps": rate_text(self.rate),
@@ -52,7 +53,7 @@ class VideoResult:
             "constant_rate": self.is_regular,
             "first_frame": self.first.index,
             "start_s": self.first.timestamp_s,
-            "timecode": self.timecode,
+            "time_code": None if time_code is None else time_code_text(time_code),
             "width": depth.width,
             "height": depth.height,
             "orientation": self.first.orientation,

@@ -26,7 +26,6 @@ from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frame_source import open_frames
 from depthcli.video.frames import FrameSource
 from depthcli.video.output import DepthFrame, VideoOutput
-from depthcli.video.rates import Timing
 
 _ON_GRID = 1e-6
 
@@ -160,7 +159,6 @@ def _video_done(
         rate=rate,
         source_rate=source.rate,
         is_regular=_is_regular(stages.times_s, rate),
-        timecode=Timing(source.rate, source.tick_s, source.timecode).timecode_at(stages.times_s[0]),
         first=first[0],
         depth=first[1],
         flicker=(stages.smoothed if smooths else stages.raw).value,
