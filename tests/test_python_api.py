@@ -18,7 +18,7 @@ from PIL import Image
 from tiny import synthetic_picture, write_model, write_picture
 
 import depthcli
-from depthcli.io.depth.metadata import read_metadata
+from depthcli.io.depth.read import read_metadata
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -498,6 +498,20 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         found.to_points(focal_px=9).xyz_m, found.to_points(focal_px=9, centre_px=(0, 0)).xyz_m
     )
+    for name in ("f.png", "f.exr"):
+        depth.save(tmp_path / name, hfov_deg=90)
+        found = depthcli.read_depth(tmp_path / name)
+        assert (found.focal_px, found.camera_source) == (depth.width / 2, "option")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is assumed
+        depth.save(tmp_path / "f.ply", focal_px=9)
+        depth.save(tmp_path / "g.ply", focal_px=18)
+    narrow, wide = ((tmp_path / name).read_bytes() for name in ("g.ply", "f.ply"))
+    assert (len(narrow) == len(wide), narrow != wide) == (True, True)
+    with pytest.raises(depthcli.UsageError, match=r"\.depth\.npy states no camera"):
+        depth.save(tmp_path / "b.npy", focal_px=9)
+    with pytest.raises(depthcli.UsageError, match="not both"):
+        depth.save(tmp_path / "b.png", focal_px=9, hfov_deg=60)
     with pytest.raises(depthcli.UsageError, match=r"half is for \.depth\.exr"):
         depth.save(tmp_path / "b.png", half=True)
     with pytest.raises(depthcli.UsageError, match="selects a format"):

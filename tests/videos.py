@@ -29,15 +29,17 @@ def encode(
     options: Mapping[str, str] | None = None,
     matrix: Sequence[int] | None = None,
     colours: str = "itu601",
+    timecode: str | None = None,
 ) -> Path:
     """RGB frames, (H, W, 3) uint8 or uint16, or (H, W) uint16, with any codec of FFmpeg's.
 
     The container follows from the path's suffix; ``times_s`` from the first frame's, and
-    ``matrix`` of nine numbers asks for a turn.
+    ``matrix`` of nine numbers asks for a turn. ``timecode`` is of the first frame.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     clock = 1 / rate if times_s is None else Fraction(1, 10_000)  # MPEG-4 takes up to 65535
     output = av.open(str(path), "w")
+    output.metadata.update({"timecode": timecode} if timecode else {})
     stream = cast("VideoStream", output.add_stream(codec, rate=rate, options=dict(options or {})))
     stream.time_base = stream.codec_context.time_base = clock
     stream.pix_fmt = pixel_format
@@ -108,10 +110,17 @@ def header_first(mp4: bytes) -> bytes:
     return mp4[:start] + bytes(header) + mp4[start:at]
 
 
-def with_sound(path: Path, codec: str = "aac", seconds: float = 4, begin_s: int = 0) -> Path:
+def with_sound(
+    path: Path,
+    codec: str = "aac",
+    seconds: float = 4,
+    begin_s: int = 0,
+    timecode: str | None = None,
+) -> Path:
     """A gray clip with a tone that begins at one second; its clock may begin later than 0."""
     rate = 48_000
     with av.open(str(path), "w") as output:
+        output.metadata.update({"timecode": timecode} if timecode else {})
         pictures = output.add_stream("mpeg4", rate=25)
         pictures.width, pictures.height, pictures.pix_fmt = 64, 48, "yuv420p"
         sound = output.add_stream(codec, rate=rate)

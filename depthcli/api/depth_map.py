@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from depthcli.core import anchor_fit, scaling, types
+from depthcli.core import anchor_fit, types
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.map_camera import with_centre, with_focal
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.text import short_repr
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.by_suffix import write_depth
+from depthcli.io.writers.formats import format_of
 from depthcli.io.writers.preview import PreviewWriter, percentiles
 from depthcli.visual.colormaps import NAMES
 
@@ -52,12 +54,6 @@ class DepthMap(types.DepthMap):
     def of(cls, depth: types.DepthMap, frame: types.Frame | None = None) -> Self:
         """Convert a map of the library's inner layers."""
         return cls(depth.values, depth.kind, depth.provenance, frame)
-
-    @property
-    def valid(self) -> npt.NDArray[np.bool_]:
-        """(H, W) bool: where there is a finite depth, for metres above 0."""
-        finite = np.isfinite(self.values)
-        return finite & (self.values > 0) if self.is_metric else finite
 
     @property
     def model(self) -> str | None:
@@ -135,18 +131,15 @@ class DepthMap(types.DepthMap):
         Raises:
             UsageError: the map has no metres, no focal length is known, or one is not valid.
         """
-        scaling.check_camera(focal_px, hfov_deg)
-        if hfov_deg is not None:
-            focal_px = scaling.focal_px_of_hfov(hfov_deg, self.width)
-        if focal_px is None and self.camera_source is types.CameraSource.CARD:
+        source = with_focal(self, focal_px, hfov_deg).provenance
+        if source is None or source.focal_px is None:
+            raise UsageError("no focal length is known; give focal_px or hfov_deg")
+        if source.camera_source is types.CameraSource.CARD:
             message = (
                 "no focal length is known; the point cloud assumes the camera the model learned"
             )
             warnings.warn(message, DepthcliWarning, stacklevel=2)
-        focal_px = focal_px or self.focal_px
-        if focal_px is None:
-            raise UsageError("no focal length is known; give focal_px or hfov_deg to predict")
-        return point_cloud(self, focal_px, centre_px=centre_px, frame=self.frame)
+        return point_cloud(self, source.focal_px, centre_px=centre_px, frame=self.frame)
 
     def colorize(
         self,
@@ -222,6 +215,8 @@ class DepthMap(types.DepthMap):
         png_scale: float | None = None,
         exr_channel: str | None = None,
         half: bool | None = None,
+        focal_px: float | None = None,
+        hfov_deg: float | None = None,
         centre_px: tuple[float, float] | None = None,
     ) -> None:
         """Write a file atomically; its suffix chooses the format.
@@ -235,19 +230,21 @@ class DepthMap(types.DepthMap):
             png_scale: steps per metre of a PNG; None for 1000.
             exr_channel: name of the channel of an EXR; None for the default.
             half: 16-bit floats in an EXR.
+            focal_px: focal length, as for :meth:`to_points`; PNG, EXR and JSON store it.
+            hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
             centre_px: principal point, as for :meth:`to_points`; PNG, EXR and JSON store it.
 
         Raises:
             OutputError: it cannot be written, or the map cannot be expressed in the format.
             UsageError: the suffix chooses no format, or an option is of another one.
         """
-        options = {
-            "png_scale": png_scale,
-            "exr_channel": exr_channel,
-            "half": half,
-            "centre_px": centre_px,
-        }
-        for message in write_depth(self, path_of(path), self.frame, options):
+        file = path_of(path)
+        format_ = format_of(file)
+        depth = with_centre(with_focal(self, focal_px, hfov_deg), centre_px)
+        if depth is not self and format_ is not None and not format_.facts.has_camera:
+            raise UsageError(f"{format_.facts.suffix} states no camera; leave it out for {file}")
+        options = {"png_scale": png_scale, "exr_channel": exr_channel, "half": half}
+        for message in write_depth(depth, file, self.frame, options):
             warnings.warn(f"{path}: {message}", DepthcliWarning, stacklevel=2)
 
 
@@ -257,7 +254,7 @@ def _points_of(anchors: Anchors) -> AnchorPoints:
             raise UsageError(f"anchors are metres, and {anchors.kind} depth has none")
         return AnchorPoints.of_map(anchors.values)
     if not isinstance(anchors, np.ndarray):
-        return AnchorPoints.of_table(_table(anchors))
+        return AnchorPoints.of_table(_anchor_table(anchors))
     if anchors.ndim == _TABLE_RANK and anchors.shape[1] == _COLUMNS and anchors.dtype.kind in "fiu":
         return AnchorPoints.of_table(anchors)
     if anchors.ndim == _TABLE_RANK and anchors.dtype.kind == "f":
@@ -268,7 +265,7 @@ def _points_of(anchors: Anchors) -> AnchorPoints:
     )
 
 
-def _table(anchors: Sequence[AnchorLike]) -> npt.NDArray[np.float64]:
+def _anchor_table(anchors: Sequence[AnchorLike]) -> npt.NDArray[np.float64]:
     """(N, 3) column, row, metres of a list."""
     try:
         return np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)

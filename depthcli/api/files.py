@@ -1,10 +1,11 @@
 """Depth files and depth videos as maps with the methods of the Python API."""
 
 import os
+import warnings
 from collections.abc import Iterator
 
 from depthcli.api.depth_map import DepthMap
-from depthcli.errors import InputError
+from depthcli.errors import DepthcliWarning, InputError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.storage.remote import path_of
 from depthcli.video import depth as depth_videos
@@ -21,6 +22,9 @@ class DepthVideo(depth_videos.DepthVideo):
 def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) -> DepthMap:
     """Depth of a 16-bit PNG, EXR or NPY file, with the file's metadata about model and camera.
 
+    A ``DepthcliWarning`` tells if the sidecar beside it is that of another map, or if a PNG states
+    no scale and none is given.
+
     Args:
         path: the file, with the suffix of its format.
         png_scale: steps per metre of a PNG, None for what the file states, or millimetres; or of
@@ -33,4 +37,7 @@ def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) 
     path = path_of(path)
     if path.suffix.lower() == ".mkv":
         raise InputError(f"{path} is a video; depthcli.DepthVideo reads the maps in it")
-    return DepthMap.of(depth_files.read_depth(path, png_scale=png_scale))
+    stored = depth_files.read_stored_depth(path, png_scale=png_scale)
+    for message in stored.warnings_with_scale("png_scale"):
+        warnings.warn(message, DepthcliWarning, stacklevel=2)
+    return DepthMap.of(stored.displayed)

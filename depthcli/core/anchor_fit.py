@@ -11,7 +11,7 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor
 from depthcli.core.overscan import displayed_depth
 from depthcli.core.scale_shift import Pairs, ScaleShift, least_squares, robust
-from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance
+from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance, has_depth
 from depthcli.core.windows import Windows
 from depthcli.errors import InputError, UsageError
 
@@ -66,7 +66,7 @@ def fit_anchors(
     fitted = depth.values * np.float32(fit.scale) + np.float32(fit.shift)
     if inverse:
         fitted = np.float32(1) / fitted
-    fitted = np.where(fitted > 0, fitted, np.float32(np.nan)).astype(np.float32)
+    fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
     result = DepthMap(fitted, DepthKind.METRIC)
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
@@ -82,9 +82,7 @@ def fit_anchors(
 
 
 def fitted(
-    depth: DepthMap,
-    points: Sequence[Anchor] | AnchorPoints,
-    windows: Windows | None = None,
+    depth: DepthMap, points: AnchorPoints | None, windows: Windows | None = None
 ) -> DepthMap:
     """Depth of one of several pictures, fitted to points; unchanged if no points are given.
 
@@ -94,7 +92,7 @@ def fitted(
         InputError: the points do not fit this picture, but may fit the next one.
     """
     try:
-        return depth if points == () else fit_anchors(depth, points, windows)
+        return depth if points is None else fit_anchors(depth, points, windows)
     except UsageError as error:
         raise InputError(str(error)) from error
 
@@ -103,7 +101,7 @@ def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
     """A warning about the pixels that a fit leaves without depth; none if there are none."""
     if fitted.values is before.values:
         return ()
-    lost = int(np.isnan(fitted.values).sum()) - int(np.isnan(before.values).sum())
+    lost = int(np.count_nonzero(before.valid & ~fitted.valid))
     if not lost:
         return ()
     share = f"{100 * lost / fitted.values.size:.3g} %"
@@ -112,7 +110,7 @@ def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
 
 def _known(points: AnchorPoints, values: _Values, kind: DepthKind) -> npt.NDArray[np.bool_]:
     """At which points the map has a value: (N,) bool."""
-    known = np.isfinite(values) & ((values > 0) | (kind is not DepthKind.METRIC))
+    known = has_depth(values, kind)
     if len(points) >= ROBUST_FROM and known.any():
         return known
     for at in np.flatnonzero(~known)[:1]:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from depthcli.core.camera import Anchor
 from depthcli.core.camera_ranges import DEPTH_M, DEPTH_M_RANGE
+from depthcli.core.types import has_depth
 from depthcli.errors import UsageError
 
 _COLUMNS = 3
@@ -24,12 +25,14 @@ class AnchorPoints:
         y: (N,) int64, rows from 0 at the top.
         depth_m: (N,) float64, metres along the camera axis.
         size_px: (columns, rows) of the map that they are from; None for a list of points.
+        warnings: about their file, one line each.
     """
 
     x: npt.NDArray[np.int64]
     y: npt.NDArray[np.int64]
     depth_m: npt.NDArray[np.float64]
     size_px: tuple[int, int] | None = None
+    warnings: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, points: Sequence[Anchor]) -> Self:
@@ -54,7 +57,7 @@ class AnchorPoints:
     @classmethod
     def of_map(cls, depth_m: npt.NDArray[np.floating]) -> Self:
         """The pixels of a sparse map, (H, W) metres, that have a depth: finite and above 0."""
-        y, x = np.nonzero(np.isfinite(depth_m) & (depth_m > 0))
+        y, x = np.nonzero(has_depth(depth_m))
         height, width = depth_m.shape
         return cls(x, y, depth_m[y, x].astype(np.float64), (width, height))
 

@@ -21,15 +21,17 @@ class Anchor(NamedTuple):
 
 
 class Lens(NamedTuple):
-    """The focal length of one picture, in one of two forms.
+    """The camera of one picture: its focal length in one of two forms, and its principal point.
 
     Attributes:
-        focal_px: in pixels of the picture; None if it is not given.
+        focal_px: focal length in pixels of the picture; None if it is not given.
         hfov_deg: horizontal field of view in degrees, instead; None if it is not given.
+        centre_px: (cx, cy), principal point in pixels of the picture; None if it is not given.
     """
 
     focal_px: float | None = None
     hfov_deg: float | None = None
+    centre_px: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,29 +46,27 @@ class Camera:
     white_level: int | None = None
     #: the calibration that ``hfov_deg`` is from; None if it is from none
     calibration: Calibration | None = None
+    #: (cx, cy), principal point in pixels of the picture; None if it is not given
+    centre_px: tuple[float, float] | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the calibration, one line each."""
-        if self.calibration is None or not self.calibration.is_distorted:
-            return ()
-        return ("the camera has lens distortion, which is not removed; rectify the pictures first",)
+        return () if self.calibration is None else self.calibration.warnings
 
-    def centre_px(self, width: int, height: int) -> tuple[float, float] | None:
-        """The calibrated principal point in pixels of a picture; None without a calibration.
+    def centre_for(self, width: int, height: int) -> tuple[float, float] | None:
+        """The principal point in pixels of a picture; None if it is not given.
 
         Raises:
             InputError: the calibration is for another aspect ratio.
         """
-        return None if self.calibration is None else self.calibration.centre_for(width, height)
-
-    @property
-    def lens(self) -> Lens:
-        """The given focal length, if there is one."""
-        return Lens(self.focal_px, self.hfov_deg)
+        if self.calibration is None:
+            return self.centre_px
+        return self.calibration.centre_for(width, height)
 
     def with_lens(self, lens: Lens | None) -> Self:
-        """The same camera with the focal length of one picture, if it is known."""
+        """The same camera with what is known of one picture's."""
         if lens is None:
             return self
-        return replace(self, focal_px=lens.focal_px, hfov_deg=lens.hfov_deg)
+        centre_px = lens.centre_px or self.centre_px
+        return replace(self, focal_px=lens.focal_px, hfov_deg=lens.hfov_deg, centre_px=centre_px)

@@ -1,14 +1,13 @@
 """Back-projection of a depth map to a point cloud."""
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.text import short_repr
-from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.core.map_camera import with_centre
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
 
 
@@ -65,28 +64,10 @@ def point_cloud(
     source = with_centre(depth, centre_px).provenance
     stated_px = source and source.centre_px
     centre_x, centre_y = stated_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
-    valid = np.isfinite(depth.values) & (depth.values > 0)
+    valid = depth.valid
     rows, columns = np.nonzero(valid)
     xyz_m = np.empty((len(rows), 3), np.float32)
     xyz_m[:, 2] = depth.values[valid]
     xyz_m[:, 0] = (columns - centre_x) / focal_px * xyz_m[:, 2]
     xyz_m[:, 1] = (rows - centre_y) / focal_px * xyz_m[:, 2]
     return PointCloud(xyz_m, None if frame is None else frame.pixels_8bit()[valid])
-
-
-def with_centre(depth: DepthMap, centre_px: tuple[float, float] | None) -> DepthMap:
-    """The same depth with a principal point in pixels of the map; None for the one it states.
-
-    Raises:
-        UsageError: it is not two finite numbers.
-    """
-    if centre_px is None:
-        return depth
-    try:
-        x, y = (float(value) for value in centre_px)
-    except (TypeError, ValueError):
-        x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise UsageError(f"a principal point is (cx, cy) in pixels, not {short_repr(centre_px)}")
-    source = replace(depth.provenance or Provenance(), centre_px=(x, y))
-    return replace(depth, provenance=source)

@@ -17,11 +17,11 @@ class DepthRange(NamedTuple):
 
     @classmethod
     def of(cls, depth: DepthMap) -> Self:
-        """The range of a depth map, NaN and infinity left out."""
-        finite = depth.values[np.isfinite(depth.values)]
-        if not finite.size:
+        """The range of a depth map where it has depth."""
+        known = depth.values[depth.valid]
+        if not known.size:
             return cls(None, None, None)
-        return cls(float(finite.min()), _median(finite), float(finite.max()))
+        return cls(float(known.min()), _median(known), float(known.max()))
 
 
 def _median(values: npt.NDArray[np.float32]) -> float:

@@ -38,6 +38,14 @@ class CameraSource(StrEnum):
     """Assumed: that of the camera that the model was trained for."""
 
 
+def has_depth(
+    values: npt.NDArray[np.floating], kind: DepthKind = DepthKind.METRIC
+) -> npt.NDArray[np.bool_]:
+    """Where there is a depth: where values are finite, and metres above 0; of any shape."""
+    finite: npt.NDArray[np.bool_] = np.isfinite(values)
+    return finite & (values > 0) if kind is DepthKind.METRIC else finite
+
+
 # Compared by identity: == of two arrays gives an array.
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
@@ -51,11 +59,14 @@ class Frame:
         timestamp_s: its time in a video, in seconds; None for a still picture.
         orientation: the EXIF orientation (1-8) that was undone on reading.
         focal_35mm: EXIF 35-mm-equivalent focal length in millimetres, if the file states one.
-        rate: frames a second of the video that is made of it; None for a still picture.
+        rate: frames a second of the video that is made of it, or that an EXR states; None for
+            other still pictures.
         warnings: about its file, one line each.
         pixel_aspect: width by height of a pixel; 1 is square.
         windows: which part of the image plane the pixels cover, of an EXR; None if they are all of
             the frame.
+        time_code: SMPTE time code of an EXR or a video's frame: hours, minutes, seconds, frame,
+            six flags (the first: drop frame) and eight binary groups; None if it has none.
     """
 
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
@@ -68,6 +79,7 @@ class Frame:
     warnings: tuple[str, ...] = ()
     pixel_aspect: float = 1.0
     windows: Windows | None = None
+    time_code: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         """Check the pixels.
@@ -153,7 +165,8 @@ class DepthMap:
     """Depth of every pixel of one picture.
 
     Attributes:
-        values: (H, W) float32. Metres for ``DepthKind.METRIC``. NaN where there is no depth.
+        values: (H, W) float32. Metres for ``DepthKind.METRIC``. NaN where there is no depth; of a
+            file of another program, also infinity, and for metres 0 and below.
         kind: what the numbers mean.
         provenance: the model behind them, if any.
     """
@@ -182,6 +195,11 @@ class DepthMap:
         """Whether the values are metres."""
         return self.kind is DepthKind.METRIC
 
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """(H, W) bool: where there is a finite depth, for metres above 0."""
+        return has_depth(self.values, self.kind)
+
     def __array__(
         self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
     ) -> npt.NDArray[Any]:
@@ -189,8 +207,8 @@ class DepthMap:
         return np.array(self.values, dtype, copy=copy)
 
     def __repr__(self) -> str:
-        finite = self.values[np.isfinite(self.values)]
+        known = self.values[self.valid]
         unit = " m" if self.is_metric else ""
-        spread = f"{finite.min():.3g} to {finite.max():.3g}{unit}" if finite.size else "no depth"
+        spread = f"{known.min():.3g} to {known.max():.3g}{unit}" if known.size else "no depth"
         model = f", {self.provenance.model}" if self.provenance and self.provenance.model else ""
         return f"<{type(self).__name__} {self.width}×{self.height}, {self.kind}, {spread}{model}>"

@@ -18,6 +18,7 @@ ALL_PAIRS = "all"
 LABELLED_COUNT = 1449
 PAPER_TRAIN_COUNT = 1000
 OFFICIAL_TRAIN_COUNT = 795
+VAL_TRAIN_COUNT = 866
 
 
 class SplitName(StrEnum):
@@ -116,7 +117,9 @@ def _val(dataset: DepthDataset, labels: Sequence[int]) -> Split:
     held_out = held_out_scenes([dataset.scenes[i] for i in candidates])
     train = tuple(i for i in candidates if dataset.scenes[i] not in held_out)
     test = tuple(i for i in candidates if dataset.scenes[i] in held_out)
-    return Split(SplitName.VAL, train, test, len(train), len(test))
+    is_whole = len(candidates) == PAPER_TRAIN_COUNT
+    train_count = len(train) if is_whole else VAL_TRAIN_COUNT
+    return Split(SplitName.VAL, train, test, train_count, PAPER_TRAIN_COUNT - train_count)
 
 
 _SPLITTERS: dict[SplitName, Callable[[DepthDataset, Sequence[int]], Split]] = {

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from depthcli.errors import DatasetError, InputError
-from depthcli.io.depth.metadata import positive_number, read_metadata
+from depthcli.io.depth.metadata import positive_number
+from depthcli.io.depth.read import read_metadata
 
 
 def stated_focal_px(depths: Sequence[Path]) -> tuple[float, ...]:

@@ -1,6 +1,7 @@
 """Some pairs of a data set, as a data set."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -8,7 +9,7 @@ import numpy.typing as npt
 from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths, HasScales
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Subset:
     """The pairs at some positions; a :class:`~depthcli.datasets.base.DepthDataset`."""
 
@@ -18,7 +19,7 @@ class Subset:
     def __len__(self) -> int:
         return len(self.positions)
 
-    @property
+    @cached_property
     def ids(self) -> tuple[str, ...]:
         """Name of each pair."""
         names = self.whole.ids

@@ -1,6 +1,7 @@
 """Unpaired pictures and depth images, for methods that are trained without pairs."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from depthcli.datasets.paired_folder import PLAUSIBLE_M, list_files
 from depthcli.io.writers.formats import MILLIMETRES
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class UnpairedFolder:
     """Independent pictures and depth images; a :class:`~depthcli.datasets.base.DepthDataset`.
 
@@ -35,7 +36,7 @@ class UnpairedFolder:
     def __len__(self) -> int:
         return max(len(self.images), len(self.depths))
 
-    @property
+    @cached_property
     def ids(self) -> tuple[str, ...]:
         """Names of the picture and the depth image at each position."""
         names = ((self._image(i).name, self._depth(i).name) for i in range(len(self)))

@@ -60,7 +60,7 @@ def differences_from(
                 continue
             values = own - _per_image(rows, alignment)
             intervals = tuple(scene_interval(column, order) for column in values.T)
-            found.append(Difference(name, other, alignment, intervals))
+            found.append(Difference(name, other, alignment, intervals, len(set(order))))
     return tuple(found)
 
 

@@ -28,3 +28,4 @@ class Difference:
     alignment: Alignment | None  #: of both
     #: of every metric, in the order of the table; below 0, ``name`` is better where lower is better
     intervals: tuple[Interval, ...]
+    scene_count: int  #: scenes of the pictures, which are resampled

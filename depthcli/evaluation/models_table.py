@@ -52,4 +52,8 @@ def _notes(task: EvalTask, *, comparable: bool, trivial: bool) -> list[str]:
             "the paper's rows belong to the paper split and the headline protocol and are "
             "omitted here"
         )
+    if task.split.name == SplitName.VAL and len(task.split.test) != task.split.test_count:
+        notes.append(
+            "not all of pairs 1-1000 are here, so the held-out scenes are not those of all of them"
+        )
     return [*notes, *(trivial_notes(task.split) if trivial else ())]

@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from depthcli.datasets.splits import SplitName
+from depthcli.evaluation.choices import Source
 from depthcli.evaluation.report import (
     Comparison,
     ReportRow,
@@ -66,7 +67,8 @@ class RunsReport(Comparison):
         lines = [[*origin, *_FACTS, *METRICS, *(f"{metric}_sd" for metric in METRICS)]]
         for line in self.rows:
             row, std = line.row, line.std
-            known = [row.name, row.source, row.alignment or "", self.split]
+            split = SplitName.PAPER if row.source is Source.PUBLISHED else self.split
+            known = [row.name, row.source, row.alignment or "", split]
             known += [str(row.image_count), self.protocol.name, *_training_columns(line.training)]
             deviations = map(csv_cell, std.values) if std else [""] * len(METRICS)
             lines.append([*known, *map(csv_cell, row.scores.values), *deviations])

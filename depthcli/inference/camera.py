@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 from depthcli.core import scaling
+from depthcli.core.camera import Lens
 from depthcli.core.types import CameraSource, DepthKind, Frame
 from depthcli.inference.preprocess import Layout
 from depthcli.models.card import ModelCard
@@ -28,15 +29,12 @@ def metric_camera(card: ModelCard) -> CameraSpec | None:
     return card.camera if card.output.kind is DepthKind.METRIC else None
 
 
-def camera_of(
-    card: ModelCard, frame: Frame, layout: Layout, focal_px: float | None, hfov_deg: float | None
-) -> PictureCamera | None:
+def camera_of(card: ModelCard, frame: Frame, layout: Layout, lens: Lens) -> PictureCamera | None:
     """The camera of a picture; None if none is known.
 
-    The given one, as focal length in pixels or as horizontal field of view in degrees, else the
-    one in its EXIF, else that of the card.
+    That of the given lens, else the one in its EXIF, else that of the card.
     """
-    known = _stated_camera(frame, focal_px, hfov_deg)
+    known = _stated_camera(frame, lens)
     learned = metric_camera(card)
     if learned is None:
         return known
@@ -60,14 +58,12 @@ def _resize_factor(spec: InputSpec, frame: Frame, layout: Layout) -> float:
     return min(across * root, down / root)
 
 
-def _stated_camera(
-    frame: Frame, focal_px: float | None, hfov_deg: float | None
-) -> PictureCamera | None:
-    if focal_px is not None:
-        return PictureCamera(focal_px, CameraSource.OPTION)
+def _stated_camera(frame: Frame, lens: Lens) -> PictureCamera | None:
+    if lens.focal_px is not None:
+        return PictureCamera(lens.focal_px, CameraSource.OPTION)
     width, height = frame.display_size_px
-    if hfov_deg is not None:
-        return PictureCamera(scaling.focal_px_of_hfov(hfov_deg, width), CameraSource.OPTION)
+    if lens.hfov_deg is not None:
+        return PictureCamera(scaling.focal_px_of_hfov(lens.hfov_deg, width), CameraSource.OPTION)
     if frame.focal_35mm is not None:
         in_px = scaling.focal_px_of_35mm(frame.focal_35mm, width, height)
         return PictureCamera(in_px, CameraSource.EXIF)

@@ -94,11 +94,11 @@ class Pipeline:
         given = Lens(focal_px, hfov_deg)
         own = [lens or given for lens in lenses or [None] * len(frames)]
         for lens in {given, *own}:
-            self.check_focal(*lens)
+            self.check_focal(lens.focal_px, lens.hfov_deg)
         prepared = [prepare(self.card.input, frame) for frame in frames]
         raws = self._run([single for single, _ in prepared])
         return [
-            self._finish(frame, raw, layout, camera_of(self.card, frame, layout, *lens))
+            self._finish(frame, raw, layout, camera_of(self.card, frame, layout, lens))
             for frame, raw, (_, layout), lens in zip(frames, raws, prepared, own, strict=True)
         ]
 

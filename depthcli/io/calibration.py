@@ -2,6 +2,7 @@
 
 import math
 import os
+from itertools import dropwhile, takewhile
 from pathlib import Path
 
 import cv2
@@ -15,41 +16,72 @@ from depthcli.io.storage.remote import path_of
 
 _WIDTHS, _HEIGHTS = ("image_width", "width"), ("image_height", "height")
 _MATRICES = ("camera_matrix", "K", "k")
-_DISTORTIONS = ("distortion_coefficients", "dist_coeffs", "D", "d")
-_MATRIX_SIZE = 9
+_PROJECTIONS = ("projection_matrix", "P", "p")
+_DISTORTIONS = ("distortion_coefficients", "dist_coeffs", "D", "d", "fisheye_model")
+"""Nodes with a number that is not 0 if there is distortion."""
+_FISHEYES = ("equi", "fisheye", "kannala", "omni")
+"""Parts of the names of models that are no pinhole even if all coefficients are 0."""
+_LAST_ROW = [0, 0, 1]
+_ADVICE = "name the calibration of a camera"
 _MAX_BYTES = 2**20
 _MAX_PX = 1e6
 _OTHERS = (b"<?xml", b"{")
+_ENDS = (b"---", b"...")
+"""Lines at which a YAML document ends."""
 
 
-def read_calibration(path: str | os.PathLike[str]) -> Calibration:
+def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -> Calibration:
     """A calibration in ``camera_info`` YAML of ROS, or in YAML, XML or JSON of OpenCV.
 
     Its focal length is the geometric mean of fx and fy. Its ``hfov_deg`` is for ``predict``, its
     ``centre_for(width, height)`` for the ``centre_px`` of point clouds.
 
+    Args:
+        path: the file.
+        rectified: whether the pictures are rectified; their camera is that of the projection
+            matrix, without distortion.
+
     Raises:
-        InputError: the file cannot be read, or does not have all of the size of the pictures and
-            the camera matrix.
+        InputError: the file cannot be read, or lacks the size of the pictures or the matrix, or
+            they are of no camera.
     """
     path = path_of(path)
     root = _opened_storage(path)
     size = [_numbers(_node(root, names, path)) for names in (_WIDTHS, _HEIGHTS)]
     width, height = (numbers[0] if len(numbers) == 1 else math.nan for numbers in size)
-    matrix = _numbers(_node(root, _MATRICES, path))
-    if len(matrix) != _MATRIX_SIZE:
-        raise InputError(f"{path} has a camera matrix that is not 3×3; calibrate the camera again")
-    (fx, _, cx), (_, fy, cy) = matrix[:3], matrix[3:6]
-    focal_px = math.sqrt(fx * fy) if fx > 0 and fy > 0 else 0
+    (fx, _, cx), (_, fy, cy) = _matrix_rows(root, path, rectified=rectified)
     is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in (width, height))
-    if not (is_size and FOCAL_PX.holds(focal_px) and abs(cx) < _MAX_PX and abs(cy) < _MAX_PX):
+    # A crop can have it outside, but hardly by more than its own size.
+    is_near = -width <= cx <= 2 * width and -height <= cy <= 2 * height
+    if not (is_size and is_near and FOCAL_PX.holds(fx) and FOCAL_PX.holds(fy)):
         raise InputError(
             f"{path} is for {width:g}×{height:g} pixels with fx {fx:g}, fy {fy:g}, cx {cx:g}, "
             f"cy {cy:g}, which is no camera; calibrate it again"
         )
+    focal_px, is_distorted = math.sqrt(fx * fy), not rectified and _is_distorted(root)
+    return Calibration(int(width), int(height), focal_px, (cx, cy), is_distorted, fy / fx)
+
+
+def _matrix_rows(root: cv2.FileStorage, path: Path, *, rectified: bool) -> list[list[float]]:
+    """The first two rows of the camera matrix, or of that in the projection matrix."""
+    names, columns = (_PROJECTIONS, 4) if rectified else (_MATRICES, 3)
+    advice = "give --focal-px and --centre-px of the rectified pictures" if rectified else _ADVICE
+    numbers = _numbers(_node(root, names, path, advice))
+    rows = [numbers[start : start + 3] for start in range(0, len(numbers), columns)]
+    if len(numbers) != 3 * columns or rows[2] != _LAST_ROW:
+        raise InputError(
+            f"{path} has a {names[0]} that is not 3×{columns} with 0 0 1 in the last row; write "
+            "it row by row, or calibrate the camera again"
+        )
+    return rows[:2]
+
+
+def _is_distorted(root: cv2.FileStorage) -> bool:
+    model = root.getNode("distortion_model")
+    if model.isString() and any(part in model.string().lower() for part in _FISHEYES):
+        return True
     named = [root.getNode(name) for name in _DISTORTIONS]
-    is_distorted = any(any(_numbers(node)) for node in named if not node.isNone())
-    return Calibration(int(width), int(height), focal_px, (cx, cy), is_distorted)
+    return any(any(_numbers(node)) for node in named if not node.isNone())
 
 
 def _opened_storage(path: Path) -> cv2.FileStorage:
@@ -57,11 +89,11 @@ def _opened_storage(path: Path) -> cv2.FileStorage:
     if len(data) > _MAX_BYTES:
         raise InputError(f"{path} is too large for a calibration; name another file")
     if not data.startswith(_OTHERS):
-        # ROS writes no header, and versions of OpenCV differ in theirs.
+        # ROS writes no header, and versions of OpenCV differ in theirs. A topic has an end.
         lines = data.removeprefix(b"\xef\xbb\xbf").splitlines()
-        while lines and (lines[0].startswith(b"%YAML") or lines[0].strip() in {b"", b"---"}):
-            del lines[0]
-        data = b"\n".join([b"%YAML:1.0", b"---", *lines, b""])
+        rest = dropwhile(_is_before_document, lines)
+        document = takewhile(lambda line: line.rstrip() not in _ENDS, rest)
+        data = b"\n".join([b"%YAML:1.0", b"---", *document, b""])
     try:
         with silent_opencv():
             flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
@@ -72,17 +104,24 @@ def _opened_storage(path: Path) -> cv2.FileStorage:
     if not is_read:
         raise InputError(
             f"{path} is not a calibration that OpenCV can read: YAML of ROS with lists as [1, 2] "
-            "and without comments behind values, or YAML, XML or JSON of OpenCV"
+            "(ros2 topic echo --flow-style) and without comments behind values, or YAML, XML or "
+            "JSON of OpenCV"
         )
     return root
 
 
-def _node(root: cv2.FileStorage, names: tuple[str, ...], path: Path) -> cv2.FileNode:
+def _is_before_document(line: bytes) -> bool:
+    return line.startswith(b"%YAML") or line.strip() in {b"", b"---"}
+
+
+def _node(
+    root: cv2.FileStorage, names: tuple[str, ...], path: Path, advice: str = _ADVICE
+) -> cv2.FileNode:
     for name in names:
         node = root.getNode(name)
         if not node.isNone():
             return node
-    raise InputError(f"{path} has no {names[0]}; name the calibration of a camera")
+    raise InputError(f"{path} has no {names[0]}; {advice}")
 
 
 def _numbers(node: cv2.FileNode) -> list[float]:

@@ -1,25 +1,20 @@
 """Pictures in OpenEXR files, converted from linear light to sRGB."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from depthcli.core.bands import row_bands
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.pixel_aspect import pixel_aspect_warning
-from depthcli.core.text import one_line
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
-from depthcli.errors import InputError, OutputError
+from depthcli.errors import OutputError
+from depthcli.io.exr_light import clip_warning, encode, primaries_warning
 from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.temporary_folder import temporary_folder
-
-_LINEAR_UP_TO = 0.0031308
 
 
 def read_exr_picture(
@@ -29,10 +24,10 @@ def read_exr_picture(
     max_pixels: int | PictureLimit = MAX_PIXELS,
     overscan: Window | None = None,
 ) -> Frame:
-    """The colours of an EXR, encoded for display, with its windows and the shape of its pixels.
+    """The colours of an EXR, encoded for display, and what its header states.
 
     Args:
-        path: the file; its R, G and B, or those of its first layer that has them, or its Y.
+        path: the file; its R, G and B, or its Y, or R, G and B of the layer that is its picture.
         name: what messages call it; None for its path.
         max_pixels: pictures with more are refused before they are decoded.
         overscan: the window to read, relative to the corner of the display window; None for the
@@ -47,27 +42,37 @@ def read_exr_picture(
     """
     # OpenEXR is slow to load.
     from depthcli.io.depth.exr_channels import read_exr_channels  # noqa: PLC0415
+    from depthcli.io.depth.exr_layers import colour_channels  # noqa: PLC0415
 
     name = name or str(path)
     limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
     channels = read_exr_channels(path, name=name, limit=limit)
-    names = _colour_names(name, list(channels))
-    data, display, pixel_aspect = channels[names[0]][1:4]
-    whole = display.union(data)
+    names, doubt = colour_channels(name, list(channels))
+    part = channels[names[0]].part
+    whole = part.display.union(part.data)
     if overscan is not None:
-        whole = overscan.moved(display.left, display.top)
+        whole = overscan.moved(part.display.left, part.display.top)
     limit.check(name, whole.width, whole.height)
+    windows = Windows(whole, part.data, part.display)
     pixels = np.empty((whole.height, whole.width, len(names)), np.float32)
-    for i, colour in enumerate(names):
-        # Each is freed when it is encoded.
-        _encode(channels.pop(colour).over(whole), pixels[..., i])
-    stretched = pixel_aspect_warning(pixel_aspect)
+    # Each is freed when it is encoded.
+    above = max(
+        encode(channels.pop(colour).over(whole), pixels[..., i]) for i, colour in enumerate(names)
+    )
+    warnings = (
+        doubt,
+        pixel_aspect_warning(part.pixel_aspect),
+        clip_warning(above / max(1, windows.valid.width * windows.valid.height)),
+        primaries_warning(part.primaries) if len(names) > 1 else None,
+    )
     return Frame(
         pixels if len(names) > 1 else pixels[..., 0],
         path,
-        warnings=(stretched,) if stretched else (),
-        pixel_aspect=pixel_aspect,
-        windows=Windows(whole, data, display),
+        rate=part.rate,
+        warnings=tuple(filter(None, warnings)),
+        pixel_aspect=part.pixel_aspect,
+        windows=windows,
+        time_code=part.time_code,
     )
 
 
@@ -92,19 +97,6 @@ def read_exr_data(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_P
     return replace(frame, path=None)
 
 
-def _colour_names(file: str, names: Sequence[str]) -> tuple[str, ...]:
-    """The names of the channels R, G and B, or of the channel Y."""
-    layers = sorted({name[:-1] for name in names if name.endswith("R")}, key=len)
-    for layer in layers:
-        if {f"{layer}G", f"{layer}B"} <= set(names):
-            return tuple(layer + colour for colour in "RGB")
-    if "Y" not in names:
-        raise InputError(
-            f"{file} has no channels R, G, B or Y; it has {one_line(', '.join(names))}"
-        )
-    return ("Y",)
-
-
 def read_exr_rate(path: Path) -> Fraction | None:
     """Frames a second that an EXR's header states; None for other files, or if it does not."""
     if not is_exr(path.name):
@@ -114,20 +106,3 @@ def read_exr_rate(path: Path) -> Fraction | None:
     from depthcli.io.depth.exr_library import stated_rate  # noqa: PLC0415
 
     return stated_rate(read_exr_header(path))
-
-
-def _encode(linear: npt.NDArray[np.float32], encoded: npt.NDArray[np.float32]) -> None:
-    """Write linear light, (H, W), into another array as sRGB."""
-    height, width = linear.shape
-    for rows in row_bands(width, height):  # of the whole, it takes several times its memory
-        encoded[rows] = _srgb(linear[rows])
-
-
-def _srgb(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Linear light encoded by the sRGB transfer function (IEC 61966-2-1)."""
-    light = np.clip(np.nan_to_num(linear), 0, 1)
-    curve = np.float32(1.055) * light ** np.float32(1 / 2.4) - np.float32(0.055)
-    shown: npt.NDArray[np.float32] = np.where(
-        light <= _LINEAR_UP_TO, light * np.float32(12.92), curve
-    )
-    return shown

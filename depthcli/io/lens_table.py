@@ -1,4 +1,4 @@
-"""The focal length of each picture in a CSV table, such as ``cameras.csv`` of a training folder."""
+"""The camera of each picture in a CSV table, such as ``cameras.csv`` of a training folder."""
 
 import csv
 import math
@@ -6,22 +6,24 @@ from io import StringIO
 from pathlib import Path
 
 from depthcli.core.camera import Lens
-from depthcli.core.camera_ranges import FOCAL_PX, HFOV_DEG
+from depthcli.core.camera_ranges import CENTRE_PX, FOCAL_PX, HFOV_DEG
 from depthcli.core.text import short_repr
 from depthcli.errors import InputError
 from depthcli.io.storage.regular import read_regular
 
 ID = "id"
-_RULES = {"focal_px": FOCAL_PX, "hfov_deg": HFOV_DEG}
+_FOCAL = frozenset({"focal_px", "hfov_deg"})
+_RULES = {"focal_px": FOCAL_PX, "hfov_deg": HFOV_DEG, "cx": CENTRE_PX, "cy": CENTRE_PX}
 _MAX_BYTES = 256 * 2**20
 
 
 def read_lenses(path: Path) -> dict[str, Lens]:
-    """The focal length of each id.
+    """The camera of each id.
 
     The first line names the columns: ``id``, and ``focal_px`` (pixels of the picture), ``hfov_deg``
-    (horizontal field of view in degrees) or both. In a row with both, ``focal_px`` counts; a row
-    with neither is left out. Other columns are ignored.
+    (horizontal field of view in degrees) or both. In a row with both, ``focal_px`` counts. ``cx``
+    and ``cy``, the principal point in pixels of the picture, are optional. A row without any of
+    these is left out. Other columns are ignored.
 
     Raises:
         InputError: it cannot be read, lacks a column, has an invalid number, or two different rows
@@ -31,10 +33,10 @@ def read_lenses(path: Path) -> dict[str, Lens]:
         text = read_regular(path, _MAX_BYTES).decode("utf-8-sig", "surrogateescape")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
-    rows = csv.DictReader(StringIO(text, newline=""))
+    rows = csv.DictReader(StringIO(text, newline=""), skipinitialspace=True)
     try:
         columns = rows.fieldnames or ()
-        if ID not in columns or not _RULES.keys() & set(columns):
+        if ID not in columns or _FOCAL.isdisjoint(columns):
             raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")
         found: dict[str, Lens] = {}
         for row in rows:
@@ -50,15 +52,18 @@ def _add(found: dict[str, Lens], row: dict[str, str | None]) -> None:
     Raises:
         ValueError: it cannot be used.
     """
-    focal_px, hfov_deg = (_number(name, row.get(name) or "") for name in _RULES)
-    if focal_px is None and hfov_deg is None:
+    focal_px, hfov_deg, cx, cy = (_number(name, row.get(name) or "") for name in _RULES)
+    if (cx is None) != (cy is None):
+        raise ValueError("give cx and cy, or neither")
+    centre_px = None if cx is None or cy is None else (cx, cy)
+    lens = Lens(focal_px, None if focal_px is not None else hfov_deg, centre_px)
+    if lens == Lens():
         return
     name = (row[ID] or "").removeprefix("./")
     if not name:
         raise ValueError("the id is missing")
-    lens = Lens(focal_px, None if focal_px is not None else hfov_deg)
     if found.setdefault(name, lens) != lens:
-        raise ValueError(f"another row of {short_repr(name)} has another focal length")
+        raise ValueError(f"another row of {short_repr(name)} has another camera")
 
 
 def _number(column: str, word: str) -> float | None:

@@ -5,19 +5,19 @@ from typing import Self
 
 import numpy as np
 
-from depthcli.core import scaling
 from depthcli.core.camera import Camera
-from depthcli.core.overscan import displayed_depth, displayed_frame
-from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
+from depthcli.core.map_camera import with_centre, with_focal
+from depthcli.core.overscan import displayed_frame
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.read import read_whole_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.io.writers.formats import FILE_SUFFIXES, Format, format_of
 from depthcli.io.writers.options import WriterOptions
-from depthcli.jobs.inspect import read_whole_map
-from depthcli.jobs.naming import check_suffix, is_folder
+from depthcli.jobs.inspect import read_map
+from depthcli.jobs.naming import check_suffix, is_folder, refuse_pattern
 
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
@@ -31,7 +31,7 @@ class ConvertRequest:
     format: Format | None = None  #: of the target; None to take it from the suffix
     scale: float | None = None  #: units per metre of the source; None for what it states
     frame: int | None = None  #: of a depth video, from 0
-    #: camera of a point cloud, instead of that of the source; depth is not changed
+    #: instead of that of the source; depth is not changed
     camera: Camera = field(default_factory=Camera)
     #: of the same size, for the colours of a point cloud, or beside a preview
     picture: str | None = None
@@ -49,7 +49,7 @@ class RoundTrip:
     @classmethod
     def of(cls, depth: DepthMap, read_back: DepthMap) -> Self:
         """The errors between two maps of the same size."""
-        here, there = np.isfinite(depth.values), np.isfinite(read_back.values)
+        here, there = depth.valid, read_back.valid
         both = here & there
         error = np.abs(depth.values[both].astype(np.float64) - read_back.values[both])
         lost = int((here & ~there).sum())
@@ -76,11 +76,11 @@ def convert(request: ConvertRequest) -> ConvertResult:
         UsageError: the target's suffix is of no format, or the request does not fit the source.
     """
     wanted = target_format(request.target, request.format)
-    whole, frame = read_whole_map(path_of(request.source), scale=request.scale, frame=request.frame)
-    shown = _with_camera(displayed_depth(whole, frame.windows), request.camera)
+    stored = read_map(path_of(request.source), scale=request.scale, frame=request.frame)
+    shown = _with_camera(stored.displayed, request.camera)
     picture = None if request.picture is None else _colours(request.picture, shown)
     if wanted.facts.has_overscan:
-        depth, picture = replace(whole, provenance=shown.provenance), frame
+        depth, picture = replace(stored.depth, provenance=shown.provenance), stored.frame
     else:
         depth = shown
     inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
@@ -90,8 +90,9 @@ def convert(request: ConvertRequest) -> ConvertResult:
     check_writable(target)
     with atomic_path(target, inputs=inputs) as temporary:
         warnings = request.writing.writer(wanted).write(depth, temporary, picture)
-        read_back = read_whole_depth(temporary)[0] if wanted in _READABLE else None
+        read_back = read_stored_depth(temporary).depth if wanted in _READABLE else None
     round_trip = None if read_back is None else RoundTrip.of(depth, read_back)
+    warnings = (*stored.warnings_with_scale("--from-scale"), *warnings)
     return ConvertResult(safe_name(request.source), name, shown, round_trip, warnings)
 
 
@@ -104,6 +105,7 @@ def target_format(target: str, asked: Format | None) -> Format:
     if target == "-" or is_folder(target):
         folder = "" if target == "-" else f"{target.rstrip('/')}/"
         raise UsageError(f"{target} is not a file; name one, for example {folder}depth.exr")
+    refuse_pattern("", target)
     if asked is not None:
         check_suffix("", target, asked)
     found = asked or format_of(target)
@@ -117,15 +119,8 @@ def target_format(target: str, asked: Format | None) -> Format:
 
 def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:
     """The same depth with the given camera instead of the stated one."""
-    focal_px = camera.focal_px
-    if camera.hfov_deg is not None:
-        focal_px = scaling.focal_px_of_hfov(camera.hfov_deg, depth.width)
-    if focal_px is None:
-        return depth
-    source = replace(
-        depth.provenance or Provenance(), focal_px=focal_px, camera_source=CameraSource.OPTION
-    )
-    return replace(depth, provenance=source)
+    depth = with_centre(depth, camera.centre_for(depth.width, depth.height))
+    return with_focal(depth, camera.focal_px, camera.hfov_deg)
 
 
 def _colours(picture: str, depth: DepthMap) -> Frame:

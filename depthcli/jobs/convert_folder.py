@@ -46,7 +46,7 @@ class ConvertFolderRequest:
     format: Format  #: of the outputs
     wanted: NameFilter = ANY  #: the files to convert
     scale: float | None = None  #: units per metre of the inputs; None for what each states
-    #: camera of point clouds, instead of that of each input; depth is not changed
+    #: instead of that of each input; depth is not changed
     camera: Camera = field(default_factory=Camera)
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the format
     workers: int = 1  #: files converted in parallel

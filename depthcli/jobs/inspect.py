@@ -7,22 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from depthcli.core.overscan import displayed_depth
 from depthcli.core.summary import DepthRange
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.metadata import positive_number, read_metadata
-from depthcli.io.depth.read import read_depth, read_whole_depth
+from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.depth.stored import StoredDepth, step_scale
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
-from depthcli.io.writers.formats import MILLIMETRES
 from depthcli.video.depth import DepthVideo
 from depthcli.video.rates import rate_text
 
 _VIDEO_SUFFIX = ".mkv"
-_INTEGER_SUFFIXES = (".png", _VIDEO_SUFFIX)
-_SCALED_SUFFIXES = (*_INTEGER_SUFFIXES, ".npy")
-_NORMALIZED = "normalized"
+_SCALED_SUFFIXES = (".png", _VIDEO_SUFFIX, ".npy")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,13 +30,15 @@ class DepthMapInfo:
     unit: str | None  #: ``m``; None for relative and inverse maps
     scale: float | None  #: integers per metre; None if the file does not hold such integers
     scale_source: str | None  #: ``file``, ``option`` or ``assumed``; None without a scale
+    channel: str | None  #: that of an EXR which holds the depth; None for other files
     width: int  #: columns
     height: int  #: rows
     valid: int  #: pixels with depth
     min: float | None  #: smallest depth; None if no pixel has depth
     median: float | None  #: median depth, or None
     max: float | None  #: largest depth, or None
-    metadata: Mapping[str, str]  #: metadata of the file
+    metadata: Mapping[str, str]  #: metadata of the file and its sidecar
+    warnings: tuple[str, ...]  #: one line each
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,43 +74,29 @@ def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthV
     if _is_video(path):
         with local_copy(path) as video:
             return _video_info(DepthVideo(video, scale=scale), safe_name(file), scale)
-    depth, metadata = read_depth(path, png_scale=scale), read_metadata(path)
-    stated, source = _scale_and_source(path, scale, metadata)
+    stored = read_stored_depth(path, png_scale=scale)
+    depth = stored.displayed
+    stated, source = stored.scale or (None, None)
     return DepthMapInfo(
         input=safe_name(file),
         kind=depth.kind.value,
         unit="m" if depth.is_metric else None,
         scale=stated,
         scale_source=source,
+        channel=stored.channel,
         width=depth.width,
         height=depth.height,
-        valid=int(np.isfinite(depth.values).sum()),
+        valid=int(depth.valid.sum()),
         **DepthRange.of(depth)._asdict(),
-        metadata=metadata,
+        metadata=stored.metadata,
+        warnings=stored.warnings,
     )
 
 
-def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> DepthMap:
+def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> StoredDepth:
     """A depth map from any file that depthcli writes; for a video, that of frame number ``frame``.
 
     ``scale`` is units per metre of integers; None for what the file states.
-
-    Raises:
-        InputError: missing, damaged, without depth, or a video without this frame.
-        UsageError: a video without a frame number, or a frame number or scale for another file.
-    """
-    depth, picture = read_whole_map(path, scale=scale, frame=frame)
-    return displayed_depth(depth, picture.windows)
-
-
-def read_whole_map(
-    path: Path, *, scale: float | None = None, frame: int | None = None
-) -> tuple[DepthMap, Frame]:
-    """What :func:`read_map` returns, of an EXR with the pixels outside its display window.
-
-    Returns:
-        The map, of an EXR over its data window, and a frame without a picture that has the windows,
-        the shape of pixels and the rate that the file states.
 
     Raises:
         InputError: missing, damaged, without depth, or a video without this frame.
@@ -123,10 +107,10 @@ def read_whole_map(
         if frame is None:
             raise UsageError(f"{path} is a video; say which frame with --frame, 0 for the first")
         with local_copy(path) as video:
-            return _video_frame(video, scale, frame), Frame(np.zeros((1, 1), np.uint8))
+            return _video_frame(DepthVideo(video, scale=scale), str(path), scale, frame)
     if frame is not None:
         raise UsageError(f"--frame is for depth videos (.mkv), but {path} is not one; remove it")
-    return read_whole_depth(path, png_scale=scale)
+    return read_stored_depth(path, png_scale=scale)
 
 
 def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
@@ -137,8 +121,7 @@ def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
     """
     if x >= depth.width or y >= depth.height:
         raise UsageError(f"{x},{y} is outside the map of {depth.width}×{depth.height} pixels")
-    value = float(depth.values[y, x])
-    return value if math.isfinite(value) else None
+    return float(depth.values[y, x]) if depth.valid[y, x] else None
 
 
 def _is_video(path: Path) -> bool:
@@ -154,36 +137,24 @@ def _check_scale(path: Path, scale: float | None) -> None:
         )
 
 
-def _video_frame(path: Path, scale: float | None, number: int) -> DepthMap:
+def _video_frame(video: DepthVideo, name: str, scale: float | None, number: int) -> StoredDepth:
     count = 0
-    for count, depth in enumerate(DepthVideo(path, scale=scale), start=1):
+    for count, depth in enumerate(video, start=1):
         if count > number:
-            return depth
-    raise InputError(f"{path} has no frame {number}; its last one is {count - 1}")
-
-
-def _scale_and_source(
-    path: Path, option: float | None, metadata: Mapping[str, str]
-) -> tuple[float | None, str | None]:
-    """Integers per metre of a file, and who states them; (None, None) for metres and ranges."""
-    if option is not None:
-        return option, "option"
-    if path.suffix.lower() not in _INTEGER_SUFFIXES or metadata.get("scale") == _NORMALIZED:
-        return None, None
-    stated = positive_number(metadata.get("scale"))
-    return (MILLIMETRES, "assumed") if stated is None else (stated, "file")
+            return StoredDepth(name, depth, video.labels, step_scale(video.labels, scale))
+    raise InputError(f"{name} has no frame {number}; its last one is {count - 1}")
 
 
 def _video_info(video: DepthVideo, file: str, scale: float | None) -> DepthVideoInfo:
     frames = valid = width = height = 0
     low, high = math.inf, -math.inf
     for depth in video:
-        known = depth.values[np.isfinite(depth.values)]
+        known = depth.values[depth.valid]
         frames, valid = frames + 1, valid + known.size
         height, width = depth.values.shape
         low = min(low, float(known.min(initial=np.inf)))
         high = max(high, float(known.max(initial=-np.inf)))
-    stated, source = _scale_and_source(video.path, scale, video.labels)
+    stated, source = step_scale(video.labels, scale) or (None, None)
     return DepthVideoInfo(
         input=file,
         kind=video.kind.value,

@@ -37,7 +37,7 @@ def namesakes(folder: Path, own: Collection[str]) -> dict[str, list[str]]:
             owners.setdefault(key, []).append(name)
     found: dict[str, list[str]] = {}
     try:
-        for other in _names_in(folder, own):
+        for other in names_near(folder, own):
             for name in {name for key in _keys(other) for name in owners.get(key, ())} - {other}:
                 found.setdefault(name, []).append(other)
     except OSError:
@@ -50,7 +50,12 @@ def _keys(name: str) -> set[str]:
     return {normalised(name), normalised(stem(name))}
 
 
-def _names_in(folder: Path, own: Iterable[str]) -> Iterable[str]:
+def names_near(folder: Path, own: Iterable[str]) -> Iterable[str]:
+    """Names in a folder; in a store, those that begin with the stem of an own name and a dot.
+
+    Raises:
+        OSError: the folder cannot be listed.
+    """
     if not isinstance(folder, RemotePath):
         return os.listdir(folder)  # noqa: PTH208 - a name is all that is needed
     stems = map(stem, own)

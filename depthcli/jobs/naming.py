@@ -15,6 +15,7 @@ from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.io.writers.formats import Format, file_suffix_of, fits, format_of, stem_of
 from depthcli.jobs.namesakes import namesakes
+from depthcli.video.number_pattern import is_pattern
 
 STDIN_STEM = "stdin"
 
@@ -72,6 +73,19 @@ def check_suffix(option: str, name: str, asked: Format) -> None:
         raise UsageError(
             f"{option}{safe_name(name)} does not end in {file_suffix_of(asked)}; the suffix has to "
             f"match --format {asked}"
+        )
+
+
+def refuse_pattern(option: str, name: str) -> None:
+    """Refuse the name of numbered files for one file.
+
+    Raises:
+        UsageError: the name has a placeholder such as ``%04d``.
+    """
+    if is_pattern(path_of(name).name) and not is_folder(name):
+        raise UsageError(
+            f"{option}{safe_name(name)} is a pattern for numbered files, which only "
+            "'depthcli video' writes; name one file, or a folder"
         )
 
 

@@ -10,14 +10,19 @@ def linear_factor(epoch: int, constant: int, decay: int) -> float:
     return 1.0 - max(0, epoch + 1 - constant) / (decay + 1)
 
 
-def cosine_factor(step: int, steps: int, warmup: int) -> float:
-    """Half a cosine from 1 to 0 over ``steps``, after a linear ``warmup``."""
-    ramp = min(1.0, (step + 1) / warmup) if warmup else 1.0
-    return ramp * 0.5 * (1.0 + math.cos(math.pi * min(step, steps) / steps))
+def cosine_factor(step: int, steps: int) -> float:
+    """Half a cosine from 1 to 0 over ``steps``."""
+    return 0.5 * (1.0 + math.cos(math.pi * min(step, steps) / steps))
 
 
 def lr_factor(optim: OptimConfig, step: int, steps_per_epoch: int) -> float:
-    """Factor on the learning rate at a step, counted from 0 over the whole run."""
+    """Factor on the learning rate at a step, counted from 0 over the whole run.
+
+    The schedule's factor, multiplied by a linear ramp over the first ``optim.warmup_steps``.
+    """
+    warmup = optim.warmup_steps
+    ramp = min(1.0, (step + 1) / warmup) if warmup else 1.0
     if optim.schedule == "linear":
-        return linear_factor(step // steps_per_epoch, optim.epochs_constant, optim.epochs_decay)
-    return cosine_factor(step, optim.epochs * steps_per_epoch, optim.warmup_steps)
+        epoch = step // steps_per_epoch
+        return ramp * linear_factor(epoch, optim.epochs_constant, optim.epochs_decay)
+    return ramp * cosine_factor(step, optim.epochs * steps_per_epoch)

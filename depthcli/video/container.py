@@ -10,6 +10,7 @@ from av.video.stream import VideoStream
 
 from depthcli.errors import InputError
 from depthcli.io.listing.heif import HEIF_SUFFIXES
+from depthcli.video.number_pattern import pattern_advice
 from depthcli.video.pipes import InputPipe
 from depthcli.video.single_picture import single_picture_advice
 
@@ -83,7 +84,7 @@ def _check_file(path: Path) -> None:
             empty = not status.st_size
     except FileNotFoundError:
         what = "is a broken link" if path.is_symlink() else "is missing: no such file"
-        raise InputError(f"{path} {what}") from None
+        raise InputError(f"{path} {what}{pattern_advice(path.name)}") from None
     except IsADirectoryError:
         raise InputError(f"{path} is a folder; name a video in it") from None
     except OSError as error:

@@ -14,7 +14,7 @@ from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError
 from depthcli.io.depth.metadata import number, positive_number, provenance_of
 from depthcli.io.depth.quantization import UINT16_MAX, dequantized
-from depthcli.io.writers.formats import MILLIMETRES
+from depthcli.io.depth.stored import step_scale
 from depthcli.video.codecs import DEPTH_PIXELS
 from depthcli.video.rates import exact_rate
 
@@ -58,23 +58,21 @@ class DepthVideo:
 
         container, stream = open_video(self.path)
         pixel_format, fps = stream.codec_context.pix_fmt, stream.average_rate
-        stated = dict(container.metadata)
+        texts = dict(container.metadata)
         container.close()
         if pixel_format != DEPTH_PIXELS:
             raise InputError(f"{self.path} is not 16-bit gray, so it holds no depth")
         self.labels = {
             name.removeprefix(LABEL_PREFIX).lower(): text
-            for name, text in stated.items()
+            for name, text in texts.items()
             if name.startswith(LABEL_PREFIX)
         }
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
         self.rate = _fraction(self.labels.get("frame_rate")) or exact_rate(fps or 0)
         kind = self.labels.get("kind")
         self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
-        said = self.labels.get("scale")
-        self.scale = scale or (
-            None if said == "normalized" else positive_number(said) or MILLIMETRES
-        )
+        stated = step_scale(self.labels, scale)
+        self.scale = stated and stated.steps_per_metre
 
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, (H, W) float32: metres, NaN where there is no depth.

@@ -17,6 +17,7 @@ from depthcli.video.file import VideoFile, video_file
 from depthcli.video.output import DepthFrame, VideoOutput
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing, rate_text
+from depthcli.video.time_code import time_code_label
 
 
 @contextmanager
@@ -91,16 +92,18 @@ class DepthVideoOutput:
             labels |= {"scale": f"{self._scale:g}", "unit": step_unit(self._scale)}
         else:
             labels |= {"scale": "normalized"}
-        return {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
+        own = {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
+        return own | time_code_label(frame.picture.time_code, self._timing)
 
 
 def normalized_to_range(
     values: npt.NDArray[np.float32], low: float, high: float
 ) -> npt.NDArray[np.uint16]:
-    """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are NaN.
+    """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are not finite.
 
     (H, W) float32 in, (H, W) uint16 out.
     """
-    share = (np.nan_to_num(values, nan=low) - low) / ((high - low) or 1.0)
+    known = np.isfinite(values)
+    share = (np.where(known, values, low) - low) / ((high - low) or 1.0)
     steps = np.rint(1 + np.clip(share, 0, 1) * (UINT16_MAX - 1))
-    return np.where(np.isnan(values), 0, steps).astype(np.uint16)
+    return np.where(known, steps, 0).astype(np.uint16)

@@ -5,7 +5,7 @@ from enum import StrEnum
 from pathlib import PurePath
 from typing import Self
 
-from depthcli.io.writers.formats import FORMATS, Format
+from depthcli.io.writers.formats import FORMATS, Format, stem_of
 
 FRAME_NUMBER = "%06d"
 """Placeholder of the frame's number in the name of a sequence."""
@@ -49,7 +49,7 @@ def _frames(picture: Format, *, is_counterpart: bool = True) -> VideoFormatFacts
     facts = FORMATS[picture]
     suffix = f".depth.{FRAME_NUMBER}{facts.file_suffix}"
     counterpart = picture if is_counterpart else None
-    return VideoFormatFacts(suffix, None, picture, counterpart, facts.options, facts.use_bytes)
+    return VideoFormatFacts(suffix, None, picture, counterpart, facts.parameters, facts.use_bytes)
 
 
 class VideoFormat(StrEnum):
@@ -88,7 +88,7 @@ class VideoFormat(StrEnum):
     JSON = (
         "json",
         VideoFormatFacts(
-            ".depth.json", ".json", None, Format.JSON, Format.JSON.facts.options, use_bytes=10
+            ".depth.json", ".json", None, Format.JSON, Format.JSON.facts.parameters, use_bytes=10
         ),
     )
 
@@ -111,3 +111,18 @@ def sequence_of(path: str | PurePath) -> VideoFormat | None:
     """The format that the suffix of numbered files chooses; None if it chooses none."""
     suffix = PurePath(path).suffix.lower()
     return next((w for w in SEQUENCES if VIDEO_FORMATS[w].suffix.endswith(suffix or "\0")), None)
+
+
+def frame_suffix(which: VideoFormat) -> str:
+    """The suffix of numbered files: ``.exr`` of ``.depth.%06d.exr``."""
+    return PurePath(f"a{VIDEO_FORMATS[which].suffix}").suffix
+
+
+def video_stem_of(path: str | PurePath) -> str:
+    """A file's name without the suffix of its format: ``a`` of ``a.mkv`` and ``a.preview.mp4``.
+
+    What selects no format is part of the name: ``shot.v003`` is its own stem.
+    """
+    whole = [facts.suffix for facts in VIDEO_FORMATS.values() if facts.file_suffix]
+    short = [facts.file_suffix for facts in VIDEO_FORMATS.values() if facts.file_suffix]
+    return stem_of(path, (*whole, *short))

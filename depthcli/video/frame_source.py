@@ -47,7 +47,8 @@ def open_frames(
         white_level: value of white in 16-bit pictures of a sequence; None for 65535.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: it cannot be read, or is depth that depthcli wrote.
+        UsageError: a folder holds more than one sequence.
     """
     # Each imports only what it needs.
     if isinstance(source, Path) and is_sequence(source):
@@ -56,4 +57,11 @@ def open_frames(
         return ImageSequence(source, rate=rate, max_pixels=max_pixels, white_level=white_level)
     from depthcli.video.source import VideoSource  # noqa: PLC0415
 
-    return VideoSource(source, max_pixels=max_pixels)
+    video = VideoSource(source, max_pixels=max_pixels)
+    if video.is_own_depth:
+        video.close()
+        raise InputError(
+            f"{source} is depth that depthcli wrote; name the video that it was made of "
+            "('depthcli info', 'probe' and 'convert' read depth)"
+        )
+    return video

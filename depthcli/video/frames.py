@@ -17,13 +17,16 @@ class FrameSource(ABC):
     rate: Fraction  #: frames a second, exact; the mean where frames are not evenly spaced
     tick_s: Fraction  #: seconds of which every frame's time is a multiple
     frames_stated: int | None  #: how many frames there are; None if the source does not state it
-    width: int  #: columns of an upright frame
-    height: int  #: rows of an upright frame
     warnings: tuple[str, ...] = ()  #: one-line texts about the source
     #: why frames are missing, once the others have been read; None if all were read
     problem: str | None = None
     #: time of the first frame in the file, which its audio refers to; None without audio
     start_s: Fraction | None = None
+
+    @property
+    def numbers_stated(self) -> tuple[int, int] | None:
+        """Number of the first and of the last frame; None if that is not known."""
+        return (0, self.frames_stated - 1) if self.frames_stated else None
 
     @abstractmethod
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:

@@ -1,9 +1,14 @@
 """Patterns for the names of numbered files: ``plate.%04d.exr`` matches ``plate.1001.exr``.
 
-So does ``plate.####.exr``, the notation of compositing programs.
+So do ``plate.####.exr``, the notation of compositing programs, and ``plate.$F4.exr``, that of
+Houdini.
 """
 
 import re
+from pathlib import Path
+from typing import NamedTuple
+
+from depthcli.errors import UsageError
 
 MAX_DIGITS = 12
 """Most digits of a frame's number."""
@@ -11,8 +16,18 @@ LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
 """The parts of a name without suffix: before its last number, that number, and after it."""
 _SHORT = 4
 """Numbers with fewer digits and no leading zero are taken as not padded."""
-_PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(##+)", re.ASCII)
+# Before a digit, as in "take #2", # is no placeholder.
+_PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])|\$F(\d)?(?![^\W_])", re.ASCII)
+_MARKS = frozenset("%#$@*?")
 _SEPARATORS = "._- "
+
+
+class _Parts(NamedTuple):
+    """A pattern, divided at its last placeholder."""
+
+    start: str
+    digits: int  #: least number of digits
+    end: str
 
 
 def is_pattern(name: str) -> bool:
@@ -20,21 +35,40 @@ def is_pattern(name: str) -> bool:
     return len(_PLACEHOLDER.findall(name)) == 1
 
 
+def pattern_advice(name: str) -> str:
+    """What to add to "no such file" for a name that looks like a pattern; else empty."""
+    if _MARKS.isdisjoint(name):
+        return ""
+    return "; the name of an image sequence has one of %04d, %d, #### and $F4"
+
+
+def check_folders(pattern: Path) -> None:
+    """Check that the number is not in the name of a folder, unless there is such a folder.
+
+    Raises:
+        UsageError: it is.
+    """
+    for folder in pattern.parents:
+        if is_pattern(folder.name) and not folder.is_dir():
+            raise UsageError(
+                f"{pattern} has a number in the name of a folder; all files go into one folder: "
+                "give the number in their name alone"
+            )
+
+
 def numbered_name(pattern: str, number: int) -> str:
     """The name of the file with a number."""
-    return _PLACEHOLDER.sub(
-        lambda found: f"{number:0{len(found[2] or '') or int(found[1] or 1)}d}", pattern, count=1
-    )
+    parts = _parts(pattern)
+    return pattern if parts is None else f"{parts.start}{number:0{parts.digits}d}{parts.end}"
 
 
 def number_in(pattern: str, name: str) -> int | None:
     """The number in a name; None if the name does not match the pattern."""
-    placeholder = _PLACEHOLDER.search(pattern)
-    if placeholder is None:
+    parts = _parts(pattern)
+    if parts is None:
         return None
-    start, end = pattern[: placeholder.start()], pattern[placeholder.end() :]
-    digits = name[len(start) : len(name) - len(end)]
-    fits = name.startswith(start) and name.endswith(end) and digits.isascii() and digits.isdigit()
+    digits = name[len(parts.start) : len(name) - len(parts.end)]
+    fits = name.startswith(parts.start) and name.endswith(parts.end) and digits.isdecimal()
     if not fits or len(digits) > MAX_DIGITS or numbered_name(pattern, int(digits)) != name:
         return None
     return int(digits)
@@ -53,5 +87,22 @@ def pattern_of(stem: str) -> str | None:
 
 def base_name(stem: str) -> str:
     """The name of a sequence: ``plate`` of ``plate.%04d``."""
-    start = _PLACEHOLDER.split(stem)[0].rstrip(_SEPARATORS)
+    parts = _parts(stem)
+    start = (stem if parts is None else parts.start).rstrip(_SEPARATORS)
     return start or "sequence"
+
+
+def sequence_name(pattern: str) -> str:
+    """The name of the one file that a sequence counts as: ``plate.exr`` of ``plate.%04d.exr``."""
+    parts = _parts(pattern)
+    return base_name(pattern) + parts.end if parts else pattern
+
+
+def _parts(pattern: str) -> _Parts | None:
+    """The parts of a pattern; None if it has no placeholder."""
+    matches = list(_PLACEHOLDER.finditer(pattern))
+    if not matches:
+        return None
+    last = matches[-1]
+    digits = len(last[2] or "") or int(last[1] or last[3] or 1)
+    return _Parts(pattern[: last.start()], digits, pattern[last.end() :])

@@ -1,6 +1,7 @@
 """The RGB pixels of a decoded frame at full precision, and its orientation."""
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,13 @@ from av.sidedata.sidedata import Type
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
+from depthcli.core.pixel_aspect import pixel_aspect_warning
+from depthcli.core.transfer import transfer_warning
+
+_INTERLACED = (
+    "the video is interlaced, and the network sees both fields of a frame at once; for better "
+    "depth, deinterlace it first: ffmpeg -i in.mov -vf yadif -c:v ffv1 out.mkv"
+)
 _EIGHT_BIT = 8
 _UNSPECIFIED = 2
 _SD_ROWS = 576
@@ -66,3 +74,16 @@ def orientation_of(frame: VideoFrame) -> int:
     shares = a / across, b / down, c / across, d / down
     turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose(shares, turn, atol=_TOLERANCE))
     return _EXIF_OF_MATRIX[next(turns, _IDENTITY)]
+
+
+def picture_warnings(first: VideoFrame, pixel_aspect: float) -> Iterator[str]:
+    """Warnings about what the network sees, by the first frame of a video.
+
+    ``pixel_aspect`` is width by height of an upright pixel.
+    """
+    warnings = (
+        transfer_warning(first.color_trc, "video", "BT.709"),
+        pixel_aspect_warning(pixel_aspect),
+        _INTERLACED if first.interlaced_frame else None,
+    )
+    return filter(None, warnings)

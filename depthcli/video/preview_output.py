@@ -14,6 +14,7 @@ from depthcli.video.file import VideoFile, video_file
 from depthcli.video.output import DepthFrame, VideoOutput
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing
+from depthcli.video.time_code import time_code_label
 
 
 @contextmanager
@@ -31,7 +32,7 @@ def preview_video(
     The target ends in ``.mp4``, ``.webm`` or ``.mov``, and that container supports the codec.
     """
     with video_file(target, codec, timing, inputs, audio) as file:
-        yield PreviewVideoOutput(file, codec, writer)
+        yield PreviewVideoOutput(file, codec, timing, writer)
 
 
 class PreviewVideoOutput:
@@ -39,19 +40,23 @@ class PreviewVideoOutput:
 
     has_overscan = False
 
-    def __init__(self, file: VideoFile, codec: Codec, writer: PreviewWriter) -> None:
+    def __init__(
+        self, file: VideoFile, codec: Codec, timing: Timing, writer: PreviewWriter
+    ) -> None:
         self._file = file
+        self._timing = timing
         self._codec = codec
         self._writer = writer
 
-    def encode(self, frame: DepthFrame) -> tuple[av.VideoFrame, float]:
-        """Render the preview of a frame."""
+    def encode(self, frame: DepthFrame) -> tuple[av.VideoFrame, float, dict[str, str]]:
+        """Render the preview of a frame; also returns its time and its time code."""
         pixels = self._writer.render(frame.depth, frame.picture, frame.spread)
-        return av_frame(pixels, self._codec), frame.time_s
+        label = time_code_label(frame.picture.time_code, self._timing)
+        return av_frame(pixels, self._codec), frame.time_s, label
 
-    def append(self, encoded: tuple[av.VideoFrame, float]) -> None:
+    def append(self, encoded: tuple[av.VideoFrame, float, dict[str, str]]) -> None:
         """Write a frame."""
-        self._file.write(*encoded, {})
+        self._file.write(*encoded)
 
     def finish(self) -> tuple[str, ...]:
         """Complete the file and its audio."""

@@ -50,6 +50,7 @@ class Timing:
 
     rate: Fraction  #: frames a second; the mean where frames are not evenly spaced
     tick_s: Fraction = Fraction(1, 1000)  #: seconds that all times of the source are multiples of
+    has_all_frames: bool = False  #: whether the frames are consecutive ones of the source
 
     @property
     def is_representable(self) -> bool:

@@ -1,6 +1,7 @@
 """Numbered pictures as a video: ``plate.%04d.exr``, or a folder in the order of its names."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -18,6 +19,8 @@ from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.sequence_files import NumberedPicture, find_pictures
 from depthcli.video.spans import WHOLE, Span
 
+_TRIES = 10
+"""How many pictures may be unreadable before there is one that can be read."""
 _CUT = "pictures with more overscan than the first one, which is cut off"
 
 
@@ -32,7 +35,7 @@ class ImageSequence(FrameSource):
         max_pixels: int | PictureLimit = MAX_PIXELS,
         white_level: int | None = None,
     ) -> None:
-        """Find the pictures of a folder or of a pattern such as ``%04d``, and read the first.
+        """Find the pictures of a folder or of a pattern such as ``%04d``.
 
         Args:
             path: the folder or the pattern.
@@ -41,20 +44,23 @@ class ImageSequence(FrameSource):
             white_level: value of white in 16-bit pictures; None for 65535.
 
         Raises:
-            InputError: there is none, or the first cannot be read.
+            InputError: there is none.
+            UsageError: the folder holds more than one sequence.
         """
         self._files = find_pictures(path)
         self.paths = tuple(file.path for file in self._files)
         self._max_pixels, self._white_level = max_pixels, white_level
         self._overscan: Window | None = None  # that of the first picture
-        stated = rate or read_exr_rate(self.paths[0])
+        stated = rate or _stated_rate(self.paths)
         self.rate = stated or FALLBACK_RATE
-        first = self._read(self._files[0])
-        self._size_px, self._overscan = (first.width, first.height), _overscan(first)
-        self.width, self.height = first.display_size_px
         self.tick_s = Fraction(1, self.rate.numerator)
         self.frames_stated = len(self._files)
-        self.warnings = tuple(self._warnings(first, is_timed=stated is not None))
+        self.warnings = tuple(self._warnings(is_timed=stated is not None))
+
+    @property
+    def numbers_stated(self) -> tuple[int, int]:
+        """Number of the first and of the last picture."""
+        return self._files[0].number, self._files[-1].number
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Read the frames of a span.
@@ -63,12 +69,27 @@ class ImageSequence(FrameSource):
             (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 of EXR; ``index`` is the number
             in the file's name, and ``timestamp_s`` counts from the first picture of all.
         """
-        unreadable = cut = 0
-        told = self.warnings
-        for file, is_wanted in zip(
-            self._files, span.selected(self._numbers_and_times()), strict=False
-        ):
-            if not is_wanted:
+        cut, told, sizes_px = 0, self.warnings, None
+        for frame in self._readable(span):
+            found_px = (frame.width, frame.height), frame.display_size_px
+            if sizes_px is None:
+                sizes_px, self._overscan = found_px, _overscan(frame)
+                told += tuple(f"{frame.path}: {warning}" for warning in frame.warnings)
+                self.warnings = told
+            if found_px != sizes_px:
+                self.problem = f"{frame.path} has another size; the pictures before it are done"
+                return
+            if frame.windows and frame.windows.valid != frame.windows.data:
+                cut += 1
+                self.warnings = (*told, f"{_CUT}: {cut}, the last of them: {frame.path}")
+            yield frame
+
+    def _readable(self, span: Span) -> Iterator[Frame]:
+        """The pictures of a span that can be read."""
+        read = unreadable = 0
+        wanted = span.selected(self._numbers_and_times())
+        for file, is_wanted in zip(self._files, wanted, strict=False):
+            if not is_wanted or (not read and unreadable == _TRIES):
                 continue
             try:
                 frame = self._read(file)
@@ -77,15 +98,9 @@ class ImageSequence(FrameSource):
                 self.problem = (
                     f"{unreadable} of its pictures cannot be read, the last of them: {error}"
                 )
-                continue
-            size_px, shown_px = (frame.width, frame.height), frame.display_size_px
-            if (size_px, shown_px) != (self._size_px, (self.width, self.height)):
-                self.problem = f"{file.path} has another size; the pictures before it are done"
-                return
-            if frame.windows and frame.windows.valid != frame.windows.data:
-                cut += 1
-                self.warnings = (*told, f"{_CUT}: {cut}, the last of them: {file.path}")
-            yield frame
+            else:
+                read += 1
+                yield frame
 
     def count(self, span: Span) -> int:
         """How many pictures a span has."""
@@ -109,13 +124,20 @@ class ImageSequence(FrameSource):
             )
         return replace(picture, index=file.number, timestamp_s=float(self._time_s(file)))
 
-    def _warnings(self, first: Frame, *, is_timed: bool) -> Iterator[str]:
+    def _warnings(self, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
             yield f"no frame rate is given; {FALLBACK_RATE} is assumed; give --fps"
-        yield from (f"{first.path}: {warning}" for warning in first.warnings)
         missing = self._files[-1].number - self._files[0].number + 1 - len(self._files)
         if missing:
             yield f"missing numbers in the sequence: {missing}; the other frames keep their times"
+
+
+def _stated_rate(paths: Sequence[Path]) -> Fraction | None:
+    """The frame rate in the header of the first EXR that can be read; None if it has none."""
+    for path in paths[:_TRIES]:
+        with suppress(InputError):  # which reading its pixels reports
+            return read_exr_rate(path)
+    return None
 
 
 def _overscan(frame: Frame) -> Window:

@@ -1,17 +1,27 @@
 """The files of an image sequence, in their order."""
 
 import os
+import re
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from depthcli.errors import InputError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import is_exr, is_picture
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.remote import RemotePath
-from depthcli.video.number_pattern import LAST_NUMBER, MAX_DIGITS, is_pattern, number_in
+from depthcli.video.number_pattern import (
+    LAST_NUMBER,
+    MAX_DIGITS,
+    is_pattern,
+    number_in,
+    pattern_of,
+)
 
-EXR = ".exr"
+_DIGITS = re.compile(r"\d+", re.ASCII)
+_LISTED = 4
+"""Most patterns that an error lists."""
 
 
 class NumberedPicture(NamedTuple):
@@ -24,26 +34,24 @@ class NumberedPicture(NamedTuple):
 def find_pictures(path: Path) -> list[NumberedPicture]:
     """The pictures of a sequence, in their order.
 
-    Those that match a pattern, or all of a folder, except outputs of depthcli. In a folder they are
-    sorted by number if their names differ in their last numbers alone, else by name. Frame numbers
-    there are the last numbers in the names if these increase, else they count from 0.
+    Those that match a pattern, or all of a folder, except outputs of depthcli. In a folder, the
+    last numbers in the names are those of the frames if the names differ in them alone. Pictures
+    without such numbers are counted from 0, in the order of their names.
 
     Raises:
         InputError: there is no such folder, or no picture in it, or depthcli wrote all of them.
+        UsageError: a folder holds several sequences, or other pictures beside one.
     """
-    folder = path.parent if is_pattern(path.name) else path
+    is_folder = not is_pattern(path.name) or path.is_dir()
+    folder = path if is_folder else path.parent
     try:
-        if isinstance(folder, RemotePath):
-            names = sorted(folder.names_after(""))
-        else:
-            names = sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
+        names = list(listed_names(folder))
     except OSError as error:
         raise InputError(f"{folder} cannot be listed: {error.strerror}") from None
-    is_folder = folder is path
     matching = [
         folder / name
         for name in names
-        if (_is_picture(name) if is_folder else number_in(path.name, name) is not None)
+        if (is_sequence_picture(name) if is_folder else number_in(path.name, name) is not None)
     ]
     if not matching:
         what = "no picture" if is_folder else "no such picture: nothing fits the pattern"
@@ -51,11 +59,11 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
     paths = [file for file in matching if not is_own_picture(file)]
     if not paths:
         raise InputError(
-            f"{matching[0]} was written by depthcli, as was all of {path}; name pictures, or use "
-            "'depthcli convert' for depth files"
+            f"{matching[0]} was written by depthcli, as was all of {path}; name the pictures that "
+            "it was made of ('depthcli convert' converts depth files, but not to a video)"
         )
     if is_folder:
-        return _by_name(paths)
+        return _of_folder(folder, paths)
     return sorted(
         NumberedPicture(number, file)
         for file in paths
@@ -63,23 +71,60 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
     )
 
 
-def _is_picture(name: str) -> bool:
+def listed_names(folder: Path) -> Iterable[str]:
+    """The names in a folder, in the order of their characters.
+
+    Raises:
+        OSError: the folder cannot be listed.
+    """
+    if isinstance(folder, RemotePath):
+        return folder.names_after("")
+    return sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
+
+
+def is_sequence_picture(name: str) -> bool:
+    """Whether a name is that of a picture, EXR included, by its suffix, and not hidden."""
     return not name.startswith(".") and (is_picture(name) or is_exr(name))
 
 
-def _by_name(paths: list[Path]) -> list[NumberedPicture]:
-    matches = [match for path in paths if (match := LAST_NUMBER.fullmatch(path.stem))]
-    if len(matches) < len(paths):
-        return _counted(paths)
-    pictures = [
-        NumberedPicture(int(match[2]), path) for match, path in zip(matches, paths, strict=True)
-    ]
-    if len({(match[1], match[3]) for match in matches}) == 1:  # by name, f10 is before f2
-        pictures.sort(key=lambda picture: picture.number)
-    grows = all(a.number < b.number for a, b in pairwise(pictures))
-    fits = all(picture.number < 10**MAX_DIGITS for picture in pictures)
-    return pictures if grows and fits else _counted([picture.path for picture in pictures])
+def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedPicture]:
+    """The one sequence of a folder, or pictures without frame numbers, counted from 0."""
+    groups: dict[tuple[str, str, str], list[NumberedPicture]] = {}
+    for path in paths:
+        match = LAST_NUMBER.fullmatch(path.stem)
+        if match and len(match[2]) <= MAX_DIGITS:
+            key = match[1], match[3], path.suffix.lower()
+            groups.setdefault(key, []).append(NumberedPicture(int(match[2]), path))
+    sequences = [sorted(group) for group in groups.values()]
+    if len(sequences) == 1 and len(sequences[0]) == len(paths) and _least_step(sequences[0]):
+        return sequences[0]
+    sequences = [sequence for sequence in sequences if len(sequence) > 1]
+    if not sequences or _have_times(paths, sequences):
+        return [NumberedPicture(number, path) for number, path in enumerate(paths)]
+    patterns = ", ".join(map(_pattern_text, sequences[:_LISTED]))
+    more = len(sequences) - _LISTED
+    raise UsageError(
+        f"{folder} holds more than a single image sequence; give one as a pattern: {patterns}"
+        + (f" and {more} more" if more > 0 else "")
+    )
 
 
-def _counted(paths: list[Path]) -> list[NumberedPicture]:
-    return [NumberedPicture(number, path) for number, path in enumerate(paths)]
+def _have_times(paths: Sequence[Path], sequences: Sequence[Sequence[NumberedPicture]]) -> bool:
+    """Whether names have times such as ``1305031102.16``, whose digits are no frame numbers.
+
+    Then they differ in digits alone, and what looks like a sequence, of one second for example, has
+    no consecutive numbers.
+    """
+    texts = {_DIGITS.sub("", path.name) for path in paths}
+    return len(texts) == 1 and all(_least_step(sequence) > 1 for sequence in sequences)
+
+
+def _least_step(sequence: Sequence[NumberedPicture]) -> int:
+    """The smallest difference of consecutive numbers, in frames; 0 if a number is repeated."""
+    return min((b.number - a.number for a, b in pairwise(sequence)), default=1)
+
+
+def _pattern_text(sequence: Sequence[NumberedPicture]) -> str:
+    """A pattern of the files, in quotes; the name of the first if there is none."""
+    path = min((picture.path for picture in sequence), key=lambda path: len(path.name))
+    return f"'{path.with_name((pattern_of(path.stem) or path.stem) + path.suffix)}'"

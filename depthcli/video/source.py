@@ -11,21 +11,22 @@ from av.video.stream import VideoStream
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
-from depthcli.core.pixel_aspect import pixel_aspect_of, pixel_aspect_warning
-from depthcli.core.transfer import transfer_warning
+from depthcli.core.pixel_aspect import pixel_aspect_of
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.pictures.decode import check_size
 from depthcli.io.pictures.read import upright
 from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
+from depthcli.video.depth import LABEL_PREFIX
 from depthcli.video.frames import FrameSource
 from depthcli.video.integrity import is_incomplete, matroska_end, states_frame_count
 from depthcli.video.pipes import InputPipe
-from depthcli.video.pixels import orientation_of, rgb_pixels
+from depthcli.video.pixels import orientation_of, picture_warnings, rgb_pixels
 from depthcli.video.rates import FALLBACK_RATE
 from depthcli.video.spans import WHOLE, Span
 from depthcli.video.stream_info import stream_info
+from depthcli.video.time_code import TimeCode, time_code_after
 from depthcli.video.timeline import Timeline
 from depthcli.video.truncation import ends_within_packet
 
@@ -37,6 +38,10 @@ _TRANSPOSED = 5
 
 class VideoSource(FrameSource):
     """A video file or a pipe, read from its beginning to its end."""
+
+    width: int  #: columns of an upright frame
+    height: int  #: rows of an upright frame
+    is_own_depth: bool  #: whether it is depth that depthcli wrote
 
     def __init__(
         self, source: str | Path | InputPipe, *, max_pixels: int | PictureLimit = MAX_PIXELS
@@ -50,9 +55,11 @@ class VideoSource(FrameSource):
         self._path = self._source if isinstance(self._source, Path) else None
         self.paths = () if self._path is None else (self._path,)
         self._container, stream = open_video(self._source)
+        self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in self._container.metadata)
         self._check_size(stream.width, stream.height, max_pixels)
         stated = stream_info(self._container, stream)
         self.rate, self.tick_s = stated.rate, stated.tick_s
+        self._time_code = stated.time_code
         self.frames_stated = stated.frames if self.paths else None  # in a pipe it is a guess
         no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
         self.warnings = () if stated.is_rate_stated else (no_rate,)
@@ -106,6 +113,7 @@ class VideoSource(FrameSource):
                 float(self._timeline.time_s),
                 orientation=self._orientation,
                 pixel_aspect=self._pixel_aspect,
+                time_code=self._current_time_code(),
             )
 
     def close(self) -> None:
@@ -130,11 +138,13 @@ class VideoSource(FrameSource):
         self.width, self.height = size[::-1] if is_turned else size
         aspect = stream.sample_aspect_ratio
         self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
-        warnings = (
-            transfer_warning(first.color_trc, "video", "BT.709"),
-            pixel_aspect_warning(self._pixel_aspect),
-        )
-        self.warnings += tuple(warning for warning in warnings if warning)
+        self.warnings += tuple(picture_warnings(first, self._pixel_aspect))
+
+    def _current_time_code(self) -> TimeCode | None:
+        if self._time_code is None:
+            return None
+        frames = round(self._timeline.time_s * self.rate)
+        return time_code_after(self._time_code, frames, self.rate)
 
     def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
         """Number and time of each frame, while it is the current one."""

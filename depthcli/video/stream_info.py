@@ -1,4 +1,4 @@
-"""Rate, time base and length of a video stream, before any frame is decoded."""
+"""Rate, time base, length and time code of a video stream, before any frame is decoded."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -8,17 +8,19 @@ from av.container import InputContainer
 from av.video.stream import VideoStream
 
 from depthcli.video.rates import FALLBACK_RATE, exact_rate
+from depthcli.video.time_code import TimeCode, header_time_code
 
 
 @dataclass(frozen=True, slots=True)
 class StreamInfo:
-    """Rate, time base and length."""
+    """Rate, time base, length and time code."""
 
     rate: Fraction  #: frames a second, exact; the mean where frames are not evenly spaced
     is_rate_stated: bool  #: whether the file states it
     time_base: Fraction  #: seconds a tick of the stream's times
     tick_s: Fraction  #: seconds of which every frame's time is a multiple
     frames: int | None  #: how many there are; None if nothing states it
+    time_code: TimeCode | None  #: of the first frame; None if nothing states it
 
 
 def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
@@ -38,4 +40,5 @@ def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
         time_base=time_base,
         tick_s=Fraction(1, rate.numerator) if is_even else time_base,
         frames=stream.frames or round(length_s * rate) or None,
+        time_code=header_time_code(container, stream),
     )

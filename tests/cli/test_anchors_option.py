@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import pytest
-from folders import rows, tree
+from folders import printed, rows, tree
 from tiny import synthetic_picture, write_model, write_picture
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from command_line import Cli
 
 
@@ -69,6 +72,23 @@ def test_points_of_a_table_are_those_of_the_option(inside: Cli) -> None:
     assert json.loads((inside.folder / "c.json").read_text())["anchors"] is None
 
 
+def test_a_conversion_keeps_the_fit(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png", synthetic_picture())
+    words = ("predict", "room.png", "--sidecar", "-o", "a.png")
+    assert inside(*words, "--anchor", "5,40,2", "--anchor", "60,40,12").returncode == 0
+    assert inside("convert", "a.png", "b.png").returncode == 0
+    for name in "ab":
+        assert inside("convert", f"{name}.png", f"c{name}.json").returncode == 0
+    a, ca, cb = (
+        json.loads((inside.folder / f"{name}.json").read_text()) for name in ("a", "ca", "cb")
+    )
+    assert a["anchors"]["given"] == 2
+    for field in ("anchors", "camera", "network_size_px"):
+        assert ca[field] == a[field]
+    # A PNG does not state the network's size.
+    assert (cb["anchors"], cb["camera"], cb["network_size_px"]) == (a["anchors"], a["camera"], None)
+
+
 def test_a_map_of_another_size_fails_that_picture(inside: Cli) -> None:
     write_picture(inside.folder / "room.png", synthetic_picture())
     np.save(inside.folder / "lidar.npy", sparse_twice(inside, "room.png"))
@@ -100,6 +120,47 @@ def test_what_does_not_fit_is_a_usage_error(inside: Cli, words: tuple[str, ...],
     done = inside("predict", "room.png", *words)
     assert (done.returncode, sorted(inside.folder.iterdir())) == (2, before)
     assert why in done.stderr.decode()
+
+
+def write_kitti(path: Path, height: int = 48, width: int = 64) -> None:
+    """2 m at every fourth pixel, 256 units per metre, which the PNG does not state."""
+    steps = np.zeros((height, width), np.uint16)
+    steps[::2, ::2] = 512
+    path.parent.mkdir(exist_ok=True)
+    assert cv2.imwrite(str(path), steps)
+
+
+def assumed_in(name: str) -> str:
+    assumed = "states no scale, so millimetres are assumed"
+    return f"{name} {assumed}; --anchors-scale states another"
+
+
+def test_an_assumed_scale_is_a_warning(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png", synthetic_picture())
+    write_kitti(inside.folder / "kitti.png")
+    words = ("predict", "room.png", "--anchors", "kitti.png", "-o", "d.npy")
+    (told,) = printed(inside(*words, "--json"))
+    assert told["warnings"] == [assumed_in("kitti.png")]
+    assert told["median"] == pytest.approx(0.512)
+    assert inside(*words).stderr.decode() == (
+        f"depthcli: warning: room.png: {assumed_in('kitti.png')}\n"
+    )
+    (told,) = printed(inside(*words, "--anchors-scale", "256", "--json"))
+    assert (told["warnings"], told["median"]) == ([], pytest.approx(2))
+    assert inside("convert", "d.npy", "stated.png", "--png-scale", "256").returncode == 0
+    (told,) = printed(
+        inside("predict", "room.png", "--anchors", "stated.png", "-o", "a.npy", "--json")
+    )
+    assert told["warnings"] == []
+
+
+def test_an_assumed_scale_is_in_the_manifest(inside: Cli) -> None:
+    tree(inside, "a.png")
+    write_kitti(inside.folder / "known" / "a.png", 24, 32)
+    batch = ("batch", "in", "--out", "out", "--anchors", "known")
+    assumed = assumed_in("known/a.png")
+    assert f"depthcli: warning: a.png: {assumed}\n" in inside(*batch).stderr.decode()
+    assert rows(inside, "out")["a.png"]["warnings"] == [assumed]
 
 
 def test_a_batch_has_a_file_for_each_picture(inside: Cli) -> None:

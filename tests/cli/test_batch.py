@@ -455,6 +455,19 @@ def test_a_folder_without_pictures(inside: Cli) -> None:
     assert contents(inside, "out") == {"manifest.jsonl": b""}
 
 
+def test_a_folder_of_exr_alone_names_what_reads_them(inside: Cli) -> None:
+    (inside.folder / "in").mkdir()
+    for number in range(2):
+        (inside.folder / "in" / f"plate.{number}.exr").touch()
+    done = inside("batch", "in", "--out", "out")
+    assert done.returncode == 1
+    (line,) = done.stderr.decode().splitlines()
+    assert line.endswith(
+        "no picture or video in in: 2 files skipped (2 .exr); 'depthcli video' reads a sequence of "
+        "EXR, 'predict' and 'batch --files' single ones"
+    )
+
+
 @pytest.mark.usefixtures("without_heif")
 def test_a_folder_of_which_nothing_can_be_read_is_a_failure(inside: Cli) -> None:
     for name in ("a.HEIC", "b.heic", "notes.txt"):

@@ -27,6 +27,12 @@ distortion_coefficients:
   cols: 5
   data: [0, 0, 0, 0, 0]
 """
+DISTORTED = CALIBRATION.replace("[0, 0,", "[0.1, 0,")
+PROJECTION = """projection_matrix:
+  rows: 3
+  cols: 4
+  data: [64.0, 0, 33.5, 0, 0, 64.0, 22.25, 0, 0, 0, 1, 0]
+"""
 GIVEN = ("--focal-px", "80", "--centre-px", "30.5,25.25")
 
 
@@ -72,7 +78,7 @@ def test_a_resized_picture_has_a_resized_camera(inside: Cli, folder: Path) -> No
 
 @pytest.mark.parametrize("command", ["predict", "batch", "video"])
 def test_a_distorted_lens_is_one_warning(inside: Cli, folder: Path, command: str) -> None:
-    (folder / "cam.yaml").write_text(CALIBRATION.replace("[0, 0,", "[0.1, 0,"))
+    (folder / "cam.yaml").write_text(DISTORTED)
     for number in range(2):
         write_picture(folder / "in" / f"f{number}.png", synthetic_picture())
     words = {
@@ -86,6 +92,46 @@ def test_a_distorted_lens_is_one_warning(inside: Cli, folder: Path, command: str
     assert done.stderr.decode().count(warning) == 1
     done = inside(command, *words, "--format", "npy", "--calibration", "cam.yaml", "--quiet")
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize("command", ["predict", "batch", "video"])
+def test_rectified_pictures_have_the_camera_of_the_projection_matrix(
+    inside: Cli, folder: Path, command: str
+) -> None:
+    (folder / "cam.yaml").write_text(DISTORTED + PROJECTION)
+    write_picture(folder / "in" / "f0.png", synthetic_picture())
+    words = {
+        "predict": ("in/f0.png", "-o"),
+        "batch": ("in", "--out"),
+        "video": ("in/f%d.png", "--fps", "25", "--out"),
+    }[command]
+    found = []
+    for out, camera in (
+        ("a/", ("--focal-px", "64", "--centre-px", "33.5,22.25")),
+        ("b/", ("--calibration", "cam.yaml", "--rectified")),
+    ):
+        done = inside(command, *words, out, "--format", "npy", "--sidecar", *camera)
+        assert done.returncode == 0
+        assert "warning" not in done.stderr.decode()
+        (depth,) = (folder / out).glob("*.npy")
+        (sidecar,) = (folder / out).glob("*.depth.json")
+        stated = json.loads(sidecar.read_text())
+        found.append((np.load(depth), stated["centre_px"]))
+        assert stated["focal_px"] == pytest.approx(64)
+    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-6)
+    assert found[0][1] == found[1][1] == [33.5, 22.25]
+
+
+def test_a_batch_notices_that_pictures_are_rectified(inside: Cli, folder: Path) -> None:
+    (folder / "cam.yaml").write_text(CALIBRATION + PROJECTION)
+    write_picture(folder / "in" / "a.png", synthetic_picture())
+    words = ("batch", "in", "--out", "out", "--json", "--calibration", "cam.yaml")
+    kept = []
+    for extra in ((), ("--rectified",), ("--rectified",)):
+        done = inside(*words, *extra)
+        assert done.returncode == 0
+        kept.append(json.loads(done.stdout)["kept"])
+    assert kept == [False, False, True]
 
 
 def test_a_batch_notices_a_changed_calibration(inside: Cli, folder: Path) -> None:
@@ -147,6 +193,11 @@ def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
             ("--calibration", "cam.yaml", "--centre-px", "3,4"),
             "give --calibration or --centre-px, not both",
         ),
+        (("--rectified",), "--rectified is for --calibration; give both or neither"),
+        (
+            ("--calibration", "cam.yaml", "--rectified"),
+            "--calibration: cam.yaml has no projection_matrix; give --focal-px and --centre-px",
+        ),
         (("--calibration", "no.yaml"), "--calibration: no.yaml is missing"),
         (("--calibration", "room.png"), "--calibration: room.png is not a calibration"),
     ],
@@ -182,6 +233,26 @@ def test_a_profile_holds_a_camera(inside: Cli, folder: Path) -> None:
     done = inside("profile", "save", "both", "--calibration", "cam.yaml", "--hfov", "50")
     assert done.returncode == 2
     assert "give --calibration or --hfov, not both" in done.stderr.decode()
+    done = inside("profile", "save", "both", "--rectified")
+    assert done.returncode == 2
+    assert "--rectified is for --calibration" in done.stderr.decode()
     done = inside("profile", "save", "both", "--anchors", "a.csv", "--anchor", "1,2,3")
     assert done.returncode == 2
     assert "give --anchor or --anchors, not both" in done.stderr.decode()
+
+
+def test_a_profile_holds_that_pictures_are_rectified(inside: Cli, folder: Path) -> None:
+    (folder / "cam.yaml").write_text(DISTORTED + PROJECTION)
+    words = ("--calibration", "cam.yaml", "--rectified")
+    assert inside("profile", "save", "head", *words).returncode == 0
+    assert "rectified = true" in inside("profile", "show", "head").stdout.decode()
+    predict = ("predict", "room.png", "-o", "a.png", "--json", "--profile", "head")
+    assert json.loads(inside(*predict).stdout)["centre_px"] == [33.5, 22.25]
+    for own in (("--focal-px", "90"), ("--hfov", "50"), ("--centre-px", "1,2")):
+        done = inside(*predict, *own)
+        assert (done.returncode, done.stderr) == (0, b"")
+    (folder / "in").mkdir()
+    (folder / "room.png").rename(folder / "in" / "room.png")
+    (folder / "cameras.csv").write_text("id,focal_px\nroom,90\n")
+    batch = ("batch", "in", "--out", "out", "--profile", "head", "--cameras", "cameras.csv")
+    assert inside(*batch).returncode == 0

@@ -9,7 +9,7 @@ import pytest
 from folders import contents, printed, rows, tree
 from tiny import write_model
 
-from depthcli.io.depth.metadata import read_metadata
+from depthcli.io.depth.read import read_metadata
 
 if TYPE_CHECKING:
     from command_line import Cli
@@ -44,8 +44,11 @@ def test_the_summary_of_what_does_not_match(scene: Cli) -> None:
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (("--cameras", "cameras.csv", "--focal-px", "30"), "give --cameras, or one --focal-px"),
-        (("--cameras", "cameras.csv", "--hfov", "30"), "give --cameras, or one --focal-px"),
+        (
+            ("--cameras", "cameras.csv", "--focal-px", "30"),
+            "give --cameras or --focal-px, not both",
+        ),
+        (("--cameras", "cameras.csv", "--hfov", "30"), "give --cameras or --hfov, not both"),
         (("--cameras", "nowhere.csv"), "--cameras: nowhere.csv cannot be read"),
         (("--cameras", "in/a.png"), "has no columns id,focal_px"),
     ],

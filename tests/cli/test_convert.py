@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import cv2
@@ -12,6 +13,7 @@ import typer
 from tiny import write_picture
 
 from depthcli.cli.shell import load_command
+from depthcli.core.map_camera import with_centre
 from depthcli.core.types import CameraSource, DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_depth
@@ -74,7 +76,7 @@ def test_a_cloud_of_an_unknown_camera_says_what_it_assumes(inside: Cli) -> None:
     done = inside("convert", "bare.npy", "a.ply")
     assert done.returncode == 0
     assert b"assumes an hfov of 63.3" in done.stderr
-    assert b"--focal-px" in done.stderr
+    assert b"give the focal length or field of view" in done.stderr
 
 
 def test_a_cloud_of_an_assumed_camera_says_so(inside: Cli) -> None:
@@ -88,7 +90,12 @@ def test_a_cloud_of_an_assumed_camera_says_so(inside: Cli) -> None:
     ("words", "problem"),
     [
         (("a.ply", "--focal-px", "40", "--hfov", "90"), "not both"),
-        (("a.exr", "--focal-px", "40"), "--focal-px is for ply"),
+        (("a.npy", "--focal-px", "40"), "--focal-px is for png16, exr, ply or json"),
+        (("a.preview.png", "--hfov", "40"), "--hfov is for png16, exr, ply or json"),
+        (("a.npy", "--calibration", "c.yaml"), "--calibration is for png16, exr, ply or json"),
+        (("a.ply", "--calibration", "c.yaml"), "--calibration: c.yaml is missing"),
+        (("a.ply", "--calibration", "c.yaml", "--hfov", "40"), "give --calibration or --hfov"),
+        (("a.ply", "--rectified"), "--rectified is for --calibration"),
         (("a.exr", "--picture", "room.png"), "--picture is for preview or ply"),
         (("a.npy", "--centre-px", "4,4"), "--centre-px is for png16, exr, ply or json"),
         (("a.ply", "--centre-px", "4"), "--centre-px '4' is not CX,CY"),
@@ -183,7 +190,7 @@ def test_a_cloud_has_the_principal_point_of_the_prediction(inside: Cli) -> None:
 
 
 def test_a_sidecar_of_an_earlier_run_moves_no_principal_point(files: Path) -> None:
-    SidecarWriter(centre_px=(1.0, 2.0)).write(DEPTH, files / "d.json")
+    SidecarWriter().write(with_centre(DEPTH, (1.0, 2.0)), files / "d.json")
     made_by = read_depth(files / "d.png").provenance
     assert made_by is not None
     assert made_by.centre_px is None
@@ -206,3 +213,73 @@ def test_a_conversion_keeps_model_and_focal_length(inside: Cli, files: Path, tar
     assert inside("convert", "d.png", "b.json", "--png-scale", "256").returncode == 0
     told = json.loads((files / "b.json").read_text())
     assert (told["focal_px"], told["model"], told["png16_scale"]) == (16.0, "m", 256)
+
+
+CALIBRATION = """image_width: 16
+image_height: 12
+camera_matrix: {rows: 3, cols: 3, data: [40, 0, 6.5, 0, 40, 4.5, 0, 0, 1]}
+distortion_model: equidistant
+projection_matrix: {rows: 3, cols: 4, data: [32, 0, 7.5, 0, 0, 32, 5.5, 0, 0, 0, 1, 0]}
+"""
+CAMERAS = [
+    (("--focal-px", "40"), 40, None),
+    (("--hfov", "90", "--centre-px", "3,2"), 4, (3, 2)),
+    (("--calibration", "camera.yaml"), 20, (3, 2)),
+    (("--calibration", "camera.yaml", "--rectified"), 16, (3.5, 2.5)),
+]
+
+
+@pytest.mark.parametrize(("options", "focal_px", "centre_px"), CAMERAS)
+@pytest.mark.parametrize("name", ["b.png", "b.exr", "b.json"])
+def test_a_file_states_the_given_camera(
+    inside: Cli,
+    files: Path,
+    name: str,
+    options: tuple[str, ...],
+    focal_px: float,
+    centre_px: tuple[float, float] | None,
+) -> None:
+    (files / "camera.yaml").write_text(CALIBRATION)
+    done = inside("convert", "bare.npy", name, *options)
+    assert done.returncode == 0
+    if name == "b.json":
+        told = json.loads((files / name).read_text())
+        told["centre_px"] = told["centre_px"] and tuple(told["centre_px"])
+    else:
+        depth = read_depth(files / name)
+        told = asdict(depth.provenance or Provenance())
+        np.testing.assert_array_equal(depth.values, DEPTH.values)
+    assert told["focal_px"] == pytest.approx(focal_px)
+    assert (told["centre_px"], told["camera_source"]) == (centre_px, "option")
+
+
+@pytest.mark.parametrize(("options", "focal_px", "centre_px"), CAMERAS)
+def test_a_cloud_has_the_given_camera(
+    inside: Cli,
+    files: Path,
+    options: tuple[str, ...],
+    focal_px: float,
+    centre_px: tuple[float, float] | None,
+) -> None:
+    (files / "camera.yaml").write_text(CALIBRATION)
+    assert inside("convert", ".", "--out", "clouds", "--format", "ply", *options).returncode == 0
+    x, y = centre_px or (3.5, 2.5)
+    for name in ("d", "bare"):
+        first_m = points_m(files / "clouds" / f"{name}.ply")[0]
+        assert first_m == pytest.approx([-x * 2 / focal_px, -y * 2 / focal_px, 2], rel=1e-5)
+
+
+def test_a_calibration_warns_and_is_not_replaced(inside: Cli, files: Path) -> None:
+    (files / "camera.yaml").write_text(CALIBRATION)
+    warning = b"warning: the camera has lens distortion"
+    command = ("convert", "d.png", "b.exr", "--calibration", "camera.yaml")
+    assert warning in inside(*command).stderr
+    assert inside(*command, "--rectified").stderr == inside(*command, "--quiet").stderr == b""
+    (files / "camera.json").write_text(CALIBRATION)
+    done = inside("convert", "d.png", "camera.json", "--calibration", "camera.json")
+    assert done.returncode == 2
+    assert b"camera.json is the file of --calibration; choose another output" in done.stderr
+    ExrWriter().write(DepthMap(np.ones((6, 12), np.float32)), files / "wide.exr")
+    done = inside("convert", "wide.exr", "b.ply", "--calibration", "camera.yaml")
+    assert done.returncode == 1
+    assert "12×6 has another aspect ratio" in done.stderr.decode()

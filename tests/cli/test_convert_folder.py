@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import pytest
 from folders import contents, printed
@@ -82,6 +83,17 @@ def test_a_tree_is_kept(tree: Cli) -> None:
     after = contents(tree, "out")
     assert {name for name in after if after[name] != outputs[name]} == {"b.depth.exr"}
     assert all((tree.folder / "out" / name).stat().st_ino != before[name] for name in before)
+
+
+def test_an_assumed_scale_is_a_warning_about_its_file(tree: Cli) -> None:
+    cv2.imwrite(str(tree.folder / "in/other.png"), np.full((6, 8), 512, np.uint16))
+    done = tree(*TO_EXR)
+    assert done.returncode == 0
+    assert done.stderr.decode() == (
+        "depthcli: warning: in/other.png states no scale, so millimetres are assumed; "
+        "--from-scale states another\n"
+    )
+    assert tree(*TO_EXR, "--from-scale", "256", "--include", "other.png").stderr == b""
 
 
 def test_no_bad_file_stops_the_other_conversions(tree: Cli) -> None:

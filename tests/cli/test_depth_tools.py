@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from tiny import write_picture
+from tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import read_depth
@@ -48,9 +48,21 @@ def test_info_says_what_a_pixel_is(inside: Cli) -> None:
     lines = dict(
         line.split(maxsplit=1) for line in inside("info", "d.png").stdout.decode().split("\n")[:-1]
     )
-    assert (lines["unit"], lines["scale"]) == ("m", "5000 per metre (as the file states)")
+    assert (lines["unit"], lines["scale"]) == (
+        "m",
+        "5000 per metre (as the file or its sidecar states)",
+    )
     cv2.imwrite(str(inside.folder / "other.png"), np.full((4, 4), 1000, np.uint16))
     assert b"scale   1000 per metre (assumed: millimetres; " in inside("info", "other.png").stdout
+
+
+def test_info_names_the_channel_of_an_exr(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    inside("predict", "room.png", "--format", "exr", "--format", "npy", "--exr-channel", "depth.Z")
+    told = inside("info", "room.depth.exr", "--json"), inside("info", "room.depth.npy", "--json")
+    assert [json.loads(done.stdout)["channel"] for done in told] == ["depth.Z", None]
+    assert b"\nchannel                depth.Z\n" in inside("info", "room.depth.exr").stdout
+    assert b"channel" not in inside("info", "room.depth.npy").stdout
 
 
 def test_info_s_values_stand_in_one_column(inside: Cli) -> None:
@@ -75,6 +87,24 @@ def test_info_states_what_the_sidecar_beside_the_file_knows(inside: Cli, name: s
     sidecar.write_text(sidecar.read_text().replace(stated["model_sha256"], "0" * 64))
     after = json.loads(inside("info", name, "--json").stdout)["metadata"]
     assert ("orientation" in after) == (name == "d.npy")
+
+
+def test_a_sidecar_of_an_earlier_run_is_ignored_with_a_warning(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png", synthetic_picture())
+    write_model(inside.models / "default", camera={"hfov_deg": 60.0})
+    words = ("predict", "room.png", "-o", "d.npy", "--hfov")
+    assert inside(*words, "50", "--sidecar").returncode == 0
+    assert inside("info", "d.npy").stderr == b""
+    assert inside(*words, "90").returncode == 0
+    ignored = "d.json describes another map than d.npy and is ignored; remove it, or write it"
+    warning = f"depthcli: warning: {ignored} again with --sidecar\n"
+    done = inside("info", "d.npy")
+    assert (done.stderr.decode(), b"focal_px" in done.stdout) == (warning, False)
+    told = json.loads(inside("info", "d.npy", "--json").stdout)
+    assert (len(told["warnings"]), told["metadata"]) == (1, {})
+    assert inside("probe", "d.npy", "3,3").stderr.decode() == warning
+    assert inside("convert", "d.npy", "d.exr").stderr.decode() == warning
+    assert inside("convert", "d.npy", "d.exr", "--quiet").stderr == b""
 
 
 def test_info_on_exr_states_the_model(inside: Cli) -> None:
@@ -141,6 +171,20 @@ def test_convert_between_scales(inside: Cli) -> None:
     done = inside("convert", "kitti.png", "again.npy", "--from-scale", "512")
     assert done.returncode == 0
     assert np.load(inside.folder / "again.npy")[11, 15] == pytest.approx(4.5)
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [(("probe", "d.png", "1,1"), "--png-scale"), (("convert", "d.png", "d.npy"), "--from-scale")],
+)
+def test_an_assumed_scale_is_a_warning(inside: Cli, words: tuple[str, ...], option: str) -> None:
+    cv2.imwrite(str(inside.folder / "d.png"), np.full((4, 4), 512, np.uint16))
+    assert inside(*words).stderr.decode() == (
+        "depthcli: warning: d.png states no scale, so millimetres are assumed; "
+        f"{option} states another\n"
+    )
+    assert inside(*words, option, "1000").stderr == b""
+    assert inside("info", "d.png").stderr == b""  # which prints the scale
 
 
 @pytest.mark.usefixtures("depth_npy")

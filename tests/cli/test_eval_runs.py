@@ -348,6 +348,8 @@ def test_a_run_that_cannot_be_exported_is_named_and_the_others_are_compared(
     assert done.failed == ("fastcut-seed0 (no room)", "proposed-seed0 (no room)")
     assert [[run.name for run in row.runs] for row in done.report.rows] == [["fastcut-seed1"]]
     assert told[:4] == [("exporting runs", 3), 1, 1, 1]
+    with pytest.raises(DepthcliError, match=r"no run of proposed can be exported: .* \(no room\)"):
+        compare_runs(replace(asked, against="proposed"))
     assert [what[0] for what in told[4:]] == ["comparing images", "drawing pictures"]
     unable.add("fastcut-seed1")
     with pytest.raises(DepthcliError, match="no run can be exported: fastcut-seed0 "):

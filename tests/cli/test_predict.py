@@ -585,3 +585,19 @@ def test_a_sidecar_alone_is_one_file(inside: Cli) -> None:
     room(inside)
     assert inside("predict", "room.png", "-o", "e.json", "--sidecar").returncode == 0
     assert here(inside) == {"room.png", "e.json"}
+
+
+@pytest.mark.parametrize("name", ["x.%04d.exr", "x.####.png", "x.$F4.npy", "x.%d"])
+@pytest.mark.parametrize("formats", [(), ("--format", "exr")])
+def test_a_pattern_is_no_name_of_one_file(
+    name: str, formats: tuple[str, ...], inside: Cli, picture: Path
+) -> None:
+    (inside.folder / "d.npy").write_bytes(b"never read")
+    for words in (("predict", picture, "-o", name), ("convert", "d.npy", name)):
+        done = inside(*words, *formats)
+        assert done.returncode == 2
+        (line,) = done.stderr.decode().splitlines()
+        assert f"{name} is a pattern for numbered files" in line
+    assert [path.name for path in inside.folder.iterdir()] == ["d.npy"]
+    (inside.folder / name).mkdir()
+    assert inside("predict", picture, "-o", name, *formats).returncode == 0

@@ -7,11 +7,13 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import av
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tiny import write_model
+from videos import flat_frames, write_video
 
 from depthcli.cli import shell
 from depthcli.cli.profile_files import _toml, write_profile
@@ -246,6 +248,7 @@ def test_what_is_saved_is_read_back(values: dict[str, object]) -> None:
         (("--anchor", "foo"), "'foo'"),
         (("--max-memory", "x"), "--max-memory is a number"),
         (("--start", "foo"), "--start 'foo'"),
+        (("--fps", "foo"), "--fps 'foo'"),
         (("--start", "3", "--end", "2"), "not after --start"),
         (("--provider", "nosuch"), "no provider named 'nosuch'"),
         (("--provider", "cuda", "--provider-option", "a"), "not KEY=VALUE"),
@@ -262,6 +265,24 @@ def test_what_no_command_would_take_is_not_saved(
     assert (code, out) == (2, "")
     assert problem in line
     assert home.run("profile", "list", "--json")[1] == ""
+
+
+def test_a_profile_for_sequences_serves_videos_too(inside: Cli) -> None:
+    home = Home(inside)
+    write_video(inside.folder / "clip.avi", flat_frames(range(3)))
+    options = ("--fps", "24", "--codec", "prores", "--white-level", "4095", "--format", "mp4")
+    assert home.run("profile", "save", "vfx", *options)[0] == 0
+    code, out, err = home.run("video", "clip.avi", "--profile", "vfx", "--json")
+    assert (code, told(out)["fps"], err) == (0, "25/1", "")
+    with av.open(str(inside.folder / "clip.preview.mp4")) as preview:
+        assert preview.streams.video[0].codec_context.name == "h264"
+    words = ("video", "clip.avi", "--profile", "vfx", "--out", "a.mov")
+    assert home.run(*words)[0] == 0
+    with av.open(str(inside.folder / "a.mov")) as preview:
+        assert preview.streams.video[0].codec_context.name == "prores"
+    for option, value in (("--fps", "24"), ("--codec", "prores"), ("--white-level", "4095")):
+        code, _, err = home.run("video", "clip.avi", "--profile", "vfx", option, value)
+        assert (code, option in err) == (2, True)
 
 
 def test_a_folder_with_a_dot_in_its_name_says_no_format(home: Home, picture: Path) -> None:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from depthcli.errors import UsageError
 from depthcli.video.sequence_files import find_pictures
 
 if TYPE_CHECKING:
@@ -30,12 +31,11 @@ def write_pictures(folder: Path, numbers: Iterable[int]) -> None:
     [
         ("f1 f10 f2 f4 f9", "1:f1 2:f2 4:f4 9:f9 10:f10"),
         ("f10_left f9_left", "9:f9_left 10:f10_left"),
-        ("f1 f10 g2", "0:f1 1:f10 2:g2"),
-        ("f1 f10 f2 note", "0:f1 1:f10 2:f2 3:note"),
-        ("a3 b5 b20", "0:a3 1:b20 2:b5"),
-        ("a3 b5 c20", "3:a3 5:b5 20:c20"),
-        ("f02 f10 f2", "0:f02 1:f2 2:f10"),
-        ("f1000000000000 f9", "0:f9 1:f1000000000000"),
+        ("a3 b5 c20", "0:a3 1:b5 2:c20"),
+        ("a b c2", "0:a 1:b 2:c2"),
+        ("f1000000000000 f9", "0:f1000000000000 1:f9"),
+        ("1.033333 1.066667 2.000000 2.033333", "0:1.033333 1:1.066667 2:2.000000 3:2.033333"),
+        ("12-00-01 12-00-31 12-01-01", "0:12-00-01 1:12-00-31 2:12-01-01"),
     ],
 )
 def test_the_order_and_numbers_of_a_folder(names: str, expected: str, tmp_path: Path) -> None:
@@ -43,6 +43,41 @@ def test_the_order_and_numbers_of_a_folder(names: str, expected: str, tmp_path: 
         (tmp_path / f"{name}.png").touch()
     found = find_pictures(tmp_path)
     assert " ".join(f"{file.number}:{file.path.stem}" for file in found) == expected
+
+
+@pytest.mark.parametrize(
+    ("names", "patterns"),
+    [
+        ("L.0998.png L.0999.png R.0998.png R.0999.png", "L.####.png R.####.png"),
+        ("L.1.png L.3.png R.1.png R.3.png", "L.%d.png R.%d.png"),
+        ("p.1001.png p.1002.png p.1001.jpg p.1002.jpg", "p.####.jpg p.####.png"),
+        ("p.1001.png p.1005.png sheet.png", "p.####.png"),
+        ("v1.1001.png v1.1002.png v2.1001.png v2.1002.png", "v1.####.png v2.####.png"),
+        ("p.-1.png p.-2.png p.0.png p.1.png", "p.-%d.png p.%d.png"),
+        ("f02.png f10.png f2.png", "f%d.png"),
+        ("f9.png f10.png f11_left.png", "f%d.png"),
+    ],
+)
+def test_a_folder_with_more_than_one_sequence_is_refused(
+    names: str, patterns: str, tmp_path: Path
+) -> None:
+    for name in names.split():
+        (tmp_path / name).touch()
+    with pytest.raises(UsageError) as caught:
+        find_pictures(tmp_path)
+    said = ", ".join(f"'{tmp_path / pattern}'" for pattern in patterns.split())
+    assert str(caught.value).endswith(f"give one as a pattern: {said}")
+    for pattern in patterns.split():
+        assert find_pictures(tmp_path / pattern)
+
+
+def test_an_error_lists_a_few_of_many_sequences(inside: Cli) -> None:
+    for shot in range(7):
+        for number in (1, 2):
+            cv2.imwrite(str(inside.folder / f"s{shot}.{number}.png"), np.zeros((2, 2), np.uint8))
+    done = inside("video", ".", "--out", "d.mkv")
+    assert done.returncode == 2
+    assert done.stderr.decode().endswith("'s3.%d.png' and 3 more\n")
 
 
 def test_unpadded_numbers_of_a_folder_are_those_of_its_pattern(inside: Cli) -> None:
@@ -81,4 +116,15 @@ def test_a_sequence_of_outputs_is_refused(source: str, inside: Cli) -> None:
     assert done.returncode == 1
     (line,) = done.stderr.decode().splitlines()
     assert "d/d.0001.exr was written by depthcli" in line
-    assert "'depthcli convert'" in line
+    assert "name the pictures that it was made of" in line
+
+
+def test_a_depth_video_is_no_video_to_estimate(inside: Cli) -> None:
+    write_pictures(inside.folder / "f", (1, 2))
+    assert inside("video", "f/", "--out", "any.mkv", "--fps", "24").returncode == 0
+    for words, data in ((("any.mkv",), b""), (("-",), (inside.folder / "any.mkv").read_bytes())):
+        done = inside("video", *words, "--out", "again.mkv", stdin=data)
+        assert done.returncode == 1
+        (line,) = done.stderr.decode().splitlines()
+        assert "is depth that depthcli wrote; name the video that it was made of" in line
+    assert not (inside.folder / "again.mkv").exists()

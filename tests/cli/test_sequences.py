@@ -61,6 +61,13 @@ def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
         ("p.####.exr", "p.1001.exr", 1001),
         ("p.####.exr", "p.101.exr", None),
         ("p.%04d.exr", "p.12345.exr", 12345),
+        ("p.#.exr", "p.1001.exr", 1001),
+        ("p.$F4.exr", "p.1001.exr", 1001),
+        ("p.$F4.exr", "p.101.exr", None),
+        ("p.$F.exr", "p.7.exr", 7),
+        ("p.$FF.exr", "p.7.exr", None),
+        ("take #2.%03d.exr", "take #2.007.exr", 7),
+        ("a%d.%06d.png", "a%d.000012.png", 12),
         ("p.%d.exr", "p.7.exr", 7),
         ("%06d.png", "000012.png", 12),
         ("p.%04d.exr", "p.001.exr", None),
@@ -80,6 +87,7 @@ def test_what_the_files_of_a_pattern_share() -> None:
     assert base_name("plate.%04d") == "plate"
     assert base_name("%04d") == "sequence"
     assert base_name("plate.####") == "plate"
+    assert base_name("plate.$F4") == "plate"
 
 
 def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> None:
@@ -91,20 +99,44 @@ def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> N
     assert not is_sequence(tmp_path / "take#3.mp4")
 
 
+def test_a_folder_can_be_named_like_a_pattern(inside: Cli) -> None:
+    plates(inside.folder / "C#", range(1, 3))
+    assert inside("video", "C#", "--format", "npy", "--out", "C#/").returncode == 0
+    assert inside("video", "C#", "--out", "C#/d.%04d.exr").returncode == 0
+    names = {path.name for path in (inside.folder / "C#").iterdir()}
+    assert names >= {"C#.depth.000001.npy", "C#.depth.000002.npy", "d.0001.exr", "d.0002.exr"}
+
+
+def test_the_number_is_in_the_name_of_the_file_not_of_a_folder(inside: Cli) -> None:
+    plates(inside.folder / "shot", range(1, 3))
+    done = inside("video", "shot", "--out", "new/%04d/d.%04d.exr")
+    assert done.returncode == 2
+    (line,) = done.stderr.decode().splitlines()
+    assert "has a number in the name of a folder" in line
+    assert {path.name for path in inside.folder.iterdir()} == {"shot"}
+
+
+@pytest.mark.parametrize("name", ["plate.@@@@.exr", "plate.%4d.exr", "plate.%04d.%04d.exr"])
+def test_an_unknown_notation_of_numbers_names_the_known_ones(name: str, inside: Cli) -> None:
+    plates(inside.folder / "shot", range(1, 3))
+    done = inside("video", f"shot/{name}", "--out", "d.mkv")
+    assert done.returncode == 1
+    assert done.stderr.decode().endswith("has one of %04d, %d, #### and $F4\n")
+    assert b"####" not in inside("video", "shot/plate.0009.exr", "--out", "d.mkv").stderr
+
+
 @pytest.mark.parametrize(
     ("word", "rate"),
     [("24", Fraction(24)), ("23.976", FILM), ("24000/1001", FILM), ("12.5", Fraction(25, 2))],
 )
-def test_frame_rates_of_sequences(word: str, rate: Fraction, tmp_path: Path) -> None:
-    assert parse_fps(word, str(tmp_path)) == rate
+def test_frame_rates_of_sequences(word: str, rate: Fraction) -> None:
+    assert parse_fps(word) == rate
 
 
 @pytest.mark.parametrize("word", ["", "0", "-1", "a", "1/0", "0/1", "1e3"])
-def test_what_is_no_frame_rate(word: str, tmp_path: Path) -> None:
+def test_what_is_no_frame_rate(word: str) -> None:
     with pytest.raises(UsageError):
-        parse_fps(word, str(tmp_path))
-    with pytest.raises(UsageError, match="image sequences"):
-        parse_fps("24", "a.mp4")
+        parse_fps(word)
 
 
 def test_linear_light_is_seen_as_on_a_display(tmp_path: Path) -> None:
@@ -128,6 +160,7 @@ def test_linear_light_is_seen_as_on_a_display(tmp_path: Path) -> None:
 def test_anamorphic_plates_give_a_warning(aspect: float, shown: str | None, tmp_path: Path) -> None:
     write_exr(tmp_path / "a.1.exr", 1.0, FILM, aspect)
     with open_frames(tmp_path / "a.%d.exr") as source:
+        assert len(list(source.frames())) == 1
         warnings = source.warnings
     assert len(warnings) == (shown is not None)
     assert all(f"the pixels are not square ({shown})" in warning for warning in warnings)
@@ -168,6 +201,16 @@ def test_a_span_counts_in_the_sequences_own_numbers(tmp_path: Path) -> None:
         assert source.rate == FILM
         assert [frame.index for frame in source.frames(span)] == [1003, 1004, 1005, 1006, 1007]
         assert source.count(span) == 5
+
+
+@pytest.mark.parametrize("start", ["1003", "1008f"])
+def test_a_span_without_frames_names_the_numbers_that_there_are(start: str, inside: Cli) -> None:
+    plates(inside.folder / "shot", range(1001, 1007))
+    done = inside("video", "shot", "--start", start, "--out", "d.mkv")
+    assert done.returncode == 1
+    assert (
+        "it has frames 1001–1006, 0.250 s; a frame number ends in f: 1001f" in done.stderr.decode()
+    )
 
 
 def test_steps_count_numbers_where_some_are_missing(tmp_path: Path) -> None:
@@ -216,6 +259,34 @@ def test_a_hole_and_a_damaged_plate(inside: Cli) -> None:
     assert "missing numbers in the sequence: 1;" in facts["warnings"][0]
     names = {path.name for path in inside.folder.glob("d.*")}
     assert names == {f"d.{number}.png" for number in (1001, 1002, 1004, 1006)}
+
+
+@pytest.mark.parametrize("damage", [b"v/1\x01 no more", None])
+def test_a_damaged_first_plate_costs_no_other(damage: bytes | None, inside: Cli) -> None:
+    pattern = plates(inside.folder / "shot", range(1001, 1005))
+    first = inside.folder / "shot" / "plate.1001.exr"
+    first.write_bytes(first.read_bytes()[:-500] if damage is None else damage)
+    done = inside("video", pattern, "--out", "a.%d.png", "--json")
+    facts = report(done)
+    assert (done.returncode, facts["status"], facts["fps"]) == (1, "incomplete", "24000/1001")
+    assert "1 of its pictures cannot be read" in facts["error"]
+    assert {path.name for path in inside.folder.glob("a.*")} == {
+        *("a.1002.png", "a.1003.png", "a.1004.png")
+    }
+    done = inside("video", pattern, "--start", "1002f", "--out", "b.%d.png")
+    assert (done.returncode, done.stderr) == (0, b"")
+    for file in inside.folder.glob("a.*"):
+        assert file.read_bytes() == (inside.folder / f"b{file.name[1:]}").read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_a_sequence_that_cannot_be_read_is_given_up_after_a_few(suffix: str, inside: Cli) -> None:
+    for number in range(20):
+        (inside.folder / f"p.{number:04d}{suffix}").write_bytes(b"no picture")
+    done = inside("video", f"p.%04d{suffix}", "--out", "d.mkv")
+    assert done.returncode == 1
+    assert b"has no frame that can be read: 10 of its pictures" in done.stderr
+    assert f"p.0009{suffix}" in done.stderr.decode()
 
 
 def test_plates_are_never_overwritten(inside: Cli) -> None:

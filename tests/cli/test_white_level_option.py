@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
+from tiny import write_picture
 from videos import flat_frames, write_video
 
 if TYPE_CHECKING:
@@ -82,3 +84,22 @@ def test_a_video_has_a_range_of_its_own(inside: Cli) -> None:
     assert inside("profile", "save", "camera", "--white-level", "1023").returncode == 0
     done = inside("video", "clip.avi", "--out", "d.mkv", "--profile", "camera")
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_the_white_of_an_exr_is_1(inside: Cli) -> None:
+    gray = np.full((48, 64), 0.5, np.float32)
+    folder = inside.folder / "plates"
+    folder.mkdir()
+    for number in range(2):
+        file = OpenEXR.File({"type": OpenEXR.scanlineimage}, dict.fromkeys("RGB", gray))
+        file.write(str(folder / f"p.{number}.exr"))
+    option = "--white-level", "4095"
+    plate = "plates/p.0.exr"
+    for words in (("predict", plate), ("video", "plates"), ("video", "plates/p.%d.exr")):
+        done = inside(*words, *option)
+        assert done.returncode == 2
+        assert b"--white-level is for 16-bit PNG and TIFF, and plates/p.0.exr is an" in done.stderr
+    assert inside("profile", "save", "camera", *option).returncode == 0
+    assert inside("predict", plate, "-o", "a.npy", "--profile", "camera").stderr == b""
+    write_picture(inside.folder / "room.png")
+    assert inside("predict", plate, "room.png", *option).returncode == 0

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.core.anchor_fit import ERROR_SD, SHIFT_SD, fit_anchors, fitted
+from depthcli.core.anchor_fit import ERROR_SD, SHIFT_SD, fit_anchors, fitted, lost_in_fit
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor as Point
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap
@@ -250,6 +250,14 @@ def test_many_points_need_not_all_have_a_value_in_the_map() -> None:
         fit_anchors(depth, points[:40])
 
 
+def test_a_fit_gives_no_depth_to_pixels_without() -> None:
+    values = np.float32([[0, -1, np.inf, np.nan, 1, 2, 3, 4, 5]])
+    points = [Point(x, 0, x - 2.5) for x in range(4, 9)]
+    found = fit_anchors(DepthMap(values), points)
+    np.testing.assert_allclose(found.values, [[*[np.nan] * 4, 1.5, 2.5, 3.5, 4.5, 5.5]], rtol=0.02)
+    assert lost_in_fit(DepthMap(values), found) == ()
+
+
 def test_many_contradicting_points_are_refused() -> None:
     depth, truth_m = scene(DepthKind.METRIC)
     with pytest.raises(UsageError, match="contradict"):
@@ -262,7 +270,7 @@ def test_a_map_of_another_size_fails_its_picture_alone() -> None:
         fitted(depth, AnchorPoints.of_map(truth_m[:, 1:]))
     with pytest.raises(InputError, match="there are no anchors"):
         fitted(depth, AnchorPoints.of_map(truth_m * 0))
-    assert fitted(depth, ()) is depth
+    assert fitted(depth, None) is depth
 
 
 def test_a_table_is_of_the_nearest_pixels() -> None:

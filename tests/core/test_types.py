@@ -68,9 +68,19 @@ def test_other_arrays_are_no_depth_map(values: np.ndarray) -> None:
 
 
 def test_a_range_leaves_out_what_has_no_depth() -> None:
-    depth_m = np.float32([[np.nan, 3, 1], [np.inf, 2, 8]])
-    assert DepthRange.of(DepthMap(depth_m)) == DepthRange(1, 2.5, 8)
+    depth_m = np.float32([[np.nan, 3, 1], [np.inf, 2, 8], [0, -1, np.nan]])
+    depth = DepthMap(depth_m)
+    assert depth.valid.sum() == 4
+    assert DepthRange.of(depth) == DepthRange(1, 2.5, 8)
+    assert repr(depth) == "<DepthMap 3×3, metric, 1 to 8 m>"
     assert DepthRange.of(DepthMap(depth_m[:, :1])) == DepthRange(None, None, None)
+
+
+@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
+def test_a_map_without_a_unit_has_depth_wherever_it_is_finite(kind: DepthKind) -> None:
+    depth = DepthMap(np.float32([[np.nan, np.inf, 0, -1, 2]]), kind)
+    assert depth.valid.tolist() == [[False, False, True, True, True]]
+    assert DepthRange.of(depth) == DepthRange(-1, 0, 2)
 
 
 def test_a_map_is_its_values_to_numpy() -> None:

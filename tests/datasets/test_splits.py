@@ -63,6 +63,13 @@ def test_paper_split_of_the_test_part_alone() -> None:
     assert split.test == tuple(range(449))
 
 
+def test_a_part_of_the_pairs_is_not_the_complete_validation_split() -> None:
+    whole, part = (split_nyu(_listed(range(n)), SplitName.VAL) for n in (1000, 200))
+    assert (whole.train_count, whole.test_count) == (len(whole.train), len(whole.test))
+    assert (part.train_count, part.test_count) == (866, 134)
+    assert len(part.test) < 40
+
+
 def test_official_split_follows_the_index() -> None:
     split = split_nyu(_listed(range(1000)), SplitName.OFFICIAL)
     assert split.train == tuple(range(1, 1000, 2))

@@ -11,6 +11,7 @@ import pytest
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.paired_folder import PairedFolder
 from depthcli.datasets.splits import SplitName, split_nyu
+from depthcli.datasets.subset import Subset
 from depthcli.datasets.training_data import open_training_data
 from depthcli.datasets.unpaired_folder import UnpairedFolder
 from depthcli.errors import DatasetError
@@ -153,6 +154,12 @@ def test_the_camera_of_nyu_is_known(tmp_path: Path) -> None:
     (_nyu(tmp_path, ROWS) / "cameras.csv").write_text("\n".join(["id,focal_px", *rows]))
     with pytest.raises(DatasetError, match=r"whose camera is known: remove cameras\.csv, or rena"):
         open_training_data(tmp_path, paired=True)
+
+
+def test_names_are_listed_once(tmp_path: Path) -> None:
+    lists = open_training_data(_fill(tmp_path, ["a", "b"], ["c"]), paired=False).dataset
+    for dataset in (lists, Subset(lists, (1,))):
+        assert dataset.ids is dataset.ids
 
 
 def test_same_names_and_other_sizes_are_two_lists(tmp_path: Path) -> None:

@@ -113,10 +113,12 @@ def test_table_names_protocol_split_and_images(
     assert _run(data, "--split", "val") == ExitCode.OK
     output = capsys.readouterr()
     lines = output.out.splitlines()
-    assert lines[0] == "NYU Depth v2 · val split, 2 images · protocol: headline"
+    assert lines[0] == "NYU Depth v2 · val split, 2 of 134 images · protocol: headline"
     assert lines[3].split()[:4] == ["row", "align", "images", "abs_rel"]
     assert {len(line) for line in lines[3:9]} == {len(lines[3])}
     assert "comparing images: 2" in output.err
+    note = "not all of pairs 1-1000 are here, so the held-out scenes are not those of all of them"
+    assert note in lines
 
 
 def test_several_models_and_files(
@@ -160,7 +162,10 @@ def test_a_row_is_compared_with_every_other(
             assert interval["low"] == pytest.approx(min(values))
             assert interval["high"] == pytest.approx(max(values))
     assert _run(data, *arguments, "--html", str(page)) == ExitCode.OK
-    title = f"{far} minus each row: mean and 95 % interval over scenes; ! excludes 0"
+    title = (
+        f"{far} minus each row: mean and 95 % interval over 2 scenes; ! excludes 0; of so few, the "
+        "intervals are too narrow"
+    )
     shown = capsys.readouterr().out
     assert f"\n\n{title}\n\nminus " in shown
     assert title in page.read_text()
@@ -296,7 +301,7 @@ def test_data_may_come_from_the_environment(
     monkeypatch.setenv("DEPTHCLI_NYU", str(data))
     arguments = ["eval", "nyu", "--split", "val", "--no-model", "--limit", "1"]
     assert main(arguments) == ExitCode.OK
-    assert "1 of 2 images" in capsys.readouterr().out
+    assert "1 of 134 images" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -180,12 +180,12 @@ def test_pictures_of_one_network_size_run_together(
 @pytest.mark.parametrize(
     ("camera", "problem"),
     [
-        ({"focal_px": -400.0}, "-400 pixels"),
-        ({"focal_px": 0.0}, "0 pixels"),
+        ({"focal_px": -400.0}, "-400.0 pixels"),
+        ({"focal_px": 0.0}, "0.0 pixels"),
         ({"focal_px": float("nan")}, "nan pixels"),
         ({"focal_px": float("inf")}, "inf pixels"),
-        ({"hfov_deg": 180.0}, "180°"),
-        ({"hfov_deg": -60.0}, "-60°"),
+        ({"hfov_deg": 180.0}, "180.0°"),
+        ({"hfov_deg": -60.0}, "-60.0°"),
         ({"focal_px": 400.0, "hfov_deg": 60.0}, "not both"),
     ],
 )

@@ -13,6 +13,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.writers.exr import ExrWriter
+from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ def test_a_table_has_its_columns_in_any_order(tmp_path: Path) -> None:
     path.write_bytes(b"\xef\xbb\xbfname,depth_m,x,y\r\na,2.5,3,4\r\nb,1e1,-0.4,6.6\r\n")
     points = AnchorFiles(str(path)).read()
     assert points.listed() == (Anchor(3, 4, 2.5), Anchor(0, 7, 10.0))
+    path.write_bytes(b'x, y, "depth_m"\n3, 4, 2.5\n 0, 7, "10"\n')
+    assert AnchorFiles(str(path)).read().listed() == points.listed()
 
 
 @pytest.mark.parametrize(
@@ -103,3 +106,14 @@ def test_a_folder_has_a_file_for_each_picture(tmp_path: Path) -> None:
     np.save(tmp_path / "hall" / "a.b.npy", DEPTH_M)
     with pytest.raises(InputError, match="are both its known depth; remove one"):
         files.read_for("hall/a.b.jpg")
+
+
+def test_a_folder_may_be_an_output_of_convert(tmp_path: Path) -> None:
+    NpyWriter().write(DepthMap(DEPTH_M), tmp_path / "a.depth.npy")
+    files = AnchorFiles(str(tmp_path))
+    assert files.read_for("a.jpg").depth_m == pytest.approx([2.5, 4.0])
+    Png16Writer().write(DepthMap(DEPTH_M), tmp_path / "a.depth.png")
+    with pytest.raises(InputError, match=r"a\.depth\.npy are both its known depth; remove one"):
+        files.read_for("a.jpg")
+    (tmp_path / "a.csv").write_text("x,y,depth_m\n1,2,3\n")
+    assert files.read_for("a.jpg").listed() == (Anchor(1, 2, 3.0),)

@@ -45,6 +45,7 @@ width: 640
 D: [0.0, 0.0, 0.0, 0.0, 0.0]
 K: [431.5, 0.0, 337.8, 0.0, 431.5, 250.7, 0.0, 0.0, 1.0]
 """
+TRANSPOSED = "K: [431.5, 0.0, 0.0, 0.0, 431.5, 0.0, 337.8, 250.7, 1.0]"
 EXPECTED = Calibration(640, 480, 431.5, (337.8, 250.7))
 
 
@@ -59,6 +60,15 @@ def test_camera_info_of_ros(tmp_path: Path, start: str, end: str) -> None:
     assert read_calibration(path) == EXPECTED
 
 
+@pytest.mark.parametrize(
+    "end", ["---\n", "---\n\n", "...\n", "\n \n", "---\nheight: 1\n---\n", "--- \r\n"]
+)
+def test_the_first_message_of_a_topic(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "head.yaml"
+    path.write_text(TOPIC.lower() + end, "utf-8")
+    assert read_calibration(path) == EXPECTED
+
+
 @pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
 @pytest.mark.parametrize("is_distorted", [True, False])
 def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> None:
@@ -70,7 +80,9 @@ def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> Non
     file.write("distortion_coefficients", np.array([[0.0, 0, 0.1 * is_distorted, 0, 0]]))
     file.release()
     found = read_calibration(path)
-    assert found == Calibration(640, 480, pytest.approx(420), (337.8, 250.7), is_distorted)
+    assert found == Calibration(
+        640, 480, pytest.approx(420), (337.8, 250.7), is_distorted, pytest.approx(1.1025)
+    )
 
 
 def test_lists_of_rows(tmp_path: Path) -> None:
@@ -89,7 +101,10 @@ def test_lists_of_rows(tmp_path: Path) -> None:
         ("[1, 2]", "is not a calibration that OpenCV can read"),
         ("just text", "is not a calibration that OpenCV can read"),
         ("<?xml version='1.0'?><a/>", "is not a calibration that OpenCV can read"),
-        (TOPIC.replace("[431.5", "\n- 431.5"), r"lists as \[1, 2\] and without comments"),
+        (
+            TOPIC.replace("[431.5", "\n- 431.5"),
+            r"lists as \[1, 2\] \(ros2 topic echo --flow-style\)",
+        ),
         (TOPIC.replace("K:", "P:"), "has no camera_matrix; name the calibration"),
         (TOPIC.replace("width:", "columns:"), "has no image_width"),
         (TOPIC.replace("width: 640", "width: []"), "is for nan×480 pixels"),
@@ -97,8 +112,17 @@ def test_lists_of_rows(tmp_path: Path) -> None:
         (TOPIC.replace("640", "0"), "is for 0×480 pixels"),
         (TOPIC.replace("640", "640.5"), "which is no camera"),
         (TOPIC.replace("431.5", "-431.5"), "fx -431.5"),
+        (TOPIC.replace("431.5, 250.7", "0, 250.7"), "fy 0"),
         (TOPIC.replace("337.8", "'x'"), "cx nan"),
+        (TOPIC.replace("337.8", "1280.5"), "cx 1280.5"),
+        (TOPIC.replace("337.8", "-641"), "cx -641"),
+        (TOPIC.replace("250.7", "-2390"), "cy -2390"),
+        (TOPIC.replace("250.7", "961"), "cy 961"),
         (TOPIC.replace("0.0, 1.0]", "1.0]"), "not 3×3"),
+        (
+            TOPIC.replace("K: [431.5, 0.0, 337.8, 0.0, 431.5, 250.7, 0.0, 0.0, 1.0]", TRANSPOSED),
+            "not 3×3 with 0 0 1 in the last row; write it row by row",
+        ),
         ("#" + "x" * 2**20, "too large for a calibration"),
     ],
 )
@@ -147,8 +171,79 @@ def test_in_python_it_gives_a_resized_picture_its_camera(tmp_path: Path) -> None
     assert cloud.xyz_m[0, 1] == pytest.approx(-(251.2 / 20 - 0.5) * z / (431.5 / 20))
 
 
+@pytest.mark.parametrize("centre", [(-320.0, 700.0), (1280.0, -480.0)])
+def test_a_crop_may_have_its_principal_point_outside(
+    tmp_path: Path, centre: tuple[float, float]
+) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(TOPIC.replace("337.8", f"{centre[0]}").replace("250.7", f"{centre[1]}"))
+    assert read_calibration(path).centre_px == centre
+
+
+@pytest.mark.parametrize(
+    ("more", "is_distorted"),
+    [
+        ("distortion_model: plumb_bob", False),
+        ("distortion_model: ''", False),
+        ("distortion_model: 4", False),
+        ("distortion_model: equidistant", True),
+        ("distortion_model: Fisheye", True),
+        ("distortion_model: kannala_brandt4", True),
+        ("fisheye_model: 0", False),
+        ("fisheye_model: 1", True),
+    ],
+)
+def test_a_fisheye_is_distorted_without_coefficients(
+    tmp_path: Path, more: str, is_distorted: bool
+) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(f"{TOPIC}{more}\n")
+    assert read_calibration(path).is_distorted is is_distorted
+
+
 def test_a_distorted_lens_is_a_warning() -> None:
     assert Camera().warnings == Camera(calibration=EXPECTED).warnings == ()
     distorted = Calibration(640, 480, 431.5, (math.pi, 2), is_distorted=True)
     (warning,) = Camera(calibration=distorted).warnings
-    assert "rectify the pictures first" in warning
+    assert warning.endswith("rectify the pictures, and then add --rectified")
+
+
+@pytest.mark.parametrize("name", ["projection_matrix", "P", "p"])
+def test_rectified_pictures_have_the_camera_of_the_projection_matrix(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / "camera.yaml"
+    numbers = "[400, 0, 330, -48.5, 0, 400, 250, 0, 0, 0, 1, 0]"  # right camera of a stereo pair
+    path.write_text(f"{TOPIC}distortion_model: equidistant\n{name}: {numbers}\n")
+    assert read_calibration(path, rectified=True) == Calibration(640, 480, 400, (330, 250))
+    assert read_calibration(path).focal_px == 431.5
+    path.write_text(ROS)
+    found = depthcli.read_calibration(path, rectified=True)
+    assert (found.focal_px, found.centre_px, found.warnings) == (400, (330, 250), ())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("projection_matrix", "other", "has no projection_matrix; give --focal-px and --centre-px"),
+        ("0, 0, 0, 1, 0]", "0, 0, 0, 0, 0]", "not 3×4 with 0 0 1 in the last row"),
+        ("0, 0, 0, 1, 0]", "0, 0, 1]", "has a projection_matrix that is not 3×4"),
+        ("400, 0, 330", "0, 0, 330", "with fx 0, fy 400"),
+    ],
+)
+def test_what_is_no_projection_matrix(tmp_path: Path, old: str, new: str, why: str) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(ROS.replace(old, new))
+    with pytest.raises(InputError, match=why):
+        read_calibration(path, rectified=True)
+
+
+def test_pixels_that_are_not_square_are_a_warning(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    for fy, known in (("431.5", ()), ("435.8", ()), ("427.2", ()), ("436.0", ("1.01",)),
+                      ("350", ("0.811",))):  # fmt: skip
+        path.write_text(TOPIC.replace("431.5, 250.7", f"{fy}, 250.7"))
+        warnings = read_calibration(path).warnings
+        assert len(warnings) == len(known)
+        for warning, ratio in zip(warnings, known, strict=True):
+            assert warning.startswith(f"fy is {ratio} of fx, and depth and point clouds assume")

@@ -10,8 +10,7 @@ import pytest
 
 from depthcli.cli.screen.predict import picture_json, picture_text
 from depthcli.core.types import CameraSource, DepthMap, Provenance
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer

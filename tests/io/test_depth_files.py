@@ -19,9 +19,8 @@ from hypothesis import strategies as st
 
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth.exr_map import depth_channel
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.exr_layers import depth_channel
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.png.encode import encode_png
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.exr import ExrWriter
@@ -48,6 +47,10 @@ def png16(steps: np.ndarray) -> bytes:
         (["depth.R", "depth.G"], "depth.R"),
         (["rgba.R", "other.Y"], "other.Y"),
         (["Z", "depth.Z"], "Z"),
+        (["R", "N.X", "N.Y", "N.Z"], "R"),
+        (["P.R", "P.X", "P.Y", "P.Z"], None),
+        (["ViewLayer.UV.U", "ViewLayer.UV.V"], None),
+        (["X", "Y", "Z", "far.Z"], "far.Z"),
         (["X", "W"], None),
         ([], None),
     ],
@@ -89,7 +92,18 @@ def test_a_colour_exr_is_no_depth(tmp_path: Path) -> None:
     OpenEXR.File(SCANLINES, gray).write(str(path))
     np.testing.assert_array_equal(read_depth(path).values, DEPTH_M)
     OpenEXR.File(SCANLINES, {**gray, "G": DEPTH_M + 1}).write(str(path))
-    with pytest.raises(InputError, match="colours, not depth"):
+    with pytest.raises(InputError, match=r"a\.exr holds no depth; it has B, G, R"):
+        read_depth(path)
+
+
+@pytest.mark.parametrize("colours", ["", "RGB"])
+def test_normals_are_no_depth(colours: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    names = [*colours, "N.X", "N.Y", "N.Z"]
+    OpenEXR.File(SCANLINES, {name: DEPTH_M + i for i, name in enumerate(names)}).write(str(path))
+    with pytest.raises(
+        InputError, match=rf"a\.exr holds no depth; it has {', '.join(sorted(names))}"
+    ):
         read_depth(path)
 
 

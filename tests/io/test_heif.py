@@ -18,7 +18,7 @@ from depthcli.core.picture_limit import PictureLimit, bytes_needed
 from depthcli.errors import InputError
 from depthcli.io.listing.folder import is_picture
 from depthcli.io.listing.heif import reads_heif
-from depthcli.io.listing.skipped import Skipped, conversion_hint, is_unread_picture
+from depthcli.io.listing.skipped import Skipped, conversion_hint, convert_to
 from depthcli.io.pictures.boxes import find_box
 from depthcli.io.pictures.decode import check
 from depthcli.io.pictures.heif import heif_problem, is_heif
@@ -266,14 +266,14 @@ NAMES = ("a.heic", "A.HEIC", "a.heif", "a.HIF")
 
 def test_names_of_heif_are_those_of_pictures() -> None:
     assert all(map(is_picture, NAMES))
-    assert not any(map(is_unread_picture, NAMES))
+    assert not any(map(convert_to, NAMES))
     assert not is_picture("heic")
 
 
 @pytest.mark.usefixtures("without_heif")
 def test_without_pillow_heif_they_are_skipped_with_advice() -> None:
     assert not any(map(is_picture, NAMES))
-    assert all(map(is_unread_picture, NAMES))
+    assert {convert_to(name) for name in NAMES} == {"JPEG, PNG or TIFF"}
     hint = conversion_hint([Skipped("a.heic", ".heic"), Skipped("b.dng", ".dng")])
     assert hint == (
         "2 pictures of a format that is not read (.dng, .heic) skipped; convert to JPEG, PNG or "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import TYPE_CHECKING
 
@@ -112,10 +113,23 @@ def test_a_video_is_sent_to_the_command_for_videos() -> None:
         read_image(None, b"0000ftypisom", name="clip.mp4")
 
 
-def test_a_picture_of_a_format_that_is_not_read_says_what_to_do(tmp_path: Path) -> None:
-    path = tmp_path / "camera.DNG"
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("camera.DNG", "PNM, EXR); convert it to JPEG, PNG or TIFF first"),
+        *(
+            (f"a.{suffix}", "PNM, EXR); convert it to EXR or 16-bit TIFF first")
+            for suffix in ("dpx", "CIN", "tga", "hdr")
+        ),
+        ("a.exr", "is not a picture (JPEG, PNG, TIFF, WebP, AVIF, HEIC, BMP, GIF, PNM, EXR)"),
+    ],
+)
+def test_a_picture_of_a_format_that_is_not_read_says_what_to_do(
+    name: str, advice: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
     path.write_bytes(b"II*\0" + bytes(100))
-    with pytest.raises(InputError, match="; convert it to JPEG, PNG or TIFF"):
+    with pytest.raises(InputError, match=re.escape(advice) + "$"):
         read_image(path)
 
 

@@ -20,13 +20,13 @@ from PIL import Image
 
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth import exr_channels, metadata
+from depthcli.io.depth import exr_channels, sidecar
 from depthcli.io.depth.exr import _has_all_rows, write_exr
 from depthcli.io.depth.exr_channels import read_exr_channels
 from depthcli.io.depth.exr_library import silenced
-from depthcli.io.depth.metadata import positive_number, read_metadata
+from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.quantization import dequantized, quantized
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.convert import frame_of
 from depthcli.io.png.encode import encode_png
@@ -51,8 +51,9 @@ def test_steps(values: np.ndarray, scale: float) -> None:
     beyond = 0
     for value, found in zip(values[0], steps[0], strict=True):
         step = np.rint(value * F32(scale))
-        beyond += bool(step >= 65535)
-        assert found == (min(max(step, 1), 65535) if value > 0 else 0)
+        is_depth = 0 < value < math.inf
+        beyond += bool(is_depth and step >= 65535)
+        assert found == (min(max(step, 1), 65535) if is_depth else 0)
     assert saturated == beyond
     np.testing.assert_array_equal(quantized(values.T, scale)[0], steps.T)
     back = dequantized(steps, scale)
@@ -60,17 +61,19 @@ def test_steps(values: np.ndarray, scale: float) -> None:
     np.testing.assert_array_equal(back[0], F32(expected))
 
 
+@pytest.mark.parametrize("kind", DepthKind)
 @settings(max_examples=40)
 @given(MAPS)
-def test_stretched(values: np.ndarray) -> None:
-    steps, low, high = normalized(values)
-    finite = [float(value) for value in values[0] if math.isfinite(value)]
-    ends = (min(finite), max(finite)) if finite else (0.0, 0.0)
+def test_stretched(kind: DepthKind, values: np.ndarray) -> None:
+    lowest = 0 if kind is DepthKind.METRIC else -math.inf
+    steps, low, high = normalized(DepthMap(values, kind))
+    known = [float(value) for value in values[0] if lowest < value < math.inf]
+    ends = (min(known), max(known)) if known else (0.0, 0.0)
     assert (low, high) == ends
-    np.testing.assert_array_equal(normalized(values.T)[0], steps.T)
+    np.testing.assert_array_equal(normalized(DepthMap(values.T, kind))[0], steps.T)
     for value, found in zip(values[0].tolist(), steps[0].tolist(), strict=True):
         share = (value - low) / (high - low or 1.0)
-        assert found == (np.rint(1 + share * 65534) if math.isfinite(value) else 0)
+        assert found == (np.rint(1 + share * 65534) if value in known else 0)
 
 
 def test_a_stretched_png_is_read_with_its_own_ends(tmp_path: Path) -> None:
@@ -104,7 +107,7 @@ def test_shares_of_the_colormap(kind: DepthKind, values: np.ndarray, a: float, b
 
     top, bottom = turned(near), turned(far)
     for value, found in zip(values[0].tolist(), nearness(depth, near, far)[0], strict=True):
-        if math.isnan(value) or (metric and value <= 0):
+        if not math.isfinite(value) or (metric and value <= 0):
             assert math.isnan(found)
         elif top <= bottom:
             one = turned(value)
@@ -115,8 +118,8 @@ def test_shares_of_the_colormap(kind: DepthKind, values: np.ndarray, a: float, b
 
 
 def test_equal_ends_are_halfway() -> None:
-    shares = nearness(DepthMap(F32([[1, 2, 4, np.inf]])), 2, 2)
-    assert shares.tolist() == [[1, 0.5, 0, 0]]
+    shares = nearness(DepthMap(F32([[1, 2, 4]])), 2, 2)
+    assert shares.tolist() == [[1, 0.5, 0]]
     shares = nearness(DepthMap(F32([[1e-7, 1e-5]])), 1e-6, 1)
     assert shares[0, 0] == 1
     assert shares[0, 1] == pytest.approx(0.1, rel=1e-3)
@@ -169,12 +172,12 @@ def test_light_is_shown_in_the_srgb_curve(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_exr_picture(path).pixels[0], expected, atol=1e-6)
 
 
-def test_colours_are_those_of_the_outermost_layer_that_has_them(tmp_path: Path) -> None:
+def test_colours_are_those_of_the_layer_that_holds_the_picture(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     one = np.ones((2, 3), F32)
-    long = {f"view.long.{c}": one * k for c, k in zip("RGB", (0, 0, 0), strict=True)}
-    short = {f"zz.{c}": one * k for c, k in zip("RGB", (0, 0.0031, 1), strict=True)}
-    write_exr(path, long | short | {"R": one, "Y": one}, {})
+    emitted = {f"view.Emit.{c}": one * k for c, k in zip("RGB", (0, 0, 0), strict=True)}
+    combined = {f"view.Combined.{c}": one * k for c, k in zip("RGB", (0, 0.0031, 1), strict=True)}
+    write_exr(path, emitted | combined | {"R": one}, {})
     picture = read_exr_picture(path).pixels
     np.testing.assert_allclose(picture[0, 0], [0, 0.0031 * 12.92, 1], atol=1e-6)
     assert picture.shape == (2, 3, 3)
@@ -182,7 +185,7 @@ def test_colours_are_those_of_the_outermost_layer_that_has_them(tmp_path: Path) 
     with pytest.raises(InputError, match="3×2"):
         read_exr_picture(path, max_pixels=5)
     write_exr(path, {"R": one, "G": one}, {})
-    with pytest.raises(InputError, match="no channels R, G, B or Y; it has G, R"):
+    with pytest.raises(InputError, match="holds no picture in R, G, B or Y; it has G, R"):
         read_exr_picture(path)
 
 
@@ -332,7 +335,7 @@ def test_facts_are_a_file_s_own_before_its_sidecar_s(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(metadata, "_MAX_SIDECAR_BYTES", 2**20)
+    monkeypatch.setattr(sidecar, "_MAX_SIDECAR_BYTES", 2**20)
     labels = {f"depthcli:{key}": text for key, text in own.items()} | {"model": "somebody's"}
     data = encode_png(np.ones((1, 2), np.uint16), labels)
     (tmp_path / name).write_text(json.dumps(beside))

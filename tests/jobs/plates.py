@@ -43,10 +43,16 @@ def write_plate(
         "displayWindow": (display[:2], display[2:]),
         "pixelAspectRatio": float(aspect),
         "framesPerSecond": Fraction(24),
+        "timeCode": OpenEXR.TimeCode(*time_code_of(number)),
     }
     path = folder / f"plate.{number}.exr"
     OpenEXR.File(header, dict.fromkeys("RGB", light)).write(str(path))
     return path
+
+
+def time_code_of(number: int) -> tuple[int, ...]:
+    """Of a plate; binary groups and flags that do not depend on the frame are carried, too."""
+    return (1, 2, 3, number % 24, 1, 0, 1, 0, 0, 1, *range(1, 9))
 
 
 def written(path: Path) -> tuple[Box, Box, float, np.ndarray[Any, Any]]:

@@ -1,4 +1,4 @@
-"""A batch whose pictures have the focal lengths of a table."""
+"""A batch whose pictures have the cameras of a table."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
+from depthcli.video.depth import DepthVideo
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -73,12 +74,47 @@ def test_each_picture_has_its_own_camera(tmp_path: Path, batch_size: int) -> Non
             assert together[output] == (tmp_path / "alone" / output).read_bytes()
 
 
+def test_each_picture_has_its_own_principal_point(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    table = "id,focal_px,cx,cy\na,40,3.5,-2\nhall/b,,12,10\nz,30,,\n"
+    options = BatchOptions(
+        (Format.NPY, Format.PNG16, Format.EXR, Format.PLY, Format.JSON),
+        camera=Camera(centre_px=(1.0, 2.0)),
+    )
+    assert not any(kept(with_table(tmp_path, table, options=options)).values())
+    together = outputs(tmp_path / "out")
+    stated = json.loads((tmp_path / "out/a.depth.json").read_text())
+    assert (stated["focal_px"], stated["centre_px"]) == (40, [3.5, -2])
+    own = {
+        "a": Camera(40.0, centre_px=(3.5, -2.0)),
+        "hall/b": Camera(centre_px=(12.0, 10.0)),
+        "z": Camera(30.0, centre_px=(1.0, 2.0)),  # that of the batch
+    }
+    for name, camera in own.items():
+        list(Batch(request(tmp_path, "alone", replace(options, camera=camera))))
+        for suffix in ("depth.npy", "depth.png", "depth.exr", "ply", "depth.json"):
+            output = f"{name}.{suffix}"
+            assert together[output] == (tmp_path / "alone" / output).read_bytes(), output
+    assert all(kept(with_table(tmp_path, table, options=options)).values())
+    moved = with_table(tmp_path, table.replace("-2", "-2.5"), options=options)
+    assert kept(moved) == KEPT | {"a.png": False}
+
+
+def test_a_video_has_its_own_principal_point(tmp_path: Path) -> None:
+    write_video(tmp_path / "in/clip.mkv", flat_frames([60]))
+    list(Batch(with_table(tmp_path, "id,hfov_deg,cx,cy\nclip,90,3.5,-2\n")))
+    depth = next(iter(DepthVideo(tmp_path / "out/clip.depth.mkv")))
+    assert depth.provenance is not None
+    assert depth.provenance.centre_px == (3.5, -2)
+
+
 @pytest.mark.parametrize(
     ("table", "redone"),
     [
         (TABLE, set()),
         (TABLE + "z.png,,\n", set()),
         ("other,id,hfov_deg,focal_px\nx,./hall/b,90,\ny,a.png,,40.0\n", set()),
+        ('other, id, "hfov_deg", focal_px\nx, ./hall/b, 90,\ny, "a.png", , 40\n', set()),
         (TABLE.replace("40", "41"), {"a.png"}),
         (TABLE.replace("a,40,", "a,,43.6"), {"a.png"}),
         (TABLE.replace("a,40,", "z,40,"), {"a.png", "z.png"}),
@@ -177,7 +213,12 @@ def test_a_model_without_a_camera_has_no_use_for_them(tmp_path: Path) -> None:
         ("id,hfov_deg\na,nan\n", "line 2: hfov_deg is an angle from 0.1 to 179.9 degrees"),
         ("id,focal_px\n,40\n", "line 2: the id is missing"),
         ("focal_px,id\n40\n", "line 2: the id is missing"),
-        ("id,focal_px\na,40\na,41\n", "line 3: another row of 'a' has another focal length"),
+        ("id,focal_px\na,40\na,41\n", "line 3: another row of 'a' has another camera"),
+        ("id,focal_px,cx\na,40,3\n", "line 2: give cx and cy, or neither"),
+        ("id,focal_px,cx,cy\na,40,,3\n", "line 2: give cx and cy, or neither"),
+        ("id,focal_px,cx,cy\na,40,3,nan\n", "line 2: cy is a number from -1e6 to 1e6, not 'nan'"),
+        ("id,cx,cy\na,3,3\n", "has no columns id,focal_px"),
+        ("id,focal_px,cx,cy\na,40,3,4\na,40,3,5\n", "line 3: another row of 'a' has another"),
         ('id,focal_px\n"' + "a" * 200_000 + '",40\n', "line 2: field larger"),
         (None, "cannot be read: No such file"),
     ],

@@ -15,6 +15,7 @@ from depthcli.core.camera import Camera
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_depth
+from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
@@ -47,11 +48,26 @@ def test_a_file_s_facts_are_values(depth_npy: Path) -> None:
 
 
 def test_a_pixel_has_depth_or_none(depth_npy: Path) -> None:
-    depth = read_map(depth_npy)
+    depth = read_map(depth_npy).displayed
     assert (depth_at(depth, 1, 0), depth_at(depth, 2, 0)) == (2, None)
     for x, y in ((4, 0), (0, 1)):
         with pytest.raises(UsageError, match=f"{x},{y} is outside"):
             depth_at(depth, x, y)
+
+
+@pytest.mark.parametrize("name", ["d.npy", "d.exr"])
+def test_zero_negative_and_infinite_metres_are_no_depth(name: str, tmp_path: Path) -> None:
+    path, values_m = tmp_path / name, np.float32([[0, -1, np.inf, np.nan, 2, 3]])
+    (NpyWriter() if name == "d.npy" else ExrWriter()).write(DepthMap(values_m), path)
+    facts = inspect_file(str(path))
+    assert (facts.valid, facts.min, facts.max) == (2, 2, 3)
+    depth = read_map(path).displayed
+    assert [depth_at(depth, x, 0) for x in range(6)] == [None, None, None, None, 2, 3]
+    done = convert(ConvertRequest(str(path), str(tmp_path / "a.png")))
+    assert (done.warnings, done.round_trip) == ((), RoundTrip(0, 0, 0))
+    steps = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED)
+    assert steps is not None
+    assert steps.tolist() == [[0, 0, 0, 0, 2000, 3000]]
 
 
 FRAMES_M = np.float32([[[1, 2, 3, np.nan]] * 2, [[np.nan] * 4] * 2, [[7, 0.5, 6, 5]] * 2])
@@ -92,7 +108,7 @@ def test_a_depth_video_s_facts_are_values(
         metadata={},
     )
     for number, values in enumerate(FRAMES_M):
-        found = read_map(depth_mkv, scale=scale, frame=number)
+        found = read_map(depth_mkv, scale=scale, frame=number).displayed
         np.testing.assert_allclose(found.values, values * unit_m, rtol=1e-6)
 
 
@@ -122,7 +138,7 @@ def test_a_scale_is_one_of_steps(tmp_path: Path, depth_npy: Path) -> None:
         assert isinstance(facts, DepthMapInfo)
         found = (facts.valid, facts.min, facts.median, facts.max)
         assert found == pytest.approx((6, unit_m, 2 * unit_m, 3 * unit_m))
-        found_m = read_map(path, scale=scale).values
+        found_m = read_map(path, scale=scale).displayed.values
         np.testing.assert_allclose(found_m, FRAMES_M[0] * unit_m, rtol=1e-6)
     with pytest.raises(UsageError, match="a scale is for integers"):
         read_map(depth_npy, scale=100)
@@ -155,8 +171,8 @@ def test_integers_need_a_scale(tmp_path: Path, dtype: type[np.integer[Any]]) -> 
     with pytest.raises(InputError, match=problem):
         inspect_file(str(path))
     convert(ConvertRequest(str(path), str(metres), scale=100))
-    for depth in (read_map(path, scale=100), read_map(metres)):
-        np.testing.assert_array_equal(depth.values, np.float32([[1, np.nan], [0.25, 1.2]]))
+    for stored in (read_map(path, scale=100), read_map(metres)):
+        np.testing.assert_array_equal(stored.depth.values, np.float32([[1, np.nan], [0.25, 1.2]]))
     # Without a unit, numbers are what they are.
     relative = read_depth(path, kind=DepthKind.RELATIVE)
     np.testing.assert_array_equal(relative.values, [[100, 0], [25, 120]])

@@ -13,8 +13,7 @@ from plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, write_plate, wr
 
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.exr_pictures import read_exr_rate
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert

@@ -203,7 +203,7 @@ def test_what_is_no_picture_is_refused(tmp_path: Path, loader: SessionLoader) ->
     header = {"type": OpenEXR.scanlineimage}
     depth = tmp_path / "z.exr"
     OpenEXR.File(header, {"Z": np.ones((8, 8), np.float32)}).write(str(depth))
-    with pytest.raises(InputError, match=r"z\.exr has no channels R, G, B or Y; it has Z"):
+    with pytest.raises(InputError, match=r"z\.exr holds no picture in R, G, B or Y; it has Z"):
         read_image(depth)
 
 

@@ -17,8 +17,7 @@ from videos import flat_frames
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
@@ -97,8 +96,7 @@ def test_the_field_of_view_is_that_of_the_display_window(
     given_px = scaling.focal_px_of_hfov(40, 64)
     done = depth_of(
         VideoFormat.EXR,
-        camera=Camera(hfov_deg=40),
-        writing=WriterOptions(centre_px=(30.5, 22.25)),
+        camera=Camera(hfov_deg=40, centre_px=(30.5, 22.25)),
     )
     assert done.depth.provenance is not None
     assert done.depth.provenance.focal_px == pytest.approx(given_px)

@@ -13,6 +13,7 @@ import pytest
 from command_line import Cli
 
 from depthcli.cli.shell import run
+from depthcli.core.camera import Lens
 from depthcli.core.types import Frame
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.rooms.pair import VERSION, RoomSettings, render_pair, room_focal_px
@@ -130,7 +131,7 @@ def test_a_model_that_learns_the_rooms_gives_their_metres(folder: Path) -> None:
     assert data.hfov_deg == card.camera.hfov_deg
     place = input_layout(card.input, *SETTINGS.size)
     for i in range(COUNT):
-        camera = camera_of(card, Frame(truth.image(i)), place, truth.focal_px[i], None)
+        camera = camera_of(card, Frame(truth.image(i)), place, Lens(truth.focal_px[i]))
         assert camera is not None
         there = truth.depth_m(i)
         np.testing.assert_allclose(data.dataset.depth_m(i) * camera.scale, there, rtol=2e-3)

@@ -24,11 +24,11 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import load
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_depth, read_metadata
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.video.plan import plan_video, video_formats
+from depthcli.jobs.video.output_names import video_formats
+from depthcli.jobs.video.plan import plan_video
 from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.codecs import PreviewCodec
@@ -137,6 +137,7 @@ def test_the_sidecar_says_what_the_outputs_mean(
         "constant_rate": True,
         "first_frame": 4,
         "start_s": pytest.approx(4 * 1001 / 30000),
+        "time_code": None,
         "width": 64,
         "height": 48,
         "orientation": 1,
@@ -160,8 +161,8 @@ def test_the_sidecar_says_what_the_outputs_mean(
 def test_a_depth_video_states_the_principal_point(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
-    writing = WriterOptions(centre_px=(1.5, -2.0))  # which batch passes on
-    done = run(clip, tmp_path / "d.mkv", loader, writing=writing)
+    camera = Camera(centre_px=(1.5, -2.0))
+    done = run(clip, tmp_path / "d.mkv", loader, camera=camera)
     assert done.metadata()["centre_px"] == (1.5, -2.0)
     depth = next(iter(DepthVideo(tmp_path / "d.mkv")))
     assert depth.provenance is not None
@@ -199,6 +200,12 @@ def test_what_is_wrong_is_raised(
         ("a.mkv", (VideoFormat.MP4,), ".mp4"),
         (None, (VideoFormat.JSON,), "another --format"),
         ("a.%d.png", (VideoFormat.EXR,), "pattern for numbered files"),
+        ("c/y.exr", (), "one file and exr writes one per frame; give --out c/y.%04d.exr"),
+        ("y.png", (VideoFormat.PNG16,), "give --out y.%04d.png, or name a folder"),
+        ("y.%04d.preview.png", (), "previews of a video are videos"),
+        ("y.preview.png", (), "previews of a video are videos"),
+        ("vid.v003", (), "give --format"),
+        ("a.ply", (VideoFormat.MKV,), "does not end in .mkv"),
     ],
 )
 def test_outputs_that_do_not_fit(
@@ -531,6 +538,26 @@ def test_names_of_outputs(tmp_path: Path) -> None:
     assert plan_video(VideoRequest("a.mov", str(tmp_path), formats)).folder == tmp_path
     assert video_formats("frames", ()) == (VideoFormat.MKV, VideoFormat.MP4)
     assert set(VIDEO_FORMATS) == set(VideoFormat)
+
+
+@pytest.mark.parametrize(
+    ("output", "formats", "names"),
+    [
+        ("vid.v003", "mkv mp4", "vid.v003.depth.mkv vid.v003.preview.mp4"),
+        ("vid.v003", "mkv", "vid.v003.depth.mkv"),
+        ("vid.v003", "exr", "vid.v003.depth.%06d.exr"),
+        ("vid.v003.mkv", "mkv", "vid.v003.mkv"),
+        ("vid.v003.mkv", "mkv mp4", "vid.v003.depth.mkv vid.v003.preview.mp4"),
+        ("d.depth.mkv", "mkv mp4", "d.depth.mkv d.preview.mp4"),
+        ("d.preview.png", "mkv mp4", "d.depth.mkv d.preview.mp4"),
+        ("vid", "mkv", "a.depth.mkv"),  # a folder
+    ],
+)
+def test_only_the_suffix_of_a_format_is_one(output: str, formats: str, names: str) -> None:
+    asked = tuple(VideoFormat(word) for word in formats.split())
+    assert " ".join(plan_video(VideoRequest("a.mov", output, asked)).names.values()) == names
+    described = plan_video(VideoRequest("a.mov", "d.v1", (VideoFormat.NPY,), sidecar=True))
+    assert described.names[VideoFormat.JSON] == "d.v1.depth.json"
 
 
 def test_every_output_holds_the_same_millimetres(

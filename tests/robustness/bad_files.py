@@ -15,6 +15,7 @@ import cv2
 import h5py
 import numpy as np
 import onnx
+import OpenEXR
 import torch
 from fuzz_targets import checkpoint, depth_pngs, exr_pictures, flat_exr, manifests, mats, videos
 from onnx import TensorProto, helper
@@ -74,6 +75,14 @@ def _npy(values: Any, **options: Any) -> bytes:
     return file.getvalue()
 
 
+def _deep_exr(path: Path) -> None:
+    samples = np.empty((4, 4), object)
+    for pixel in np.ndindex(samples.shape):
+        samples[pixel] = np.ones(2, np.float32)
+    header = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+    OpenEXR.File(header, dict.fromkeys("RGBZ", samples)).write(str(path))
+
+
 _NPY = _npy(np.ones((4, 4), np.float32))
 _EXR, _PNG16 = flat_exr(), depth_pngs()[0]
 _EXR_PICTURE = exr_pictures()[0]
@@ -97,15 +106,17 @@ EXRS = {
     "cut": Bad(_EXR[:-4], "a.exr is damaged: its pixels cannot be read"),
     "damaged": Bad(_EXR[:-40] + bytes(40), "a.exr is damaged: its pixels cannot be read"),
     "a picture": Bad(_PNG16, "a.exr is not an EXR file that can be read"),
+    "deep": Bad(_deep_exr, "a.exr holds deep data; flatten it first"),
 }
 EXR_PICTURES = {
     "empty": Bad(b"", "a.exr is empty"),
     "text": Bad("no picture", "a.exr is not a picture"),
     "head only": Bad(_EXR_PICTURE[:60], "a.exr is not an EXR file that can be read"),
     "cut": Bad(_EXR_PICTURE[:-4], "a.exr is damaged: its pixels cannot be read"),
+    "deep": Bad(_deep_exr, "a.exr holds deep data; flatten it first"),
     "depth": Bad(
         _EXR.replace(b"depthcli:software", b"anothers:software").replace(b"Y\0", b"Z\0"),
-        "a.exr has no channels R, G, B or Y; it has Z",
+        "a.exr holds no picture in R, G, B or Y; it has Z",
     ),
 }
 DEPTH_PNGS = {
@@ -115,7 +126,7 @@ DEPTH_PNGS = {
     "8 bits": Bad(_png(np.zeros((4, 4), np.uint8)), "is not 16-bit gray, so it holds no depth"),
     "cut": Bad(_PNG16[:-20], "is truncated (its end is missing)"),
     "checksum": Bad(_PNG16[:-17] + b"\0" + _PNG16[-16:], "a checksum of the PNG is wrong"),
-    "an EXR": Bad(_EXR, "is not a picture"),
+    "an EXR": Bad(_EXR, "is an EXR; end its name in .exr, or save it as PNG or TIFF"),
 }
 
 _MKV, _COLOUR, _MP4, _, _MJPEG, *_ = videos()

@@ -1,5 +1,6 @@
 """Everything of depthcli that reads a file from outside, each with good files to begin with."""
 
+import contextlib
 import dataclasses
 import io
 import json
@@ -25,18 +26,18 @@ from pyarrow import parquet
 from tiny import CARD, tiny_onnx, write_model
 from videos import encode, flat_frames
 
-from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance
 from depthcli.core.windows import Window, Windows
 from depthcli.datasets.files import read_depth_m, read_image_rgb
 from depthcli.datasets.nyu import read_index
 from depthcli.datasets.nyu_mat import open_mat
+from depthcli.errors import InputError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.depth.exr import write_exr
-from depthcli.io.depth.metadata import read_metadata
-from depthcli.io.depth.read import read_depth, read_whole_depth
+from depthcli.io.depth.read import read_depth, read_metadata, read_stored_depth
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.lens_table import read_lenses
 from depthcli.io.listing.own_outputs import is_own_picture
@@ -49,8 +50,10 @@ from depthcli.io.pictures.exif import read_exif
 from depthcli.io.pictures.integrity import find_problem
 from depthcli.io.pictures.read import read_image
 from depthcli.io.pictures.size import picture_size
+from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.writers.sidecar import SidecarWriter
 from depthcli.models import onnx_file
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
@@ -242,14 +245,19 @@ def _sidecars() -> list[bytes]:
         "camera_source": "exif",
     }
     times_s = {"times_s": {"7": 0.25}}
-    return [json.dumps(facts).encode(), json.dumps(facts | times_s).encode()]
+    fitted = Provenance("tiny", "0" * 64, (256, 192), 500.0, anchor_fit=AnchorFit(3, 4, 0.1))
+    of_a_picture = _written(
+        SidecarWriter(), "a.json", dataclasses.replace(_depth(), provenance=fitted)
+    )
+    return [json.dumps(facts).encode(), json.dumps(facts | times_s).encode(), of_a_picture]
 
 
 def _calibrations() -> list[bytes]:
     matrix = (
         b"camera_matrix:\n  rows: 3\n  cols: 3\n  data: [431.5, 0, 3, 0, 431.5, 250.7, 0, 0, 1]\n"
     )
-    made = [b"image_width: 640\nimage_height: 480\n" + matrix + b"D: [0.1, 0.0]\n"]
+    more = b"D: [0.1, 0.0]\nP: [400, 0, 3, 0, 0, 400, 250, 0, 0, 0, 1, 0]\n---\n"
+    made = [b"image_width: 640\nimage_height: 480\n" + matrix + more]
     for suffix in (".yml", ".xml", ".json"):
         file = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
         file.write("image_width", 640)
@@ -260,11 +268,20 @@ def _calibrations() -> list[bytes]:
     return made
 
 
+def _read_calibration(path: Path) -> None:
+    with contextlib.suppress(InputError):
+        read_calibration(path, rectified=True)
+    read_calibration(path)
+
+
 def _read_sidecar(path: Path) -> None:
     for array in (path.with_suffix(".npy"), path.with_name(f"{path.stem}.7.npy")):
         np.save(array, _depth().values)
         read_depth(array)
         read_metadata(array)
+    picture = path.with_suffix(".png")
+    picture.write_bytes(encode_png((_depth().values * 1000).astype(np.uint16), {}))
+    read_depth(picture)
 
 
 def _cards() -> list[bytes]:
@@ -483,8 +500,8 @@ def _all_pictures() -> list[bytes]:
 
 def _exr_or_facts(path: Path) -> None:
     read_metadata(path)
-    depth, frame = read_whole_depth(path)
-    ExrWriter().write(depth, path.with_name("b.exr"), frame)
+    stored = read_stored_depth(path)
+    ExrWriter().write(stored.depth, path.with_name("b.exr"), stored.frame)
 
 
 TARGETS: dict[str, Target] = {
@@ -509,7 +526,7 @@ TARGETS: dict[str, Target] = {
         lambda: [b"x,y,depth_m\n3,4,2.5\n20.4,7,1e1\n", b'depth_m,x,y,"a, b"\r\n2,3,4,"c"\r\n'],
         lambda path: AnchorFiles(str(path)).read(),
     ),
-    "calibration": Target("a.yaml", _calibrations, read_calibration, 2),
+    "calibration": Target("a.yaml", _calibrations, _read_calibration, 2),
     "sidecar": Target("a.json", _sidecars, _read_sidecar),
     "card": Target("card.json", _cards, lambda path: ModelCard.from_json(path.read_bytes()), 2),
     "onnx": Target("a.onnx", _models, _read_onnx, 2),
@@ -520,7 +537,9 @@ TARGETS: dict[str, Target] = {
     "mat": Target("a.mat", mats, _read_mat, 2),
     "index": Target("index.csv", _indices, read_index),
     "cameras": Target(
-        "cameras.csv", lambda: [b"id,focal_px,hfov_deg\na,30,\nb,,60\n"], read_lenses
+        "cameras.csv",
+        lambda: [b"id,focal_px,hfov_deg,cx,cy\na,30,,,\nb,,60,3.5,-2\n"],
+        read_lenses,
     ),
     "checkpoint": Target("a.ckpt", lambda: [checkpoint()], Checkpoint.load),
     "metrics": Target(

@@ -32,7 +32,13 @@ def test_cosine_with_warm_up() -> None:
         assert lr_factor(optim, step, steps_per_epoch=4) == pytest.approx(wanted)
 
 
+def test_linear_with_warm_up() -> None:
+    optim = OptimConfig(epochs_constant=1, epochs_decay=1, warmup_steps=4)
+    found = [lr_factor(optim, step, steps_per_epoch=3) for step in range(6)]
+    assert found == pytest.approx([1 / 4, 2 / 4, 3 / 4, 1 / 2, 1 / 2, 1 / 2])
+
+
 def test_cosine_goes_from_one_to_zero() -> None:
-    assert cosine_factor(0, 10, 0) == 1
-    assert cosine_factor(5, 10, 0) == pytest.approx(0.5)
-    assert cosine_factor(10, 10, 0) == pytest.approx(0)
+    assert cosine_factor(0, 10) == 1
+    assert cosine_factor(5, 10) == pytest.approx(0.5)
+    assert cosine_factor(10, 10) == pytest.approx(0)

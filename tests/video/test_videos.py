@@ -215,9 +215,9 @@ def test_a_rate_that_no_container_states_is_refused(rate: Fraction, tmp_path: Pa
 def test_depth_out_of_range_saturates_with_a_warning(tmp_path: Path) -> None:
     values = np.array([[70, np.inf, np.nan, 0, -3, 1e-5]], np.float32)
     (warning,) = write_depth(tmp_path / "a.mkv", [values] * 3)
-    assert "6 pixels" in warning
+    assert "3 pixels" in warning
     steps = next(DepthVideo(tmp_path / "a.mkv").steps())
-    assert steps.tolist() == [[65535, 65535, 0, 0, 0, 1]]
+    assert steps.tolist() == [[65535, 0, 0, 0, 0, 1]]
 
 
 def test_depth_without_a_unit_is_normalized_and_says_so(tmp_path: Path) -> None:
@@ -229,6 +229,17 @@ def test_depth_without_a_unit_is_normalized_and_says_so(tmp_path: Path) -> None:
     expected = [[0, 0.5, 1, np.nan, 1, 0]]
     np.testing.assert_allclose(next(iter(video)).values, expected, atol=1e-5)
     assert normalized_to_range(values, 3, 3).tolist() == [[1, 1, 1, 0, 1, 1]]
+
+
+@pytest.mark.parametrize(("options", "count"), [({"x264-params": "tff=1"}, 1), ({}, 0)])
+def test_interlaced_video_gives_a_warning(
+    options: dict[str, str], count: int, tmp_path: Path
+) -> None:
+    frames = flat_frames(range(4))
+    path = encode(tmp_path / "a.mkv", frames, Fraction(25), "libx264", "yuv420p", options=options)
+    with VideoSource(path) as source:
+        assert len(source.warnings) == count
+        assert all("ffmpeg -i in.mov -vf yadif" in warning for warning in source.warnings)
 
 
 def test_a_colour_video_is_no_depth(tmp_path: Path) -> None:

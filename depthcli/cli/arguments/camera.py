@@ -1,8 +1,9 @@
 """Parsing cameras, pixels and points of known depth."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.camera_ranges import DEPTH_M
@@ -10,41 +11,51 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import path_of, safe_name
 
+ALTERNATIVES = (("calibration", "cameras", "focal_px", "hfov"), ("calibration", "centre_px"))
+"""Parameters of which only one is given, because they state the same."""
 _PARTS = 3
 
 
-def choose_camera(
-    focal_px: float | None,
-    hfov_deg: float | None,
-    anchors: Sequence[str] | None,
-    white_level: int | None = None,
-    calibration: str | None = None,
-    centre_px: str | None = None,
-) -> Camera:
+def choose_camera(given: Mapping[str, Any]) -> Camera:
     """The camera of the options.
 
-    Raises:
-        UsageError: they contradict each other, an anchor is not X,Y,METRES, or the file of the
-            calibration cannot be read.
-    """
-    check_alternatives(focal_px, hfov_deg, calibration, centre_px)
-    camera = Camera(focal_px, hfov_deg, tuple(map(_anchor, anchors or ())), white_level)
-    return camera if calibration is None else _calibrated(camera, calibration)
-
-
-def check_alternatives(
-    focal_px: float | None, hfov_deg: float | None, calibration: str | None, centre_px: str | None
-) -> None:
-    """Refuse options that state the same in two ways.
+    Args:
+        given: values of the options by parameter name; those that are missing or None are not
+            given.
 
     Raises:
-        UsageError: there are such options.
+        UsageError: they contradict each other, one is invalid, or the file of the calibration
+            cannot be read.
     """
-    if focal_px is not None and hfov_deg is not None:
-        raise UsageError("give --focal-px or --hfov, not both")
-    others = {"--focal-px": focal_px, "--hfov": hfov_deg, "--centre-px": centre_px}
-    for word in [word for word, value in others.items() if value is not None and calibration]:
-        raise UsageError(f"give --calibration or {word}, not both")
+    camera, name = parse_camera(given), given.get("calibration")
+    if name is None:
+        return camera
+    return _calibrated(camera, name, rectified=bool(given.get("rectified")))
+
+
+def parse_camera(given: Mapping[str, Any]) -> Camera:
+    """The camera of the options without what is in the file of a calibration.
+
+    Args:
+        given: as for :func:`choose_camera`.
+
+    Raises:
+        UsageError: they contradict each other, or one is invalid.
+    """
+    for names in ALTERNATIVES:
+        words = [f"--{name.replace('_', '-')}" for name in names if given.get(name) is not None]
+        if len(words) > 1:
+            raise UsageError(f"give {words[0]} or {words[1]}, not both")
+    if given.get("rectified") and given.get("calibration") is None:
+        raise UsageError("--rectified is for --calibration; give both or neither")
+    centre = given.get("centre_px")
+    return Camera(
+        focal_px=given.get("focal_px"),
+        hfov_deg=given.get("hfov"),
+        anchors=tuple(map(_anchor, given.get("anchor") or ())),
+        white_level=given.get("white_level"),
+        centre_px=None if centre is None else _centre(centre),
+    )
 
 
 def refuse_replacing(calibration: str | None, output: str | None) -> None:
@@ -54,14 +65,14 @@ def refuse_replacing(calibration: str | None, output: str | None) -> None:
         UsageError: they are one file.
     """
     if calibration and output and is_same_file(path_of(output), path_of(calibration)):
-        raise UsageError(f"{safe_name(output)} is the file of --calibration; choose another -o")
+        raise UsageError(f"{safe_name(output)} is the file of --calibration; choose another output")
 
 
-def _calibrated(camera: Camera, name: str) -> Camera:
+def _calibrated(camera: Camera, name: str, *, rectified: bool) -> Camera:
     from depthcli.io.calibration import read_calibration
 
     try:
-        found = read_calibration(name)
+        found = read_calibration(name, rectified=rectified)
     except InputError as error:
         raise UsageError(f"--calibration: {error}") from error
     return replace(camera, hfov_deg=found.hfov_deg, calibration=found)
@@ -84,12 +95,7 @@ def parse_pixel(word: str) -> tuple[int, int]:
     return x, y
 
 
-def parse_centre(word: str) -> tuple[float, float]:
-    """Parse ``CX,CY``, in pixels with decimals.
-
-    Raises:
-        UsageError: it is not two finite numbers.
-    """
+def _centre(word: str) -> tuple[float, float]:
     try:
         x, y = (float(part) for part in word.split(","))
     except ValueError:

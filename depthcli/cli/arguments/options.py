@@ -165,6 +165,14 @@ CalibrationOption = Annotated[
         "of ROS, or YAML, XML or JSON of OpenCV.",
     ),
 ]
+RectifiedOption = Annotated[
+    bool,
+    typer.Option(
+        "--rectified",
+        help="The pictures are rectified: the camera is that of projection_matrix (P) in "
+        "--calibration, without distortion.",
+    ),
+]
 AnchorOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -4,7 +4,7 @@ import re
 from fractions import Fraction
 from typing import Any
 
-from depthcli.cli.arguments.unused import is_given
+from depthcli.cli.arguments.unused import given_options
 from depthcli.core.text import short_repr
 from depthcli.errors import UsageError
 from depthcli.io.storage.remote import safe_name
@@ -36,18 +36,14 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     return Span(first, last, step)
 
 
-def parse_fps(word: str | None, file: str) -> Fraction | None:
-    """Parse ``--fps`` of an image sequence.
+def parse_fps(word: str | None) -> Fraction | None:
+    """Parse ``--fps``.
 
     Raises:
-        UsageError: it is not a frame rate, or the input is a video, which has its own.
+        UsageError: it is not a frame rate.
     """
     if word is None:
         return None
-    if not is_sequence(file):
-        name = safe_name(file)
-        advice = single_picture_advice(name) or f"{name} is a video; leave it out"
-        raise UsageError(f"--fps is for image sequences, and {advice}")
     match = _RATE.fullmatch(word.strip())
     value = Fraction(match[0]) if match and Fraction(match[2] or 1) else None
     rate = None if value is None or "/" in word else exact_rate(value)
@@ -58,16 +54,17 @@ def parse_fps(word: str | None, file: str) -> Fraction | None:
 
 
 def refuse_for_videos(context: Any, file: str) -> None:  # noqa: ANN401 - typer's own
-    """Refuse ``--white-level`` on the command line for a video; a profile may have it.
+    """Refuse options of image sequences on the command line for a video; a profile may have them.
 
     Raises:
-        UsageError: it is given, and the input is no image sequence.
+        UsageError: one is given, and the input is no image sequence.
     """
-    if is_given(context, "white_level") and not is_sequence(file):
-        raise UsageError(
-            f"--white-level is for image sequences, and {safe_name(file)} is a video, whose range "
-            "is known; leave it out"
-        )
+    words = given_options(context)
+    given = [words[name] for name in ("fps", "white_level") if name in words]
+    if given and not is_sequence(file):
+        name = safe_name(file)
+        advice = single_picture_advice(name) or f"{name} is a video; leave it out"
+        raise UsageError(f"{given[0]} is for image sequences, and {advice}")
 
 
 def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:

@@ -6,7 +6,7 @@ from typing import Any
 from depthcli.errors import UsageError
 from depthcli.io.writers.formats import FORMATS
 
-PICTURE_OPTIONS = {str(name): facts.options for name, facts in FORMATS.items()}
+PICTURE_OPTIONS = {str(name): facts.parameters for name, facts in FORMATS.items()}
 """The options that each format uses, by parameter name."""
 
 

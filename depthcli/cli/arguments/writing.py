@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from depthcli.cli.arguments.camera import parse_centre
 from depthcli.cli.arguments.options import Colormap, Near
 from depthcli.errors import UsageError
 from depthcli.io.writers.options import WriterOptions
@@ -24,8 +23,6 @@ def writer_options(parameters: Mapping[str, Any]) -> WriterOptions:
         if parameters.get(field.name) is not None
     }
     _check_together(given)
-    if "centre_px" in given:
-        given["centre_px"] = parse_centre(given["centre_px"])
     if given.get("near", Near.WARM) != Near.WARM:
         given["colormap"] = Colormap.GRAY.value
     return WriterOptions(**given)

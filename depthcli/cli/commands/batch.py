@@ -10,7 +10,6 @@ import typer
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.engine import EngineName, open_engine
 from depthcli.cli.arguments.numbers import not_negative
-from depthcli.core.camera import Lens
 from depthcli.core.choices import GPU_BATCH, MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.manifest.row import ManifestFormat
@@ -171,12 +170,13 @@ def batch(
         str | None,
         typer.Option(
             metavar="FILE",
-            help="CSV file with the focal length of each input: column id, its path from DIR with "
-            "or without suffix, and focal_px or hfov_deg.",
+            help="CSV file with the camera of each input: column id, its path from DIR with or "
+            "without suffix; focal_px or hfov_deg; and optionally cx and cy, the principal point.",
         ),
     ] = None,
     centre_px: options.CentrePxOption = None,
     calibration: options.CalibrationOption = None,
+    rectified: options.RectifiedOption = False,
     anchor: options.AnchorOption = None,
     anchors: options.AnchorsOption = None,
     anchors_scale: options.AnchorsScaleOption = None,
@@ -204,12 +204,8 @@ def batch(
     from depthcli.jobs.batch.failure_budget import FailureBudget
 
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, anchor, white_level, calibration, centre_px)
+    camera = choose_camera(context.params)
     known = choose_anchors(anchor, anchors, anchors_scale, is_folder=True)
-    if cameras is not None and camera.lens != Lens():
-        raise UsageError(
-            "give --cameras, or one --focal-px, --hfov or --calibration for all inputs, not both"
-        )
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
     refuse_unused(context, chosen, PICTURE_OPTIONS)
     use_bytes = [which.facts.use_bytes for which in chosen]

@@ -9,6 +9,7 @@ import typer
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.depth_file import FrameOption
 from depthcli.cli.arguments.numbers import field_of_view, focal_length, png_scale_range
+from depthcli.cli.screen import console
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.writers.formats import Format
 
@@ -17,11 +18,6 @@ if TYPE_CHECKING:
     from depthcli.io.writers.options import WriterOptions
 
 app = typer.Typer(rich_markup_mode=None)
-
-# Unlike those of predict, they do not scale depth.
-_CLOUD_OPTIONS = ("cloud_focal_px", "cloud_hfov", "centre_px", "picture")
-_FOLDER_OPTIONS = ("include", "exclude", "workers")
-_FILE_OPTIONS = ("frame", "picture")
 
 
 @app.command()
@@ -96,24 +92,25 @@ def convert(
     vmax: options.VmaxOption = None,
     legend: options.LegendOption = False,
     side_by_side: options.SideBySideOption = False,
-    cloud_focal_px: Annotated[
+    # Unlike those of predict, they do not scale depth.
+    focal_px: Annotated[
         float | None,
         typer.Option(
-            "--focal-px",
             callback=focal_length,
-            help="Focal length in pixels for a point cloud; depth stays as it is. Default: what "
-            "the input states.",
+            help="Focal length in pixels, for point clouds and for the metadata of the outputs; "
+            "depth stays as it is. Default: what the input states.",
         ),
     ] = None,
-    cloud_hfov: Annotated[
+    hfov: Annotated[
         float | None,
         typer.Option(
-            "--hfov",
             callback=field_of_view,
             help="Horizontal field of view in degrees, instead of --focal-px.",
         ),
     ] = None,
     centre_px: options.CentrePxOption = None,
+    calibration: options.CalibrationOption = None,
+    rectified: options.RectifiedOption = False,
     picture: Annotated[
         str | None,
         typer.Option(
@@ -128,20 +125,22 @@ def convert(
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error.
     """
-    from depthcli.cli.arguments.camera import choose_camera
-    from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
+    from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
+    from depthcli.cli.arguments.conversion import USED_OPTIONS, check_arguments, folder_format
+    from depthcli.cli.arguments.unused import refuse_unused
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.jobs import convert as job
 
-    _check_arguments(context)
-    chosen = _folder_format(format_) if target is None else job.target_format(target, format_)
-    ply, preview = str(Format.PLY), str(Format.PREVIEW)
-    own_options = {ply: _CLOUD_OPTIONS, preview: (*PICTURE_OPTIONS[preview], "picture")}
-    refuse_unused(context, (chosen,), PICTURE_OPTIONS | own_options)
+    check_arguments(context)
+    chosen = folder_format(format_) if target is None else job.target_format(target, format_)
+    refuse_unused(context, (chosen,), USED_OPTIONS)
     if chosen is Format.PREVIEW and side_by_side != (picture is not None):
         raise UsageError("a preview needs both --side-by-side and --picture, or neither")
-    camera = choose_camera(cloud_focal_px, cloud_hfov, None)
+    refuse_replacing(calibration, target)
+    camera = choose_camera(context.params)
     writing = writer_options(context.params)
+    for warning in () if quiet else camera.warnings:
+        console.warn(warning)
     if target is None:
         return _convert_folder(context.params, chosen, camera, writing)
     from depthcli.cli.screen.convert import print_conversion
@@ -160,37 +159,6 @@ def convert(
     )
     print_conversion(done, as_json=as_json, quiet=quiet)
     return ExitCode.OK
-
-
-def _check_arguments(context: typer.Context) -> None:
-    """Check that the arguments are those of a file or those of a folder.
-
-    Raises:
-        UsageError: they are neither.
-    """
-    from depthcli.cli.arguments.unused import given_options
-    from depthcli.io.storage.remote import RemotePath, path_of, safe_name
-
-    source, target, output = (context.params[name] for name in ("source", "target", "output"))
-    name, place = safe_name(source), path_of(source)
-    if target is not None and output is not None:
-        raise UsageError("give OUT for a file, or --out for a folder, not both")
-    if output is not None and not place.is_dir():
-        raise UsageError(f"{name} is not a folder; for a file, give OUT without --out")
-    if output is None and not isinstance(place, RemotePath) and place.is_dir():
-        raise UsageError(f"{name} is a folder; give --out DIR and --format")
-    if output is None and target is None:
-        raise UsageError(f"name the output: depthcli convert {name} OUT")
-    unused, kind = (_FILE_OPTIONS, "file") if output is not None else (_FOLDER_OPTIONS, "folder")
-    for option, word in given_options(context).items():
-        if option in unused:
-            raise UsageError(f"{word} is for a {kind}; remove it")
-
-
-def _folder_format(given: Format | None) -> Format:
-    if given is None:
-        raise UsageError("name the format of the outputs, for example --format exr")
-    return given
 
 
 def _convert_folder(

@@ -11,7 +11,7 @@ from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
 
 _SCALE_SOURCES = {
-    "file": "as the file states",
+    "file": "as the file or its sidecar states",
     "option": "--png-scale",
     "assumed": "assumed: millimetres; --png-scale sets another",
 }
@@ -33,6 +33,8 @@ def info(
     if as_json:
         console.out_json(facts)
     else:
+        for warning in facts.pop("warnings", ()):
+            console.warn(warning)
         _show(facts)
     return ExitCode.OK
 
@@ -43,6 +45,8 @@ def _show(facts: dict[str, Any]) -> None:
         facts.pop("scale")
     else:
         facts["scale"] = f"{facts['scale']:g} per metre ({_SCALE_SOURCES[source]})"
+    if facts.get("channel") is None:
+        facts.pop("channel", None)
     facts |= {f"metadata {name}": value for name, value in facts.pop("metadata").items()}
     width = max(map(len, facts))
     for name, value in facts.items():

@@ -54,6 +54,7 @@ def predict(
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
     calibration: options.CalibrationOption = None,
+    rectified: options.RectifiedOption = False,
     anchor: options.AnchorOption = None,
     anchors: options.AnchorsOption = None,
     anchors_scale: options.AnchorsScaleOption = None,
@@ -76,6 +77,7 @@ def predict(
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
+    from depthcli.cli.arguments.white_level import refuse_for_exr
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.io.storage.remote import safe_name
     from depthcli.jobs.predict import run as job
@@ -87,7 +89,7 @@ def predict(
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     refuse_replacing(calibration, output)
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, anchor, white_level, calibration, centre_px)
+    camera = choose_camera(context.params)
     known = choose_anchors(anchor, anchors, anchors_scale)
     chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen
@@ -95,6 +97,7 @@ def predict(
     use_bytes = [which.facts.use_bytes for which in chosen]
     detail = choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side)
     pictures, own = split_own_outputs(images)
+    refuse_for_exr(context, pictures)
     results = job.predict(
         PredictRequest(
             pictures=tuple(pictures),

@@ -30,8 +30,11 @@ def probe(
     from depthcli.jobs.inspect import depth_at, read_map
 
     places = [parse_pixel(word) for word in pixels]
-    depth = read_map(path_of(file), scale=png_scale, frame=frame)
+    stored = read_map(path_of(file), scale=png_scale, frame=frame)
+    depth = stored.displayed
     values = [depth_at(depth, x, y) for x, y in places]
+    for warning in stored.warnings_with_scale("--png-scale"):
+        console.warn(warning)
     unit = "m" if depth.is_metric else None
     for (x, y), value in zip(places, values, strict=True):
         if as_json:

@@ -39,8 +39,9 @@ def video(
             "--out",
             "--output",
             metavar="OUT",
-            help="Output .mkv, .mp4, .webm or .mov file, folder (existing, ending in '/', or "
-            "without suffix), or '-' for stdout. Default: next to the video.",
+            help="Output .mkv, .mp4, .webm or .mov file, numbered files (d.%04d.exr), folder "
+            "(existing, ending in '/', or without suffix), or '-' for stdout. Default: next to the "
+            "video.",
         ),
     ] = None,
     formats: Annotated[
@@ -139,6 +140,7 @@ def video(
     hfov: options.HfovOption = None,
     centre_px: options.CentrePxOption = None,
     calibration: options.CalibrationOption = None,
+    rectified: options.RectifiedOption = False,
     white_level: options.WhiteLevelOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
@@ -156,16 +158,18 @@ def video(
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
     from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
+    from depthcli.cli.arguments.codec import choose_codec
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.span import parse_fps, parse_span, refuse_for_videos
     from depthcli.cli.arguments.unused import refuse_unused
+    from depthcli.cli.arguments.white_level import refuse_for_exr_frames
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.remote import safe_name
     from depthcli.jobs.failed import FailedInput
     from depthcli.jobs.video import run as job
-    from depthcli.jobs.video.plan import STDIO, video_formats
+    from depthcli.jobs.video.output_names import STDIO, video_formats
     from depthcli.jobs.video.request import VideoRequest, VideoSettings
 
     to_stdout = output == STDIO
@@ -173,20 +177,21 @@ def video(
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     refuse_replacing(calibration, output)
     writing = writer_options(context.params)
-    camera = choose_camera(focal_px, hfov, None, white_level, calibration, centre_px)
+    camera = choose_camera(context.params)
     chosen = video_formats(output, formats or ())
     if png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(chosen):
         raise UsageError("--png-normalize stretches png16, and mkv is in millimetres: give one")
     written = [*chosen, VideoFormat.JSON] if sidecar else chosen
     refuse_unused(context, written, {which: which.facts.options for which in VideoFormat})
     refuse_for_videos(context, file)
+    refuse_for_exr_frames(context, file)
     use_bytes = [which.facts.use_bytes for which in chosen]
     request = VideoRequest(
         video=file,
         output=output,
         formats=chosen,
         sidecar=sidecar,
-        codec=codec,
+        codec=choose_codec(context, codec, chosen),
         has_audio=audio,
         model=session_loader(model, provider, threads, provider_option),
         settings=VideoSettings(
@@ -197,7 +202,7 @@ def video(
             camera=camera,
             detail=choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side),
             max_pixels=max_pixels,
-            fps=parse_fps(fps, file),
+            fps=parse_fps(fps),
             start_number=start_number,
         ),
         workers=workers,

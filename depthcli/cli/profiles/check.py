@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 
 from depthcli.cli.arguments.anchors import check_anchors
-from depthcli.cli.arguments.camera import check_alternatives, choose_camera
+from depthcli.cli.arguments.camera import parse_camera
 from depthcli.cli.arguments.detail import choose_detail
 from depthcli.cli.arguments.provider import provider_options
-from depthcli.cli.arguments.span import parse_span
+from depthcli.cli.arguments.span import parse_fps, parse_span
 from depthcli.cli.arguments.writing import writer_options
 from depthcli.cli.profile_files import Value
 from depthcli.core.choices import Upsampling
@@ -28,17 +28,15 @@ def check_together(values: Mapping[str, Value]) -> None:
     def word(key: str) -> str | None:
         return words(key)[-1] if key in values else None
 
-    def number(key: str) -> float | None:
-        value = values.get(key)
-        return float(value) if isinstance(value, int | float) else None
-
-    check_alternatives(number("focal-px"), number("hfov"), word("calibration"), word("centre-px"))
-    choose_camera(number("focal-px"), number("hfov"), words("anchor"))
-    check_anchors(words("anchor"), word("anchors"), number("anchors-scale"))
+    scale = values.get("anchors-scale")
+    given = {key.replace("-", "_"): value for key, value in values.items()}
+    parse_camera(given)
+    check_anchors(words("anchor"), word("anchors"), scale if isinstance(scale, float) else None)
     choose_detail(Upsampling.BILINEAR, word("tile"), word("max-memory"))
+    parse_fps(word("fps"))
     parse_span(word("start"), word("end"), word("every"))
     provider_options(words("provider-option"))
-    writer_options({key.replace("-", "_"): value for key, value in values.items()})
+    writer_options(given)
     if "provider" in values:
         from depthcli.inference.providers import check_name
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from depthcli.cli import profile_files
+from depthcli.cli.arguments import camera
 from depthcli.cli.arguments.unused import is_given
 from depthcli.cli.loading import plain_command, suggestion
 from depthcli.cli.profile_files import Value
@@ -16,11 +17,9 @@ from depthcli.video.formats import video_format_of
 _NOT_SAVED = frozenset({"help", "debug", "profile", "output", "out"})
 """Options that profiles do not hold: those of one run or of the command line itself."""
 _ALTERNATIVES = (
-    ("focal_px", "hfov", "cameras"),
-    ("focal_px", "calibration"),
-    ("hfov", "calibration"),
-    ("cameras", "calibration"),
-    ("centre_px", "calibration"),
+    *camera.ALTERNATIVES,
+    ("rectified", "cameras", "focal_px", "hfov"),
+    ("rectified", "centre_px"),
     ("anchor", "anchors"),
     ("png_scale", "png_normalize"),
     ("colormap", "near"),

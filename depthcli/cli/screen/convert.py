@@ -65,7 +65,8 @@ class FolderScreen:
             console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
         elif not self.quiet:
             for warning in result.warnings:
-                console.warn(f"{result.source}: {warning}")
+                about = "" if warning.startswith(result.source) else f"{result.source}: "
+                console.warn(f"{about}{warning}")
 
     def _print_summary(self, totals: "_Totals", plan: FolderPlan, failed: int) -> None:
         parts = [f"{totals.converted} of {len(plan.inputs)} files converted"]

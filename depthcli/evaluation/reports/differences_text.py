@@ -7,6 +7,9 @@ from depthcli.core.text import one_line
 from depthcli.evaluation.differences import Difference
 from depthcli.metrics.depth import METRICS
 
+_FEW_SCENES = 12
+"""In simulations with fewer, the intervals hold the true difference in less than 90 % of cases."""
+
 
 def differences_table(
     differences: Sequence[Difference], metrics: Sequence[str]
@@ -19,8 +22,10 @@ def differences_table(
     """
     if not differences:
         return None
-    name = one_line(differences[0].name)
-    title = f"{name} minus each row: mean and 95 % interval over scenes; ! excludes 0"
+    name, scenes = one_line(differences[0].name), differences[0].scene_count
+    title = f"{name} minus each row: mean and 95 % interval over {scenes} scenes; ! excludes 0"
+    if scenes < _FEW_SCENES:
+        title += "; of so few, the intervals are too narrow"
     lines = [["minus", "align", "", *metrics]]
     for difference in differences:
         intervals = dict(zip(METRICS, difference.intervals, strict=True))

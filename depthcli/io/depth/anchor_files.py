@@ -9,10 +9,14 @@ from depthcli.errors import InputError
 from depthcli.io.storage.remote import path_of, safe_name
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from depthcli.core.anchors import AnchorPoints
 
 SUFFIXES = (".csv", ".png", ".exr", ".npy")
 """Suffixes of files with known depth."""
+_OUTPUT = ".depth"
+"""What the outputs of ``convert`` have before their suffix."""
 _ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
 
@@ -39,7 +43,7 @@ class AnchorFiles:
         return read_known_depth(path, self.scale)
 
     def read_for(self, name: str) -> AnchorPoints:
-        """Read the folder's file for a picture: the one of its name with another suffix.
+        """Read the folder's file for a picture: ``a.npy``, else ``a.depth.npy``, for ``a.jpg``.
 
         Args:
             name: the picture, relative to its own folder, with ``/`` between the parts.
@@ -53,7 +57,7 @@ class AnchorFiles:
         folder = path_of(self.path)
         above, slash, own = name.rpartition("/")
         base = above + slash + (own.rpartition(".")[0] or own)
-        found = [file for suffix in SUFFIXES if (file := folder / (base + suffix)).is_file()]
+        found = _files(folder, base) or _files(folder, base + _OUTPUT)
         if not found:
             raise InputError(
                 f"{folder} has no known depth for it: {safe_name(base)} with {_ALTERNATIVES}"
@@ -61,3 +65,7 @@ class AnchorFiles:
         if len(found) > 1:
             raise InputError(f"{found[0]} and {found[1]} are both its known depth; remove one")
         return read_known_depth(found[0], self.scale)
+
+
+def _files(folder: Path, stem: str) -> list[Path]:
+    return [file for suffix in SUFFIXES if (file := folder / (stem + suffix)).is_file()]

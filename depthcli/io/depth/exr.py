@@ -12,6 +12,7 @@ import OpenEXR
 from depthcli.core.windows import Window
 from depthcli.errors import InputError
 from depthcli.io.depth.exr_library import OPENEXR_ERRORS, silenced, utf8_name
+from depthcli.io.depth.time_code import time_code_attribute
 from depthcli.io.pictures.decode import read_bytes
 
 _FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20
@@ -25,6 +26,7 @@ def write_exr(
     *,
     pixel_aspect: float = 1.0,
     windows: tuple[Window, Window] | None = None,
+    time_code: tuple[int, ...] | None = None,
 ) -> None:
     """Write one part, ZIP-compressed.
 
@@ -36,6 +38,7 @@ def write_exr(
         pixel_aspect: width by height of a pixel, from 1e-6 to 1e6.
         windows: the data window, which the channels cover, and the display window; None if both
             begin at (0, 0) and are of the channels' size.
+        time_code: of the frame, as ``Frame`` has it; None for none.
 
     Raises:
         OSError: the file cannot be written.
@@ -50,6 +53,8 @@ def write_exr(
         header |= zip(("dataWindow", "displayWindow"), map(_corners, windows), strict=True)
     if rate is not None:
         header["framesPerSecond"] = rate  # which OpenEXR stores as its rational
+    if time_code is not None:
+        header["timeCode"] = time_code_attribute(time_code)
     try:
         with utf8_name(path) as name:
             OpenEXR.File(header, dict(channels)).write(name)
@@ -101,6 +106,7 @@ def read_exr_header(path: Path) -> dict[str, Any]:
     read_bytes(path)
     try:
         with utf8_name(path) as name, silenced():
-            return dict(OpenEXR.File(name, header_only=True).header())
+            header: dict[str, Any] = OpenEXR.File(name, header_only=True).header()
+            return header
     except OPENEXR_ERRORS as error:
         raise InputError(f"{path} is not an EXR file that can be read") from error

@@ -1,6 +1,5 @@
 """Reading the pixels of OpenEXR files, and the windows that they are in."""
 
-from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,10 +11,12 @@ from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.windows import Window, over_window
 from depthcli.errors import InputError
-from depthcli.io.depth.exr_library import OPENEXR_ERRORS, silenced, stated_rate, utf8_name
+from depthcli.io.depth.exr_library import OPENEXR_ERRORS, silenced, utf8_name
+from depthcli.io.depth.exr_part import ExrPart, header_window
 from depthcli.io.pictures.decode import read_bytes
 
 _WINDOWS = ("dataWindow", "displayWindow")
+_DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
 _SAMPLE_BYTES, _GRAY_BYTES = 2, 4  # at least, of each channel of a file; of a frame
 
 
@@ -23,15 +24,12 @@ class StoredChannel(NamedTuple):
     """One channel of a part."""
 
     pixels: npt.NDArray[Any]  #: (H, W) over the data window: float32, float16 or uint32
-    data: Window  #: the data window of its part
-    display: Window  #: the display window of its part
-    pixel_aspect: float  #: width by height of a pixel, as the header states it
-    rate: Fraction | None  #: frames a second, as the header states it; None if it does not
+    part: ExrPart  #: what the header of its part states
 
     def over(self, window: Window) -> npt.NDArray[np.float32]:
         """The pixels of a window, (H, W) float32, NaN outside the data."""
         values = np.ascontiguousarray(self.pixels, np.float32)
-        left, top = self.data[:2]  # a channel may have fewer columns and rows than its window
+        left, top = self.part.data[:2]  # a channel may have fewer columns and rows than its window
         height, width = values.shape
         return over_window(values, Window(left, top, left + width, top + height), window)
 
@@ -50,7 +48,7 @@ def read_exr_channels(
             ``MAX_PIXELS``, without advice to change it.
 
     Raises:
-        InputError: missing, damaged, or too large.
+        InputError: missing, damaged, deep, or too large.
     """
     read_bytes(path)
     shown = name or str(path)
@@ -59,6 +57,8 @@ def read_exr_channels(
     try:
         with utf8_name(path) as file, silenced():
             for part in OpenEXR.File(file, header_only=True).parts:
+                if part.header["type"] in _DEEP:
+                    raise InputError(f"{shown} holds deep data; flatten it first")
                 _check_pixel_count(shown, part.header, limit)
             problem = "is damaged: its pixels cannot be read; copy it again"
             parts = OpenEXR.File(file, separate_channels=True).parts
@@ -66,12 +66,9 @@ def read_exr_channels(
             raise InputError(f"{shown} {problem}")
         for part in parts:
             layer = f"{part.header['name']}." if len(parts) > 1 else ""
-            data, display = (_window(part.header[which]) for which in _WINDOWS)
-            aspect, rate = float(part.header["pixelAspectRatio"]), stated_rate(part.header)
+            stated = ExrPart.of(part.header)
             for channel, content in part.channels.items():
-                channels[layer + channel] = StoredChannel(
-                    content.pixels, data, display, aspect, rate
-                )
+                channels[layer + channel] = StoredChannel(content.pixels, stated)
     except OPENEXR_ERRORS as error:
         raise InputError(f"{shown} {problem}") from error
     return channels
@@ -80,15 +77,9 @@ def read_exr_channels(
 def _check_pixel_count(name: str, header: dict[str, Any], limit: PictureLimit | None) -> None:
     least = _SAMPLE_BYTES * len(header["channels"]) + _GRAY_BYTES
     for which, pixel_bytes in zip(_WINDOWS, (least, _GRAY_BYTES), strict=True):
-        window = _window(header[which])
+        size = header_window(header[which])
         if limit is not None:
-            limit.check(name, window.width, window.height, pixel_bytes)
-        elif window.width * window.height > MAX_PIXELS:
-            claimed = f"{window.width}×{window.height} pixels"
+            limit.check(name, size.width, size.height, pixel_bytes)
+        elif size.width * size.height > MAX_PIXELS:
+            claimed = f"{size.width}×{size.height} pixels"
             raise InputError(f"{name} claims {claimed}, more than {MAX_PIXELS:,}")
-
-
-def _window(corners: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]) -> Window:
-    """A window of a header, which names the first and the last pixel."""
-    (left, top), (right, bottom) = (map(int, corner) for corner in corners)
-    return Window(left, top, right + 1, bottom + 1)

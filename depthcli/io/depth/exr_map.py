@@ -1,6 +1,6 @@
 """Reading the depth in OpenEXR files of depthcli and of other tools."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,64 +11,47 @@ from depthcli.core.windows import Windows
 from depthcli.errors import InputError
 from depthcli.io.depth.exr import read_exr_texts
 from depthcli.io.depth.exr_channels import StoredChannel, read_exr_channels
-from depthcli.io.depth.metadata import kind_named, provenance_of, with_sidecar
+from depthcli.io.depth.exr_layers import depth_channel, layer_of
+from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
+from depthcli.io.depth.sidecar import with_sidecar
+from depthcli.io.depth.stored import StoredDepth
 
-_CHANNELS = ("Z", "V", "Y", "R")
 _COLOURS = ("G", "B", "RY", "BY")
 
 
-def read_exr_depth(path: Path) -> tuple[DepthMap, Frame]:
-    """Depth of an EXR, and its frame.
-
-    Returns:
-        Depth over the data window, (H, W) float32, and a frame with the windows, the shape of
-        pixels and the rate of the file, but without a picture.
+def read_exr_depth(path: Path) -> StoredDepth:
+    """Depth of an EXR over its data window, (H, W) float32.
 
     Raises:
         InputError: missing, damaged, without depth, or too large.
     """
     channels = read_exr_channels(path)
     name = depth_channel(list(channels))
-    if name is None:
-        raise InputError(
-            f"{path} has no channel Z, V, Y or R; it has {one_line(', '.join(channels))}"
-        )
-    stored = channels[name]
-    layer = name[: -len(name.rpartition(".")[2])]
-    for colour in _COLOURS:
-        other = channels.get(layer + colour)
-        if name != layer + "Z" and not (other is None or _is_same(other, stored)):
-            raise InputError(
-                f"{path} holds colours, not depth; it has {one_line(', '.join(channels))}"
-            )
-    metadata = with_sidecar(path, read_exr_texts(path))
-    values = stored.over(stored.data)
+    if name is None or _is_coloured(name, channels):
+        raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
+    stored, part = channels[name], channels[name].part
+    size_px = part.display.width, part.display.height
+    metadata, problems = with_sidecar(path, own_metadata(read_exr_texts(path)), size_px)
+    values = stored.over(part.data)
     depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))
     frame = Frame(
         np.zeros((1, 1), np.uint8),
-        rate=stored.rate,
-        pixel_aspect=stored.pixel_aspect,
-        windows=Windows(stored.data, stored.data, stored.display),
+        rate=part.rate,
+        pixel_aspect=part.pixel_aspect,
+        windows=Windows(part.data, part.data, part.display),
+        time_code=part.time_code,
     )
-    return depth, frame
+    return StoredDepth(str(path), depth, metadata, frame=frame, channel=name, warnings=problems)
+
+
+def _is_coloured(name: str, channels: Mapping[str, StoredChannel]) -> bool:
+    """Whether a channel belongs to a colour picture; gray may be stored as three equal colours."""
+    layer = layer_of(name)
+    others = [] if name == layer + "Z" else [channels.get(layer + colour) for colour in _COLOURS]
+    return not all(other is None or _is_same(other, channels[name]) for other in others)
 
 
 def _is_same(one: StoredChannel, other: StoredChannel) -> bool:
     """Whether two channels have the same values, as gray has that is stored as three colours."""
-    return np.array_equal(one.over(one.display), other.over(other.display), equal_nan=True)
-
-
-def depth_channel(names: Sequence[str]) -> str | None:
-    """The channel that holds depth, in files of any program; None if there is none.
-
-    That is ``Z``, else Z, V, Y or R of a layer called depth (Nuke's ``depth.Z``, Blender's
-    ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R.
-    """
-    depths = [name for name in names if name.rpartition(".")[2] in _CHANNELS]
-    return min(depths, key=_channel_rank, default=None)
-
-
-def _channel_rank(name: str) -> tuple[int, int, str]:
-    layer, _, last = name.rpartition(".")
-    signs = (name == "Z", "depth" in layer.lower(), last != "R" and not layer, last != "R", True)
-    return signs.index(True), _CHANNELS.index(last), name
+    shown, other_shown = (stored.over(stored.part.display) for stored in (one, other))
+    return np.array_equal(shown, other_shown, equal_nan=True)

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera_ranges import DEPTH_M
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.pictures.decode import read_bytes
 
 _WITHOUT_SCALE = (".csv", ".exr")
@@ -34,19 +35,21 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
         raise UsageError(f"--anchors-scale is for PNG and NPY, but {path} is in metres")
     if suffix == ".csv":
         return _table(read_bytes(path), str(path))
-    depth = read_depth(path, png_scale=scale)
+    stored = read_stored_depth(path, png_scale=scale)
+    depth = stored.displayed
     if not depth.is_metric:
         raise InputError(f"{path} holds {depth.kind} depth, which has no metres")
     points = AnchorPoints.of_map(depth.values)
     if not len(points):
         raise InputError(f"{path} has no pixel with depth")
-    return points
+    return replace(points, warnings=stored.warnings_with_scale("--anchors-scale"))
 
 
 def _table(data: bytes, name: str) -> AnchorPoints:
     """The points of a CSV table with the columns x, y and depth_m."""
     try:
-        rows = csv.DictReader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
+        text = io.StringIO(data.decode("utf-8-sig"), newline="")
+        rows = csv.DictReader(text, strict=True, skipinitialspace=True)
         missing = [column for column in _COLUMNS if column not in (rows.fieldnames or ())]
         if missing:
             raise InputError(

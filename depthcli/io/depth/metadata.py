@@ -1,50 +1,17 @@
-"""Reading the metadata of a depth file."""
+"""The values of a depth file's metadata, which are texts by name."""
 
-import re
 from collections.abc import Mapping
-from functools import lru_cache
-from pathlib import Path
 
-from depthcli.core.types import CameraSource, DepthKind, Provenance
-from depthcli.core.validation import FieldError, parsed_json
-from depthcli.io.pictures.decode import read_bytes
-from depthcli.io.png.chunks import read_text
-from depthcli.io.storage.regular import read_regular
-from depthcli.io.writers.metadata import ORIGIN_FIELDS
+from depthcli.core.types import AnchorFit, CameraSource, DepthKind, Provenance
 
-_MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
 _LEAST, _MOST = 1e-9, 1e12
 _PREFIX = "depthcli:"
-_FRAME_NAME = re.compile(r"(.*?)([._\- ]*)(\d+)(\D*)", re.ASCII | re.DOTALL)
-_MIN_DIGITS = 6  # of the names that depthcli chooses
 _ORIENTATIONS = frozenset("12345678")
-_SHARED = ("software", "orientation", "time_s", *ORIGIN_FIELDS)
 
 
-def read_metadata(path: Path) -> dict[str, str]:
-    """Unit, scale, kind, orientation, model and so on, by name.
-
-    What a PNG or EXR does not state comes from the sidecar beside it, unless that names another
-    model. Empty if another program wrote the file.
-
-    Raises:
-        InputError: missing or damaged.
-    """
-    suffix = path.suffix.lower()
-    if suffix == ".png":
-        return with_sidecar(path, read_text(read_bytes(path)))
-    if suffix == ".exr":
-        # Reading PNG need not wait for OpenEXR.
-        from depthcli.io.depth.exr import read_exr_texts  # noqa: PLC0415
-
-        return with_sidecar(path, read_exr_texts(path))
-    return with_sidecar(path, {})
-
-
-def with_sidecar(path: Path, texts: Mapping[str, str]) -> dict[str, str]:
-    """The metadata among a file's own texts, completed from its sidecar."""
-    own = {k.removeprefix(_PREFIX): v for k, v in texts.items() if k.startswith(_PREFIX)}
-    return own | {k: v for k, v in _sidecar_texts(path, own).items() if k not in own}
+def own_metadata(texts: Mapping[str, str]) -> dict[str, str]:
+    """The metadata among the texts of a PNG or EXR, by name; empty if another program wrote it."""
+    return {k.removeprefix(_PREFIX): v for k, v in texts.items() if k.startswith(_PREFIX)}
 
 
 def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
@@ -53,11 +20,13 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
     found = Provenance(
         model=metadata.get("model"),
         model_sha256=metadata.get("model_sha256"),
+        input_size_px=_size_px(metadata.get("network_size_px")),
         focal_px=positive_number(metadata.get("focal_px")),
         orientation=int(orientation) if orientation in _ORIENTATIONS else None,
         camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
         centre_px=_centre_px(metadata.get("centre_px")),
         time_s=number(metadata.get("time_s")),
+        anchor_fit=_anchor_fit(metadata.get("anchors")),
     )
     return None if found == Provenance() else found
 
@@ -76,14 +45,6 @@ def positive_number(text: str | None) -> float | None:
     return value if value is not None and value > _LEAST else None
 
 
-def _centre_px(text: str | None) -> tuple[float, float] | None:
-    """A principal point from an untrusted file; None for anything else."""
-    match [number(part) for part in (text or "").split(",")]:
-        case [float(x), float(y)]:
-            return x, y
-    return None
-
-
 def number(text: str | None) -> float | None:
     """A finite number from an untrusted file; None for anything else, also for large ones."""
     try:
@@ -93,59 +54,31 @@ def number(text: str | None) -> float | None:
     return value if abs(value) < _MOST else None
 
 
-def sidecar_metadata(path: Path) -> dict[str, object]:
-    """Content of depthcli's sidecar of a file, or of the video that the file is a frame of.
-
-    The latter has the time of that frame as ``time_s``.
-    """
-    own = path.with_suffix(".json")
-    return _read_sidecar(own) or _frame_metadata(own)
+def _number_list(text: str | None) -> list[float | None]:
+    return [number(part) for part in (text or "").split(",")]
 
 
-def _frame_metadata(own: Path) -> dict[str, object]:
-    """What the sidecar of a video states for one of its frames; empty if there is none."""
-    name = _FRAME_NAME.fullmatch(own.stem)
-    if name is None:
-        return {}
-    base, separator, digits, end = name.groups()
-    metadata = _read_sidecar(own.with_stem(base or "sequence"))
-    times_s = metadata.pop("times_s", None)
-    if not isinstance(times_s, dict):  # of version 0.6 and before
-        is_default = separator == "." and len(digits) >= _MIN_DIGITS and not end
-        return metadata if is_default else {}
-    time_s = times_s.get(str(int(digits)))
-    return {} if time_s is None else metadata | {"time_s": time_s}
+def _centre_px(text: str | None) -> tuple[float, float] | None:
+    """A principal point from an untrusted file; None for anything else."""
+    match _number_list(text):
+        case [float(x), float(y)]:
+            return x, y
+    return None
 
 
-def _read_sidecar(path: Path) -> dict[str, object]:
-    """The content of a sidecar of depthcli; empty if there is none."""
-    try:
-        metadata = _parsed(read_regular(path, _MAX_SIDECAR_BYTES))
-    except (OSError, FieldError):
-        return {}
-    if not (isinstance(metadata, dict) and str(metadata.get("software")).startswith("depthcli ")):
-        return {}
-    metadata = dict(metadata)
-    if "sha256" in metadata:  # as version 0.1 called it in the sidecar of a video
-        metadata.setdefault("model_sha256", metadata.pop("sha256"))
-    return metadata
+def _size_px(text: str | None) -> tuple[int, int] | None:
+    """A size in whole pixels from an untrusted file; None for anything else."""
+    match _number_list(text):
+        case [float(width), float(height)] if width >= 1 and height >= 1:
+            return int(width), int(height)
+    return None
 
 
-@lru_cache(maxsize=1)
-def _parsed(sidecar: bytes) -> object:
-    """The value of a sidecar, which all frames of a long video share; not to be changed."""
-    return parsed_json(sidecar)
-
-
-def _sidecar_texts(path: Path, own: Mapping[str, str]) -> dict[str, str]:
-    metadata = sidecar_metadata(path)
-    model = metadata.get("model_sha256")
-    if own.get("model_sha256", model) != model:
-        return {}
-    if "software" in own:  # without a principal point, the file has that of its middle
-        metadata.pop("centre_px", None)
-    return {name: _text(metadata[name]) for name in _SHARED if metadata.get(name) is not None}
-
-
-def _text(value: object) -> str:
-    return ",".join(map(str, value)) if isinstance(value, list) else str(value)
+def _anchor_fit(text: str | None) -> AnchorFit | None:
+    """A fit to known points from an untrusted file; None for anything else."""
+    match _number_list(text):
+        case [float(used), float(given), float(residual_m)] if (
+            1 <= used <= given and residual_m >= 0
+        ):
+            return AnchorFit(int(used), int(given), residual_m)
+    return None

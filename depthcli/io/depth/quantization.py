@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
+from depthcli.core.types import has_depth
 from depthcli.errors import UsageError
 
 UINT16_MAX = 65535
@@ -19,8 +20,8 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
         scale: steps per metre.
 
     Returns:
-        (H, W) uint16, rounded to nearest: 0 where depth is NaN or not positive, at least 1 and at
-        most 65535 elsewhere; and the number of pixels at 65535 or beyond.
+        (H, W) uint16, rounded to nearest: 0 where there is no depth, at least 1 and at most 65535
+        elsewhere; and the number of pixels at 65535 or beyond.
 
     Raises:
         UsageError: the scale is not a number above 0.
@@ -31,11 +32,11 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
     steps = np.empty((height, width), np.uint16)
     saturated = 0
     for rows in row_bands(width, height):
-        band = values[rows] * np.float32(scale)
+        band, known = values[rows] * np.float32(scale), has_depth(values[rows])
         np.rint(band, out=band)
-        saturated += int(np.count_nonzero(band >= UINT16_MAX))
+        saturated += int(np.count_nonzero(known & (band >= UINT16_MAX)))
         np.clip(band, 1, UINT16_MAX, out=band)
-        band[~(values[rows] > 0)] = 0  # NaN, too
+        band[~known] = 0
         steps[rows] = band
     return steps, saturated
 

@@ -5,21 +5,19 @@ from collections.abc import Mapping
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from depthcli.core.overscan import displayed_depth
-from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.metadata import (
-    kind_named,
-    positive_number,
-    provenance_of,
-    sidecar_metadata,
-    with_sidecar,
-)
+from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
 from depthcli.io.depth.quantization import UINT16_MAX, dequantized
+from depthcli.io.depth.sidecar import with_sidecar
+from depthcli.io.depth.stored import StepScale, StoredDepth, step_scale
 from depthcli.io.pictures.decode import decode, read_bytes
+from depthcli.io.pictures.size import picture_size
 from depthcli.io.png.chunks import read_text
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import MILLIMETRES
@@ -31,6 +29,18 @@ _FARTHEST = 1e12  # no depth is larger, in any unit
 def read_depth(
     path: str | Path, *, png_scale: float | None = None, kind: DepthKind | None = None
 ) -> DepthMap:
+    """The map that :func:`read_stored_depth` reads, of an EXR in its display window.
+
+    Raises:
+        InputError: missing, damaged, without depth, or metric integers without a scale.
+        UsageError: a scale for an NPY file of floats, which are metres.
+    """
+    return read_stored_depth(path, png_scale=png_scale, kind=kind).displayed
+
+
+def read_stored_depth(
+    path: str | Path, *, png_scale: float | None = None, kind: DepthKind | None = None
+) -> StoredDepth:
     """Depth of a 16-bit PNG, EXR or NPY file, chosen by its suffix.
 
     Args:
@@ -40,64 +50,95 @@ def read_depth(
         kind: kind of the depth; None for what the file states, or metric.
 
     Returns:
-        (H, W), of an EXR its display window; NaN where there is no depth. Its provenance is what
-        the file or the sidecar beside it states of model, focal length and orientation.
+        (H, W); NaN where there is no depth. Its provenance is what the file or the sidecar beside
+        it states of model, camera, anchors and orientation.
 
     Raises:
         InputError: missing, damaged, without depth, or metric integers without a scale.
         UsageError: a scale for an NPY file of floats, which are metres.
     """
-    depth, frame = read_whole_depth(path, png_scale=png_scale, kind=kind)
-    return displayed_depth(depth, frame.windows)
-
-
-def read_whole_depth(
-    path: str | Path, *, png_scale: float | None = None, kind: DepthKind | None = None
-) -> tuple[DepthMap, Frame]:
-    """What :func:`read_depth` returns, of an EXR with the pixels outside its display window.
-
-    Returns:
-        The map, of an EXR over its data window, and a frame without a picture that has the windows,
-        the shape of pixels and the rate that the file states.
-    """
-    path, frame = path_of(path), Frame(np.zeros((1, 1), np.uint8))
+    path = path_of(path)
     match path.suffix.lower():
         case ".png":
-            depth = _png(path, png_scale)
+            stored = _png(path, png_scale)
         case ".exr":
-            depth, frame = _exr_depth(path)
+            # Reading PNG need not wait for OpenEXR.
+            from depthcli.io.depth.exr_map import read_exr_depth  # noqa: PLC0415
+
+            stored = read_exr_depth(path)
         case ".npy":
-            depth = _npy(path, png_scale, kind)
+            stored = _npy(path, png_scale, kind)
         case _:
             raise InputError(
                 f"{path} is not a depth file (.png, .exr, .npy, .mkv); "
                 "'depthcli predict' and 'depthcli video' estimate the depth of pictures and videos"
             )
-    return replace(depth, kind=kind or depth.kind), frame
+    return replace(stored, depth=replace(stored.depth, kind=kind or stored.depth.kind))
 
 
-def _png(path: Path, png_scale: float | None) -> DepthMap:
+def read_metadata(path: Path) -> Mapping[str, str]:
+    """Metadata of a depth file and its sidecar, texts by name; a PNG is not decoded for it.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    if path.suffix.lower() == ".png":
+        return _png_metadata(path, read_bytes(path))[0]
+    return read_stored_depth(path).metadata
+
+
+def _png(path: Path, png_scale: float | None) -> StoredDepth:
     data = read_bytes(path)
     steps = decode(data, str(path))
     if steps.dtype != np.uint16 or steps.ndim != _DIMENSIONS:
         raise InputError(
             f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or a picture"
         )
-    metadata = with_sidecar(path, read_text(data))
-    span = _normalized_range(metadata) if png_scale is None else None
+    metadata, problems = _png_metadata(path, data)
+    scale = step_scale(metadata, png_scale)
+    span = _normalized_range(metadata) if scale is None else None
     if span is None:
-        depth = dequantized(
-            steps, png_scale or positive_number(metadata.get("scale")) or MILLIMETRES
-        )
+        values = dequantized(steps, scale.steps_per_metre if scale else MILLIMETRES)
     else:
         low, high = span
         share = (steps.astype(np.float64) - 1) / (UINT16_MAX - 1)
         values = (low + share * (high - low)).astype(np.float32)
-        depth = np.where(steps == 0, np.float32(np.nan), values)
-    return DepthMap(depth, kind_named(metadata.get("kind")), provenance_of(metadata))
+        values[steps == 0] = np.nan
+    depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))
+    return StoredDepth(str(path), depth, metadata, scale, warnings=problems)
 
 
-def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
+def _png_metadata(path: Path, data: bytes) -> tuple[dict[str, str], tuple[str, ...]]:
+    return with_sidecar(path, own_metadata(read_text(data)), picture_size(data) or (0, 0))
+
+
+def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> StoredDepth:
+    values = _array(path)
+    is_float = values.dtype.kind == "f"
+    if is_float and scale is not None:
+        raise UsageError(f"a scale is for integers, but {path} holds {values.dtype}; remove it")
+    if scale is not None:
+        depth = dequantized(values, scale)
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is no depth
+            depth = np.ascontiguousarray(values, np.float32)
+    height, width = depth.shape
+    metadata, problems = with_sidecar(path, {}, (width, height), depth)
+    kind = kind or kind_named(metadata.get("kind"))
+    if not is_float and scale is None and kind is DepthKind.METRIC:
+        raise InputError(
+            f"{path} holds {values.dtype}, not float metres; state its units per metre (info and "
+            "probe: --png-scale, convert: --from-scale, predict and "
+            "batch: --anchors-scale), for millimetres for example "
+            f"'depthcli convert {path} OUT.npy --from-scale 1000'"
+        )
+    stated = None if scale is None else StepScale(scale, "option")
+    depth_map = DepthMap(depth, kind, provenance_of(metadata))
+    return StoredDepth(str(path), depth_map, metadata, stated, warnings=problems)
+
+
+def _array(path: Path) -> npt.NDArray[Any]:
+    """The (H, W) numbers in an NPY file."""
     data = read_bytes(path)
     try:
         with warnings.catch_warnings():
@@ -112,36 +153,11 @@ def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> DepthMap:
         raise InputError(
             f"{path} holds {values.shape} {values.dtype}; depth is one (H, W) array of numbers"
         )
-    # The format cannot state its kind itself.
-    kind = kind or kind_named(str(sidecar_metadata(path).get("kind")))
-    is_float = values.dtype.kind == "f"
-    if is_float and scale is not None:
-        raise UsageError(f"a scale is for integers, but {path} holds {values.dtype}; remove it")
-    if not is_float and scale is None and kind is DepthKind.METRIC:
-        raise InputError(
-            f"{path} holds {values.dtype}, not float metres; state its units per metre (info and "
-            "probe: --png-scale, convert: --from-scale, predict and "
-            "batch: --anchors-scale), for millimetres for example "
-            f"'depthcli convert {path} OUT.npy --from-scale 1000'"
-        )
-    with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is infinitely far
-        depth = np.ascontiguousarray(values, np.float32)
-    if scale is not None:
-        depth = dequantized(values, scale)
-    return DepthMap(depth, kind, provenance_of(with_sidecar(path, {})))
-
-
-def _exr_depth(path: Path) -> tuple[DepthMap, Frame]:
-    # Reading PNG need not wait for OpenEXR.
-    from depthcli.io.depth.exr_map import read_exr_depth  # noqa: PLC0415
-
-    return read_exr_depth(path)
+    return values
 
 
 def _normalized_range(metadata: Mapping[str, str]) -> tuple[float, float] | None:
-    """The values of 1 and 65535 in a normalized PNG of depthcli; None for other files."""
-    if metadata.get("scale") != "normalized":
-        return None
+    """The values of 1 and 65535 in a normalized PNG of depthcli; None if it states none."""
     try:
         low, high = (float(word) for word in metadata.get("range", "").split())
     except ValueError:

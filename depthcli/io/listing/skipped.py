@@ -13,13 +13,12 @@ OWN = "written by depthcli"
 EXCLUDED = "excluded"
 NOT_INCLUDED = "not included"
 TWICE = "listed twice"
-_UNREADABLE_PICTURES = frozenset(
-    (
-        *HEIF_SUFFIXES,
-        *(".jxl", ".jp2", ".psd"),
-        *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf"),
-    )
-)
+_CAMERA_RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf")
+_CONVERSIONS = {
+    **dict.fromkeys((*HEIF_SUFFIXES, ".jxl", ".jp2", ".psd", *_CAMERA_RAW), "JPEG, PNG or TIFF"),
+    **dict.fromkeys((".dpx", ".cin", ".tga", ".hdr"), "EXR or 16-bit TIFF"),
+}
+"""What to convert pictures of other formats to, by suffix."""
 _MAX_REASONS = 6
 
 
@@ -30,10 +29,10 @@ class Skipped(NamedTuple):
     reason: str  #: one of the words above, or the file's suffix
 
 
-def is_unread_picture(name: str) -> bool:
-    """Whether a name is that of a picture of a format that is not read here."""
+def convert_to(name: str) -> str | None:
+    """What to convert a picture to, by its name; None if its format is read here, or unknown."""
     suffix = PurePosixPath(name).suffix.lower()
-    return suffix in _UNREADABLE_PICTURES and not (suffix in HEIF_SUFFIXES and reads_heif())
+    return None if suffix in HEIF_SUFFIXES and reads_heif() else _CONVERSIONS.get(suffix)
 
 
 def skip_summary(skipped: Sequence[Skipped]) -> str:
@@ -48,7 +47,7 @@ def skip_summary(skipped: Sequence[Skipped]) -> str:
 
 def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
     """Advice about pictures of formats that are not read; None if there are none."""
-    found = Counter(file.reason for file in skipped if file.reason in _UNREADABLE_PICTURES)
+    found = Counter(file.reason for file in skipped if file.reason in _CONVERSIONS)
     if not found:
         return None
     or_install = f", or for HEIC {INSTALL_HEIF}" if found.keys() & set(HEIF_SUFFIXES) else ""
@@ -57,3 +56,10 @@ def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
         f"{found.total()} {pictures} of a format that is not read ({', '.join(sorted(found))}) "
         f"skipped; convert to JPEG, PNG or TIFF{or_install}"
     )
+
+
+def exr_hint(skipped: Sequence[Skipped]) -> str | None:
+    """What reads the EXR files that a batch skips; None if there are none."""
+    if all(file.reason != ".exr" for file in skipped):
+        return None
+    return "'depthcli video' reads a sequence of EXR, 'predict' and 'batch --files' single ones"

@@ -14,7 +14,7 @@ from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.listing.folder import is_video
 from depthcli.io.listing.heif import reads_heif
 from depthcli.io.listing.own_outputs import EXR_MAGIC
-from depthcli.io.listing.skipped import is_unread_picture
+from depthcli.io.listing.skipped import convert_to
 from depthcli.io.pictures.decoder_messages import decoder_messages
 from depthcli.io.pictures.heif import is_heif
 from depthcli.io.pictures.integrity import find_problem
@@ -103,13 +103,14 @@ def decoded(data: bytes, flags: int) -> npt.NDArray[np.generic] | None:
     return None if pixels is None or pixels.size == 0 or _DATA_LOSS.search(messages) else pixels
 
 
-def _hint_for(data: bytes, name: str) -> str:
-    """What to do with a file of another kind; "" for an unknown one."""
-    if data.startswith(EXR_MAGIC):
-        return ", but an EXR"
-    if is_video(name):
-        return "; 'depthcli video' reads videos"
-    return "; convert it to JPEG, PNG or TIFF" if is_unread_picture(name) else ""
+def _why_no_picture(data: bytes, name: str) -> str:
+    """What a file of another kind is, and what to do with it."""
+    if data.startswith(EXR_MAGIC):  # here, where only other formats are decoded
+        return "is an EXR; end its name in .exr, or save it as PNG or TIFF"
+    formats = convert_to(name)
+    convert = f"; convert it to {formats} first" if formats else ""
+    advice = "; 'depthcli video' reads videos" if is_video(name) else convert
+    return f"is not a picture (JPEG, PNG, TIFF, WebP, AVIF, HEIC, BMP, GIF, PNM, EXR){advice}"
 
 
 def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:
@@ -124,10 +125,7 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
         raise InputError(f"{name} is HEIC, which needs pillow-heif; {INSTALL_HEIF}")
     size = picture_size(data)
     if size is None:
-        raise InputError(
-            f"{name} is not a picture (JPEG, PNG, TIFF, WebP, AVIF, HEIC, BMP, GIF, PNM)"
-            f"{_hint_for(data, name)}"
-        )
+        raise InputError(f"{name} {_why_no_picture(data, name)}")
     width, height = size
     if width <= 0 or height <= 0:
         raise InputError(f"{name} claims {width}×{height} pixels; the picture is empty")

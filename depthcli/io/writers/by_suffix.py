@@ -15,7 +15,7 @@ def write_depth(
     """Write a map atomically; return warnings, one line each.
 
     Missing folders are created; the file of ``frame``, the picture for formats that show it, is
-    never replaced. Options are png_scale, exr_channel, half and centre_px; None for the default.
+    never replaced. Options are png_scale, exr_channel and half; None for the default.
 
     Raises:
         OutputError: it cannot be written, or the map cannot be expressed in the format.

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.core.windows import Window, over_window
 from depthcli.io.depth.exr import write_exr
@@ -20,17 +19,15 @@ class ExrWriter:
     #: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``
     exr_channel: str = "Y"
     half: bool = False  #: 16-bit instead of 32-bit floats
-    #: (cx, cy), principal point in pixels of the map; None for what the map states
-    centre_px: tuple[float, float] | None = None
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN.
 
-        The data window, the display window and the shape of pixels are those of the frame.
+        The windows, the shape of pixels, the rate and the time code are those of the frame.
         """
         shown, stored, windows = _windowed(depth, frame)
         values = np.ascontiguousarray(stored)
-        metadata = metadata_texts(with_centre(shown, self.centre_px))
+        metadata = metadata_texts(shown)
         texts = {f"depthcli:{name}": text for name, text in metadata.items()}
         if self.half:
             with np.errstate(over="ignore"):
@@ -42,6 +39,7 @@ class ExrWriter:
             frame.rate if frame else None,
             pixel_aspect=frame.pixel_aspect if frame else 1.0,
             windows=windows,
+            time_code=frame.time_code if frame else None,
         )
         lost = np.count_nonzero(np.isinf(values) & np.isfinite(stored)) if self.half else 0
         return (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()

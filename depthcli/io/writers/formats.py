@@ -1,5 +1,6 @@
 """The table of output formats; free of numpy, so that help texts can list it."""
 
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import PurePath
 from pkgutil import resolve_name
@@ -26,11 +27,17 @@ class FormatFacts(NamedTuple):
     #: memory of writing it, in bytes a pixel besides picture and depth, measured with a margin
     use_bytes: int = 10
     has_overscan: bool = False  #: whether its files have the pixels outside the display window
+    has_camera: bool = False  #: whether its files depend on the camera of the map or state it
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameters of the commands that it uses besides those of all formats."""
+        return (*self.options, "centre_px") if self.has_camera else self.options
 
 
 _COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
-_EXR = ("exr_channel", "half", "centre_px")
-_PNG = ("png_scale", "png_normalize", "centre_px")
+_EXR = ("exr_channel", "half")
+_PNG = ("png_scale", "png_normalize")
 
 
 class Format(StrEnum):
@@ -47,16 +54,27 @@ class Format(StrEnum):
         (member.facts,) = facts
         return member
 
-    PNG16 = "png16", FormatFacts("png16:Png16Writer", ".depth.png", ".png", _PNG, use_bytes=13)
-    EXR = "exr", FormatFacts("exr:ExrWriter", ".depth.exr", ".exr", _EXR, has_overscan=True)
+    PNG16 = (
+        "png16",
+        FormatFacts("png16:Png16Writer", ".depth.png", ".png", _PNG, use_bytes=13, has_camera=True),
+    )
+    EXR = (
+        "exr",
+        FormatFacts(
+            "exr:ExrWriter", ".depth.exr", ".exr", _EXR, has_overscan=True, has_camera=True
+        ),
+    )
     NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy")
     PREVIEW = (
         "preview",
         FormatFacts("preview:PreviewWriter", ".preview.png", None, _COLOURS, use_bytes=20),
     )
-    PLY = "ply", FormatFacts("ply:PlyWriter", ".ply", ".ply", ("centre_px",), use_bytes=46)
+    PLY = "ply", FormatFacts("ply:PlyWriter", ".ply", ".ply", use_bytes=46, has_camera=True)
     # It describes the PNG beside it.
-    JSON = "json", FormatFacts("sidecar:SidecarWriter", ".depth.json", ".json", _PNG)
+    JSON = (
+        "json",
+        FormatFacts("sidecar:SidecarWriter", ".depth.json", ".json", _PNG, has_camera=True),
+    )
 
 
 FORMATS = {format_: format_.facts for format_ in Format}
@@ -87,13 +105,14 @@ def file_suffix_of(asked: Format) -> str:
     return PurePath(f"a{asked.facts.suffix}").suffix
 
 
-def stem_of(path: str | PurePath) -> str:
+def stem_of(path: str | PurePath, others: Iterable[str] = ()) -> str:
     """A file's name without the suffix of its format: ``a`` of ``a.png`` and ``a.preview.png``.
 
-    What selects no format is part of the name: ``1305031102.16`` is its own stem.
+    What selects no format is part of the name: ``1305031102.16`` is its own stem. ``others`` are
+    suffixes of further formats, longer ones first.
     """
     name = PurePath(path).name
-    ends = (*(facts.suffix for facts in FORMATS.values()), *FILE_SUFFIXES)
+    ends = (*others, *(facts.suffix for facts in FORMATS.values()), *FILE_SUFFIXES)
     end = next((end for end in ends if name.lower().endswith(end)), "")
     return name[: len(name) - len(end)] or name
 

@@ -63,14 +63,17 @@ def anchor_fields(depth: DepthMap) -> dict[str, dict[str, float] | None]:
 
 
 def metadata_texts(depth: DepthMap) -> dict[str, str]:
-    """The metadata, the software and a frame's time as texts by name; what is unknown is left out.
+    """The metadata, the software, a frame's time and the fit to anchors as texts by name.
 
-    The unit of a map without one is ``none``.
+    What is unknown is left out. The unit of a map without one is ``none``.
     """
-    known = DepthMetadata.of(depth)
+    known, source = DepthMetadata.of(depth), depth.provenance or _UNKNOWN
     texts = {"kind": known.kind, "unit": known.unit or "none", "software": SOFTWARE}
-    if depth.provenance and depth.provenance.time_s is not None:
-        texts["time_s"] = f"{depth.provenance.time_s:.12g}"
+    if source.time_s is not None:
+        texts["time_s"] = f"{source.time_s:.12g}"
+    if source.anchor_fit is not None:
+        used, given, residual_m = source.anchor_fit
+        texts["anchors"] = f"{used},{given},{residual_m:.6g}"
     return texts | {name: _value_text(value) for name, value in known.origin().items() if value}
 
 

@@ -15,8 +15,6 @@ class WriterOptions:
     png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range
     exr_channel: str = "Y"  #: name of the channel in EXR
     half: bool = False  #: 16-bit floats in EXR
-    #: (cx, cy), principal point in pixels of the map; None for what the map states, else its middle
-    centre_px: tuple[float, float] | None = None
     colormap: str = "inferno"  #: colours of the preview
     near: Literal["warm", "white", "black"] = "warm"  #: the colormap's end that is near
     vmin: float | None = None  #: low end of the colour range; None for a percentile

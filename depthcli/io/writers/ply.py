@@ -21,10 +21,6 @@ _TYPES = {"<f4": "float", "u1": "uchar"}
 class PlyWriter:
     """Metres: x right, y down, z along the camera axis."""
 
-    #: (cx, cy), the principal point, (0, 0) being the middle of the first pixel; None for what
-    #: the map states, else its middle
-    centre_px: tuple[float, float] | None = None
-
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one vertex for each pixel with depth."""
         if not depth.is_metric:
@@ -33,7 +29,7 @@ class PlyWriter:
             )
         source = depth.provenance or Provenance()
         focal_px = source.focal_px or scaling.focal_px_of_hfov(_NYU_HFOV_DEG, depth.width)
-        points = _points(point_cloud(depth, focal_px, centre_px=self.centre_px, frame=frame))
+        points = _points(point_cloud(depth, focal_px, frame=frame))
         lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
         with path.open("wb") as file:
@@ -43,7 +39,7 @@ class PlyWriter:
             return ()
         hfov_deg = scaling.hfov_deg(focal_px, depth.width)
         assumed = f"the point cloud assumes an hfov of {hfov_deg:.3g}°"
-        return (f"no focal length is known; {assumed}; give --focal-px or --hfov",)
+        return (f"no focal length is known; {assumed}; give the focal length or field of view",)
 
 
 def _points(cloud: PointCloud) -> npt.NDArray[np.void]:

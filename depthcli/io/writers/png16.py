@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.quantization import UINT16_MAX, quantized
 from depthcli.io.png.encode import encode_png
@@ -21,16 +20,14 @@ class Png16Writer(NamedTuple):
     #: steps per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
     png_scale: float = MILLIMETRES
     png_normalize: bool = False  #: normalize each map to 1-65535 instead, without a unit
-    #: (cx, cy), principal point in pixels of the map; None for what the map states
-    centre_px: tuple[float, float] | None = None
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write (H, W) uint16; depth beyond the range saturates, with a warning."""
         del frame
-        texts = metadata_texts(with_centre(depth, self.centre_px))
+        texts = metadata_texts(depth)
         warnings: tuple[str, ...] = ()
         if self.png_normalize or not depth.is_metric:
-            steps, low, high = normalized(depth.values)
+            steps, low, high = normalized(depth)
             texts |= {"scale": "normalized", "range": f"{low:.9g} {high:.9g}"}
             if not self.png_normalize:
                 warnings = (f"{depth.kind} depth has no unit; {path.suffix[1:]} is normalized",)
@@ -45,23 +42,20 @@ class Png16Writer(NamedTuple):
         return warnings
 
 
-def normalized(values: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.uint16], float, float]:
-    """Finite values scaled linearly to 1-65535; the rest is 0.
-
-    Args:
-        values: (H, W) float32 of any range.
+def normalized(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
+    """Depth scaled linearly to 1-65535; 0 where there is none.
 
     Returns:
         (H, W) uint16, and the values that 1 and 65535 stand for.
     """
-    finite = np.isfinite(values)
-    if not finite.any():
+    values, known = depth.values, depth.valid
+    if not known.any():
         return np.zeros(values.shape, np.uint16), 0.0, 0.0
-    low = float(values.min(where=finite, initial=np.inf))
-    high = float(values.max(where=finite, initial=-np.inf))
+    low = float(values.min(where=known, initial=np.inf))
+    high = float(values.max(where=known, initial=-np.inf))
     span = high - low or 1.0
     steps = np.zeros(values.shape, np.uint16)
     for rows in row_bands(values.shape[1], values.shape[0]):  # float64 of a whole map is large
-        share = (np.where(finite[rows], values[rows], low).astype(np.float64) - low) / span
-        steps[rows] = np.where(finite[rows], np.rint(1 + share * (UINT16_MAX - 1)), 0)
+        share = (np.where(known[rows], values[rows], low).astype(np.float64) - low) / span
+        steps[rows] = np.where(known[rows], np.rint(1 + share * (UINT16_MAX - 1)), 0)
     return steps, low, high

@@ -4,7 +4,6 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.summary import DepthRange
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.io.writers.formats import MILLIMETRES
@@ -17,12 +16,9 @@ class SidecarWriter:
 
     png_scale: float = MILLIMETRES  #: steps per metre of the 16-bit PNG beside it
     png_normalize: bool = False  #: whether that PNG is normalized instead
-    #: (cx, cy), principal point in pixels of the map; None for what the map states
-    centre_px: tuple[float, float] | None = None
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""
-        depth = with_centre(depth, self.centre_px)
         known, source = DepthMetadata.of(depth), depth.provenance or Provenance()
         document = {
             "software": SOFTWARE,

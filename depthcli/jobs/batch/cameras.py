@@ -1,4 +1,4 @@
-"""The focal lengths of a table, matched with the inputs of a batch."""
+"""The cameras of a table, matched with the inputs of a batch."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -12,7 +12,7 @@ from depthcli.jobs.namesakes import stem
 
 
 class CameraTable:
-    """Finds the focal length of each input, and notes which rows match.
+    """Finds the camera of each input, and notes which rows match.
 
     A row's id is the name of an input (``hall/a.jpg``), or the name without suffix (``hall/a``), as
     in the ``cameras.csv`` of training folders. The whole name is looked up first.
@@ -22,14 +22,14 @@ class CameraTable:
         """Begin with no input.
 
         Args:
-            lenses: focal length of each id.
+            lenses: camera of each id.
             source: name of the table in messages.
         """
         self._lenses, self._source = lenses, source
         self._used: dict[str, str] = {}  # id -> the input that it matches
 
     def lens(self, name: str) -> Lens | None:
-        """The focal length of an input; None if it has no row.
+        """The camera of an input; None if it has no row.
 
         Raises:
             UsageError: its row is also that of another input.

@@ -16,6 +16,7 @@ from depthcli.io.listing.skipped import (
     TWICE,
     Skipped,
     conversion_hint,
+    exr_hint,
     skip_summary,
 )
 from depthcli.io.manifest.shard import Shard
@@ -145,7 +146,7 @@ def _check_any(skipped: Sequence[Skipped], where: str) -> None:
         raise UsageError(
             f"--include and --exclude leave nothing of {where}: {skip_summary(skipped)}"
         )
-    hint = conversion_hint(skipped)
+    hints = filter(None, (conversion_hint(skipped), exr_hint(skipped)))
     raise InputError(
-        f"no picture or video in {where}: {skip_summary(skipped)}{'; ' + hint if hint else ''}"
+        "; ".join((f"no picture or video in {where}: {skip_summary(skipped)}", *hints))
     )

@@ -29,7 +29,7 @@ class Plan:
     shard: Shard = WHOLE  #: the part of the inputs that is planned
     #: by input of a list: files beside it, not in the batch, whose outputs may have had its names
     unlisted: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    #: focal lengths of a table of cameras, by input; the others are not in it
+    #: cameras of a table, by input; the others are not in it
     lenses: Mapping[str, Lens] = field(default_factory=dict)
     camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
 

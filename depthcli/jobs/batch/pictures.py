@@ -9,8 +9,8 @@ from typing import TypeAlias
 
 from depthcli.core.anchor_fit import fitted, lost_in_fit
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.map_camera import with_centre
 from depthcli.core.overscan import displayed_depth, without_invented
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
@@ -85,7 +85,8 @@ class PictureWorker:
                 max_pixels=self.options.limit,
                 white_level=self.options.camera.white_level,
             )
-            centre_px = self.options.camera.centre_px(*frame.display_size_px)
+            camera = self.options.camera.with_lens(task.lens)
+            centre_px = camera.centre_for(*frame.display_size_px)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
         return _OpenedPicture(task, frame, points, centre_px, sha256, time.perf_counter() - start_s)
@@ -115,9 +116,10 @@ class PictureWorker:
         try:
             frame, points = opened.frame, opened.points
             predicted = without_invented(depth, frame.windows)
-            depth = predicted if points is None else fitted(predicted, points, frame.windows)
+            depth = fitted(predicted, points, frame.windows)
             depth = with_centre(depth, opened.centre_px)
-            warnings = [*frame.warnings, *lost_in_fit(predicted, depth)]
+            warnings = [*frame.warnings, *(points.warnings if points else ())]
+            warnings += lost_in_fit(predicted, depth)
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())

@@ -70,7 +70,7 @@ class Batch(Iterator[Result]):
         self._engine = engine or ThreadEngine(workers, session, progress)
         self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)
         pipeline = self._spec.build(session).pipeline
-        pipeline.check_focal(*options.camera.lens)
+        pipeline.check_focal(options.camera.focal_px, options.camera.hfov_deg)
         if plan.lenses and metric_camera(pipeline.card) is None:
             raise UsageError(
                 f"model {pipeline.card.name!r} gives no metres of a known camera, so focal lengths "

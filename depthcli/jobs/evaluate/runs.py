@@ -76,6 +76,8 @@ def compare_runs(
         check_row(request.against, names)
     with temporary_folder() as fallback_folder:
         exported = _export_runs(opened, fallback_folder, request.weights, progress, failed)
+        if request.against is not None:
+            _check_exported(request.against, exported, failed)
         protocol = request.options.protocol
         detail = Detail(protocol.upsampling, protocol.tile_px)
         models = _load_models(exported, request.runner, detail, warn)
@@ -128,6 +130,13 @@ def _export_runs(
     if not exported:
         raise DepthcliError(f"no run can be exported: {'; '.join(failed)}")
     return exported
+
+
+def _check_exported(
+    against: str, exported: Sequence[tuple[TrainedRun, Path]], failed: Sequence[str]
+) -> None:
+    if against not in group_by_seed([run for run, _ in exported]):
+        raise DepthcliError(f"no run of {against} can be exported: {'; '.join(failed)}")
 
 
 def _load_models(

@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 from depthcli.core.anchor_fit import fitted, lost_in_fit
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import Anchor
+from depthcli.core.map_camera import with_centre
 from depthcli.core.overscan import displayed_depth, without_invented
 from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.pipeline import Pipeline
@@ -60,19 +59,20 @@ def _predict_picture(
     request: PredictRequest,
     plan: PicturePlan,
     loading: Background[Session],
-    points: Sequence[Anchor] | AnchorPoints,
+    points: AnchorPoints | None,
 ) -> PictureResult:
     start = time.perf_counter()
     frame = _read_picture(request, plan)
     camera = request.camera
-    centre_px = camera.centre_px(*frame.display_size_px) or request.writing.centre_px
+    centre_px = camera.centre_for(*frame.display_size_px)
     session = loading.result()
     predicted = Pipeline(session, request.detail).predict(
         frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
     )
     predicted = without_invented(predicted, frame.windows)
     depth = with_centre(fitted(predicted, points, frame.windows), centre_px)
-    warnings = [*session.warnings, *frame.warnings, *lost_in_fit(predicted, depth)]
+    warnings = [*session.warnings, *frame.warnings, *(points.warnings if points else ())]
+    warnings += lost_in_fit(predicted, depth)
     del predicted  # the writers need the memory
     for name, path in plan.outputs.items():
         warnings += _write_picture(request, name, depth, frame, path)
@@ -86,9 +86,11 @@ def _predict_picture(
     )
 
 
-def _known_points(request: PredictRequest) -> Sequence[Anchor] | AnchorPoints:
+def _known_points(request: PredictRequest) -> AnchorPoints | None:
+    if request.anchors is None:
+        return AnchorPoints.of(request.camera.anchors) if request.camera.anchors else None
     try:
-        return request.anchors.read() if request.anchors else request.camera.anchors
+        return request.anchors.read()
     except InputError as error:
         raise UsageError(f"--anchors: {error}") from error
 

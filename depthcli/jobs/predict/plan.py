@@ -8,7 +8,7 @@ from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.writers.formats import FILE_SUFFIXES, FORMATS, Format, format_of
-from depthcli.jobs.naming import check_suffix, is_folder, plan_outputs
+from depthcli.jobs.naming import check_suffix, is_folder, plan_outputs, refuse_pattern
 
 STDIO = "-"
 DEFAULT_FORMATS = (Format.PNG16, Format.PREVIEW)
@@ -42,10 +42,13 @@ def picture_formats(output: str | None, asked: Sequence[Format]) -> tuple[Format
     """The formats to write: the requested ones, else that of the output's suffix, else the default.
 
     Raises:
-        UsageError: the output is empty, or a file whose suffix is of no format or another one.
+        UsageError: the output is empty, a pattern such as ``%04d``, or a file whose suffix is of no
+            format or another one.
     """
     if output == "":
         raise UsageError("-o is empty; name a file or a folder, or omit -o")
+    if output is not None:
+        refuse_pattern("-o ", output)
     if asked:
         if output is not None and len(set(asked)) == 1:
             check_suffix("-o ", output, asked[0])

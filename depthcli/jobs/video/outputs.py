@@ -38,7 +38,8 @@ def open_output(
         rate: frames per second of the output.
         written: path of a depth video until it is complete; None for a temporary name.
     """
-    target, inputs, timing = plan.target(which), source.paths, Timing(rate, source.tick_s)
+    target, inputs = plan.target(which), source.paths
+    timing = Timing(rate, source.tick_s, has_all_frames=rate == source.rate)
     if which is VideoFormat.MKV:
         return depth_video(target, timing, writing.png_scale, inputs, written)
     picture = VIDEO_FORMATS[which].picture

@@ -8,22 +8,12 @@ from typing import BinaryIO
 from depthcli.errors import UsageError
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
-from depthcli.jobs.naming import is_folder, output_bases
+from depthcli.jobs.video.base_names import video_base
+from depthcli.jobs.video.output_names import STDIO, file_names, is_output_folder, video_formats
 from depthcli.jobs.video.request import VideoRequest
 from depthcli.video.codecs import Codec, preview_codec
-from depthcli.video.formats import (
-    SEQUENCES,
-    VIDEO_FORMATS,
-    VideoFormat,
-    sequence_of,
-    video_format_of,
-)
-from depthcli.video.frame_source import is_sequence
-from depthcli.video.number_pattern import base_name, is_pattern
+from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat
 from depthcli.video.pipes import InputPipe, OutputPipe
-
-STDIO = "-"
-DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,32 +41,6 @@ class VideoPlan:
         return OutputPipe(self.stdout, VIDEO_FORMATS[which].file_suffix or "")
 
 
-def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:
-    """The formats to write: the requested ones, else that of the output's suffix, else the default.
-
-    Raises:
-        UsageError: the output is a file whose suffix is of no format, or JSON is the only format.
-    """
-    if output is not None and is_pattern(path_of(output).name):
-        chosen: tuple[VideoFormat, ...] = (_format_of_pattern(output, asked),)
-    elif asked:
-        chosen = tuple(dict.fromkeys(asked))
-    elif output == STDIO:
-        chosen = (VideoFormat.MKV,)
-    elif output is None or _is_folder(output):
-        chosen = DEFAULT_FORMATS
-    elif (found := video_format_of(output)) is not None:
-        chosen = (found,)
-    else:
-        raise UsageError(
-            f"--out {safe_name(output)} has no suffix that selects a format; use .mkv, .mp4, .webm "
-            f"or .mov, or name a folder ({safe_name(output)}/) and give --format"
-        )
-    if set(chosen) == {VideoFormat.JSON}:
-        raise UsageError("json only describes other outputs; give another --format with it")
-    return chosen
-
-
 def plan_video(request: VideoRequest) -> VideoPlan:
     """Name every output before anything is read.
 
@@ -90,12 +54,13 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if request.sidecar else formats))
     if output == STDIO:
         folder, names = Path(), _stdout_name(wanted, request.stdout)
-    elif output is None or _is_folder(output):
+    elif output is None or is_output_folder(output):
         folder = path_of(name).parent if output is None else path_of(output)
-        names = {which: _output_base(file) + VIDEO_FORMATS[which].suffix for which in wanted}
+        base = video_base(file)
+        names = {which: base + VIDEO_FORMATS[which].suffix for which in wanted}
     else:
         folder = path_of(output).parent
-        names = _file_names(path_of(output), formats, wanted)
+        names = file_names(path_of(output), formats, wanted)
     asked = None if request.codec is None else Codec(request.codec)
     previews = [which for which in names if VIDEO_FORMATS[which].is_preview]
     codecs = {which: preview_codec(f".{which}", asked) for which in previews}
@@ -124,50 +89,3 @@ def _stdout_name(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict
     if stdout is None:
         raise UsageError("the output is '-' but there is no stdout; name a file or a folder")
     return {wanted[0]: STDIO}
-
-
-def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat:
-    """The format of the files of a pattern such as ``depth.%04d.exr``."""
-    found = sequence_of(output)
-    if found is None or set(asked) - {found}:
-        raise UsageError(
-            f"--out {output} is a pattern for numbered files: end it in .png, .exr or .npy, with "
-            "no other --format"
-        )
-    return found
-
-
-def _output_base(source: Path | None) -> str:
-    """The name of outputs, without suffix."""
-    if source is None or not is_sequence(source):
-        return output_bases([source])[0]
-    return base_name(source.stem) if is_pattern(source.name) else source.resolve().name
-
-
-def _file_names(
-    output: Path, formats: Sequence[VideoFormat], wanted: Sequence[VideoFormat]
-) -> dict[VideoFormat, str]:
-    """File names for an output path that is one file, or the stem of several."""
-    main = [which for which in formats if which is not VideoFormat.JSON]
-    if is_pattern(output.name):
-        names: dict[VideoFormat, str] = {main[0]: output.name}
-        sidecar = base_name(output.stem) + ".json"
-        return names | ({VideoFormat.JSON: sidecar} if VideoFormat.JSON in wanted else {})
-    if len(main) > 1:
-        return {which: output.stem + VIDEO_FORMATS[which].suffix for which in wanted}
-    if main[0] in SEQUENCES:
-        raise UsageError(
-            f"--out {output} is one file and {main[0]} writes one per frame; name a folder"
-        )
-    if video_format_of(output) is not main[0]:
-        raise UsageError(
-            f"--out {output} does not end in .{main[0]}; the suffix has to match the format"
-        )
-    names = {main[0]: output.name}
-    if VideoFormat.JSON in wanted:
-        names[VideoFormat.JSON] = output.stem + ".json"
-    return names
-
-
-def _is_folder(output: str) -> bool:
-    return is_folder(output) or not path_of(output).suffix

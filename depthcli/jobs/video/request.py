@@ -39,8 +39,9 @@ class VideoRequest:
 
     #: a file, a folder of numbered pictures, a pattern such as ``plate.%04d.exr``, or ``-``
     video: str
-    #: a file for one format, or a stem that several share; a folder, which exists, ends in ``/`` or
-    #: has no suffix; a pattern for numbered files; ``-``; None for the video's own folder
+    #: a file for one format; a stem, if there are several or the suffix is of no format; a folder,
+    #: which exists, ends in ``/`` or has no suffix; a pattern for numbered files; ``-``; None for
+    #: the video's own folder
     output: str | None = None
     #: formats to write; empty for that of the output's suffix, else depth and a preview
     formats: tuple[VideoFormat, ...] = ()

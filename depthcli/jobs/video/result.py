@@ -8,6 +8,7 @@ from fractions import Fraction
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.writers.metadata import SOFTWARE, DepthMetadata
 from depthcli.video.rates import rate_text
+from depthcli.video.time_code import time_code_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,7 @@ class VideoResult:
     def metadata(self) -> dict[str, object]:
         """The fields of JSON and sidecar that are the same for every run."""
         depth, known = self.depth, DepthMetadata.of(self.depth)
+        time_code = self.first.time_code
         return {
             "frames": self.frames,
             "fps": rate_text(self.rate),
@@ -51,6 +53,7 @@ class VideoResult:
             "constant_rate": self.is_regular,
             "first_frame": self.first.index,
             "start_s": self.first.timestamp_s,
+            "time_code": None if time_code is None else time_code_text(time_code),
             "width": depth.width,
             "height": depth.height,
             "orientation": self.first.orientation,

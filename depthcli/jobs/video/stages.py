@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.map_camera import with_centre
 from depthcli.core.overscan import without_invented
-from depthcli.core.point_cloud import with_centre
 from depthcli.core.temporal import changes as temporal
 from depthcli.core.temporal.range_lock import RangeLock
 from depthcli.core.temporal.smoothing import (
@@ -87,8 +87,7 @@ class FrameStages:
         if self._scale is not None and kept is None:
             values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
             depth = dataclasses.replace(depth, values=values)
-        centre_px = camera.centre_px(*picture.display_size_px) or self._settings.writing.centre_px
-        depth = with_centre(depth, centre_px)
+        depth = with_centre(depth, camera.centre_for(*picture.display_size_px))
         depth, shown = _in_windows(depth, picture.windows, is_kept=kept is not None)
         thumbnail = temporal.thumbnail(picture.pixels)
         small = DepthMap(sample_cells(shown, thumbnail.shape), depth.kind)

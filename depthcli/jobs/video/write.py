@@ -182,8 +182,10 @@ def _is_regular(times_s: Sequence[float], rate: Fraction) -> bool:
 def _no_frames_text(plan: VideoPlan, source: FrameSource) -> str:
     if source.problem:
         return f"{plan.name} has no frame that can be read: {source.problem}"
-    stated = source.frames_stated
-    length = (
-        "" if stated is None else f"; it has {stated} frames, {float(stated / source.rate):.3f} s"
-    )
-    return f"{plan.name} has no frame between --start and --end{length}"
+    what = f"{plan.name} has no frame between --start and --end"
+    if source.numbers_stated is None:
+        return what
+    first, last = source.numbers_stated
+    length_s = float((last - first + 1) / source.rate)
+    span = f"{first}–{last}, {length_s:.3f} s"
+    return f"{what}; it has frames {span}; a frame number ends in f: {first}f"

@@ -76,11 +76,11 @@ class OptimConfig:
     """Optimisers, schedule and batch size."""
 
     batch_size: Positive = 1  #: pictures per step
-    epochs_constant: Count = 100  #: epochs at the full learning rate (``linear`` schedule)
-    epochs_decay: Count = 100  #: epochs of linear decay to zero, or all epochs of ``cosine``
-    #: ``linear`` is the paper's, ``cosine`` starts with a warm-up
+    epochs_constant: Count = 100  #: epochs at the full learning rate of ``linear``
+    epochs_decay: Count = 100  #: epochs of linear decay to zero
+    #: ``linear`` is the paper's; ``cosine`` falls from the first epoch to the last of both counts
     schedule: Literal["linear", "cosine"] = "linear"
-    warmup_steps: Count = 0  #: steps of linear warm-up of ``cosine``
+    warmup_steps: Count = 0  #: steps over which the learning rate rises from zero at first
     learning_rate: Amount = 2e-4  #: before decay
     beta1: Share = 0.5  #: Adam's first
     beta2: Share = 0.999  #: Adam's second

@@ -62,7 +62,7 @@ def _check_pairing(config: TrainConfig) -> None:
     if needs:
         raise UsageError(
             f"loss.{needs[0]} compares with the truth of the same scene: "
-            "remove it or set data.paired=true"
+            "remove it or, if the method learns from pairs, set data.paired=true"
         )
 
 

@@ -1,0 +1,100 @@
+"""Choosing the channels of an OpenEXR file that hold its picture or its depth.
+
+Names follow the conventions of Blender, Nuke, Arnold, V-Ray, RenderMan, Houdini and Redshift.
+"""
+
+import re
+from collections.abc import Collection, Sequence
+
+from depthcli.core.text import one_line
+from depthcli.errors import InputError
+
+_DEPTHS = ("Z", "V", "Y", "R")
+_PICTURES = ("", "rgba", "rgb", "combined", "beauty", "c", "ci", "main", "diffuse", "albedo")
+"""Last parts of the names of layers that hold the picture, the likeliest first."""
+_DATA = re.compile(r"n|p|z|uv|.*(normal|position|depth|motion|velocity|crypto).*")
+"""Last parts of the names of layers whose R, G and B may be no colours."""
+_MAX_SHOWN = 4
+
+
+def colour_channels(file: str, names: Sequence[str]) -> tuple[tuple[str, ...], str | None]:
+    """The channels of the picture, and a warning if it may be another one.
+
+    That is R, G and B, or Y, without a layer; else R, G and B of the layer or part whose name says
+    that it is the picture, else of one whose name does not say that it is data; of several, the
+    first.
+
+    Args:
+        file: what messages call it.
+        names: all channels of the file, in its order.
+
+    Returns:
+        The names of R, G and B, or of Y; and one line, or None.
+
+    Raises:
+        InputError: there is no such layer.
+    """
+    layers = [name.removesuffix("R") for name in names if _last(name) == "R"]
+    coloured = [layer for layer in layers if {layer + "G", layer + "B"} <= set(names)]
+    if "Y" in names and "" not in coloured and not is_of_vectors("Y", names):
+        return ("Y",), None
+    if not coloured:
+        raise InputError(
+            f"{file} holds no picture in R, G, B or Y; it has {one_line(', '.join(names))}"
+        )
+    ranks = [_picture_rank(layer) for layer in coloured]
+    likely = [layer for layer, rank in zip(coloured, ranks, strict=True) if rank == min(ranks)]
+    return tuple(likely[0] + colour for colour in "RGB"), _doubt(likely)
+
+
+def _picture_rank(layer: str) -> int:
+    """How likely a layer holds the picture by its name; 0 is the likeliest."""
+    name = layer.removesuffix(".").rpartition(".")[2].lower()
+    if name in _PICTURES:
+        return _PICTURES.index(name)
+    return len(_PICTURES) + bool(_DATA.fullmatch(name))
+
+
+def _doubt(likely: Sequence[str]) -> str | None:
+    """A warning about several layers that are as likely to hold the picture; None for one."""
+    if len(likely) == 1:
+        return None
+    used, *others = (one_line(layer.removesuffix(".")) for layer in likely)
+    more = f" and {len(others) - _MAX_SHOWN} others" if len(others) > _MAX_SHOWN else ""
+    shown = ", ".join(others[:_MAX_SHOWN])
+    return f"its layer {used} is used; if the picture is in {shown}{more}, save that layer alone"
+
+
+def depth_channel(names: Sequence[str]) -> str | None:
+    """The channel that holds depth, in files of any program; None if there is none.
+
+    That is ``Z``, else Z, V, Y or R of a layer called depth (Nuke's ``depth.Z``, Blender's
+    ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R. Layers of
+    vectors are none of these.
+    """
+    depths = [name for name in names if _last(name) in _DEPTHS and not is_of_vectors(name, names)]
+    return min(depths, key=_depth_rank, default=None)
+
+
+def is_of_vectors(name: str, names: Collection[str]) -> bool:
+    """Whether a channel is of normals, positions, motion (X, Y, Z) or texture coordinates (U, V).
+
+    ``names`` are those of all channels.
+    """
+    layer = layer_of(name)
+    return layer + "X" in names or layer + "U" in names
+
+
+def layer_of(name: str) -> str:
+    """What precedes the last part of a channel's name: ``depth.`` of ``depth.Z``, or ""."""
+    return name.removesuffix(_last(name))
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+def _depth_rank(name: str) -> tuple[int, int, str]:
+    last, layer = _last(name), layer_of(name)
+    signs = (name == "Z", "depth" in layer.lower(), last != "R" and not layer, last != "R", True)
+    return signs.index(True), _DEPTHS.index(last), name

@@ -1,0 +1,46 @@
+"""What the header of a part of an OpenEXR file states."""
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.windows import Window
+from depthcli.io.depth.exr_library import stated_rate
+from depthcli.io.depth.time_code import stated_time_code
+
+_CHROMATICITIES, _PRIMARIES = 8, 6  # the last two are those of white
+
+
+class ExrPart(NamedTuple):
+    """A part, without its channels."""
+
+    data: Window  #: its data window
+    display: Window  #: its display window
+    pixel_aspect: float  #: width by height of a pixel
+    rate: Fraction | None  #: frames a second; None if it does not state them
+    time_code: tuple[int, ...] | None  #: of the frame; None if it does not state a valid one
+    #: CIE x and y of red, green and blue; None if it does not state them
+    primaries: tuple[float, ...] | None
+
+    @classmethod
+    def of(cls, header: Mapping[str, Any]) -> "ExrPart":
+        """What a header states, as OpenEXR reads it."""
+        stated: Any = header.get("chromaticities")
+        is_stated = isinstance(stated, tuple) and len(stated) == _CHROMATICITIES
+        return cls(
+            header_window(header["dataWindow"]),
+            header_window(header["displayWindow"]),
+            float(header["pixelAspectRatio"]),
+            stated_rate(header),
+            stated_time_code(header),
+            stated[:_PRIMARIES] if is_stated else None,
+        )
+
+
+def header_window(corners: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]) -> Window:
+    """A window of a header, which names the first and the last pixel."""
+    (left, top), (right, bottom) = (map(int, corner) for corner in corners)
+    return Window(left, top, right + 1, bottom + 1)

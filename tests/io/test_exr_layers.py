@@ -1,0 +1,85 @@
+"""Which layer of an EXR is its picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from depthcli.errors import InputError
+from depthcli.io.depth.exr_layers import colour_channels
+from depthcli.io.pictures.read import read_image
+from depthcli.video.frame_source import open_frames
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+BLENDER = ("ViewLayer.Emit", "ViewLayer.Combined", "ViewLayer.DiffCol")
+GRAY = np.full((4, 6), 0.5, np.float32)
+
+
+def channels_of(*layers: str) -> list[str]:
+    return [f"{layer}.{colour}".removeprefix(".") for layer in layers for colour in "ABGR"]
+
+
+@pytest.mark.parametrize(
+    ("layers", "wanted"),
+    [
+        (("beauty", ""), ""),
+        (BLENDER, "ViewLayer.Combined."),
+        (("N", "rgba_main"), "rgba_main."),
+        (("normal", "beauty"), "beauty."),
+        (("crypto_object00", "world_position", "VRayZDepth", "final"), "final."),
+        (("specular", "diffuse"), "diffuse."),
+        (("diffuse", "RGBA"), "RGBA."),
+        (("N",), "N."),
+        (("a.very.long.C", "b"), "a.very.long.C."),
+    ],
+)
+def test_the_picture_is_found_by_its_name(layers: tuple[str, ...], wanted: str) -> None:
+    expected = tuple(wanted + colour for colour in "RGB"), None
+    assert colour_channels("a.exr", channels_of(*layers)) == expected
+    assert colour_channels("a.exr", channels_of(*layers[::-1])) == expected
+
+
+@pytest.mark.parametrize(
+    ("layers", "others"),
+    [
+        (("key", "fill"), "fill"),
+        (("fg.Combined", "bg.Combined", "fg.Emit"), "bg.Combined"),
+        (("a", "b", "c1", "d", "e", "f", "g", "N"), "b, c1, d, e and 2 others"),
+        (("N", "P"), "P"),
+    ],
+)
+def test_of_several_the_first_is_used_with_a_warning(layers: tuple[str, ...], others: str) -> None:
+    channels, warning = colour_channels("a.exr", channels_of(*layers))
+    assert channels[0] == f"{layers[0]}.R"
+    assert warning == (
+        f"its layer {layers[0]} is used; if the picture is in {others}, save that layer alone"
+    )
+
+
+def test_luminance_is_a_picture_but_no_part_of_a_vector() -> None:
+    assert colour_channels("a.exr", ["BY", "RY", "Y", *channels_of("b")]) == (("Y",), None)
+    for names in (["X", "Y", "Z"], ["N.X", "N.Y", "N.Z"], ["R", "G", "b.B"]):
+        with pytest.raises(InputError, match=r"a\.exr holds no picture in R, G, B or Y; it has"):
+            colour_channels("a.exr", names)
+
+
+def test_parts_are_layers_and_the_warning_is_that_of_the_frame(tmp_path: Path) -> None:
+    header = {"type": OpenEXR.scanlineimage}
+    path = tmp_path / "a.1.exr"
+    for names, count in ((("rgba_main", "N"), 0), (("N", "rgba_main"), 0), (("key", "fill"), 1)):
+        pixels = {name: np.zeros_like(GRAY) if name == "N" else GRAY for name in names}
+        parts = [
+            OpenEXR.Part(dict(header), dict.fromkeys("RGB", gray), name)
+            for name, gray in pixels.items()
+        ]
+        OpenEXR.File(parts).write(str(path))
+        frame = read_image(path)
+        assert frame.pixels.min() > 0.5
+        assert len(frame.warnings) == count
+    with open_frames(tmp_path / "a.%d.exr") as source:
+        assert f"{path}: its layer key is used; if the picture is in fill" in source.warnings[-1]

@@ -1,0 +1,223 @@
+"""Sidecars beside depth files: whose they are, and what they add."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+
+import depthcli
+from depthcli.core.types import AnchorFit, CameraSource, DepthKind, DepthMap, Provenance
+from depthcli.io.depth.metadata import provenance_of
+from depthcli.io.depth.read import read_depth, read_metadata, read_stored_depth
+from depthcli.io.png.encode import encode_png
+from depthcli.io.writers.exr import ExrWriter
+from depthcli.io.writers.formats import FORMATS, Format, writer_class
+from depthcli.io.writers.metadata import metadata_texts
+from depthcli.io.writers.npy import NpyWriter
+from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.writers.sidecar import SidecarWriter
+
+if TYPE_CHECKING:
+    from depthcli.io.depth.stored import StoredDepth
+
+DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
+STATED = Provenance("m", "ab" * 32, focal_px=3.0, orientation=6, camera_source=CameraSource.OPTION)
+DEPTH = DepthMap(DEPTH_M, provenance=STATED)
+
+
+def write_steps(path: Path, steps: np.ndarray) -> None:
+    """A 16-bit PNG without texts."""
+    path.write_bytes(encode_png(steps.astype(np.uint16), {}))
+
+
+def write_map(path: Path, values: np.ndarray) -> None:
+    """A map in a file without metadata."""
+    match path.suffix:
+        case ".png":
+            write_steps(path, values * 1000)
+        case ".exr":
+            OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Z": values}).write(str(path))
+        case _:
+            np.save(path, values)
+
+
+def is_used(stored: StoredDepth) -> bool:
+    """Whether a sidecar adds its facts; if not, a warning names it."""
+    if stored.depth.provenance is not None and stored.depth.provenance.orientation == 6:
+        assert stored.warnings == ()
+        return True
+    (warning,) = stored.warnings
+    assert warning.endswith(
+        f"a.json describes another map than {stored.name.rpartition('/')[2]} and is ignored; "
+        "remove it, or write it again with --sidecar"
+    )
+    return False
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".png", ".exr"])
+def test_a_sidecar_of_another_size_is_ignored(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    SidecarWriter().write(DEPTH, tmp_path / "a.json")
+    for values, expected in ((DEPTH_M, True), (DEPTH_M[:, ::3], False), (DEPTH_M[::2], False)):
+        write_map(path, np.ascontiguousarray(values))
+        stored = read_stored_depth(path)
+        assert is_used(stored) is expected
+        assert ("focal_px" in read_metadata(path)) is expected
+        assert (stored.depth.provenance is not None) is expected
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        (DEPTH_M.astype(np.float16), True),
+        (DEPTH_M.astype(np.float64), True),
+        (np.where(DEPTH_M == 1, np.inf, DEPTH_M), True),
+        (DEPTH_M * 0.99, False),
+        (np.maximum(DEPTH_M, 0.6), False),
+        (np.minimum(DEPTH_M, 8), False),
+        (DEPTH_M * np.nan, False),
+    ],
+)
+def test_a_sidecar_of_another_range_is_not_that_of_an_npy(
+    values: np.ndarray, expected: bool, tmp_path: Path
+) -> None:
+    np.save(tmp_path / "a.npy", values)
+    SidecarWriter().write(DEPTH, tmp_path / "a.json")
+    assert is_used(read_stored_depth(tmp_path / "a.npy")) is expected
+
+
+def test_the_sidecar_of_a_map_without_depth_has_no_range(tmp_path: Path) -> None:
+    SidecarWriter().write(replace(DEPTH, values=DEPTH_M * 0), tmp_path / "a.json")
+    for values, expected in ((DEPTH_M * np.nan, True), (DEPTH_M, False)):
+        np.save(tmp_path / "a.npy", values)
+        assert is_used(read_stored_depth(tmp_path / "a.npy")) is expected
+
+
+def test_a_sidecar_of_another_camera_is_not_that_of_a_png(tmp_path: Path) -> None:
+    Png16Writer().write(DEPTH, tmp_path / "a.png")
+    for focal_px in (3.0, 5.0):
+        other = replace(DEPTH, provenance=replace(STATED, focal_px=focal_px))
+        SidecarWriter().write(other, tmp_path / "a.json")
+        assert is_used(read_stored_depth(tmp_path / "a.png")) == (focal_px == 3)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".png", ".exr"])
+def test_the_kind_comes_from_the_sidecar(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    SidecarWriter().write(DepthMap(DEPTH_M, DepthKind.INVERSE), tmp_path / "a.json")
+    write_map(path, DEPTH_M)
+    assert read_depth(path).kind is DepthKind.INVERSE
+    assert read_depth(path, kind=DepthKind.RELATIVE).kind is DepthKind.RELATIVE
+
+
+@pytest.mark.parametrize("kind", DepthKind)
+@pytest.mark.parametrize(
+    "options", [{}, {"png_scale": 256.0}, {"png_normalize": True}], ids=["mm", "256", "normalized"]
+)
+def test_a_png_that_is_saved_again_has_the_scale_of_its_sidecar(
+    kind: DepthKind, options: dict[str, float], tmp_path: Path
+) -> None:
+    path, depth = tmp_path / "a.png", DepthMap(DEPTH_M, kind)
+    Png16Writer(**options).write(depth, path)  # type: ignore[arg-type]
+    SidecarWriter(**options).write(depth, tmp_path / "a.json")  # type: ignore[arg-type]
+    before = read_stored_depth(path)
+    write_steps(path, cv2.imread(str(path), cv2.IMREAD_UNCHANGED))  # type: ignore[arg-type]
+    after = read_stored_depth(path)
+    assert (after.scale, after.depth.kind) == (before.scale, kind)
+    np.testing.assert_allclose(after.depth.values, before.depth.values, rtol=1e-6)
+    np.testing.assert_allclose(after.depth.values, DEPTH_M, atol=0.003)
+
+
+def test_the_scale_of_a_frame_is_that_of_its_video_s_sidecar(tmp_path: Path) -> None:
+    path = tmp_path / "a.depth.000007.png"
+    write_steps(path, DEPTH_M * 256)
+    sidecar = {"software": "depthcli 0.9.0", "frames": 9, "scale": 256.0, "times_s": {"7": 0.5}}
+    (tmp_path / "a.depth.json").write_text(json.dumps(sidecar))
+    assert read_stored_depth(path).scale == (256, "file")
+    (tmp_path / "a.depth.json").write_text(json.dumps(sidecar | {"scale": None}))
+    assert read_stored_depth(path).scale == (1000, "assumed")
+
+
+def test_a_png_s_own_scale_comes_before_that_of_its_sidecar(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    Png16Writer().write(DEPTH, path)
+    for sidecar in (SidecarWriter(png_scale=256), SidecarWriter(png_normalize=True)):
+        sidecar.write(DEPTH, tmp_path / "a.json")
+        stored = read_stored_depth(path)
+        assert stored.scale == (1000, "file")
+        assert "range" not in stored.metadata
+
+
+FIT = AnchorFit(1_234_567, 2_000_000, 0.012346)
+FITTED = replace(DEPTH, provenance=replace(STATED, input_size_px=(256, 192), anchor_fit=FIT))
+
+
+@pytest.mark.parametrize("name", [Format.PNG16, Format.EXR, Format.NPY])
+def test_a_file_with_a_sidecar_states_how_its_depth_was_fitted(
+    name: Format, tmp_path: Path
+) -> None:
+    path = tmp_path / f"a{Path(FORMATS[name].suffix).suffix}"
+    writer_class(name)().write(FITTED, path)
+    SidecarWriter().write(FITTED, tmp_path / "a.json")
+    stored = read_stored_depth(path)
+    assert (is_used(stored), stored.depth.provenance) == (True, FITTED.provenance)
+    SidecarWriter().write(stored.depth, tmp_path / "b.json")
+    assert (tmp_path / "b.json").read_bytes() == (tmp_path / "a.json").read_bytes()
+    assert depthcli.read_depth(path).anchor_fit == FIT
+
+
+@pytest.mark.parametrize("writer", [Png16Writer(), ExrWriter()])
+def test_png_and_exr_state_the_fit_themselves(
+    writer: Png16Writer | ExrWriter, tmp_path: Path
+) -> None:
+    path = tmp_path / ("a.png" if isinstance(writer, Png16Writer) else "a.exr")
+    for depth, expected in ((FITTED, "1234567,2000000,0.012346"), (DEPTH, None)):
+        writer.write(depth, path)
+        assert read_metadata(path).get("anchors") == expected
+        assert depthcli.read_depth(path).anchor_fit == (expected and FIT)
+    # The fit in the sidecar of an earlier run is not that of the map.
+    SidecarWriter().write(FITTED, tmp_path / "a.json")
+    assert not is_used(read_stored_depth(path))
+
+
+def test_a_file_of_version_0_9_has_the_fit_of_its_sidecar(tmp_path: Path) -> None:
+    texts = metadata_texts(FITTED)
+    del texts["anchors"]
+    labels = {f"depthcli:{name}": text for name, text in texts.items()} | {"depthcli:scale": "1000"}
+    (tmp_path / "a.png").write_bytes(encode_png((DEPTH_M * 1000).astype(np.uint16), labels))
+    SidecarWriter().write(FITTED, tmp_path / "a.json")
+    assert read_depth(tmp_path / "a.png").provenance == FITTED.provenance
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1", "1,2", "0,3,1", "3,2,1", "1,2,-1", "1,2,nan", "1,2,3,4", "a,b,c"]
+)
+def test_a_fit_or_size_that_makes_no_sense_is_left_out(text: str) -> None:
+    assert provenance_of({"anchors": text}) is None
+    assert provenance_of({"network_size_px": text.replace("1,2", "1,0")}) is None
+
+
+def test_python_warns_of_a_sidecar_of_another_map(tmp_path: Path) -> None:
+    NpyWriter().write(DEPTH, tmp_path / "a.npy")
+    SidecarWriter().write(DEPTH, tmp_path / "a.json")
+    assert depthcli.read_depth(tmp_path / "a.npy").focal_px == 3
+    NpyWriter().write(DepthMap(DEPTH_M * 2), tmp_path / "a.npy")
+    with pytest.warns(depthcli.DepthcliWarning, match=r"a\.json describes another map") as told:
+        assert depthcli.read_depth(tmp_path / "a.npy").focal_px is None
+    assert told[0].filename == __file__
+
+
+def test_python_warns_of_an_assumed_scale(tmp_path: Path) -> None:
+    write_steps(tmp_path / "a.png", DEPTH_M * 256)
+    assumed = r"a\.png states no scale, so millimetres are assumed; png_scale states another$"
+    with pytest.warns(depthcli.DepthcliWarning, match=assumed) as told:
+        depthcli.read_depth(tmp_path / "a.png")
+    assert told[0].filename == __file__
+    assert depthcli.read_depth(tmp_path / "a.png", png_scale=256).values.max() == 9

@@ -1,0 +1,74 @@
+"""Depth EXRs keep the frame rate and the time code of their plate."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import pytest
+from plates import CROP, DISPLAY, time_code_of, write_plate
+from tiny import write_model
+
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.exr import read_exr_header
+from depthcli.io.depth.exr_part import ExrPart
+from depthcli.io.pictures.read import read_image
+from depthcli.io.writers.formats import Format
+from depthcli.jobs.batch.options import BatchOptions, BatchRequest
+from depthcli.jobs.batch.plan import plan_files
+from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.convert import ConvertRequest, convert
+from depthcli.jobs.predict.request import PredictRequest
+from depthcli.jobs.predict.run import predict
+from depthcli.jobs.video.request import VideoRequest, VideoSettings
+from depthcli.jobs.video.run import video
+from depthcli.video.formats import VideoFormat
+from depthcli.video.spans import Point, Span
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FILM = Fraction(24)
+
+
+@pytest.fixture
+def loader(tmp_path: Path) -> SessionLoader:
+    return SessionLoader(write_model(tmp_path / "model"), "cpu")
+
+
+def stated(path: Path) -> tuple[Fraction | None, tuple[int, ...] | None]:
+    part = ExrPart.of(read_exr_header(path))
+    return part.rate, part.time_code
+
+
+def test_depth_of_a_plate(tmp_path: Path, loader: SessionLoader) -> None:
+    plate = write_plate(tmp_path / "in", 7, CROP)
+    list(predict(PredictRequest((str(plate),), f"{tmp_path}/a.exr", (Format.EXR,), model=loader)))
+    convert(ConvertRequest(f"{tmp_path}/a.exr", f"{tmp_path}/b.exr"))
+    plan = plan_files([plate.name], "mine", str(plate.parent), str(tmp_path / "c"))
+    list(Batch(BatchRequest(plan, BatchOptions((Format.EXR,)), loader)))
+    for name in ("a.exr", "b.exr", "c/plate.7.depth.exr"):
+        assert stated(tmp_path / name) == (FILM, time_code_of(7))
+
+
+def test_depth_of_a_sequence(tmp_path: Path, loader: SessionLoader) -> None:
+    for number in range(1, 5):
+        write_plate(tmp_path / "in", number, DISPLAY)
+    settings = VideoSettings(span=Span(every=Point(Fraction(2), in_frames=True)))
+    pattern, out = f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out.%d.exr"
+    video(VideoRequest(pattern, out, (VideoFormat.EXR,), model=loader, settings=settings))
+    assert stated(tmp_path / "out.1.exr") == (FILM / 2, time_code_of(1))
+    assert stated(tmp_path / "out.3.exr") == (FILM / 2, time_code_of(3))
+
+
+def test_a_time_code_that_is_none_is_left_out(tmp_path: Path) -> None:
+    plate = write_plate(tmp_path, 1, DISPLAY)
+    name = b"timeCode\0timecode\0\x08\0\0\0"
+    data = plate.read_bytes()
+    start = data.index(name) + len(name)
+    plate.write_bytes(data[:start] + b"\xff" * 4 + data[start + 4 :])  # hour 45
+    assert read_image(plate).time_code is None
+    plate.write_bytes(data.replace(b"timeCode\0", b"timecode\0"))
+    assert read_image(plate).time_code is None
+    plate.write_bytes(data)
+    assert read_image(plate).time_code == time_code_of(1)
