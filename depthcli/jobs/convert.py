@@ -11,6 +11,7 @@ from depthcli.core.overscan import displayed_frame
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.depth.stored import StoredDepth
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
@@ -75,8 +76,14 @@ def convert(request: ConvertRequest) -> ConvertResult:
         OutputError: the target cannot be written, or is an input.
         UsageError: the target's suffix is of no format, or the request does not fit the source.
     """
-    wanted = target_format(request.target, request.format)
+    refuse_pattern("", request.target)
     stored = read_map(path_of(request.source), scale=request.scale, frame=request.frame)
+    return write_converted(stored, request)
+
+
+def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResult:
+    """Write a map that was read from the source of a request; raises the errors of `convert`."""
+    wanted = target_format(request.target, request.format)
     shown = _with_camera(stored.displayed, request.camera)
     picture = None if request.picture is None else _colours(request.picture, shown)
     if wanted.facts.has_overscan:
@@ -105,7 +112,6 @@ def target_format(target: str, asked: Format | None) -> Format:
     if target == "-" or is_folder(target):
         folder = "" if target == "-" else f"{target.rstrip('/')}/"
         raise UsageError(f"{target} is not a file; name one, for example {folder}depth.exr")
-    refuse_pattern("", target)
     if asked is not None:
         check_suffix("", target, asked)
     found = asked or format_of(target)

@@ -71,7 +71,7 @@ def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthV
     """
     path = path_of(file)
     _check_scale(path, scale)
-    if _is_video(path):
+    if is_depth_video(path):
         with local_copy(path) as video:
             return _video_info(DepthVideo(video, scale=scale), safe_name(file), scale)
     stored = read_stored_depth(path, png_scale=scale)
@@ -103,7 +103,7 @@ def read_map(path: Path, *, scale: float | None = None, frame: int | None = None
         UsageError: a video without a frame number, or a frame number or scale for another file.
     """
     _check_scale(path, scale)
-    if _is_video(path):
+    if is_depth_video(path):
         if frame is None:
             raise UsageError(f"{path} is a video; say which frame with --frame, 0 for the first")
         with local_copy(path) as video:
@@ -124,7 +124,8 @@ def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
     return float(depth.values[y, x]) if depth.valid[y, x] else None
 
 
-def _is_video(path: Path) -> bool:
+def is_depth_video(path: Path) -> bool:
+    """Whether a file is a depth video, by its suffix."""
     return path.suffix.lower() == _VIDEO_SUFFIX
 
 
@@ -138,10 +139,12 @@ def _check_scale(path: Path, scale: float | None) -> None:
 
 
 def _video_frame(video: DepthVideo, name: str, scale: float | None, number: int) -> StoredDepth:
+    from depthcli.video.depth_frames import depth_frames  # noqa: PLC0415 - loads FFmpeg
+
     count = 0
-    for count, depth in enumerate(video, start=1):
+    for count, stored in enumerate(depth_frames(video, name=name, scale=scale), start=1):
         if count > number:
-            return StoredDepth(name, depth, video.labels, step_scale(video.labels, scale))
+            return stored
     raise InputError(f"{name} has no frame {number}; its last one is {count - 1}")
 
 

@@ -84,8 +84,8 @@ def refuse_pattern(option: str, name: str) -> None:
     """
     if is_pattern(path_of(name).name) and not is_folder(name):
         raise UsageError(
-            f"{option}{safe_name(name)} is a pattern for numbered files, which only "
-            "'depthcli video' writes; name one file, or a folder"
+            f"{option}{safe_name(name)} is a pattern for numbered files, which 'depthcli video' "
+            "writes; name one file, or a folder"
         )
 
 

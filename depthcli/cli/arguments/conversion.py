@@ -6,6 +6,7 @@ from depthcli.cli.arguments.unused import PICTURE_OPTIONS, given_options
 from depthcli.errors import UsageError
 from depthcli.io.storage.remote import RemotePath, path_of, safe_name
 from depthcli.io.writers.formats import Format
+from depthcli.video.number_pattern import is_pattern
 
 _FOLDER_OPTIONS = ("include", "exclude", "workers")
 _FILE_OPTIONS = ("frame", "picture")
@@ -40,8 +41,9 @@ def check_arguments(context: Any) -> None:  # noqa: ANN401 - typer's own
     if output is None and target is None:
         raise UsageError(f"name the output: depthcli convert {name} OUT")
     unused, kind = (_FILE_OPTIONS, "file") if output is not None else (_FOLDER_OPTIONS, "folder")
+    is_parallel = target is not None and is_pattern(path_of(target).name)
     for option, word in given_options(context).items():
-        if option in unused:
+        if option in unused and not (option == "workers" and is_parallel):
             raise UsageError(f"{word} is for a {kind}; remove it")
 
 

@@ -33,7 +33,11 @@ def convert(
     ],
     target: Annotated[
         str | None,
-        typer.Argument(metavar="[OUT]", help="Output file; its suffix selects the format."),
+        typer.Argument(
+            metavar="[OUT]",
+            help="Output file; its suffix selects the format. A pattern such as depth.%04d.exr "
+            "converts all frames of a depth video.",
+        ),
     ] = None,
     output: Annotated[
         str | None,
@@ -70,7 +74,8 @@ def convert(
         typer.Option(
             min=1,
             max=1024,
-            help="Files of a folder converted in parallel. Default: one per core.",
+            help="Files of a folder, or frames of a video, converted in parallel. Default: one "
+            "per core.",
         ),
     ] = None,
     from_scale: Annotated[
@@ -121,7 +126,7 @@ def convert(
     as_json: options.JsonOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
-    """Convert a depth file, or a folder of them, and report the round-trip error.
+    """Convert a depth file, depth video or folder of them, and report the round-trip error.
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error.
     """
@@ -129,7 +134,9 @@ def convert(
     from depthcli.cli.arguments.conversion import USED_OPTIONS, check_arguments, folder_format
     from depthcli.cli.arguments.unused import refuse_unused
     from depthcli.cli.arguments.writing import writer_options
+    from depthcli.core.parallel.cores import share_cores
     from depthcli.jobs import convert as job
+    from depthcli.jobs.convert_video import convert_video, is_sequence_name
 
     check_arguments(context)
     chosen = folder_format(format_) if target is None else job.target_format(target, format_)
@@ -143,21 +150,23 @@ def convert(
         console.warn(warning)
     if target is None:
         return _convert_folder(context.params, chosen, camera, writing)
-    from depthcli.cli.screen.convert import print_conversion
+    from depthcli.cli.screen.convert import print_conversion, print_frames
 
-    done = job.convert(
-        job.ConvertRequest(
-            source=source,
-            target=target,
-            format=chosen,
-            scale=from_scale,
-            frame=frame,
-            camera=camera,
-            picture=picture,
-            writing=writing,
-        )
+    request = job.ConvertRequest(
+        source=source,
+        target=target,
+        format=chosen,
+        scale=from_scale,
+        frame=frame,
+        camera=camera,
+        picture=picture,
+        writing=writing,
     )
-    print_conversion(done, as_json=as_json, quiet=quiet)
+    if is_sequence_name(target):
+        frames = convert_video(request, share_cores(workers)[0])
+        print_frames(frames, target, as_json=as_json, quiet=quiet)
+    else:
+        print_conversion(job.convert(request), as_json=as_json, quiet=quiet)
     return ExitCode.OK
 
 

@@ -26,6 +26,28 @@ def print_conversion(done: ConvertResult, *, as_json: bool, quiet: bool) -> None
             console.warn(warning)
 
 
+def print_frames(
+    results: Generator[ConvertResult, None, None], target: str, *, as_json: bool, quiet: bool
+) -> None:
+    """Print the conversions of a video's frames: a JSON object each, or a line and a warning."""
+    totals, first, warned = _Totals(), "", 0
+    with show_progress(silent=quiet or as_json) as progress, closing(results):
+        advance = progress.begin("", None, "frames")
+        for result in results:
+            totals.add(result)
+            if as_json:
+                console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
+            first = first or "; ".join(result.warnings)
+            warned += bool(result.warnings)
+            advance(1)
+    if not quiet:
+        (console.note if as_json else console.report)(
+            one_line(f"{totals.converted} frames -> {target}{totals.text()}")
+        )
+        if warned and not as_json:
+            console.warn(f"{warned} frames have warnings, the first: {first}")
+
+
 @dataclass(frozen=True, slots=True)
 class FolderScreen:
     """Prints the conversions of a folder: a JSON object each, or failures and a summary."""

@@ -1,0 +1,162 @@
+"""Depth videos converted to numbered files."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from videos import NTSC
+
+from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.errors import InputError, UsageError
+from depthcli.io.depth.read import read_depth, read_stored_depth
+from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert
+from depthcli.jobs.convert_video import convert_video
+from depthcli.video.depth import DepthVideo
+from depthcli.video.depth_frames import depth_frames
+from depthcli.video.depth_output import depth_video
+from depthcli.video.output import DepthFrame
+from depthcli.video.rates import Timing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    from command_line import Cli
+
+START = (1, 0, 0, 28, 0, *(0,) * 13)
+SIZE = (32, 48)
+
+
+def write_frames(path: Path, places: Iterable[Fraction | int], rate: Fraction = NTSC) -> Path:
+    """Frames at multiples of a frame's duration; the first has number 1001.
+
+    Row 0 has no depth, row 1 is 1 m and a millimetre more in each frame, and the others are random
+    millimetres below 3 m.
+    """
+    noise = np.random.default_rng(0)
+    places = list(places)
+    timing = Timing(rate, Fraction(1, 30_000), has_all_frames=True)
+    with depth_video(path, timing, 1000, ()) as output:
+        for count, place in enumerate(places):
+            pixels = np.zeros(SIZE, np.uint8)
+            frame = Frame(
+                pixels, index=1001, timestamp_s=float(place / rate), rate=rate, time_code=START
+            )
+            steps = noise.integers(1, 3000, SIZE)
+            steps[1] = 1000 + count
+            values_m = (steps / 1000).astype(np.float32)
+            values_m[0] = np.nan
+            source = Provenance("m", "0" * 64, focal_px=16.0)
+            depth = DepthMap(values_m, provenance=source)
+            output.append(output.encode(DepthFrame(frame, depth, (0, 1))))
+        output.finish()
+    return path
+
+
+def clock_of(path: str | Path) -> tuple[Fraction | None, tuple[int, ...]]:
+    """Rate, and time code without flags."""
+    frame = read_stored_depth(path).frame
+    return frame.rate, (frame.time_code or ())[:4]
+
+
+@pytest.mark.parametrize("workers", [0, 3])
+def test_every_frame_becomes_a_file_with_its_number(tmp_path: Path, workers: int) -> None:
+    source = write_frames(tmp_path / "d.mkv", (0, 1, 2, 5, 6))
+    request = ConvertRequest(str(source), str(tmp_path / "out" / "d.%05d.exr"))
+    done = list(convert_video(request, workers))
+    numbers = (1001, 1002, 1003, 1006, 1007)
+    assert [result.target for result in done] == [
+        str(tmp_path / "out" / f"d.{number:05d}.exr") for number in numbers
+    ]
+    for count, (result, number) in enumerate(zip(done, numbers, strict=True)):
+        assert (result.round_trip, result.warnings) == (RoundTrip(0, 0, 0), ())
+        stored = read_stored_depth(result.target)
+        metres = stored.displayed.values
+        assert np.isnan(metres[0]).all()
+        np.testing.assert_allclose(metres[1], 1 + count / 1000, atol=1e-6)
+        assert stored.depth.provenance is not None
+        assert stored.depth.provenance.focal_px == 16
+        assert stored.depth.provenance.time_s == pytest.approx((number - 1001) / NTSC, abs=6e-4)
+        assert clock_of(result.target) == (NTSC, (1, 0, *divmod(28 + number - 1001, 30)))
+
+
+def test_one_frame_has_rate_and_time_code_too(tmp_path: Path) -> None:
+    source = write_frames(tmp_path / "d.mkv", range(4))
+    convert(ConvertRequest(str(source), str(tmp_path / "a.exr"), frame=3))
+    assert clock_of(tmp_path / "a.exr") == (NTSC, (1, 0, 1, 1))
+
+
+def test_frames_of_a_variable_rate_are_numbered_consecutively(tmp_path: Path) -> None:
+    source = write_frames(tmp_path / "d.mkv", [Fraction(n, 10) for n in (0, 7, 22, 31, 38)])
+    frames = [stored.frame for stored in depth_frames(DepthVideo(source))]
+    assert [frame.index for frame in frames] == [1001, 1002, 1003, 1004, 1005]
+    # At 240 frames a second, milliseconds are a quarter of a frame.
+    source = write_frames(tmp_path / "f.mkv", (0, 1, 3, 4), Fraction(240))
+    frames = [stored.frame for stored in depth_frames(DepthVideo(source))]
+    assert [frame.index for frame in frames] == [1001, 1002, 1004, 1005]
+
+
+def test_frames_before_a_damaged_one_are_written(tmp_path: Path) -> None:
+    source = write_frames(tmp_path / "d.mkv", range(12))
+    data = bytearray(source.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 20] = bytes(20)
+    source.write_bytes(data)
+    done = []
+    with pytest.raises(InputError, match=r"d\.mkv is damaged after frame \d"):
+        done.extend(convert_video(ConvertRequest(str(source), str(tmp_path / "d.#.png")), 3))
+    written = sorted(tmp_path.glob("d.*.png"))
+    assert 3 < len(written) < 9
+    assert written[0].name == "d.1001.png"
+    assert read_depth(written[-1]).values[1, 0] == pytest.approx(1 + (len(written) - 1) / 1000)
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (
+            {"source": "d.png"},
+            "pattern for the frames of a depth video .* but d.png is not",
+        ),
+        ({"frame": 1}, "--frame is for one map"),
+        ({"picture": "a.jpg"}, "--picture is for one map"),
+        ({"target": "%03d/a.#.exr"}, "has a number in the name of a folder"),
+        ({"target": "a.#.mkv"}, "has no suffix that selects a format"),
+    ],
+)
+def test_patterns_that_do_not_fit_are_refused(
+    words: dict[str, str | int], problem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_frames(tmp_path / "d.mkv", range(2))
+    given = {"source": "d.mkv", "target": "a.#.exr"} | words
+    with pytest.raises(UsageError, match=problem):
+        list(convert_video(ConvertRequest(**given), 0))  # type: ignore[arg-type]
+    assert [path.name for path in tmp_path.iterdir()] == ["d.mkv"]
+
+
+def test_the_command_reports_all_frames(inside: Cli) -> None:
+    write_frames(inside.folder / "d.mkv", range(3))
+    done = inside("convert", "d.mkv", "p.####.preview.png", "--vmin", "1", "--vmax", "2")
+    assert (done.returncode, done.stdout, done.stderr) == (
+        0,
+        b"3 frames -> p.####.preview.png\n",
+        b"",
+    )
+    done = inside("convert", "d.mkv", "d.%d.png", "--png-scale", "100000", "--workers", "2")
+    assert (done.returncode, done.stdout) == (
+        0,
+        b"3 frames -> d.%d.png; round trip: max error 2.34 m, 0 pixels lost\n",
+    )
+    assert done.stderr.count(b"\n") == 1
+    assert b"3 frames have warnings, the first: " in done.stderr
+    assert sorted(path.name for path in inside.folder.glob("[dp].1*")) == [
+        f"{name}.{number}.{suffix}"
+        for name, suffix in (("d", "png"), ("p", "preview.png"))
+        for number in (1001, 1002, 1003)
+    ]
+    done = inside("convert", "d.mkv", "d.%d.npy", "--json", "--quiet")
+    assert done.stdout.count(b'"status": "ok", "output": "d.100') == 3
