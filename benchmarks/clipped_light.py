@@ -42,11 +42,8 @@ def main() -> None:
         depth_m = pipeline.predict(depthcli.Frame(picture)).values
         before = np.abs(depth_m[known] / true_m[known] - 1).mean()
         for stops in STOPS:
-            brighter = np.float32(2**stops) * linear.astype(np.float32)
-            clipped, share = np.empty_like(brighter), 0.0
-            for colour in range(3):
-                above = encode(brighter[..., colour], clipped[..., colour])
-                share = max(share, above / known.size)
+            clipped = linear.astype(np.float32)
+            share = encode(clipped, exposure=stops) / known.size
             found_m = pipeline.predict(depthcli.Frame(clipped)).values
             after = np.abs(found_m[known] / true_m[known] - 1).mean()
             rows.append((share, np.abs(found_m / depth_m - 1).mean(), before, after))

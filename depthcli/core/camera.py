@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 from depthcli.core.calibration import Calibration
+from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
 
 
 class Anchor(NamedTuple):
@@ -42,8 +43,7 @@ class Camera:
     #: horizontal field of view in degrees, instead of ``focal_px``; None if it is not given
     hfov_deg: float | None = None
     anchors: tuple[Anchor, ...] = ()  #: points of known depth
-    #: value of white in its 16-bit pictures; None for 65535, or what the file states
-    white_level: int | None = None
+    pictures: PictureOptions = NO_OPTIONS  #: how its pictures are read
     #: the calibration that ``hfov_deg`` is from; None if it is from none
     calibration: Calibration | None = None
     #: (cx, cy), principal point in pixels of the picture; None if it is not given

@@ -1,4 +1,4 @@
-"""Ranges of focal lengths, depths of known points, and values of white."""
+"""Ranges of focal lengths, depths of known points, values of white, and exposures."""
 
 from depthcli.core.validation import Rule
 
@@ -16,3 +16,5 @@ DEPTH_M = Rule(
 """Depths of known points in metres."""
 WHITE_LEVEL = Rule("a whole number from 1 to 65535", lambda level: 1 <= level <= 0xFFFF)  # noqa: PLR2004
 """Values of white in 16-bit pictures."""
+EXPOSURE = Rule("a number of stops from -20 to 20", lambda stops: abs(stops) <= 20)  # noqa: PLR2004
+"""Exposures of pictures of linear light."""

@@ -8,11 +8,12 @@ import numpy as np
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
 from depthcli.core.pixel_aspect import pixel_aspect_warning
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
 from depthcli.errors import OutputError
-from depthcli.io.exr_light import clip_warning, encode, primaries_warning
+from depthcli.io.exr_light import clip_warning, encode, primaries_matrix
 from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.temporary_folder import temporary_folder
 
@@ -23,22 +24,24 @@ def read_exr_picture(
     name: str | None = None,
     max_pixels: int | PictureLimit = MAX_PIXELS,
     overscan: Window | None = None,
+    options: PictureOptions = NO_OPTIONS,
 ) -> Frame:
     """The colours of an EXR, encoded for display, and what its header states.
 
     Args:
-        path: the file; its R, G and B, or its Y, or R, G and B of the layer that is its picture.
+        path: the file; its R, G and B, or its Y, or those of the layer that is its picture.
         name: what messages call it; None for its path.
         max_pixels: pictures with more are refused before they are decoded.
         overscan: the window to read, relative to the corner of the display window; None for the
             display window and all that the data window has around it.
+        options: exposure and layer.
 
     Returns:
-        (H, W, 3) RGB or (H, W) gray, float32 in [0, 1]: linear light in the sRGB curve, clipped; 0
-        where there is no data.
+        (H, W, 3) RGB or (H, W) gray, float32 in [0, 1]: linear light of Rec. 709 primaries in the
+        sRGB curve, clipped; 0 where there is no data.
 
     Raises:
-        InputError: missing, damaged, without colours, or too large.
+        InputError: missing, damaged, without colours or the layer, or too large.
     """
     # OpenEXR is slow to load.
     from depthcli.io.depth.exr_channels import read_exr_channels  # noqa: PLC0415
@@ -47,7 +50,7 @@ def read_exr_picture(
     name = name or str(path)
     limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
     channels = read_exr_channels(path, name=name, limit=limit)
-    names, doubt = colour_channels(name, list(channels))
+    names, doubt = colour_channels(name, list(channels), options.layer)
     part = channels[names[0]].part
     whole = part.display.union(part.data)
     if overscan is not None:
@@ -55,15 +58,15 @@ def read_exr_picture(
     limit.check(name, whole.width, whole.height)
     windows = Windows(whole, part.data, part.display)
     pixels = np.empty((whole.height, whole.width, len(names)), np.float32)
-    # Each is freed when it is encoded.
-    above = max(
-        encode(channels.pop(colour).over(whole), pixels[..., i]) for i, colour in enumerate(names)
-    )
+    for i, colour in enumerate(names):
+        pixels[..., i] = channels.pop(colour).over(whole)  # each is freed when it is copied
+    matrix, problem = primaries_matrix(part.chromaticities) if len(names) > 1 else (None, None)
+    above = encode(pixels, options.exposure, matrix)
     warnings = (
         doubt,
         pixel_aspect_warning(part.pixel_aspect),
         clip_warning(above / max(1, windows.valid.width * windows.valid.height)),
-        primaries_warning(part.primaries) if len(names) > 1 else None,
+        problem,
     )
     return Frame(
         pixels if len(names) > 1 else pixels[..., 0],
@@ -76,13 +79,18 @@ def read_exr_picture(
     )
 
 
-def read_exr_data(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> Frame:
+def read_exr_data(
+    data: bytes,
+    name: str,
+    max_pixels: int | PictureLimit = MAX_PIXELS,
+    options: PictureOptions = NO_OPTIONS,
+) -> Frame:
     """What :func:`read_exr_picture` returns, of the content of a file; without a path.
 
     ``name`` is what messages call it.
 
     Raises:
-        InputError: damaged, without colours, or too large.
+        InputError: damaged, without colours or the layer, or too large.
         OutputError: there is no room for a temporary copy, which OpenEXR needs.
     """
     with temporary_folder() as folder:
@@ -93,7 +101,7 @@ def read_exr_data(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_P
             raise OutputError(
                 f"cannot write a temporary file: {error.strerror}; set TMPDIR"
             ) from error
-        frame = read_exr_picture(copy, name=name, max_pixels=max_pixels)
+        frame = read_exr_picture(copy, name=name, max_pixels=max_pixels, options=options)
     return replace(frame, path=None)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
 from depthcli.errors import InputError
 from depthcli.io.storage.remote import path_of
 from depthcli.video.number_pattern import is_pattern
@@ -36,7 +37,7 @@ def open_frames(
     *,
     rate: Fraction | None = None,
     max_pixels: int | PictureLimit = MAX_PIXELS,
-    white_level: int | None = None,
+    options: PictureOptions = NO_OPTIONS,
 ) -> FrameSource:
     """Open a video or a sequence.
 
@@ -44,7 +45,7 @@ def open_frames(
         source: a file, a folder, a pattern such as ``plate.%04d.exr``, or a pipe.
         rate: frames a second of a sequence; None for what it states.
         max_pixels: frames that claim more are refused.
-        white_level: value of white in 16-bit pictures of a sequence; None for 65535.
+        options: for the pictures of a sequence.
 
     Raises:
         InputError: it cannot be read, or is depth that depthcli wrote.
@@ -54,7 +55,7 @@ def open_frames(
     if isinstance(source, Path) and is_sequence(source):
         from depthcli.video.sequence import ImageSequence  # noqa: PLC0415
 
-        return ImageSequence(source, rate=rate, max_pixels=max_pixels, white_level=white_level)
+        return ImageSequence(source, rate=rate, max_pixels=max_pixels, options=options)
     from depthcli.video.source import VideoSource  # noqa: PLC0415
 
     video = VideoSource(source, max_pixels=max_pixels)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window
 from depthcli.errors import InputError
@@ -33,7 +34,7 @@ class ImageSequence(FrameSource):
         *,
         rate: Fraction | None = None,
         max_pixels: int | PictureLimit = MAX_PIXELS,
-        white_level: int | None = None,
+        options: PictureOptions = NO_OPTIONS,
     ) -> None:
         """Find the pictures of a folder or of a pattern such as ``%04d``.
 
@@ -41,7 +42,7 @@ class ImageSequence(FrameSource):
             path: the folder or the pattern.
             rate: frames a second; None for that of the first EXR.
             max_pixels: larger pictures are refused.
-            white_level: value of white in 16-bit pictures; None for 65535.
+            options: for reading the pictures.
 
         Raises:
             InputError: there is none.
@@ -49,7 +50,7 @@ class ImageSequence(FrameSource):
         """
         self._files = find_pictures(path)
         self.paths = tuple(file.path for file in self._files)
-        self._max_pixels, self._white_level = max_pixels, white_level
+        self._max_pixels, self._options = max_pixels, options
         self._overscan: Window | None = None  # that of the first picture
         stated = rate or _stated_rate(self.paths)
         self.rate = stated or FALLBACK_RATE
@@ -116,12 +117,13 @@ class ImageSequence(FrameSource):
     def _read(self, file: NumberedPicture) -> Frame:
         if is_exr(file.path.name):
             picture = read_exr_picture(
-                file.path, max_pixels=self._max_pixels, overscan=self._overscan
+                file.path,
+                max_pixels=self._max_pixels,
+                overscan=self._overscan,
+                options=self._options,
             )
         else:
-            picture = read_image(
-                file.path, max_pixels=self._max_pixels, white_level=self._white_level
-            )
+            picture = read_image(file.path, max_pixels=self._max_pixels, **self._options._asdict())
         return replace(picture, index=file.number, timestamp_s=float(self._time_s(file)))
 
     def _warnings(self, *, is_timed: bool) -> Iterator[str]:

@@ -57,7 +57,7 @@ def test_of_several_the_first_is_used_with_a_warning(layers: tuple[str, ...], ot
     channels, warning = colour_channels("a.exr", channels_of(*layers))
     assert channels[0] == f"{layers[0]}.R"
     assert warning == (
-        f"its layer {layers[0]} is used; if the picture is in {others}, save that layer alone"
+        f"its layer {layers[0]} is used; if the picture is in {others}, give --layer"
     )
 
 
@@ -66,6 +66,30 @@ def test_luminance_is_a_picture_but_no_part_of_a_vector() -> None:
     for names in (["X", "Y", "Z"], ["N.X", "N.Y", "N.Z"], ["R", "G", "b.B"]):
         with pytest.raises(InputError, match=r"a\.exr holds no picture in R, G, B or Y; it has"):
             colour_channels("a.exr", names)
+
+
+def test_a_layer_can_be_chosen() -> None:
+    names = [*channels_of("", "fg.beauty", "bg.Beauty", "fg.N"), "fg.luma.Y", "P.X", "P.Y"]
+    for layer, wanted in (
+        ("fg.beauty", "fg.beauty."),
+        ("BG.beauty", "bg.Beauty."),
+        ("fg.beauty.", "fg.beauty."),
+        ("n", "fg.N."),
+    ):
+        expected = tuple(wanted + colour for colour in "RGB")
+        assert colour_channels("a.exr", names, layer) == (expected, None)
+    assert colour_channels("a.exr", names, "luma") == (("fg.luma.Y",), None)
+    has = "with R, G and B, or Y; it has"
+    for layer, problem in (
+        ("beauty", f"has several layers 'beauty' {has} fg.beauty, bg.Beauty"),
+        ("depth", f"has no layer 'depth' {has} fg.luma, fg.beauty, bg.Beauty, fg.N"),
+        ("P", f"has no layer 'P' {has} fg.luma"),
+        ("", f"has no layer '' {has}"),
+    ):
+        with pytest.raises(InputError, match=problem):
+            colour_channels("a.exr", names, layer)
+    with pytest.raises(InputError, match="it has none"):
+        colour_channels("a.exr", ["R", "G", "B"], "beauty")
 
 
 def test_parts_are_layers_and_the_warning_is_that_of_the_frame(tmp_path: Path) -> None:
@@ -81,6 +105,7 @@ def test_parts_are_layers_and_the_warning_is_that_of_the_frame(tmp_path: Path) -
         frame = read_image(path)
         assert frame.pixels.min() > 0.5
         assert len(frame.warnings) == count
+    assert read_image(path, layer="fill").warnings == ()
     with open_frames(tmp_path / "a.%d.exr") as source:
         next(source.frames())
         assert f"{path}: its layer key is used; if the picture is in fill" in source.warnings[-1]

@@ -11,6 +11,7 @@ from tiny import synthetic_picture, write_picture
 
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
+from depthcli.core.picture_options import PictureOptions
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK
@@ -47,7 +48,7 @@ def test_what_is_right_is_left_alone(tmp_path: Path) -> None:
         BatchOptions(detail=Detail(max_memory_bytes=1_000_000_000)),
         BatchOptions(camera=Camera(focal_px=300.0)),
         BatchOptions(camera=Camera(hfov_deg=80.0)),
-        BatchOptions(camera=Camera(white_level=4095)),
+        BatchOptions(camera=Camera(pictures=PictureOptions(white_level=4095))),
         BatchOptions(camera=Camera(anchors=(Anchor(3, 4, 2.5),))),
         BatchOptions((Format.PREVIEW,), WriterOptions(legend=True)),
     ],

@@ -7,6 +7,7 @@ from typing import Any
 
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.camera_ranges import DEPTH_M
+from depthcli.core.picture_options import PictureOptions
 from depthcli.errors import InputError, UsageError
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import path_of, safe_name
@@ -53,7 +54,9 @@ def parse_camera(given: Mapping[str, Any]) -> Camera:
         focal_px=given.get("focal_px"),
         hfov_deg=given.get("hfov"),
         anchors=tuple(map(_anchor, given.get("anchor") or ())),
-        white_level=given.get("white_level"),
+        pictures=PictureOptions(
+            given.get("white_level"), given.get("exposure") or 0.0, given.get("layer")
+        ),
         centre_px=None if centre is None else _centre(centre),
     )
 

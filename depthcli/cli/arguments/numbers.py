@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import typer
 
-from depthcli.core.camera_ranges import FOCAL_PX, HFOV_DEG
+from depthcli.core.camera_ranges import EXPOSURE, FOCAL_PX, HFOV_DEG
 from depthcli.core.text import short_repr
 from depthcli.core.validation import Rule
 from depthcli.errors import UsageError
@@ -32,6 +32,7 @@ not_negative = _must_be(Rule("0 or greater", lambda x: 0 <= x < math.inf))
 png_scale_range = _must_be(Rule("from 0.001 to 1000000", lambda x: 1e-3 <= x <= 1e6))  # noqa: PLR2004
 focal_length = _must_be(FOCAL_PX)
 field_of_view = _must_be(HFOV_DEG)
+stops = _must_be(EXPOSURE)
 
 
 def parse_size(word: str) -> tuple[int, int]:

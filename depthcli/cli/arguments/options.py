@@ -6,7 +6,13 @@ from typing import Annotated
 import typer
 
 from depthcli.cli.arguments import completion
-from depthcli.cli.arguments.numbers import field_of_view, finite, focal_length, png_scale_range
+from depthcli.cli.arguments.numbers import (
+    field_of_view,
+    finite,
+    focal_length,
+    png_scale_range,
+    stops,
+)
 from depthcli.core.choices import Upsampling, Weights
 from depthcli.io.writers.formats import Format
 
@@ -205,6 +211,21 @@ WhiteLevelOption = Annotated[
         max=65535,
         help="Value of white in 16-bit pictures of a camera with fewer bits: 1023 (10 bits), 4095 "
         "(12), 16383 (14). Default: 65535.",
+    ),
+]
+ExposureOption = Annotated[
+    float,
+    typer.Option(
+        callback=stops,
+        metavar="STOPS",
+        help="Exposure of EXR pictures in stops: 1 doubles their linear light, -1 halves it.",
+    ),
+]
+LayerOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Layer or part of EXR pictures to read, such as 'beauty'. Default: that without a "
+        "name, else the likeliest by its name."
     ),
 ]
 UpsampleOption = Annotated[

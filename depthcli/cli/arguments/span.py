@@ -60,7 +60,7 @@ def refuse_for_videos(context: Any, file: str) -> None:  # noqa: ANN401 - typer'
         UsageError: one is given, and the input is no image sequence.
     """
     words = given_options(context)
-    given = [words[name] for name in ("fps", "white_level") if name in words]
+    given = [words[name] for name in ("fps", "white_level", "exposure", "layer") if name in words]
     if given and not is_sequence(file):
         name = safe_name(file)
         advice = single_picture_advice(name) or f"{name} is a video; leave it out"

@@ -181,6 +181,8 @@ def batch(
     anchors: options.AnchorsOption = None,
     anchors_scale: options.AnchorsScaleOption = None,
     white_level: options.WhiteLevelOption = None,
+    exposure: options.ExposureOption = 0.0,
+    layer: options.LayerOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
     max_memory: options.MaxMemoryOption = None,

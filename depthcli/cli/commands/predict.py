@@ -59,6 +59,8 @@ def predict(
     anchors: options.AnchorsOption = None,
     anchors_scale: options.AnchorsScaleOption = None,
     white_level: options.WhiteLevelOption = None,
+    exposure: options.ExposureOption = 0.0,
+    layer: options.LayerOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
     max_memory: options.MaxMemoryOption = None,
@@ -75,9 +77,9 @@ def predict(
     from depthcli.cli.arguments.anchors import choose_anchors
     from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
     from depthcli.cli.arguments.detail import choose_detail
+    from depthcli.cli.arguments.picture_options import refuse_for_pictures
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
-    from depthcli.cli.arguments.white_level import refuse_for_exr
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.io.storage.remote import safe_name
     from depthcli.jobs.predict import run as job
@@ -97,7 +99,7 @@ def predict(
     use_bytes = [which.facts.use_bytes for which in chosen]
     detail = choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side)
     pictures, own = split_own_outputs(images)
-    refuse_for_exr(context, pictures)
+    refuse_for_pictures(context, pictures)
     results = job.predict(
         PredictRequest(
             pictures=tuple(pictures),

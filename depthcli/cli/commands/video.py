@@ -142,6 +142,8 @@ def video(
     calibration: options.CalibrationOption = None,
     rectified: options.RectifiedOption = False,
     white_level: options.WhiteLevelOption = None,
+    exposure: options.ExposureOption = 0.0,
+    layer: options.LayerOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
     max_memory: options.MaxMemoryOption = None,
@@ -160,10 +162,10 @@ def video(
     from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
     from depthcli.cli.arguments.codec import choose_codec
     from depthcli.cli.arguments.detail import choose_detail
+    from depthcli.cli.arguments.picture_options import refuse_for_frames
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.span import parse_fps, parse_span, refuse_for_videos
     from depthcli.cli.arguments.unused import refuse_unused
-    from depthcli.cli.arguments.white_level import refuse_for_exr_frames
     from depthcli.cli.arguments.writing import writer_options
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.remote import safe_name
@@ -184,7 +186,7 @@ def video(
     written = [*chosen, VideoFormat.JSON] if sidecar else chosen
     refuse_unused(context, written, {which: which.facts.options for which in VideoFormat})
     refuse_for_videos(context, file)
-    refuse_for_exr_frames(context, file)
+    refuse_for_frames(context, file)
     use_bytes = [which.facts.use_bytes for which in chosen]
     request = VideoRequest(
         video=file,

@@ -17,16 +17,20 @@ _DATA = re.compile(r"n|p|z|uv|.*(normal|position|depth|motion|velocity|crypto).*
 _MAX_SHOWN = 4
 
 
-def colour_channels(file: str, names: Sequence[str]) -> tuple[tuple[str, ...], str | None]:
+def colour_channels(
+    file: str, names: Sequence[str], layer: str | None = None
+) -> tuple[tuple[str, ...], str | None]:
     """The channels of the picture, and a warning if it may be another one.
 
-    That is R, G and B, or Y, without a layer; else R, G and B of the layer or part whose name says
-    that it is the picture, else of one whose name does not say that it is data; of several, the
-    first.
+    Without ``layer``, that is R, G and B, or Y, without a layer; else R, G and B of the layer or
+    part whose name says that it is the picture, else of one whose name does not say that it is
+    data; of several, the first.
 
     Args:
         file: what messages call it.
         names: all channels of the file, in its order.
+        layer: name of the layer or part; the last part of it if no other has the same, in upper or
+            lower case.
 
     Returns:
         The names of R, G and B, or of Y; and one line, or None.
@@ -34,8 +38,10 @@ def colour_channels(file: str, names: Sequence[str]) -> tuple[tuple[str, ...], s
     Raises:
         InputError: there is no such layer.
     """
-    layers = [name.removesuffix("R") for name in names if _last(name) == "R"]
-    coloured = [layer for layer in layers if {layer + "G", layer + "B"} <= set(names)]
+    prefixes = [name.removesuffix("R") for name in names if _last(name) == "R"]
+    coloured = [prefix for prefix in prefixes if {prefix + "G", prefix + "B"} <= set(names)]
+    if layer is not None:
+        return _channels_of(file, names, coloured, layer), None
     if "Y" in names and "" not in coloured and not is_of_vectors("Y", names):
         return ("Y",), None
     if not coloured:
@@ -45,6 +51,25 @@ def colour_channels(file: str, names: Sequence[str]) -> tuple[tuple[str, ...], s
     ranks = [_picture_rank(layer) for layer in coloured]
     likely = [layer for layer, rank in zip(coloured, ranks, strict=True) if rank == min(ranks)]
     return tuple(likely[0] + colour for colour in "RGB"), _doubt(likely)
+
+
+def _channels_of(
+    file: str, names: Sequence[str], coloured: Sequence[str], layer: str
+) -> tuple[str, ...]:
+    """R, G and B, or Y, of a layer by its name."""
+    gray = [
+        layer_of(name) for name in names if _last(name) == "Y" and not is_of_vectors(name, names)
+    ]
+    wanted = layer.removesuffix(".").lower()
+    found = {prefix.removesuffix("."): prefix for prefix in (*gray, *coloured) if prefix}
+    same = [name for name in found if name.lower() == wanted]
+    chosen = same or [name for name in found if _last(name).lower() == wanted]
+    if len(chosen) != 1:
+        which = "has several layers" if chosen else "has no layer"
+        shown = one_line(", ".join(chosen or found)) or "none"
+        raise InputError(f"{file} {which} {layer!r} with R, G and B, or Y; it has {shown}")
+    prefix = found[chosen[0]]
+    return tuple(prefix + colour for colour in ("RGB" if prefix in coloured else "Y"))
 
 
 def _picture_rank(layer: str) -> int:
@@ -62,7 +87,7 @@ def _doubt(likely: Sequence[str]) -> str | None:
     used, *others = (one_line(layer.removesuffix(".")) for layer in likely)
     more = f" and {len(others) - _MAX_SHOWN} others" if len(others) > _MAX_SHOWN else ""
     shown = ", ".join(others[:_MAX_SHOWN])
-    return f"its layer {used} is used; if the picture is in {shown}{more}, save that layer alone"
+    return f"its layer {used} is used; if the picture is in {shown}{more}, give --layer"
 
 
 def depth_channel(names: Sequence[str]) -> str | None:

@@ -11,7 +11,7 @@ from depthcli.core.windows import Window
 from depthcli.io.depth.exr_library import stated_rate
 from depthcli.io.depth.time_code import stated_time_code
 
-_CHROMATICITIES, _PRIMARIES = 8, 6  # the last two are those of white
+_CHROMATICITIES = 8
 
 
 class ExrPart(NamedTuple):
@@ -22,8 +22,8 @@ class ExrPart(NamedTuple):
     pixel_aspect: float  #: width by height of a pixel
     rate: Fraction | None  #: frames a second; None if it does not state them
     time_code: tuple[int, ...] | None  #: of the frame; None if it does not state a valid one
-    #: CIE x and y of red, green and blue; None if it does not state them
-    primaries: tuple[float, ...] | None
+    #: CIE x and y of red, green, blue and white; None if it does not state them
+    chromaticities: tuple[float, ...] | None
 
     @classmethod
     def of(cls, header: Mapping[str, Any]) -> "ExrPart":
@@ -36,7 +36,7 @@ class ExrPart(NamedTuple):
             float(header["pixelAspectRatio"]),
             stated_rate(header),
             stated_time_code(header),
-            stated[:_PRIMARIES] if is_stated else None,
+            stated if is_stated else None,
         )
 
 

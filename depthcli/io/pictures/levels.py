@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
-from depthcli.core.camera_ranges import WHITE_LEVEL
+from depthcli.core.camera_ranges import EXPOSURE, WHITE_LEVEL
 from depthcli.errors import UsageError
 from depthcli.io.pictures.size import NETPBM
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_bits
@@ -62,6 +62,16 @@ def check_white_level(white_level: int | None) -> None:
     is_number = isinstance(white_level, int | np.integer)
     if white_level is not None and not (is_number and WHITE_LEVEL.holds(white_level)):
         raise UsageError(f"a white level of {white_level!r} is not {WHITE_LEVEL.what}")
+
+
+def check_exposure(stops: float) -> None:
+    """Check an exposure.
+
+    Raises:
+        UsageError: it is not a number from -20 to 20.
+    """
+    if not EXPOSURE.holds(stops):
+        raise UsageError(f"an exposure of {stops!r} is not {EXPOSURE.what}")
 
 
 def scaled(pixels: npt.NDArray[Any], white: int) -> npt.NDArray[Any]:

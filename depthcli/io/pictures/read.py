@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.picture_options import PictureOptions
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.heif_pictures import read_heif_picture
@@ -17,7 +18,7 @@ from depthcli.io.pictures.count import count_warnings
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
 from depthcli.io.pictures.heif import is_heif
-from depthcli.io.pictures.levels import check_white_level, full_range
+from depthcli.io.pictures.levels import check_exposure, check_white_level, full_range
 from depthcli.io.pictures.tiff import TIFF_STARTS
 from depthcli.io.storage.remote import RemotePath, path_of
 
@@ -32,6 +33,8 @@ def read_image(
     max_pixels: int | PictureLimit = MAX_PIXELS,
     name: str = "standard input",
     white_level: int | None = None,
+    exposure: float = 0.0,
+    layer: str | None = None,
 ) -> Frame:
     """Decode a picture at its own bit depth and undo its EXIF rotation.
 
@@ -46,17 +49,22 @@ def read_image(
         name: what messages call data without a path.
         white_level: value of white in a 16-bit picture, such as 4095 for data of 12 bits; it is
             scaled so that this is 65535. None for 65535, or what an AVIF, HEIC or Netpbm states.
+        exposure: stops by which linear light of an EXR is brightened before it is clipped to white.
+        layer: of an EXR, that is its picture, such as ``beauty``; None for that without a name,
+            else the likeliest by its name.
 
     Returns:
         Gray (H, W) or RGB (H, W, 3); uint8, uint16 or float32.
 
     Raises:
         InputError: missing, empty, truncated, damaged, not a picture, too large, float with
-            another range than [0, 1], or an EXR that depthcli wrote.
+            another range than [0, 1], or an EXR that depthcli wrote or without this layer.
         OutputError: there is no room for the temporary copy that the data of an EXR needs.
-        UsageError: the white level is not a whole number from 1 to 65535.
+        UsageError: the white level is not a whole number from 1 to 65535, or the exposure is not
+            from -20 to 20.
     """
     check_white_level(white_level)
+    check_exposure(exposure)
     path = None if path is None else path_of(path)
     name = name if path is None else str(path)
     file = path if data is None else None
@@ -65,7 +73,8 @@ def read_image(
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
     if data.startswith(EXR_MAGIC):
-        return replace(_exr_picture(file, data, name, max_pixels), path=path)
+        options = PictureOptions(exposure=exposure, layer=layer)
+        return replace(_exr_picture(file, data, name, max_pixels, options), path=path)
     if is_heif(data):
         return replace(read_heif_picture(data, name, max_pixels), path=path)
     pixels, warnings = full_range(decode(data, name, max_pixels=max_pixels), data, white_level)
@@ -83,7 +92,11 @@ def read_image(
 
 
 def _exr_picture(
-    file: Path | None, data: bytes, name: str, max_pixels: int | PictureLimit
+    file: Path | None,
+    data: bytes,
+    name: str,
+    max_pixels: int | PictureLimit,
+    options: PictureOptions,
 ) -> Frame:
     """The picture in an EXR; of its data if there is no file, or none on this machine."""
     # Other pictures need not wait for it.
@@ -95,8 +108,8 @@ def _exr_picture(
             "files"
         )
     if file is None or isinstance(file, RemotePath):
-        return read_exr_data(data, name, max_pixels)
-    return read_exr_picture(file, max_pixels=max_pixels)
+        return read_exr_data(data, name, max_pixels, options)
+    return read_exr_picture(file, max_pixels=max_pixels, options=options)
 
 
 def _as_frame_dtype(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:

@@ -83,7 +83,7 @@ class PictureWorker:
                 path_of(task.input.path),
                 data,
                 max_pixels=self.options.limit,
-                white_level=self.options.camera.white_level,
+                **self.options.camera.pictures._asdict(),
             )
             camera = self.options.camera.with_lens(task.lens)
             centre_px = camera.centre_for(*frame.display_size_px)

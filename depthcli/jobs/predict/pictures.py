@@ -101,8 +101,8 @@ def _read_picture(request: PredictRequest, plan: PicturePlan) -> Frame:
     try:
         data = request.stdin.read() if plan.source is None and request.stdin else None
         limit = PictureLimit(request.max_pixels, request.detail)
-        white_level = request.camera.white_level
-        return read_image(plan.source, data, max_pixels=limit, white_level=white_level)
+        options = request.camera.pictures
+        return read_image(plan.source, data, max_pixels=limit, **options._asdict())
     except OSError as error:
         reason = "it is closed" if error.errno == errno.EBADF else error.strerror
         raise InputError(f"cannot read standard input: {reason}") from error

@@ -55,7 +55,7 @@ def write_video(
             plan.source,
             rate=settings.fps,
             max_pixels=limit,
-            white_level=settings.camera.white_level,
+            options=settings.camera.pictures,
         ) as source,
         ExitStack() as stack,
     ):
