@@ -88,7 +88,7 @@ def test_a_layer_can_be_chosen() -> None:
     ):
         with pytest.raises(InputError, match=problem):
             colour_channels("a.exr", names, layer)
-    with pytest.raises(InputError, match="it has none"):
+    with pytest.raises(InputError, match="it has no layer with a name"):
         colour_channels("a.exr", ["R", "G", "B"], "beauty")
 
 

@@ -66,7 +66,7 @@ def _channels_of(
     chosen = same or [name for name in found if _last(name).lower() == wanted]
     if len(chosen) != 1:
         which = "has several layers" if chosen else "has no layer"
-        shown = one_line(", ".join(chosen or found)) or "none"
+        shown = one_line(", ".join(chosen or found)) or "no layer with a name"
         raise InputError(f"{file} {which} {layer!r} with R, G and B, or Y; it has {shown}")
     prefix = found[chosen[0]]
     return tuple(prefix + colour for colour in ("RGB" if prefix in coloured else "Y"))
