@@ -65,8 +65,10 @@ class Frame:
         pixel_aspect: width by height of a pixel; 1 is square.
         windows: which part of the image plane the pixels cover, of an EXR; None if they are all of
             the frame.
-        time_code: SMPTE time code of an EXR or a video's frame: hours, minutes, seconds, frame,
-            six flags (the first: drop frame) and eight binary groups; None if it has none.
+        time_code: SMPTE time code of an EXR or a video's frame: hours, minutes, seconds, frame (0
+            to 29; above 30 frames a second, of a pair of frames), six flags (drop frame, colour
+            frame, second of the pair, three of binary groups) and eight binary groups; None if it
+            has none.
     """
 
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]

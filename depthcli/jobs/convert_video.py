@@ -8,6 +8,7 @@ from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.stored import StoredDepth
+from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, target_format, write_converted
@@ -54,7 +55,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
 
     Raises:
         InputError: the video is damaged; the frames before are written.
-        OutputError: a file cannot be written.
+        OutputError: a file cannot be written, or is a picture that depthcli did not write.
         UsageError: as for :func:`check_sequence`, or the target's suffix is of no format.
     """
     check_sequence(request)
@@ -62,6 +63,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
 
     def convert_frame(stored: StoredDepth) -> ConvertResult:
         target = numbered_name(request.target, stored.frame.index)
+        check_replaceable(path_of(target))
         return write_converted(stored, replace(request, target=target))
 
     from depthcli.video.depth_frames import depth_frames  # noqa: PLC0415 - loads FFmpeg

@@ -105,7 +105,10 @@ def read_map(path: Path, *, scale: float | None = None, frame: int | None = None
     _check_scale(path, scale)
     if is_depth_video(path):
         if frame is None:
-            raise UsageError(f"{path} is a video; say which frame with --frame, 0 for the first")
+            raise UsageError(
+                f"{path} is a video; name one frame with --frame, 0 for the first ('convert' "
+                "writes all to a pattern such as depth.%04d.exr)"
+            )
         with local_copy(path) as video:
             return _video_frame(DepthVideo(video, scale=scale), str(path), scale, frame)
     if frame is not None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +14,7 @@ from depthcli.io.depth.metadata import number, positive_number, provenance_of
 from depthcli.io.depth.quantization import UINT16_MAX, dequantized
 from depthcli.io.depth.stored import step_scale
 from depthcli.video.codecs import DEPTH_PIXELS
-from depthcli.video.rates import exact_rate
+from depthcli.video.rates import exact_rate, parse_rate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -68,7 +66,7 @@ class DepthVideo:
             if name.startswith(LABEL_PREFIX)
         }
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
-        self.rate = _fraction(self.labels.get("frame_rate")) or exact_rate(fps or 0)
+        self.rate = parse_rate(self.labels.get("frame_rate")) or exact_rate(fps or 0)
         kind = self.labels.get("kind")
         self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
         stated = step_scale(self.labels, scale)
@@ -128,8 +126,3 @@ class DepthVideo:
     def _check(self, decoder: FrameDecoder, count: int, before: int | None = None) -> None:
         if decoder.pop_failed(before):
             raise InputError(f"{self.path} is damaged after frame {count - 1}; write it again")
-
-
-def _fraction(text: str | None) -> Fraction | None:
-    found = re.fullmatch(r"([1-9]\d{0,14})/([1-9]\d{0,14})", text or "", re.ASCII)
-    return Fraction(int(found[1]), int(found[2])) if found else None

@@ -1,22 +1,16 @@
-"""The frames of a depth video with their numbers, times and time codes."""
+"""The frames of a depth video with their numbers, times, time codes and geometry."""
 
 from collections.abc import Iterator
-from contextlib import suppress
-from fractions import Fraction
-from pathlib import Path
+from dataclasses import replace
 
-import av
 import numpy as np
 
 from depthcli.core.types import Frame
-from depthcli.io.depth.metadata import number
 from depthcli.io.depth.stored import StoredDepth, step_scale
 from depthcli.video.container import open_video
 from depthcli.video.depth import DepthVideo
-from depthcli.video.time_code import TimeCode, header_time_code, time_code_after
-
-_TOLERANCE_S = Fraction(6, 10_000)  # Matroska rounds times to milliseconds
-_MAX_TOLERANCE = Fraction(3, 10)  # of the time between two frames
+from depthcli.video.frame_labels import FrameLabels
+from depthcli.video.time_code import header_time_code
 
 
 def depth_frames(
@@ -24,8 +18,7 @@ def depth_frames(
 ) -> Iterator[StoredDepth]:
     """The maps of a depth video; the ``Frame`` of each has its number, time, rate and time code.
 
-    Numbers begin with that of the first frame. If the frame rate is constant, a frame that is
-    missing in the source is missing in the numbers, too; else they are consecutive.
+    Numbers are those of ``depthcli video``, if it wrote the file; else they count from 0.
 
     Args:
         video: read from its beginning.
@@ -35,33 +28,29 @@ def depth_frames(
     Raises:
         InputError: a frame is damaged or missing; those before it have been yielded.
     """
-    rate, first = video.rate, int(number(video.labels.get("first_frame")) or 0)
-    start, is_regular = _timing(video.path, rate)
+    labels, stated = _labels(video), step_scale(video.labels, scale)
     first_s: float | None = None
     for count, depth in enumerate(video):
         time_s = (depth.provenance and depth.provenance.time_s) or 0.0
         first_s = time_s if first_s is None else first_s
-        offset = round((time_s - first_s) * rate) if rate and is_regular else count
         frame = Frame(
             np.zeros((1, 1), np.uint8),
-            index=first + offset,
+            index=labels.number(count, time_s - first_s),
             timestamp_s=time_s,
-            rate=rate,
-            time_code=time_code_after(start, offset, rate) if start and rate else None,
+            rate=video.rate,
+            pixel_aspect=labels.pixel_aspect,
+            windows=labels.windows(depth.width, depth.height),
+            time_code=labels.time_code_at(time_s - first_s),
         )
-        stated = step_scale(video.labels, scale)
         yield StoredDepth(name or str(video.path), depth, video.labels, stated, frame)
 
 
-def _timing(path: Path, rate: Fraction | None) -> tuple[TimeCode | None, bool]:
-    """Time code of the first frame, and whether all times are multiples of a frame's duration."""
-    container, stream = open_video(path)
-    ticks: list[int] = []
-    with container, suppress(av.FFmpegError):  # decoding reports what is damaged
-        start = header_time_code(container, stream)
-        ticks.extend(packet.pts for packet in container.demux(stream) if packet.pts is not None)
-    if rate is None or stream.time_base is None:
-        return start, False
-    tolerance = min(_TOLERANCE_S * rate, _MAX_TOLERANCE)
-    places = [(tick - ticks[0]) * stream.time_base * rate for tick in ticks]
-    return start, all(abs(place - round(place)) <= tolerance for place in places)
+def _labels(video: DepthVideo) -> FrameLabels:
+    """Those of the file; of another program's, its rate and the time code of its header."""
+    labels = FrameLabels.parse(video.labels)
+    if labels.source_rate is not None or video.rate is None:
+        return labels
+    container, stream = open_video(video.path)
+    with container:
+        time_code = header_time_code(container, stream, video.rate)
+    return replace(labels, source_rate=video.rate, time_code=time_code)

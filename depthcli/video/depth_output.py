@@ -14,6 +14,7 @@ from depthcli.video.av_frame import av_frame
 from depthcli.video.codecs import Codec
 from depthcli.video.depth import LABEL_PREFIX
 from depthcli.video.file import VideoFile, video_file
+from depthcli.video.frame_labels import FrameLabels
 from depthcli.video.output import DepthFrame, VideoOutput
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing, rate_text
@@ -84,7 +85,7 @@ class DepthVideoOutput:
     def _labels(self, frame: DepthFrame) -> dict[str, str]:
         labels = metadata_texts(frame.depth) | {
             "frame_rate": rate_text(self._timing.rate),
-            "first_frame": str(frame.picture.index),
+            **FrameLabels.of_first(frame.picture, self._timing).texts(),
             "start_s": f"{frame.time_s:.12g}",
         }
         labels.pop("time_s", None)  # each frame has its own

@@ -22,6 +22,8 @@ class FrameSource(ABC):
     problem: str | None = None
     #: time of the first frame in the file, which its audio refers to; None without audio
     start_s: Fraction | None = None
+    #: whether frames that are missing in the source are missing in the numbers
+    numbers_follow_times = False
 
     @property
     def numbers_stated(self) -> tuple[int, int] | None:

@@ -1,6 +1,7 @@
 """Frame rates as exact fractions, and time bases that represent them."""
 
 import math
+import re
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -44,13 +45,26 @@ def _is_rounded(fps: float, rate: Fraction) -> bool:
     return rate.denominator > 1 and any(fps == round(float(rate), n) for n in _DECIMALS)
 
 
+def parse_rate(text: str | None) -> Fraction | None:
+    """The rate that :func:`rate_text` writes; None for any other text."""
+    found = re.fullmatch(r"([1-9]\d{0,14})/([1-9]\d{0,14})", text or "", re.ASCII)
+    return Fraction(int(found[1]), int(found[2])) if found else None
+
+
 @dataclass(frozen=True, slots=True)
 class Timing:
     """When the frames of a video are shown."""
 
     rate: Fraction  #: frames a second; the mean where frames are not evenly spaced
     tick_s: Fraction = Fraction(1, 1000)  #: seconds that all times of the source are multiples of
-    has_all_frames: bool = False  #: whether the frames are consecutive ones of the source
+    source_rate: Fraction | None = None  #: frames a second of the source; None if not known
+    #: difference of the frames' numbers in the source; None if the numbers follow the times
+    step: int | None = 1
+
+    @property
+    def has_all_frames(self) -> bool:
+        """Whether the frames are consecutive ones of the source."""
+        return self.rate == self.source_rate
 
     @property
     def is_representable(self) -> bool:

@@ -28,6 +28,8 @@ _CUT = "pictures with more overscan than the first one, which is cut off"
 class ImageSequence(FrameSource):
     """Numbered pictures, read one after the other."""
 
+    numbers_follow_times = True
+
     def __init__(
         self,
         path: Path,

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from depthcli.errors import OutputError
+from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.base import Writer
 from depthcli.video.output import DepthFrame
@@ -49,6 +50,7 @@ class SequenceOutput:
         path = self._folder / self._name(frame.picture.index)
         if os.path.realpath(path) in self._inputs:
             raise OutputError(f"{path} is an input and is not overwritten; choose another --out")
+        check_replaceable(path)
         with atomic_path(path) as temporary:
             return self._writer.write(frame.depth, temporary, frame.picture)
 

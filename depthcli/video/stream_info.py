@@ -40,5 +40,5 @@ def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
         time_base=time_base,
         tick_s=Fraction(1, rate.numerator) if is_even else time_base,
         frames=stream.frames or round(length_s * rate) or None,
-        time_code=header_time_code(container, stream),
+        time_code=header_time_code(container, stream, rate),
     )

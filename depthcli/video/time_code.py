@@ -1,4 +1,8 @@
-"""SMPTE time codes (ST 12-1) of videos: in their headers, and counted by frames."""
+"""SMPTE time codes (ST 12-1) of videos: in their headers, and counted by frames.
+
+Above 30 frames a second, ST 12-1 and EXR number pairs of frames, whose second one has a flag; the
+headers of videos number all frames.
+"""
 
 from __future__ import annotations
 
@@ -14,24 +18,36 @@ if TYPE_CHECKING:
     from depthcli.video.rates import Timing
 
 TimeCode = tuple[int, ...]
-"""Hours, minutes, seconds, frame, drop-frame flag and further numbers, as a ``Frame`` has it."""
+"""Hours, minutes, seconds, frame or pair, and flags, as a ``Frame`` has it."""
 _TEXT = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.])(\d\d)", re.ASCII)
 _KEY = "timecode"
+_FRAME, _SECOND_OF_PAIR = 3, 6  # places of the numbers
 _FURTHER = (0,) * 13  # flags and binary groups, which containers do not state
 _DAY_MINUTES = 24 * 60
 _MOST_FPS = 60
+_MOST_FPS_UNPAIRED = 30
 _TOLERANCE = 0.002  # 30000/1001 frames a second are counted as 30
 
 
-def header_time_code(container: InputContainer, stream: VideoStream) -> TimeCode | None:
-    """The time code of a video's first frame, as its file states it; None if it does not."""
+def header_time_code(
+    container: InputContainer, stream: VideoStream, rate: Fraction
+) -> TimeCode | None:
+    """The time code of a video's first frame, as its file states it; None if it does not.
+
+    ``rate`` is frames a second.
+    """
     tables = (stream.metadata, container.metadata, *(other.metadata for other in container.streams))
     texts = (text for table in tables for key, text in table.items() if key.lower() == _KEY)
-    match = next(filter(None, map(_TEXT.fullmatch, texts)), None)
+    return next(filter(None, (parse_time_code(text, rate) for text in texts)), None)
+
+
+def parse_time_code(text: str, rate: Fraction) -> TimeCode | None:
+    """The time code that :func:`time_code_text` writes; None for any other text."""
+    match = _TEXT.fullmatch(text)
     if match is None:
         return None
     hours, minutes, seconds, frame = (int(match[i]) for i in (1, 2, 3, 5))
-    return hours, minutes, seconds, frame, int(match[4] != ":"), *_FURTHER
+    return _with_frame((hours, minutes, seconds, 0, int(match[4] != ":"), *_FURTHER), frame, rate)
 
 
 def time_code_after(start: TimeCode, frames: int, rate: Fraction) -> TimeCode | None:
@@ -47,8 +63,8 @@ def time_code_after(start: TimeCode, frames: int, rate: Fraction) -> TimeCode | 
     Returns:
         The time code; None if frames of this rate are not counted so.
     """
-    hours, minutes, seconds, number, is_drop, *further = start
-    base = round(rate)
+    hours, minutes, seconds, _, is_drop = start[:5]
+    number, base = _frame_of(start, rate), round(rate)
     dropped = base // 15 if is_drop else 0
     is_counted = 0 < base <= _MOST_FPS and abs(rate / base - 1) < _TOLERANCE
     if not is_counted or (dropped and base % 30):
@@ -60,12 +76,17 @@ def time_code_after(start: TimeCode, frames: int, rate: Fraction) -> TimeCode | 
     tens, rest = divmod((count + frames) % (_DAY_MINUTES // 10 * ten_minutes), ten_minutes)
     left_out = dropped * (max(0, rest - dropped) // minute)
     seconds, number = divmod(tens * 600 * base + rest + left_out, base)
-    return seconds // 3600, seconds // 60 % 60, seconds % 60, number, is_drop, *further
+    later = seconds // 3600, seconds // 60 % 60, seconds % 60
+    return _with_frame((*later, *start[_FRAME:]), number, rate)
 
 
-def time_code_text(time_code: TimeCode) -> str:
-    """``01:02:03:04``; with ``;`` before the frame, if it is a drop-frame time code."""
-    hours, minutes, seconds, frame, is_drop = time_code[:5]
+def time_code_text(time_code: TimeCode, rate: Fraction) -> str:
+    """``01:02:03:04``, as headers of videos have it; with ``;`` if it is a drop-frame time code.
+
+    ``rate`` is frames a second of the frames that it numbers.
+    """
+    hours, minutes, seconds, _, is_drop = time_code[:5]
+    frame = _frame_of(time_code, rate)
     return f"{hours:02d}:{minutes:02d}:{seconds:02d}{':;'[is_drop]}{frame:02d}"
 
 
@@ -74,4 +95,20 @@ def time_code_label(first: TimeCode | None, timing: Timing) -> dict[str, str]:
     if first is None or not timing.has_all_frames:
         return {}
     counted = time_code_after(first, 0, timing.rate)
-    return {} if counted is None else {_KEY: time_code_text(counted)}
+    return {} if counted is None else {_KEY: time_code_text(counted, timing.rate)}
+
+
+def _frame_of(time_code: TimeCode, rate: Fraction) -> int:
+    """The number of the frame within its second."""
+    number = time_code[_FRAME]
+    is_paired = round(rate) > _MOST_FPS_UNPAIRED
+    return 2 * number + time_code[_SECOND_OF_PAIR] if is_paired else number
+
+
+def _with_frame(time_code: TimeCode, number: int, rate: Fraction) -> TimeCode:
+    """The same time code with another number of the frame within its second."""
+    if round(rate) <= _MOST_FPS_UNPAIRED:
+        return *time_code[:_FRAME], number, *time_code[_FRAME + 1 :]
+    flags = time_code[_FRAME + 1 : _SECOND_OF_PAIR]
+    pair, second = divmod(number, 2)
+    return *time_code[:_FRAME], pair, *flags, second, *time_code[_SECOND_OF_PAIR + 1 :]

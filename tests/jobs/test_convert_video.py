@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from videos import NTSC
+from plates import DISPLAY, write_plate
+from videos import NTSC, encode, flat_frames
 
 from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.errors import InputError, UsageError
+from depthcli.core.windows import Window, Windows
+from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_depth, read_stored_depth
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert
 from depthcli.jobs.convert_video import convert_video
@@ -30,7 +33,14 @@ START = (1, 0, 0, 28, 0, *(0,) * 13)
 SIZE = (32, 48)
 
 
-def write_frames(path: Path, places: Iterable[Fraction | int], rate: Fraction = NTSC) -> Path:
+def write_frames(
+    path: Path,
+    places: Iterable[Fraction | int],
+    rate: Fraction = NTSC,
+    *,
+    step: int | None = None,
+    **picture: Any,
+) -> Path:
     """Frames at multiples of a frame's duration; the first has number 1001.
 
     Row 0 has no depth, row 1 is 1 m and a millimetre more in each frame, and the others are random
@@ -38,12 +48,13 @@ def write_frames(path: Path, places: Iterable[Fraction | int], rate: Fraction = 
     """
     noise = np.random.default_rng(0)
     places = list(places)
-    timing = Timing(rate, Fraction(1, 30_000), has_all_frames=True)
+    timing = Timing(rate, Fraction(1, 30_000), rate, step)
     with depth_video(path, timing, 1000, ()) as output:
         for count, place in enumerate(places):
             pixels = np.zeros(SIZE, np.uint8)
+            time_s = float(place / rate)
             frame = Frame(
-                pixels, index=1001, timestamp_s=float(place / rate), rate=rate, time_code=START
+                pixels, index=1001, timestamp_s=time_s, rate=rate, time_code=START, **picture
             )
             steps = noise.integers(1, 3000, SIZE)
             steps[1] = 1000 + count
@@ -90,9 +101,10 @@ def test_one_frame_has_rate_and_time_code_too(tmp_path: Path) -> None:
 
 
 def test_frames_of_a_variable_rate_are_numbered_consecutively(tmp_path: Path) -> None:
-    source = write_frames(tmp_path / "d.mkv", [Fraction(n, 10) for n in (0, 7, 22, 31, 38)])
+    places = [Fraction(n, 10) for n in (0, 7, 22, 31, 38)]
+    source = write_frames(tmp_path / "d.mkv", places, step=2)
     frames = [stored.frame for stored in depth_frames(DepthVideo(source))]
-    assert [frame.index for frame in frames] == [1001, 1002, 1003, 1004, 1005]
+    assert [frame.index for frame in frames] == [1001, 1003, 1005, 1007, 1009]
     # At 240 frames a second, milliseconds are a quarter of a frame.
     source = write_frames(tmp_path / "f.mkv", (0, 1, 3, 4), Fraction(240))
     frames = [stored.frame for stored in depth_frames(DepthVideo(source))]
@@ -138,18 +150,94 @@ def test_patterns_that_do_not_fit_are_refused(
     assert [path.name for path in tmp_path.iterdir()] == ["d.mkv"]
 
 
+def test_geometry_is_that_of_the_plates(tmp_path: Path) -> None:
+    display = Window(100, -50, 100 + SIZE[1], -50 + SIZE[0])
+    windows = Windows(display, display, display)
+    source = write_frames(tmp_path / "d.mkv", range(2), pixel_aspect=1.5, windows=windows)
+    list(convert_video(ConvertRequest(str(source), str(tmp_path / "d.#.exr")), 0))
+    frame = read_stored_depth(tmp_path / "d.1002.exr").frame
+    assert (frame.pixel_aspect, frame.windows) == (1.5, windows)
+
+
+def test_frames_of_another_program_count_from_0(tmp_path: Path) -> None:
+    steps = np.arange(4 * 16 * 16, dtype=np.uint16).reshape(4, 16, 16)
+    encode(tmp_path / "d.mkv", steps, NTSC, "ffv1", "gray16le", timecode="01:00:00:28")
+    frames = [stored.frame for stored in depth_frames(DepthVideo(tmp_path / "d.mkv"))]
+    assert [frame.index for frame in frames] == [0, 1, 2, 3]
+    codes = [(frame.time_code or ())[:4] for frame in frames]
+    assert codes == [(1, 0, 0, 28), (1, 0, 0, 29), (1, 0, 1, 0), (1, 0, 1, 1)]
+
+
+def test_a_plate_is_never_replaced(tmp_path: Path) -> None:
+    source = write_frames(tmp_path / "d.mkv", range(3))
+    request = ConvertRequest(str(source), str(tmp_path / "p.%d.exr"))
+    list(convert_video(request, 0))
+    list(convert_video(request, 0))  # its own outputs are
+    plate = write_plate(tmp_path, 1, DISPLAY).rename(tmp_path / "p.1002.exr")
+    before = plate.read_bytes()
+    with pytest.raises(OutputError, match=r"p\.1002\.exr exists and was not written by depthcli"):
+        list(convert_video(request, 0))
+    assert plate.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "every"),
+    [
+        ("in", ()),
+        ("in", ("--every", "2")),
+        ("in", ("--every", "0.1s")),
+        ("clip.mkv", ()),
+        ("clip.mkv", ("--every", "2")),
+    ],
+)
+def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: Cli) -> None:
+    places = (1, 2, 3, 5, 6, 8, 9)
+    for number in places:
+        write_plate(inside.folder / "in", number, DISPLAY)
+    encode(  # frames that are missing in a video are not counted
+        *(inside.folder / "clip.mkv", flat_frames(range(7)), Fraction(25), "mpeg4", "yuv420p"),
+        times_s=[place / 25 for place in places],
+        timecode="01:00:00:20",
+    )
+    words = ("--format", "mkv", "--format", "exr", "--out", "out/")
+    assert inside("video", name, *words, *every).returncode == 0
+    (mkv,) = (inside.folder / "out").glob("*.mkv")
+    assert inside("convert", f"out/{mkv.name}", "again/d.%06d.exr").returncode == 0
+    there = sorted((inside.folder / "out").glob("*.exr"))
+    here = sorted((inside.folder / "again").glob("*.exr"))
+    assert [path.name[-10:] for path in here] == [path.name[-10:] for path in there]
+    for ours, theirs in zip(here, there, strict=True):
+        # The plates' drop-frame codes at 24 frames a second cannot be counted.
+        parts = slice(None) if name == "clip.mkv" else slice(1)
+        assert clock_of(ours)[parts] == clock_of(theirs)[parts]
+        difference = read_depth(ours).values - read_depth(theirs).values
+        assert np.abs(difference).max() < 0.001
+
+
+def test_errors_name_the_pattern(inside: Cli) -> None:
+    write_frames(inside.folder / "d.mkv", range(2))
+    for words in (("a.exr",), ("--out", "there", "--format", "exr")):
+        done = inside("convert", "d.mkv", *words)
+        assert done.returncode == 2
+        assert b"depth.%04d.exr" in done.stderr
+    done = inside("convert", "d.mkv", "d.%04d", "--format", "json")
+    assert done.stdout == b"2 frames -> d.1001.depth.json to d.1002.depth.json\n"
+    stated = json.loads((inside.folder / "d.1002.depth.json").read_text())
+    assert stated["time_s"] == pytest.approx(1 / NTSC, abs=6e-4)
+
+
 def test_the_command_reports_all_frames(inside: Cli) -> None:
     write_frames(inside.folder / "d.mkv", range(3))
     done = inside("convert", "d.mkv", "p.####.preview.png", "--vmin", "1", "--vmax", "2")
     assert (done.returncode, done.stdout, done.stderr) == (
         0,
-        b"3 frames -> p.####.preview.png\n",
+        b"3 frames -> p.1001.preview.png to p.1003.preview.png\n",
         b"",
     )
     done = inside("convert", "d.mkv", "d.%d.png", "--png-scale", "100000", "--workers", "2")
     assert (done.returncode, done.stdout) == (
         0,
-        b"3 frames -> d.%d.png; round trip: max error 2.34 m, 0 pixels lost\n",
+        b"3 frames -> d.1001.png to d.1003.png; round trip: max error 2.34 m, 0 pixels lost\n",
     )
     assert done.stderr.count(b"\n") == 1
     assert b"3 frames have warnings, the first: " in done.stderr

@@ -47,13 +47,14 @@ def next_drop_frame(hours: int, minutes: int, seconds: int, frame: int) -> tuple
     return hours, minutes, seconds, frame
 
 
-def shown(numbers: tuple[int, ...] | None) -> str | None:
-    return None if numbers is None else time_code_text(numbers)
+def shown(numbers: tuple[int, ...] | None, rate: Fraction = NTSC) -> str | None:
+    return None if numbers is None else time_code_text(numbers, rate)
 
 
-def parsed(text: str) -> tuple[int, ...]:
-    words = re.split(r"[:;]", text)
-    return *map(int, words), int(";" in text), *(0,) * 13
+def parsed(text: str, rate: Fraction = NTSC) -> tuple[int, ...]:
+    *words, frame = map(int, re.split(r"[:;]", text))
+    pair, second = divmod(frame, 2) if rate > 30 else (frame, 0)
+    return *words, pair, int(";" in text), 0, second, *(0,) * 11
 
 
 @given(st.sampled_from([(0, 0, 58, 0), (9, 59, 30, 5), (23, 59, 59, 0)]), st.integers(0, 4000))
@@ -85,7 +86,7 @@ def test_drop_frame_time_codes_leave_out_two_numbers_a_minute(
 def test_time_codes_of_later_frames(
     start: str, frames: int, rate: Fraction, later: str | None
 ) -> None:
-    assert shown(time_code_after(parsed(start), frames, rate)) == later
+    assert shown(time_code_after(parsed(start, rate), frames, rate), rate) == later
 
 
 @pytest.mark.parametrize("name", ["a.mov", "a.mp4", "a.mkv"])
@@ -106,6 +107,24 @@ def test_outputs_have_the_time_code_of_their_first_frame(
     last = OpenEXR.File(str(inside.folder / "x.depth.000007.exr")).header()["timeCode"]
     after = time_code_after(parsed(start), 7, NTSC) or ()
     assert (last.hours, last.minutes, last.seconds, last.frame, last.dropFrame) == after[:5]
+
+
+@pytest.mark.parametrize("rate", [Fraction(48), Fraction(50), Fraction(60000, 1001)])
+def test_above_30_frames_a_second_exr_numbers_pairs(rate: Fraction, inside: Cli) -> None:
+    last = round(rate) - 1
+    start = f"10:00:00:{last - 2:02d}"
+    path = inside.folder / "a.mov"
+    encode(path, flat_frames(range(8)), rate, "mpeg4", "yuv420p", timecode=start)
+    done = inside("video", "a.mov", "--out", "x.%d.exr", "--json")
+    assert (done.returncode, json.loads(done.stdout)["time_code"]) == (0, start)
+    codes = [OpenEXR.File(str(inside.folder / f"x.{n}.exr")).header()["timeCode"] for n in range(6)]
+    wanted = [(0, last - 2), (0, last - 1), (0, last), (1, 0), (1, 1), (1, 2)]
+    assert [(code.seconds, 2 * code.frame + code.fieldPhase) for code in codes] == wanted
+    assert inside("video", "a.mov", "--out", "y.mkv", "--start", "2f").returncode == 0
+    assert found_in(inside.folder / "y.mkv") == {f"10:00:00:{last}"}
+    assert inside("convert", "y.mkv", "z.%d.exr").returncode == 0
+    code = OpenEXR.File(str(inside.folder / "z.3.exr")).header()["timeCode"]
+    assert (code.seconds, code.frame, code.fieldPhase) == (1, 0, 0)
 
 
 def test_a_time_code_counts_the_frames_of_its_file(inside: Cli) -> None:

@@ -35,7 +35,9 @@ def check_arguments(context: Any) -> None:  # noqa: ANN401 - typer's own
     if target is not None and output is not None:
         raise UsageError("give OUT for a file, or --out for a folder, not both")
     if output is not None and not place.is_dir():
-        raise UsageError(f"{name} is not a folder; for a file, give OUT without --out")
+        is_video = place.suffix.lower() == ".mkv"
+        other = "a pattern such as depth.%04d.exr" if is_video else "OUT"
+        raise UsageError(f"{name} is not a folder; for a file, give {other} without --out")
     if output is None and not isinstance(place, RemotePath) and place.is_dir():
         raise UsageError(f"{name} is a folder; give --out DIR and --format")
     if output is None and target is None:

@@ -164,7 +164,7 @@ def convert(
     )
     if is_sequence_name(target):
         frames = convert_video(request, share_cores(workers)[0])
-        print_frames(frames, target, as_json=as_json, quiet=quiet)
+        print_frames(frames, as_json=as_json, quiet=quiet)
     else:
         print_conversion(job.convert(request), as_json=as_json, quiet=quiet)
     return ExitCode.OK

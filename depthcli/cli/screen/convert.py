@@ -27,14 +27,15 @@ def print_conversion(done: ConvertResult, *, as_json: bool, quiet: bool) -> None
 
 
 def print_frames(
-    results: Generator[ConvertResult, None, None], target: str, *, as_json: bool, quiet: bool
+    results: Generator[ConvertResult, None, None], *, as_json: bool, quiet: bool
 ) -> None:
     """Print the conversions of a video's frames: a JSON object each, or a line and a warning."""
-    totals, first, warned = _Totals(), "", 0
+    totals, first, warned, written = _Totals(), "", 0, list[str]()
     with show_progress(silent=quiet or as_json) as progress, closing(results):
         advance = progress.begin("", None, "frames")
         for result in results:
             totals.add(result)
+            written = [*written[:1], result.target]
             if as_json:
                 console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
             first = first or "; ".join(result.warnings)
@@ -42,7 +43,7 @@ def print_frames(
             advance(1)
     if not quiet:
         (console.note if as_json else console.report)(
-            one_line(f"{totals.converted} frames -> {target}{totals.text()}")
+            one_line(f"{totals.converted} frames -> {' to '.join(written)}{totals.text()}")
         )
         if warned and not as_json:
             console.warn(f"{warned} frames have warnings, the first: {first}")

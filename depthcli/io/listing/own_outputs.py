@@ -4,6 +4,7 @@ import re
 import sys
 from pathlib import Path
 
+from depthcli.errors import OutputError
 from depthcli.io.png.chunks import SIGNATURE, read_text
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath, path_of
@@ -14,6 +15,7 @@ EXR_MAGIC = b"v/1\x01"
 """The first bytes of every EXR."""
 _EXR_SOFTWARE_KEY = f"{SOFTWARE_KEY}\0string\0".encode()
 _HEAD_BYTES = 4096
+_SUFFIXES = (".png", ".exr")
 _PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$"
 _VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
 
@@ -27,6 +29,22 @@ def is_own_picture(path: str | Path) -> bool:
     if head.startswith(EXR_MAGIC):
         return is_own_exr(head)
     return head.startswith(SIGNATURE) and SOFTWARE_KEY in read_text(head)
+
+
+def check_replaceable(path: Path) -> None:
+    """Check that a numbered file does not take the place of a picture that depthcli did not write.
+
+    That would be one of the plates; in an object store, it is not checked.
+
+    Raises:
+        OutputError: it does.
+    """
+    if isinstance(path, RemotePath) or path.suffix.lower() not in _SUFFIXES or not path.is_file():
+        return
+    if path.stat().st_size and not is_own_picture(path):
+        raise OutputError(
+            f"{path} exists and was not written by depthcli; remove it or choose another output"
+        )
 
 
 def is_own_exr(data: bytes) -> bool:

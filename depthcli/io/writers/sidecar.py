@@ -28,6 +28,7 @@ class SidecarWriter:
             "width": depth.width,
             "height": depth.height,
             "orientation": frame.orientation if frame else source.orientation,
+            **({} if source.time_s is None else {"time_s": source.time_s}),
             **DepthRange.of(depth)._asdict(),
             "network_size_px": source.input_size_px,
             **known.origin(),

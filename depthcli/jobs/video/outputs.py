@@ -39,7 +39,9 @@ def open_output(
         written: path of a depth video until it is complete; None for a temporary name.
     """
     target, inputs = plan.target(which), source.paths
-    timing = Timing(rate, source.tick_s, has_all_frames=rate == source.rate)
+    step = source.rate / rate
+    is_stepped = not source.numbers_follow_times and step.denominator == 1
+    timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
     if which is VideoFormat.MKV:
         return depth_video(target, timing, writing.png_scale, inputs, written)
     picture = VIDEO_FORMATS[which].picture

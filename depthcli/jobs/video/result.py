@@ -53,7 +53,7 @@ class VideoResult:
             "constant_rate": self.is_regular,
             "first_frame": self.first.index,
             "start_s": self.first.timestamp_s,
-            "time_code": None if time_code is None else time_code_text(time_code),
+            "time_code": None if time_code is None else time_code_text(time_code, self.source_rate),
             "width": depth.width,
             "height": depth.height,
             "orientation": self.first.orientation,
