@@ -17,7 +17,7 @@ from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.io.writers.formats import FILE_SUFFIXES, Format, format_of
 from depthcli.io.writers.options import WriterOptions
-from depthcli.jobs.inspect import read_map
+from depthcli.jobs.depth_files import read_map
 from depthcli.jobs.naming import check_suffix, is_folder, refuse_pattern
 
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)

@@ -12,7 +12,7 @@ from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, target_format, write_converted
-from depthcli.jobs.inspect import is_depth_video
+from depthcli.jobs.depth_files import is_depth_video
 from depthcli.jobs.naming import is_folder
 from depthcli.video.depth import DepthVideo
 from depthcli.video.number_pattern import check_folders, is_pattern, numbered_name

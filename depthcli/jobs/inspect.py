@@ -3,22 +3,21 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from depthcli.core.summary import DepthRange
 from depthcli.core.types import DepthMap
-from depthcli.errors import InputError, UsageError
+from depthcli.core.windows import Window
+from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.depth.stored import StoredDepth, step_scale
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
+from depthcli.jobs.depth_files import check_scale, is_depth_video
 from depthcli.video.depth import DepthVideo
-from depthcli.video.rates import rate_text
-
-_VIDEO_SUFFIX = ".mkv"
-_SCALED_SUFFIXES = (".png", _VIDEO_SUFFIX, ".npy")
+from depthcli.video.rates import FALLBACK_RATE, rate_text
+from depthcli.video.time_code import time_code_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +36,8 @@ class DepthMapInfo:
     min: float | None  #: smallest depth; None if no pixel has depth
     median: float | None  #: median depth, or None
     max: float | None  #: largest depth, or None
-    metadata: Mapping[str, str]  #: metadata of the file and its sidecar
+    #: metadata of the file and its sidecar; of an EXR, also its windows, rate and time code
+    metadata: Mapping[str, str]
     warnings: tuple[str, ...]  #: one line each
 
 
@@ -70,7 +70,7 @@ def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthV
         UsageError: a scale for a file that stores metres.
     """
     path = path_of(file)
-    _check_scale(path, scale)
+    check_scale(path, scale)
     if is_depth_video(path):
         with local_copy(path) as video:
             return _video_info(DepthVideo(video, scale=scale), safe_name(file), scale)
@@ -88,32 +88,9 @@ def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthV
         height=depth.height,
         valid=int(depth.valid.sum()),
         **DepthRange.of(depth)._asdict(),
-        metadata=stored.metadata,
+        metadata={**stored.metadata, **_exr_facts(stored)},
         warnings=stored.warnings,
     )
-
-
-def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> StoredDepth:
-    """A depth map from any file that depthcli writes; for a video, that of frame number ``frame``.
-
-    ``scale`` is units per metre of integers; None for what the file states.
-
-    Raises:
-        InputError: missing, damaged, without depth, or a video without this frame.
-        UsageError: a video without a frame number, or a frame number or scale for another file.
-    """
-    _check_scale(path, scale)
-    if is_depth_video(path):
-        if frame is None:
-            raise UsageError(
-                f"{path} is a video; name one frame with --frame, 0 for the first ('convert' "
-                "writes all to a pattern such as depth.%04d.exr)"
-            )
-        with local_copy(path) as video:
-            return _video_frame(DepthVideo(video, scale=scale), str(path), scale, frame)
-    if frame is not None:
-        raise UsageError(f"--frame is for depth videos (.mkv), but {path} is not one; remove it")
-    return read_stored_depth(path, png_scale=scale)
 
 
 def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
@@ -127,28 +104,26 @@ def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
     return float(depth.values[y, x]) if depth.valid[y, x] else None
 
 
-def is_depth_video(path: Path) -> bool:
-    """Whether a file is a depth video, by its suffix."""
-    return path.suffix.lower() == _VIDEO_SUFFIX
+def _exr_facts(stored: StoredDepth) -> dict[str, str]:
+    """What the header of an EXR states for compositing, by the names of its attributes."""
+    frame = stored.frame
+    if stored.channel is None or frame.windows is None:
+        return {}
+    facts = {
+        "dataWindow": _window_text(frame.windows.data),
+        "displayWindow": _window_text(frame.windows.display),
+        "pixelAspectRatio": f"{frame.pixel_aspect:.6g}",
+    }
+    if frame.rate is not None:
+        facts["framesPerSecond"] = rate_text(frame.rate)
+    if frame.time_code is not None:
+        facts["timeCode"] = time_code_text(frame.time_code, frame.rate or FALLBACK_RATE)
+    return facts
 
 
-def _check_scale(path: Path, scale: float | None) -> None:
-    """Refuse a scale for a file that cannot hold integers."""
-    if scale is not None and path.suffix.lower() not in _SCALED_SUFFIXES:
-        raise UsageError(
-            f"a scale is for PNG, depth videos (.mkv) and NPY of integers, but {path} is none of "
-            "them; remove it"
-        )
-
-
-def _video_frame(video: DepthVideo, name: str, scale: float | None, number: int) -> StoredDepth:
-    from depthcli.video.depth_frames import depth_frames  # noqa: PLC0415 - loads FFmpeg
-
-    count = 0
-    for count, stored in enumerate(depth_frames(video, name=name, scale=scale), start=1):
-        if count > number:
-            return stored
-    raise InputError(f"{name} has no frame {number}; its last one is {count - 1}")
+def _window_text(window: Window) -> str:
+    """The first and the last pixel, as the header has them."""
+    return f"{window.left},{window.top} to {window.right - 1},{window.bottom - 1}"
 
 
 def _video_info(video: DepthVideo, file: str, scale: float | None) -> DepthVideoInfo:

@@ -61,7 +61,7 @@ def test_info_names_the_channel_of_an_exr(inside: Cli) -> None:
     inside("predict", "room.png", "--format", "exr", "--format", "npy", "--exr-channel", "depth.Z")
     told = inside("info", "room.depth.exr", "--json"), inside("info", "room.depth.npy", "--json")
     assert [json.loads(done.stdout)["channel"] for done in told] == ["depth.Z", None]
-    assert b"\nchannel                depth.Z\n" in inside("info", "room.depth.exr").stdout
+    assert b"\nchannel                    depth.Z\n" in inside("info", "room.depth.exr").stdout
     assert b"channel" not in inside("info", "room.depth.npy").stdout
 
 
@@ -236,7 +236,7 @@ def test_one_frame_of_a_depth_video_is_a_map(inside: Cli) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "problem"),
     [
-        (("d.mkv", "0,0"), 2, "d.mkv is a video; say which frame with --frame"),
+        (("d.mkv", "0,0"), 2, "d.mkv is a video; name one frame with --frame"),
         (("d.mkv", "0,0", "--frame", "3"), 1, "d.mkv has no frame 3; its last one is 2"),
         (("d.npy", "0,0", "--frame", "0"), 2, "--frame is for depth videos"),
     ],

@@ -17,6 +17,7 @@ from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_depth, read_stored_depth
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert
 from depthcli.jobs.convert_video import convert_video
+from depthcli.jobs.inspect import inspect_file
 from depthcli.video.depth import DepthVideo
 from depthcli.video.depth_frames import depth_frames
 from depthcli.video.depth_output import depth_video
@@ -157,6 +158,9 @@ def test_geometry_is_that_of_the_plates(tmp_path: Path) -> None:
     list(convert_video(ConvertRequest(str(source), str(tmp_path / "d.#.exr")), 0))
     frame = read_stored_depth(tmp_path / "d.1002.exr").frame
     assert (frame.pixel_aspect, frame.windows) == (1.5, windows)
+    facts = inspect_file(str(tmp_path / "d.1002.exr")).metadata
+    assert (facts["displayWindow"], facts["pixelAspectRatio"]) == ("100,-50 to 147,-19", "1.5")
+    assert (facts["framesPerSecond"], facts["timeCode"]) == ("30000/1001", "01:00:00:29")
 
 
 def test_frames_of_another_program_count_from_0(tmp_path: Path) -> None:

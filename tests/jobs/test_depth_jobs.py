@@ -20,7 +20,8 @@ from depthcli.io.writers.formats import Format
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, target_format
-from depthcli.jobs.inspect import DepthMapInfo, DepthVideoInfo, depth_at, inspect_file, read_map
+from depthcli.jobs.depth_files import read_map
+from depthcli.jobs.inspect import DepthMapInfo, DepthVideoInfo, depth_at, inspect_file
 from depthcli.video.depth_output import depth_video
 from depthcli.video.output import DepthFrame
 from depthcli.video.rates import Timing

@@ -27,7 +27,8 @@ def probe(
 ) -> int:
     """Show the depth at one or several pixels of a depth file."""
     from depthcli.io.storage.remote import path_of
-    from depthcli.jobs.inspect import depth_at, read_map
+    from depthcli.jobs.depth_files import read_map
+    from depthcli.jobs.inspect import depth_at
 
     places = [parse_pixel(word) for word in pixels]
     stored = read_map(path_of(file), scale=png_scale, frame=frame)
