@@ -99,7 +99,7 @@ def test_unpadded_numbers_of_a_folder_are_those_of_its_pattern(inside: Cli) -> N
         for source, out in (("f/", "a/"), ("f/f%d.png", "b/"))
     )
     assert (folder["first_frame"], folder["frames"]) == (4, 3)
-    assert "missing numbers" in folder["warnings"][0]
+    assert "missing frames: 3, 5–8;" in folder["warnings"][0]
     assert folder["warnings"] == pattern["warnings"]
     written, expected = (sorted((inside.folder / out).iterdir()) for out in "ab")
     assert [path.read_bytes() for path in written] == [path.read_bytes() for path in expected]
