@@ -22,7 +22,7 @@ class NumberRanges:
 
     def __str__(self) -> str:
         """The first ranges, and how many numbers the others have."""
-        shown = ", ".join(map(_text, self._ranges[:_MAX_SHOWN]))
+        shown = ", ".join(map(_first_to_last, self._ranges[:_MAX_SHOWN]))
         more = len(NumberRanges(self._ranges[_MAX_SHOWN:]))
         return f"{shown} and {more} more" if more else shown
 
@@ -39,6 +39,6 @@ def missing_numbers(numbers: Iterable[int]) -> NumberRanges:
     return NumberRanges((a + 1, b - 1) for a, b in pairwise(numbers) if b - a > 1)
 
 
-def _text(numbers: tuple[int, int]) -> str:
+def _first_to_last(numbers: tuple[int, int]) -> str:
     first, last = numbers
     return str(first) if first == last else f"{first}–{last}"
