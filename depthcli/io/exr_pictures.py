@@ -45,7 +45,7 @@ def read_exr_picture(
     """
     # OpenEXR is slow to load.
     from depthcli.io.depth.exr_channels import read_exr_channels  # noqa: PLC0415
-    from depthcli.io.depth.exr_layers import colour_channels  # noqa: PLC0415
+    from depthcli.io.depth.exr_colours import colour_channels  # noqa: PLC0415
 
     name = name or str(path)
     limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels

@@ -26,12 +26,16 @@ _COPY_CODECS = {
 _ENCODERS = {"mp4": "aac", "webm": "libopus", "mov": "aac"}
 _LAYOUTS = {1: "mono", 6: "5.1", 8: "7.1"}
 _OPUS_HZ = 48_000
+_DECODER_DELAY_S = 0.25  # more than samples are later than their packet
+_SOON_S = 1
 
 
 class AudioTrack:
     """The first audio stream of a video, from the time of a preview's first frame on.
 
     Attributes:
+        begins_soon: whether there is audio within a second of the preview's first frame, once it
+            is open.
         warnings: one-line texts, once it has been written.
     """
 
@@ -44,7 +48,7 @@ class AudioTrack:
         self._stream: AudioStream | None = None
         self._packets: Iterator[Packet[AudioStream]] = iter(())
         self._pending: Packet[AudioStream] | None = None
-        self._is_copied = False
+        self._is_copied = self.begins_soon = False
         self.warnings: tuple[str, ...] = ()
 
     def open(self, output: OutputContainer, first_s: float) -> None:
@@ -80,6 +84,9 @@ class AudioTrack:
         self._output = output
         self._packets = container.demux(stream)
         self._pending = self._next()
+        self.mux_until(-_DECODER_DELAY_S)  # writes nothing; such packets are not heard
+        pending = self._pending
+        self.begins_soon = pending is not None and _time_s(pending) - self._from_s < _SOON_S
 
     def mux_until(self, time_s: float) -> None:
         """Write the audio before a time of the preview."""

@@ -17,6 +17,7 @@ from depthcli.video.rates import Timing
 _BT709 = 1
 _KEYFRAME_INTERVAL_S = 2
 _MAX_GOP = 250
+_FRAGMENTS = "+frag_keyframe+empty_moov+default_base_moof"
 
 
 def new_container(
@@ -33,7 +34,7 @@ def new_container(
     name, is_pipe = container_format(target.suffix.lower()), isinstance(target, OutputPipe)
     if name in {"mp4", "mov"}:
         # In a pipe, fragments: an index at the beginning could only be written after all frames.
-        layout = "+frag_keyframe+empty_moov+default_base_moof" if is_pipe else "+faststart"
+        layout = _FRAGMENTS if is_pipe else "+faststart"
         ticks = str(timing.time_base.denominator)
         options |= {"movflags": layout, "video_track_timescale": ticks}
     if not isinstance(target, OutputPipe):
@@ -42,6 +43,18 @@ def new_container(
     container = av.open(file, "w", format=name, container_options=options)
     container.metadata.update(labels)
     return container
+
+
+def delay_header(container: OutputContainer) -> None:
+    """Write the header of a pipe's fragments with the first one, not before.
+
+    Only then does it state how much sound an encoder puts before the first sample, by which all
+    frames after the first one would else be late. All streams must begin soon: fragments are kept
+    in memory until each has a packet. No effect on files, and after the encoding has started.
+    """
+    options = container.container_options
+    if _FRAGMENTS in options.get("movflags", ""):
+        options["movflags"] += "+delay_moov"
 
 
 def add_video(

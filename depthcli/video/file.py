@@ -13,7 +13,7 @@ from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import Codec, check_encoder
-from depthcli.video.encoder import add_video, new_container
+from depthcli.video.encoder import add_video, delay_header, new_container
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing
 
@@ -117,6 +117,8 @@ class VideoFile:
         self._stream = add_video(container, self._codec, self._timing, *size)
         if self._audio is not None:
             self._audio.open(container, self._first_s)
+            if self._audio.begins_soon:
+                delay_header(container)
         try:
             container.start_encoding()
         except (av.ArgumentError, av.ExternalError, av.UndefinedError) as error:

@@ -16,7 +16,8 @@ from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.listing.folder import is_exr
 from depthcli.io.pictures.read import read_image
 from depthcli.video.frames import FrameSource
-from depthcli.video.rates import FALLBACK_RATE
+from depthcli.video.number_ranges import NumberRanges, missing_numbers
+from depthcli.video.rates import FALLBACK_RATE, exact_rate
 from depthcli.video.sequence_files import NumberedPicture, find_pictures
 from depthcli.video.spans import WHOLE, Span
 
@@ -89,17 +90,18 @@ class ImageSequence(FrameSource):
 
     def _readable(self, span: Span) -> Iterator[Frame]:
         """The pictures of a span that can be read."""
-        read = unreadable = 0
+        read, unreadable = 0, NumberRanges()
         wanted = span.selected(self._numbers_and_times())
         for file, is_wanted in zip(self._files, wanted, strict=False):
-            if not is_wanted or (not read and unreadable == _TRIES):
+            if not is_wanted or (not read and len(unreadable) == _TRIES):
                 continue
             try:
                 frame = self._read(file)
             except InputError as error:
-                unreadable += 1
+                unreadable.append(file.number)
                 self.problem = (
-                    f"{unreadable} of its pictures cannot be read, the last of them: {error}"
+                    f"{len(unreadable)} of its pictures cannot be read ({unreadable}), the last "
+                    f"of them: {error}"
                 )
             else:
                 read += 1
@@ -131,16 +133,17 @@ class ImageSequence(FrameSource):
     def _warnings(self, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
             yield f"no frame rate is given; {FALLBACK_RATE} is assumed; give --fps"
-        missing = self._files[-1].number - self._files[0].number + 1 - len(self._files)
+        missing = missing_numbers(file.number for file in self._files)
         if missing:
-            yield f"missing numbers in the sequence: {missing}; the other frames keep their times"
+            yield f"missing frames: {missing}; the other frames keep their times"
 
 
 def _stated_rate(paths: Sequence[Path]) -> Fraction | None:
-    """The frame rate in the header of the first EXR that can be read; None if it has none."""
+    """The frame rate of the first EXR that can be read, as ``--fps`` takes it; None if none."""
     for path in paths[:_TRIES]:
         with suppress(InputError):  # which reading its pixels reports
-            return read_exr_rate(path)
+            rate = read_exr_rate(path)
+            return rate and (exact_rate(rate) or rate)
     return None
 
 

@@ -11,6 +11,7 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import is_exr, is_picture
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.remote import RemotePath
+from depthcli.video.inner_numbers import inner_numbers
 from depthcli.video.number_pattern import (
     LAST_NUMBER,
     MAX_DIGITS,
@@ -35,8 +36,9 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
     """The pictures of a sequence, in their order.
 
     Those that match a pattern, or all of a folder, except outputs of depthcli. In a folder, the
-    last numbers in the names are those of the frames if the names differ in them alone. Pictures
-    without such numbers are counted from 0, in the order of their names.
+    last numbers in the names are those of the frames if the names differ in them alone, or others
+    that :func:`~depthcli.video.inner_numbers.inner_numbers` finds. Pictures without such numbers
+    are counted from 0, in the order of their names.
 
     Raises:
         InputError: there is no such folder, or no picture in it, or depthcli wrote all of them.
@@ -99,6 +101,11 @@ def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedPicture]:
     if len(sequences) == 1 and len(sequences[0]) == len(paths) and _least_step(sequences[0]):
         return sequences[0]
     sequences = [sequence for sequence in sequences if len(sequence) > 1]
+    suffixes = {path.suffix.lower() for path in paths}
+    if not sequences and len(suffixes) == 1:
+        numbers = inner_numbers([path.stem for path in paths])
+        if numbers is not None:
+            return sorted(map(NumberedPicture, numbers, paths))
     if not sequences or _have_times(paths, sequences):
         return [NumberedPicture(number, path) for number, path in enumerate(paths)]
     patterns = ", ".join(map(_pattern_text, sequences[:_LISTED]))

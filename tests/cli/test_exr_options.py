@@ -86,6 +86,18 @@ def test_other_pictures_have_neither(option: tuple[str, str], inside: Cli) -> No
     assert {path.name for path in inside.folder.iterdir()} == {"p.0.png", "clip.avi"}
 
 
+@pytest.mark.parametrize("option", [("--exposure", "1"), ("--layer", "a")])
+def test_a_batch_of_a_folder_has_neither(
+    option: tuple[str, str], folder: Path, inside: Cli
+) -> None:
+    done = inside("batch", "layers", "--out", "out", *option)
+    assert done.returncode == 2
+    assert f"{option[0]} is for EXR, which batch reads only from a list".encode() in done.stderr
+    assert not (folder / "out").exists()
+    (folder / "p.toml").write_text("exposure = 1.0\n")
+    assert inside("batch", "layers", "--out", "out", "--profile", "p.toml").returncode != 2
+
+
 @pytest.mark.parametrize("stops", ["21", "nan", "bright"])
 def test_what_is_no_exposure(stops: str, inside: Cli) -> None:
     done = inside("predict", "p.exr", "--exposure", stops)

@@ -36,6 +36,17 @@ def write_pictures(folder: Path, numbers: Iterable[int]) -> None:
         ("f1000000000000 f9", "0:f1000000000000 1:f9"),
         ("1.033333 1.066667 2.000000 2.033333", "0:1.033333 1:1.066667 2:2.000000 3:2.033333"),
         ("12-00-01 12-00-31 12-01-01", "0:12-00-01 1:12-00-31 2:12-01-01"),
+        (
+            "p.1001.v003 p.1002.v003 p.1004.v003",
+            "1001:p.1001.v003 1002:p.1002.v003 1004:p.1004.v003",
+        ),
+        ("p10.v2 p9.v2 p9999.v2", "9:p9.v2 10:p10.v2 9999:p9999.v2"),
+        ("p.1001.v003 p.1002.v004", "0:p.1001.v003 1:p.1002.v004"),
+        ("p.1.v003 p.01.v003", "0:p.01.v003 1:p.1.v003"),
+        ("p.1001.v003 q.1002.v003", "0:p.1001.v003 1:q.1002.v003"),
+        ("1305031102.000000 1305031104.000000", "0:1305031102.000000 1:1305031104.000000"),
+        ("t1305031102.0 t1305031104.0", "0:t1305031102.0 1:t1305031104.0"),
+        ("12-00-01 12-02-01", "0:12-00-01 1:12-02-01"),
     ],
 )
 def test_the_order_and_numbers_of_a_folder(names: str, expected: str, tmp_path: Path) -> None:
@@ -88,7 +99,7 @@ def test_unpadded_numbers_of_a_folder_are_those_of_its_pattern(inside: Cli) -> N
         for source, out in (("f/", "a/"), ("f/f%d.png", "b/"))
     )
     assert (folder["first_frame"], folder["frames"]) == (4, 3)
-    assert "missing numbers" in folder["warnings"][0]
+    assert "missing frames: 3, 5–8;" in folder["warnings"][0]
     assert folder["warnings"] == pattern["warnings"]
     written, expected = (sorted((inside.folder / out).iterdir()) for out in "ab")
     assert [path.read_bytes() for path in written] == [path.read_bytes() for path in expected]

@@ -21,6 +21,7 @@ from depthcli.io.exr_pictures import read_exr_rate
 from depthcli.video.depth import DepthVideo
 from depthcli.video.frame_source import is_sequence, open_frames
 from depthcli.video.number_pattern import base_name, number_in, numbered_name
+from depthcli.video.number_ranges import missing_numbers
 from depthcli.video.sequence_files import find_pictures
 from depthcli.video.spans import Point, Span
 
@@ -256,9 +257,53 @@ def test_a_hole_and_a_damaged_plate(inside: Cli) -> None:
     assert done.returncode == 1
     facts = report(done)
     assert "plate.1005.exr" in facts["error"]
-    assert "missing numbers in the sequence: 1;" in facts["warnings"][0]
+    assert facts["error"].startswith("1 of its pictures cannot be read (1005), the last of them: ")
+    assert facts["warnings"][0] == "missing frames: 1003; the other frames keep their times"
     names = {path.name for path in inside.folder.glob("d.*")}
     assert names == {f"d.{number}.png" for number in (1001, 1002, 1004, 1006)}
+
+
+def test_missing_and_damaged_plates_are_named_by_their_numbers(tmp_path: Path) -> None:
+    pattern = plates(tmp_path / "shot", range(1001, 1012))
+    for number in (1004, 1005, 1006, 1010):
+        (tmp_path / "shot" / f"plate.{number}.exr").unlink()
+    for number in (1002, 1007, 1008, 1009):
+        (tmp_path / "shot" / f"plate.{number}.exr").write_bytes(b"v/1\x01 no more")
+    with open_frames(tmp_path / pattern) as source:
+        warning = "missing frames: 1004–1006, 1010; the other frames keep their times"
+        assert source.warnings == (warning,)
+        assert [frame.index for frame in source.frames()] == [1001, 1003, 1011]
+        assert source.problem is not None
+        assert source.problem.startswith(
+            "4 of its pictures cannot be read (1002, 1007–1009), the last of them: "
+            f"{tmp_path}/shot/plate.1009.exr is "
+        )
+
+
+def test_of_many_missing_frames_the_first_are_named() -> None:
+    numbers = [*range(0, 44, 2), 1000]
+    shown = "1, 3, 5, 7, 9, 11, 13, 15, 17, 19 and 968 more"
+    assert str(missing_numbers(numbers)) == shown
+    assert len(missing_numbers(numbers)) == 978
+    assert not missing_numbers(range(1001, 1100))
+
+
+@pytest.mark.parametrize(
+    ("stated", "rate"),
+    [
+        (Fraction(2997, 125), FILM),
+        (Fraction(2997, 100), Fraction(30000, 1001)),
+        (Fraction(12570853, 524310), FILM),
+        (Fraction(25, 2), Fraction(25, 2)),
+        (Fraction(20_000), Fraction(20_000)),
+    ],
+)
+def test_a_rounded_rate_of_plates_is_made_exact(
+    stated: Fraction, rate: Fraction, tmp_path: Path
+) -> None:
+    pattern = plates(tmp_path / "shot", range(1, 3), stated)
+    with open_frames(tmp_path / pattern) as source:
+        assert (source.rate, source.warnings) == (rate, ())
 
 
 @pytest.mark.parametrize("damage", [b"v/1\x01 no more", None])

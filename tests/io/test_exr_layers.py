@@ -9,7 +9,8 @@ import OpenEXR
 import pytest
 
 from depthcli.errors import InputError
-from depthcli.io.depth.exr_layers import colour_channels
+from depthcli.io.depth.exr_colours import colour_channels
+from depthcli.io.depth.exr_layers import depth_channel
 from depthcli.io.pictures.read import read_image
 from depthcli.video.frame_source import open_frames
 
@@ -88,8 +89,55 @@ def test_a_layer_can_be_chosen() -> None:
     ):
         with pytest.raises(InputError, match=problem):
             colour_channels("a.exr", names, layer)
-    with pytest.raises(InputError, match="it has no layer with a name"):
-        colour_channels("a.exr", ["R", "G", "B"], "beauty")
+    for names, there_is in (
+        (["B", "G", "R", "depth.Z"], "only one, without a name"),
+        ([*"BGR", "fg.R", *channels_of("fg")], "fg, one without a name"),
+        (["X", "Y", "Z"], "X, Y, Z"),
+    ):
+        with pytest.raises(InputError, match=f"{has} {there_is}$"):
+            colour_channels("a.exr", names, "beauty")
+
+
+@pytest.mark.parametrize(
+    "colours", ["rgb", "RGB", ("red", "green", "blue"), ("Red", "Green", "Blue")]
+)
+def test_the_notations_of_colours(colours: str | tuple[str, ...]) -> None:
+    channels = tuple(colours)
+    assert colour_channels("a.exr", sorted(channels)) == (channels, None)
+    assert colour_channels("a.exr", sorted([*channels, "Y", "alpha", "a"])) == (channels, None)
+    layer = tuple(f"fg.{colour}" for colour in colours)
+    names = sorted([*layer, *channels_of("bg"), "N.red", "N.green", "N.blue", "depth.Z"])
+    assert colour_channels("a.exr", names, "fg") == (layer, None)
+    chosen, warning = colour_channels("a.exr", names)
+    assert chosen == ("bg.R", "bg.G", "bg.B")
+    assert warning == "its layer bg is used; if the picture is in fg, give --layer"
+    assert depth_channel(names) == "depth.Z"
+
+
+def test_a_layer_has_one_notation() -> None:
+    names = sorted([*"RGBrgb", "red", "green", "blue"])
+    assert colour_channels("a.exr", names) == (tuple("RGB"), None)
+    for names in (
+        ["R", "blue", "green"],
+        ["fg.b", "fg.green", "fg.r"],
+        ["R"],
+        ["a.r", "b.g", "c.b"],
+    ):
+        with pytest.raises(InputError, match="holds no picture"):
+            colour_channels("a.exr", names)
+    assert depth_channel(["R", "blue", "green"]) == "R"
+
+
+@pytest.mark.parametrize("layer", ["rgba", "RGB", "rgba."])
+def test_the_layer_without_a_name_can_be_chosen(layer: str) -> None:
+    unnamed = (tuple("RGB"), None)
+    assert colour_channels("a.exr", channels_of("", "fg"), layer) == unnamed
+    assert colour_channels("a.exr", ["Y", "Z"], layer) == (("Y",), None)
+    named = layer.strip(".")
+    expected = tuple(f"fg.{named}.{colour}" for colour in "RGB"), None
+    assert colour_channels("a.exr", channels_of("", f"fg.{named}"), layer) == expected
+    with pytest.raises(InputError, match=r"has no layer .* it has fg$"):
+        colour_channels("a.exr", channels_of("fg"), layer)
 
 
 def test_parts_are_layers_and_the_warning_is_that_of_the_frame(tmp_path: Path) -> None:

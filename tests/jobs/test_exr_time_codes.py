@@ -5,6 +5,8 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+import numpy as np
+import OpenEXR
 import pytest
 from plates import CROP, DISPLAY, time_code_of, write_plate
 from tiny import write_model
@@ -12,6 +14,7 @@ from tiny import write_model
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.exr import read_exr_header
 from depthcli.io.depth.exr_part import ExrPart
+from depthcli.io.depth.time_code import time_code_attribute
 from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
@@ -59,6 +62,31 @@ def test_depth_of_a_sequence(tmp_path: Path, loader: SessionLoader) -> None:
     video(VideoRequest(pattern, out, (VideoFormat.EXR,), model=loader, settings=settings))
     assert stated(tmp_path / "out.1.exr") == (FILM / 2, time_code_of(1))
     assert stated(tmp_path / "out.3.exr") == (FILM / 2, time_code_of(3))
+
+
+def write_parts(path: Path, number: int) -> Path:
+    """Three parts, of which the first alone states rate and time code, and the last is depth."""
+    path.parent.mkdir(exist_ok=True)
+    shown = {"type": OpenEXR.scanlineimage}
+    gray = np.full((16, 16), 0.5, np.float32)
+    code = time_code_attribute(time_code_of(number))
+    parts = [
+        OpenEXR.Part({**shown, "framesPerSecond": FILM, "timeCode": code}, {"A": gray}, "matte"),
+        OpenEXR.Part(dict(shown), dict.fromkeys("RGB", gray), "rgba"),
+        OpenEXR.Part(dict(shown), {"Z": gray}, "depth"),
+    ]
+    OpenEXR.File(parts).write(str(path))
+    return path
+
+
+def test_of_several_parts_the_first_may_state_them(tmp_path: Path, loader: SessionLoader) -> None:
+    plate = write_parts(tmp_path / "in" / "p.7.exr", 7)
+    list(predict(PredictRequest((str(plate),), f"{tmp_path}/a.exr", (Format.EXR,), model=loader)))
+    convert(ConvertRequest(str(plate), f"{tmp_path}/b.exr"))
+    pattern, out = f"{tmp_path}/in/p.%d.exr", f"{tmp_path}/out.%d.exr"
+    video(VideoRequest(pattern, out, (VideoFormat.EXR,), model=loader))
+    for name in ("a.exr", "b.exr", "out.7.exr"):
+        assert stated(tmp_path / name) == (FILM, time_code_of(7))
 
 
 def test_a_time_code_that_is_none_is_left_out(tmp_path: Path) -> None:

@@ -42,3 +42,18 @@ def refuse_for_frames(context: Any, file: str) -> None:  # noqa: ANN401 - typer'
     """
     if not given_options(context).keys().isdisjoint({"white_level", *_FOR_EXR}):
         refuse_for_pictures(context, [str(frame.path) for frame in find_pictures(path_of(file))])
+
+
+def refuse_for_folder(context: Any) -> None:  # noqa: ANN401 - typer's own
+    """Refuse ``--exposure`` and ``--layer`` for a batch of a folder, in which EXR are skipped.
+
+    Raises:
+        UsageError: one is given on the command line.
+    """
+    given = given_options(context)
+    for option in _FOR_EXR:
+        if option in given:
+            raise UsageError(
+                f"{given[option]} is for EXR, which batch reads only from a list; name it with "
+                "--files, or leave the option out"
+            )

@@ -199,6 +199,7 @@ def batch(
     from depthcli.cli.arguments.anchors import choose_anchors
     from depthcli.cli.arguments.camera import choose_camera
     from depthcli.cli.arguments.detail import choose_detail
+    from depthcli.cli.arguments.picture_options import refuse_for_folder
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
     from depthcli.cli.arguments.writing import writer_options
@@ -210,6 +211,8 @@ def batch(
     known = choose_anchors(anchor, anchors, anchors_scale, is_folder=True)
     chosen = [*(formats or [Format.PNG16]), *([Format.JSON] if sidecar else [])]
     refuse_unused(context, chosen, PICTURE_OPTIONS)
+    if files is None:
+        refuse_for_folder(context)
     use_bytes = [which.facts.use_bytes for which in chosen]
     detail = choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side)
     budget = FailureBudget.parse(max_failures) if max_failures is not None else None

@@ -64,9 +64,10 @@ def read_exr_channels(
             parts = OpenEXR.File(file, separate_channels=True).parts
         if not parts or not all(part.channels for part in parts):  # all that becomes of damage
             raise InputError(f"{shown} {problem}")
+        first = ExrPart.of(parts[0].header)
         for part in parts:
             layer = f"{part.header['name']}." if len(parts) > 1 else ""
-            stated = ExrPart.of(part.header)
+            stated = ExrPart.of(part.header, first)
             for channel, content in part.channels.items():
                 channels[layer + channel] = StoredChannel(content.pixels, stated)
     except OPENEXR_ERRORS as error:

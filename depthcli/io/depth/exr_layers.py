@@ -1,93 +1,11 @@
-"""Choosing the channels of an OpenEXR file that hold its picture or its depth.
+"""The layers of an OpenEXR file, and the channel that holds its depth.
 
 Names follow the conventions of Blender, Nuke, Arnold, V-Ray, RenderMan, Houdini and Redshift.
 """
 
-import re
 from collections.abc import Collection, Sequence
 
-from depthcli.core.text import one_line
-from depthcli.errors import InputError
-
 _DEPTHS = ("Z", "V", "Y", "R")
-_PICTURES = ("", "rgba", "rgb", "combined", "beauty", "c", "ci", "main", "diffuse", "albedo")
-"""Last parts of the names of layers that hold the picture, the likeliest first."""
-_DATA = re.compile(r"n|p|z|uv|.*(normal|position|depth|motion|velocity|crypto).*")
-"""Last parts of the names of layers whose R, G and B may be no colours."""
-_MAX_SHOWN = 4
-
-
-def colour_channels(
-    file: str, names: Sequence[str], layer: str | None = None
-) -> tuple[tuple[str, ...], str | None]:
-    """The channels of the picture, and a warning if it may be another one.
-
-    Without ``layer``, that is R, G and B, or Y, without a layer; else R, G and B of the layer or
-    part whose name says that it is the picture, else of one whose name does not say that it is
-    data; of several, the first.
-
-    Args:
-        file: what messages call it.
-        names: all channels of the file, in its order.
-        layer: name of the layer or part; the last part of it if no other has the same, in upper or
-            lower case.
-
-    Returns:
-        The names of R, G and B, or of Y; and one line, or None.
-
-    Raises:
-        InputError: there is no such layer.
-    """
-    prefixes = [name.removesuffix("R") for name in names if _last(name) == "R"]
-    coloured = [prefix for prefix in prefixes if {prefix + "G", prefix + "B"} <= set(names)]
-    if layer is not None:
-        return _channels_of(file, names, coloured, layer), None
-    if "Y" in names and "" not in coloured and not is_of_vectors("Y", names):
-        return ("Y",), None
-    if not coloured:
-        raise InputError(
-            f"{file} holds no picture in R, G, B or Y; it has {one_line(', '.join(names))}"
-        )
-    ranks = [_picture_rank(layer) for layer in coloured]
-    likely = [layer for layer, rank in zip(coloured, ranks, strict=True) if rank == min(ranks)]
-    return tuple(likely[0] + colour for colour in "RGB"), _doubt(likely)
-
-
-def _channels_of(
-    file: str, names: Sequence[str], coloured: Sequence[str], layer: str
-) -> tuple[str, ...]:
-    """R, G and B, or Y, of a layer by its name."""
-    gray = [
-        layer_of(name) for name in names if _last(name) == "Y" and not is_of_vectors(name, names)
-    ]
-    wanted = layer.removesuffix(".").lower()
-    found = {prefix.removesuffix("."): prefix for prefix in (*gray, *coloured) if prefix}
-    same = [name for name in found if name.lower() == wanted]
-    chosen = same or [name for name in found if _last(name).lower() == wanted]
-    if len(chosen) != 1:
-        which = "has several layers" if chosen else "has no layer"
-        shown = one_line(", ".join(chosen or found)) or "no layer with a name"
-        raise InputError(f"{file} {which} {layer!r} with R, G and B, or Y; it has {shown}")
-    prefix = found[chosen[0]]
-    return tuple(prefix + colour for colour in ("RGB" if prefix in coloured else "Y"))
-
-
-def _picture_rank(layer: str) -> int:
-    """How likely a layer holds the picture by its name; 0 is the likeliest."""
-    name = layer.removesuffix(".").rpartition(".")[2].lower()
-    if name in _PICTURES:
-        return _PICTURES.index(name)
-    return len(_PICTURES) + bool(_DATA.fullmatch(name))
-
-
-def _doubt(likely: Sequence[str]) -> str | None:
-    """A warning about several layers that are as likely to hold the picture; None for one."""
-    if len(likely) == 1:
-        return None
-    used, *others = (one_line(layer.removesuffix(".")) for layer in likely)
-    more = f" and {len(others) - _MAX_SHOWN} others" if len(others) > _MAX_SHOWN else ""
-    shown = ", ".join(others[:_MAX_SHOWN])
-    return f"its layer {used} is used; if the picture is in {shown}{more}, give --layer"
 
 
 def depth_channel(names: Sequence[str]) -> str | None:
@@ -97,7 +15,9 @@ def depth_channel(names: Sequence[str]) -> str | None:
     ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R. Layers of
     vectors are none of these.
     """
-    depths = [name for name in names if _last(name) in _DEPTHS and not is_of_vectors(name, names)]
+    depths = [
+        name for name in names if last_part(name) in _DEPTHS and not is_of_vectors(name, names)
+    ]
     return min(depths, key=_depth_rank, default=None)
 
 
@@ -112,14 +32,15 @@ def is_of_vectors(name: str, names: Collection[str]) -> bool:
 
 def layer_of(name: str) -> str:
     """What precedes the last part of a channel's name: ``depth.`` of ``depth.Z``, or ""."""
-    return name.removesuffix(_last(name))
+    return name.removesuffix(last_part(name))
 
 
-def _last(name: str) -> str:
+def last_part(name: str) -> str:
+    """The part of a name after its last dot: ``Z`` of ``depth.Z``."""
     return name.rpartition(".")[2]
 
 
 def _depth_rank(name: str) -> tuple[int, int, str]:
-    last, layer = _last(name), layer_of(name)
+    last, layer = last_part(name), layer_of(name)
     signs = (name == "Z", "depth" in layer.lower(), last != "R" and not layer, last != "R", True)
     return signs.index(True), _DEPTHS.index(last), name

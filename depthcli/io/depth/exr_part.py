@@ -20,22 +20,25 @@ class ExrPart(NamedTuple):
     data: Window  #: its data window
     display: Window  #: its display window
     pixel_aspect: float  #: width by height of a pixel
-    rate: Fraction | None  #: frames a second; None if it does not state them
-    time_code: tuple[int, ...] | None  #: of the frame; None if it does not state a valid one
+    rate: Fraction | None  #: frames a second; None if they are not stated
+    time_code: tuple[int, ...] | None  #: of the frame; None if no valid one is stated
     #: CIE x and y of red, green, blue and white; None if it does not state them
     chromaticities: tuple[float, ...] | None
 
     @classmethod
-    def of(cls, header: Mapping[str, Any]) -> "ExrPart":
-        """What a header states, as OpenEXR reads it."""
+    def of(cls, header: Mapping[str, Any], first: "ExrPart | None" = None) -> "ExrPart":
+        """What a header states, as OpenEXR reads it.
+
+        A part that states no rate or no time code has that of the first part of its file.
+        """
         stated: Any = header.get("chromaticities")
         is_stated = isinstance(stated, tuple) and len(stated) == _CHROMATICITIES
         return cls(
             header_window(header["dataWindow"]),
             header_window(header["displayWindow"]),
             float(header["pixelAspectRatio"]),
-            stated_rate(header),
-            stated_time_code(header),
+            stated_rate(header) or (first.rate if first else None),
+            stated_time_code(header) or (first.time_code if first else None),
             stated if is_stated else None,
         )
 

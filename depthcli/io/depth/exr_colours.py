@@ -1,0 +1,117 @@
+"""Choosing the channels of an OpenEXR file that hold its picture.
+
+Names follow the conventions of Blender, Nuke, Arnold, V-Ray, RenderMan, Houdini and Redshift.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+
+from depthcli.core.text import one_line
+from depthcli.errors import InputError
+from depthcli.io.depth.exr_layers import is_of_vectors, last_part, layer_of
+
+_NOTATIONS = (("r", "g", "b"), ("red", "green", "blue"))
+"""What the channels of a colour picture are called, in upper or lower case."""
+_UNNAMED = ("rgba", "rgb")
+"""What the layer without a name is called where layers are chosen."""
+_PICTURES = ("", "rgba", "rgb", "combined", "beauty", "c", "ci", "main", "diffuse", "albedo")
+"""Last parts of the names of layers that hold the picture, the likeliest first."""
+_DATA = re.compile(r"n|p|z|uv|.*(normal|position|depth|motion|velocity|crypto).*")
+"""Last parts of the names of layers whose R, G and B may be no colours."""
+_MAX_SHOWN = 4
+
+
+def colour_channels(
+    file: str, names: Sequence[str], layer: str | None = None
+) -> tuple[tuple[str, ...], str | None]:
+    """The channels of the picture, and a warning if it may be another one.
+
+    Without ``layer``, that is R, G and B, or Y, without a layer; else R, G and B of the layer or
+    part whose name says that it is the picture, else of one whose name does not say that it is
+    data; of several, the first. R, G and B may be called red, green and blue, in any case.
+
+    Args:
+        file: what messages call it.
+        names: all channels of the file, in its order.
+        layer: name of the layer or part; the last part of it if no other has the same, in upper or
+            lower case. ``rgba`` and ``rgb`` are that without a name if none has these.
+
+    Returns:
+        The names of R, G and B, or of Y; and one line, or None.
+
+    Raises:
+        InputError: there is no such layer.
+    """
+    coloured = _coloured_layers(names)
+    if layer is not None:
+        return _channels_of(file, names, coloured, layer), None
+    if "Y" in names and "" not in coloured and not is_of_vectors("Y", names):
+        return ("Y",), None
+    if not coloured:
+        raise InputError(
+            f"{file} holds no picture in R, G, B or Y; it has {one_line(', '.join(names))}"
+        )
+    ranks = {layer: _picture_rank(layer) for layer in coloured}
+    likely = [layer for layer, rank in ranks.items() if rank == min(ranks.values())]
+    return coloured[likely[0]], _doubt(likely)
+
+
+def _coloured_layers(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """R, G and B of each layer that has them in one notation, by what precedes them."""
+    found: dict[tuple[str, str], str] = {}
+    for name in names:  # R precedes r, and r red, in a file, so R is used if there are several
+        found.setdefault((layer_of(name), last_part(name).lower()), name)
+    layers: dict[str, tuple[str, ...]] = {}
+    for layer, colour in found:
+        for notation in _NOTATIONS:
+            wanted = [(layer, other) for other in notation]
+            if colour == notation[0] and found.keys() >= set(wanted):
+                layers.setdefault(layer, tuple(found[key] for key in wanted))
+    return layers
+
+
+def _channels_of(
+    file: str, names: Sequence[str], coloured: Mapping[str, tuple[str, ...]], layer: str
+) -> tuple[str, ...]:
+    """R, G and B, or Y, of a layer by its name."""
+    grays = [name for name in names if last_part(name) == "Y" and not is_of_vectors(name, names)]
+    channels = {**{layer_of(gray): (gray,) for gray in grays}, **coloured}
+    found = {prefix.removesuffix("."): prefix for prefix in channels if prefix}
+    wanted = layer.removesuffix(".").lower()
+    same = [name for name in found if name.lower() == wanted]
+    chosen = same or [name for name in found if last_part(name).lower() == wanted]
+    if not chosen and wanted in _UNNAMED and "" in channels:
+        return channels[""]
+    if len(chosen) != 1:
+        which = "has several layers" if chosen else "has no layer"
+        shown = chosen or _layers_shown(list(found), has_unnamed="" in channels)
+        raise InputError(
+            f"{file} {which} {layer!r} with R, G and B, or Y; it has "
+            + one_line(", ".join(shown or names))
+        )
+    return channels[found[chosen[0]]]
+
+
+def _layers_shown(named: Sequence[str], *, has_unnamed: bool) -> list[str]:
+    """What an error says of the layers that there are; nothing if there is none."""
+    if not has_unnamed:
+        return list(named)
+    return [*named, "one without a name"] if named else ["only one, without a name"]
+
+
+def _picture_rank(layer: str) -> int:
+    """How likely a layer holds the picture by its name; 0 is the likeliest."""
+    name = last_part(layer.removesuffix(".")).lower()
+    if name in _PICTURES:
+        return _PICTURES.index(name)
+    return len(_PICTURES) + bool(_DATA.fullmatch(name))
+
+
+def _doubt(likely: Sequence[str]) -> str | None:
+    """A warning about several layers that are as likely to hold the picture; None for one."""
+    if len(likely) == 1:
+        return None
+    used, *others = (one_line(layer.removesuffix(".")) for layer in likely)
+    more = f" and {len(others) - _MAX_SHOWN} others" if len(others) > _MAX_SHOWN else ""
+    shown = ", ".join(others[:_MAX_SHOWN])
+    return f"its layer {used} is used; if the picture is in {shown}{more}, give --layer"

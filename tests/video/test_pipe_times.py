@@ -1,0 +1,72 @@
+"""Previews in a pipe have the frame times of a file, and are written as they are made."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+import av
+import numpy as np
+import pytest
+from videos import with_sound
+
+from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.io.writers.preview import PreviewWriter
+from depthcli.video.audio import AudioTrack
+from depthcli.video.output import DepthFrame
+from depthcli.video.pipes import OutputPipe
+from depthcli.video.preview_output import preview_video
+from depthcli.video.rates import Timing
+from depthcli.video.source import VideoSource
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FILM = Fraction(24000, 1001)
+END_OF_FRAMES = b"the end of the frames"
+
+
+def write_preview(target: Path | OutputPipe, source: Path, first_s: int, seconds: int) -> None:
+    """A preview with the sound of a video from a time on."""
+    with VideoSource(source) as video:
+        audio = AudioTrack(source, video.start_s or Fraction(0))
+    values = np.random.default_rng(0).uniform(1, 9, (64, 64)).astype(np.float32)
+    with preview_video(target, Timing(FILM), PreviewWriter(), (), audio=audio) as output:
+        for i in range(int(seconds * FILM)):
+            picture = Frame(np.zeros((64, 64), np.uint8), timestamp_s=float(first_s + i / FILM))
+            depth = DepthMap(np.roll(values, 9 * i), DepthKind.METRIC)
+            output.append(output.encode(DepthFrame(picture, depth, (1, 9))))
+        if isinstance(target, OutputPipe):
+            target.write(END_OF_FRAMES)
+        assert output.finish() == ()
+
+
+@pytest.mark.parametrize(
+    ("suffix", "sound"), [(".mp4", "pcm_s16le"), (".mp4", "aac"), (".mov", "libopus")]
+)
+@pytest.mark.parametrize(
+    ("first_s", "seconds"),
+    [
+        pytest.param(0, 5, id="whole"),
+        pytest.param(2, 4, id="from the middle"),
+        pytest.param(5, 14, id="after the sound"),
+    ],
+)
+def test_frames_in_a_pipe_have_the_times_of_a_file(
+    suffix: str, sound: str, first_s: int, seconds: int, tmp_path: Path
+) -> None:
+    source = with_sound(tmp_path / "a.mkv", sound)
+    write_preview(tmp_path / f"b{suffix}", source, first_s, seconds)
+    stream = BytesIO()
+    write_preview(OutputPipe(stream, suffix), source, first_s, seconds)
+    before, after = stream.getvalue().split(END_OF_FRAMES)
+    assert len(before) > len(after) / 4  # fragments do not wait for the end
+    assert frames_of(BytesIO(before + after)) == frames_of(tmp_path / f"b{suffix}")
+
+
+def frames_of(video: Path | BytesIO) -> list[tuple[int | None, int]]:
+    """Time and duration of each frame, in ticks."""
+    file = video if isinstance(video, BytesIO) else str(video)
+    with av.open(file) as container:
+        return [(frame.pts, frame.duration) for frame in container.decode(video=0)]
