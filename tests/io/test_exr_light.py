@@ -86,6 +86,20 @@ def test_colours_become_those_of_rec_709(stated: tuple[float, ...], tmp_path: Pa
     np.testing.assert_allclose(pixels[1:], curve, atol=2e-3)
 
 
+def test_primaries_are_those_of_the_first_part_if_a_part_states_none(tmp_path: Path) -> None:
+    light = np.random.default_rng(0).uniform(0, 1, (3, 4, 6)).astype(np.float32)
+    colours = dict(zip("RGB", light, strict=True))
+    first = {"type": OpenEXR.scanlineimage, "chromaticities": ACESCG}
+    parts = [
+        OpenEXR.Part(first, {"Z": light[0]}, "depth"),
+        OpenEXR.Part({"type": OpenEXR.scanlineimage}, colours, "rgba"),
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
+    OpenEXR.File(first, colours).write(str(tmp_path / "one.exr"))
+    found, wanted = (read_exr_picture(tmp_path / f"{name}.exr").pixels for name in ("parts", "one"))
+    np.testing.assert_array_equal(found, wanted)
+
+
 @pytest.mark.parametrize(
     "stated",
     [

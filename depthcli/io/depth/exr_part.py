@@ -29,17 +29,18 @@ class ExrPart(NamedTuple):
     def of(cls, header: Mapping[str, Any], first: "ExrPart | None" = None) -> "ExrPart":
         """What a header states, as OpenEXR reads it.
 
-        A part that states no rate or no time code has that of the first part of its file.
+        A part that states no rate, no time code or no primaries has those of the first part.
         """
         stated: Any = header.get("chromaticities")
-        is_stated = isinstance(stated, tuple) and len(stated) == _CHROMATICITIES
+        if not (isinstance(stated, tuple) and len(stated) == _CHROMATICITIES):
+            stated = first.chromaticities if first else None
         return cls(
             header_window(header["dataWindow"]),
             header_window(header["displayWindow"]),
             float(header["pixelAspectRatio"]),
             stated_rate(header) or (first.rate if first else None),
             stated_time_code(header) or (first.time_code if first else None),
-            stated if is_stated else None,
+            stated,
         )
 
 
