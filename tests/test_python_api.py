@@ -293,6 +293,57 @@ def test_a_bad_picture_ends_the_stream_at_its_turn(model: depthcli.DepthModel) -
         next(depths)
 
 
+STREAM_OPTIONS = [{"workers": 2}, {"batch_size": 3}, {"batch_size": 3, "workers": 2}]
+
+
+@pytest.mark.parametrize("options", STREAM_OPTIONS)
+@pytest.mark.parametrize("is_file", [False, True])
+def test_one_buffer_serves_a_whole_stream(
+    is_file: bool, options: dict[str, int], model: depthcli.DepthModel
+) -> None:
+    def content(level: int) -> np.ndarray:
+        pixels = np.full((12, 16), 25 * level, np.uint8)
+        return np.ravel(cv2.imencode(".bmp", pixels)[1]) if is_file else pixels
+
+    buffer = content(0)
+
+    def camera() -> Iterator[Any]:
+        for level in range(10):
+            buffer[:] = content(level)
+            yield memoryview(buffer) if is_file else buffer
+
+    found = [float(depth.values[0, 0]) for depth in model.predict_many(camera(), **options)]
+    assert found == pytest.approx([1 + 8 * 25 * level / 255 for level in range(10)], abs=1e-4)
+
+
+@pytest.mark.parametrize("options", STREAM_OPTIONS)
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [
+        ([b"no picture"], "not a picture"),
+        ([np.zeros((2, 2))], "float64"),
+        ([np.zeros((2000, 2000), np.uint8)], "--max-memory"),
+        ([PIXELS[:5, :5]], "outside"),
+        ([], "the camera is gone"),
+    ],
+)
+def test_maps_before_an_error_are_not_lost(
+    bad: list[Any], why: str, options: dict[str, int], model: depthcli.DepthModel
+) -> None:
+    def pictures() -> Iterator[Any]:
+        yield from [*[PIXELS] * 4, *bad]
+        raise OSError("the camera is gone")
+
+    folder = model.pipeline.session.model.path.parent
+    detail = depthcli.Detail(max_memory_bytes=9_000_000)
+    model = depthcli.load_model(folder, provider="cpu", detail=detail)
+    depths = model.predict_many(pictures(), anchors=[(60, 40, 2.0)], **options)
+    for _ in range(4):
+        next(depths)
+    with pytest.raises((OSError, depthcli.DepthcliError), match=why):
+        next(depths)
+
+
 @pytest.mark.parametrize(
     "pictures", ["room.png", b"data", Path("room.png"), PIXELS, depthcli.Frame(PIXELS), 3]
 )
