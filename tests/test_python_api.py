@@ -454,6 +454,19 @@ def test_pixels_that_a_fit_erases_give_a_warning() -> None:
     np.testing.assert_allclose(depth.values, [[math.nan, math.nan, 1, 4]], rtol=1e-6)
 
 
+def test_files_read_have_nan_where_there_is_no_depth(tmp_path: Path) -> None:
+    stored = [[0, -1, 2], [math.nan, math.inf, -math.inf]]
+    np.save(tmp_path / "a.npy", np.float32(stored))
+    metric(stored).save(tmp_path / "a.exr")
+    for name in ("a.npy", "a.exr"):
+        values = depthcli.read_depth(tmp_path / name).values
+        np.testing.assert_array_equal(values, np.float32([[math.nan] * 2 + [2], [math.nan] * 3]))
+    relative = depthcli.DepthMap(np.float32(stored), depthcli.DepthKind.RELATIVE)
+    relative.save(tmp_path / "r.exr")
+    values = depthcli.read_depth(tmp_path / "r.exr").values
+    np.testing.assert_array_equal(values, np.float32([stored[0], [math.nan] * 3]))
+
+
 def test_valid_is_where_there_is_depth() -> None:
     depth = metric([[1, 0, -1], [math.nan, math.inf, 2]])
     np.testing.assert_array_equal(depth.valid, [[True, False, False], [False, False, True]])
