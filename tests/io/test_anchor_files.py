@@ -28,7 +28,7 @@ def test_a_table_has_its_columns_in_any_order(tmp_path: Path) -> None:
     path.write_bytes(b"\xef\xbb\xbfname,depth_m,x,y\r\na,2.5,3,4\r\nb,1e1,-0.4,6.6\r\n")
     points = AnchorFiles(str(path)).read()
     assert points.listed() == (Anchor(3, 4, 2.5), Anchor(0, 7, 10.0))
-    path.write_bytes(b'x, y, "depth_m"\n3, 4, 2.5\n 0, 7, "10"\n')
+    path.write_bytes(b'x , y, "depth_m"\n3, 4 , 2.5\n 0, 7, "10"\n')
     assert AnchorFiles(str(path)).read().listed() == points.listed()
 
 

@@ -50,7 +50,8 @@ def _table(data: bytes, name: str) -> AnchorPoints:
     try:
         text = io.StringIO(data.decode("utf-8-sig"), newline="")
         rows = csv.DictReader(text, strict=True, skipinitialspace=True)
-        missing = [column for column in _COLUMNS if column not in (rows.fieldnames or ())]
+        rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
+        missing = [column for column in _COLUMNS if column not in rows.fieldnames]
         if missing:
             raise InputError(
                 f"{name} has no column {missing[0]}; its first line has to name x, y and depth_m"
