@@ -77,6 +77,7 @@ class InputCollector:
             self._shard,
             self._unlisted,
             self._lenses,
+            is_list or bool(self._wanted.include or self._wanted.exclude),
         )
         if not self._has_inputs:
             _check_any(plan.skipped, where)

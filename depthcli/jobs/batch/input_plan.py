@@ -31,6 +31,7 @@ class Plan:
     unlisted: Mapping[str, Sequence[str]] = field(default_factory=dict)
     #: cameras of a table, by input; the others are not in it
     lenses: Mapping[str, Lens] = field(default_factory=dict)
+    is_part: bool = False  #: whether other files of the folder may be inputs of other batches
     camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
 
     @property
