@@ -98,6 +98,18 @@ def test_a_damaged_output_is_made_again(tmp_path: Path, damage: str) -> None:
     assert outputs(tmp_path / "out") == good
 
 
+def test_a_sensor_s_depth_is_not_replaced(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    sensor = write_picture(tmp_path / "out" / "a.depth.png")
+    before = sensor.read_bytes()
+    rows = [result.row for result in Batch(request(tmp_path))]
+    assert [row.error for row in rows if row.error] == [
+        f"{sensor} exists and was not written by depthcli; remove it or choose another output"
+    ]
+    assert [row.input for row in rows if row.status == OK] == ["z.png", "hall/b.png"]
+    assert sensor.read_bytes() == before
+
+
 def test_failed_inputs_are_tried_again(tmp_path: Path) -> None:
     pictures(tmp_path)
     path = tmp_path / "in" / "z.png"
