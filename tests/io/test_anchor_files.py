@@ -10,7 +10,7 @@ import pytest
 
 from depthcli.core.camera import Anchor
 from depthcli.core.types import DepthKind, DepthMap
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError
 from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
@@ -77,9 +77,12 @@ def test_maps_of_integers_have_a_scale(tmp_path: Path) -> None:
     for name in ("a.png", "a.npy"):
         points = AnchorFiles(str(tmp_path / name), 256.0).read()
         assert points.depth_m == pytest.approx([2.5, 4.0])
+    np.save(tmp_path / "b.npy", steps.astype(np.float32))
+    with pytest.raises(InputError, match="a scale is for integers"):
+        AnchorFiles(str(tmp_path / "b.npy"), 256.0).read()
     with pytest.raises(InputError, match="--anchors-scale"):
         AnchorFiles(str(tmp_path / "a.npy")).read()
-    with pytest.raises(UsageError, match=r"a\.csv is in metres"):
+    with pytest.raises(InputError, match=r"a\.csv is in metres"):
         AnchorFiles(str(tmp_path / "a.csv"), 256.0).read()
 
 

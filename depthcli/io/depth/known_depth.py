@@ -27,15 +27,18 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
             millimetres.
 
     Raises:
-        InputError: it cannot be read, or holds no known depth.
-        UsageError: there is a scale, and its format has none.
+        InputError: it cannot be read, or holds no known depth, or there is a scale and its format
+            has none.
     """
     suffix = path.suffix.lower()
     if scale is not None and suffix in _WITHOUT_SCALE:
-        raise UsageError(f"--anchors-scale is for PNG and NPY, but {path} is in metres")
+        raise InputError(f"{path} is in metres; --anchors-scale is for PNG and NPY")
     if suffix == ".csv":
         return _table(read_bytes(path), str(path))
-    stored = read_stored_depth(path, png_scale=scale)
+    try:
+        stored = read_stored_depth(path, png_scale=scale)
+    except UsageError as error:  # of this file, not of all that the scale is given for
+        raise InputError(f"--anchors-scale: {error}") from error
     depth = stored.displayed
     if not depth.is_metric:
         raise InputError(f"{path} holds {depth.kind} depth, which has no metres")
