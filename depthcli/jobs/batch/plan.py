@@ -72,7 +72,7 @@ def plan_folder(
 def plan_files(
     words: Iterable[str],
     source: str,
-    root: str,
+    root: str | None,
     out: str,
     wanted: NameFilter = ANY,
     shard: Shard = WHOLE,
@@ -85,7 +85,8 @@ def plan_files(
     Args:
         words: the paths of the list.
         source: name of the list in messages.
-        root: the folder that relative paths start from, and whose tree is kept.
+        root: the folder that relative paths start from, and whose tree is kept; None for the
+            working directory, while absolute paths keep all their folders.
         out: the output folder.
         wanted: include and exclude patterns.
         shard: the part of them that is planned; the others take no memory.
@@ -95,7 +96,7 @@ def plan_files(
         UsageError: the patterns exclude everything, or the table of cameras is of other inputs.
         InputError: all listed files are outputs of depthcli.
     """
-    root, out = without_file_scheme(root), without_file_scheme(out)
+    root, out = root and without_file_scheme(root), without_file_scheme(out)
     collector = InputCollector(out, wanted, shard, cameras)
 
     def pictures() -> Iterator[InputFile]:
