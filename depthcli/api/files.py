@@ -19,7 +19,7 @@ class DepthVideo(depth_videos.DepthVideo):
 
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, from the beginning, with one in memory."""
-        return map(_known, super().__iter__())
+        return map(_with_nan, super().__iter__())
 
 
 def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) -> DepthMap:
@@ -44,10 +44,10 @@ def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) 
     stored = depth_files.read_stored_depth(path, png_scale=png_scale)
     for message in stored.warnings_with_scale("png_scale"):
         warnings.warn(message, DepthcliWarning, stacklevel=2)
-    return _known(stored.displayed)
+    return _with_nan(stored.displayed)
 
 
-def _known(depth: types.DepthMap) -> DepthMap:
+def _with_nan(depth: types.DepthMap) -> DepthMap:
     """The map with NaN where there is no depth; files also have infinity, and 0 m or less."""
     values = np.where(depth.valid, depth.values, np.float32(np.nan))
     return DepthMap(values, depth.kind, depth.provenance)

@@ -30,7 +30,7 @@ class RowIndex:
             OutputError: the disk is full.
         """
         rows = ((_key(name), *location) for name, location in locations)
-        with _as_output_error():
+        with _as_disk_error():
             self._database.executemany("INSERT OR REPLACE INTO rows VALUES (?, ?, ?)", rows)
 
     def find(self, name: str) -> RowLocation | None:
@@ -67,7 +67,7 @@ class PathIndex:
         Raises:
             OutputError: the disk is full.
         """
-        with _as_output_error():
+        with _as_disk_error():
             self._database.executemany(
                 "INSERT OR IGNORE INTO rows VALUES (?)", ((_key(path),) for path in paths)
             )
@@ -92,7 +92,7 @@ def _database(columns: str) -> sqlite3.Connection:
 
 
 @contextmanager
-def _as_output_error() -> Iterator[None]:
+def _as_disk_error() -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
