@@ -72,8 +72,8 @@ class StemCounts:
     def is_shared(self, name: str) -> bool:
         """Whether another name has the same stem."""
         if self._repeated is None:
-            pairs = np.frombuffer(self._hashes, np.uint64).reshape(-1, 2)
-            self._repeated = _repeated(np.unique(pairs, axis=0)[:, 0])
+            stems, names = np.array(self._hashes, np.uint64).reshape(-1, 2).T
+            self._repeated = _repeated(stems[np.unique(names, return_index=True)[1]])
         return _is_in(self._repeated, stem(name))
 
 
