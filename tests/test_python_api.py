@@ -293,6 +293,57 @@ def test_a_bad_picture_ends_the_stream_at_its_turn(model: depthcli.DepthModel) -
         next(depths)
 
 
+STREAM_OPTIONS = [{"workers": 2}, {"batch_size": 3}, {"batch_size": 3, "workers": 2}]
+
+
+@pytest.mark.parametrize("options", STREAM_OPTIONS)
+@pytest.mark.parametrize("is_file", [False, True])
+def test_one_buffer_serves_a_whole_stream(
+    is_file: bool, options: dict[str, int], model: depthcli.DepthModel
+) -> None:
+    def content(level: int) -> np.ndarray:
+        pixels = np.full((12, 16), 25 * level, np.uint8)
+        return np.ravel(cv2.imencode(".bmp", pixels)[1]) if is_file else pixels
+
+    buffer = content(0)
+
+    def camera() -> Iterator[Any]:
+        for level in range(10):
+            buffer[:] = content(level)
+            yield memoryview(buffer) if is_file else buffer
+
+    found = [float(depth.values[0, 0]) for depth in model.predict_many(camera(), **options)]
+    assert found == pytest.approx([1 + 8 * 25 * level / 255 for level in range(10)], abs=1e-4)
+
+
+@pytest.mark.parametrize("options", STREAM_OPTIONS)
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [
+        ([b"no picture"], "not a picture"),
+        ([np.zeros((2, 2))], "float64"),
+        ([np.zeros((2000, 2000), np.uint8)], "--max-memory"),
+        ([PIXELS[:5, :5]], "outside"),
+        ([], "the camera is gone"),
+    ],
+)
+def test_maps_before_an_error_are_not_lost(
+    bad: list[Any], why: str, options: dict[str, int], model: depthcli.DepthModel
+) -> None:
+    def pictures() -> Iterator[Any]:
+        yield from [*[PIXELS] * 4, *bad]
+        raise OSError("the camera is gone")
+
+    folder = model.pipeline.session.model.path.parent
+    detail = depthcli.Detail(max_memory_bytes=9_000_000)
+    model = depthcli.load_model(folder, provider="cpu", detail=detail)
+    depths = model.predict_many(pictures(), anchors=[(60, 40, 2.0)], **options)
+    for _ in range(4):
+        next(depths)
+    with pytest.raises((OSError, depthcli.DepthcliError), match=why):
+        next(depths)
+
+
 @pytest.mark.parametrize(
     "pictures", ["room.png", b"data", Path("room.png"), PIXELS, depthcli.Frame(PIXELS), 3]
 )
@@ -401,6 +452,19 @@ def test_pixels_that_a_fit_erases_give_a_warning() -> None:
         depth = relative.fit_anchors([(2, 0, 1.0), (3, 0, 4.0)])
     assert told[0].filename == __file__
     np.testing.assert_allclose(depth.values, [[math.nan, math.nan, 1, 4]], rtol=1e-6)
+
+
+def test_files_read_have_nan_where_there_is_no_depth(tmp_path: Path) -> None:
+    stored = [[0, -1, 2], [math.nan, math.inf, -math.inf]]
+    np.save(tmp_path / "a.npy", np.float32(stored))
+    metric(stored).save(tmp_path / "a.exr")
+    for name in ("a.npy", "a.exr"):
+        values = depthcli.read_depth(tmp_path / name).values
+        np.testing.assert_array_equal(values, np.float32([[math.nan] * 2 + [2], [math.nan] * 3]))
+    relative = depthcli.DepthMap(np.float32(stored), depthcli.DepthKind.RELATIVE)
+    relative.save(tmp_path / "r.exr")
+    values = depthcli.read_depth(tmp_path / "r.exr").values
+    np.testing.assert_array_equal(values, np.float32([stored[0], [math.nan] * 3]))
 
 
 def test_valid_is_where_there_is_depth() -> None:

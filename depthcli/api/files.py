@@ -4,7 +4,10 @@ import os
 import warnings
 from collections.abc import Iterator
 
+import numpy as np
+
 from depthcli.api.depth_map import DepthMap
+from depthcli.core import types
 from depthcli.errors import DepthcliWarning, InputError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.storage.remote import path_of
@@ -16,12 +19,13 @@ class DepthVideo(depth_videos.DepthVideo):
 
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, from the beginning, with one in memory."""
-        return map(DepthMap.of, super().__iter__())
+        return map(_with_nan, super().__iter__())
 
 
 def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) -> DepthMap:
     """Depth of a 16-bit PNG, EXR or NPY file, with the file's metadata about model and camera.
 
+    Values that are no depth (infinity; metres of 0 or less) are NaN.
     A ``DepthcliWarning`` tells if the sidecar beside it is that of another map, or if a PNG states
     no scale and none is given.
 
@@ -40,4 +44,10 @@ def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) 
     stored = depth_files.read_stored_depth(path, png_scale=png_scale)
     for message in stored.warnings_with_scale("png_scale"):
         warnings.warn(message, DepthcliWarning, stacklevel=2)
-    return DepthMap.of(stored.displayed)
+    return _with_nan(stored.displayed)
+
+
+def _with_nan(depth: types.DepthMap) -> DepthMap:
+    """The map with NaN where there is no depth; files also have infinity, and 0 m or less."""
+    values = np.where(depth.valid, depth.values, np.float32(np.nan))
+    return DepthMap(values, depth.kind, depth.provenance)

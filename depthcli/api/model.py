@@ -8,19 +8,20 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import warnings
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from depthcli.api.depth_map import Anchors, DepthMap
+from depthcli.api.picture_batches import picture_batches
 from depthcli.core import types
 from depthcli.core.choices import DEFAULT_DETAIL
 from depthcli.core.overscan import displayed_depth, displayed_frame, without_invented
 from depthcli.core.parallel.ordered_map import ordered_map
-from depthcli.errors import DepthcliWarning, UsageError
+from depthcli.errors import DepthcliWarning, InputError, UsageError
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.providers import AUTO
 from depthcli.io.pictures.convert import frame_of
@@ -28,8 +29,9 @@ from depthcli.io.pictures.levels import check_white_level
 from depthcli.models.locations import DEFAULT_MODEL
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 
+    from depthcli.api.picture_batches import PictureBatch
     from depthcli.core.choices import Detail
     from depthcli.io.pictures.convert import Picture
     from depthcli.models.card import ModelCard
@@ -154,8 +156,8 @@ class DepthModel:
                 as many batches are read ahead: use 0 for a live camera, all cores for a folder.
 
         Returns:
-            An iterator of one map a picture. An error of :meth:`predict` is raised at the position
-            of that picture, and ends the iterator.
+            An iterator of one map a picture. An error of :meth:`predict`, or of the iterator of
+            pictures, is raised at its position, after the maps before it, and ends the iterator.
 
         Raises:
             UsageError: the camera or the white level is not valid, or ``pictures`` is a single
@@ -165,18 +167,40 @@ class DepthModel:
         check_white_level(white_level)
         _check_several(pictures, batch_size, workers)
 
-        def batch(some: Sequence[Picture]) -> list[DepthMap]:
-            frames = [frame_of(picture, white_level) for picture in some]
-            depths = self.pipeline.predict_many(frames, focal_px=focal_px, hfov_deg=hfov_deg)
-            return [
-                _finished(depth, frame, anchors)
-                for depth, frame in zip(depths, frames, strict=True)
-            ]
+        def predicted(batch: PictureBatch) -> tuple[list[DepthMap], Exception | None]:
+            frames, error = batch.frames(white_level)
+            maps: list[DepthMap] = []
+            try:
+                depths = self._depths(frames, focal_px, hfov_deg)
+                for depth, frame in zip(depths, frames, strict=True):
+                    maps.append(_finished(depth, frame, anchors))
+            except Exception as problem:  # noqa: BLE001 - raised at its position
+                return maps, problem
+            return maps, error
 
-        rest = iter(pictures)
-        batches = iter(lambda: list(itertools.islice(rest, batch_size)), [])
-        done = ordered_map(batch, batches, workers=workers)
-        return itertools.chain.from_iterable(done)
+        batches = picture_batches(pictures, batch_size, white_level)
+        return _maps(ordered_map(predicted, batches, workers=workers))
+
+    def _depths(
+        self, frames: Sequence[types.Frame], focal_px: float | None, hfov_deg: float | None
+    ) -> Iterator[types.DepthMap]:
+        """Depth of a batch; one by one if it is refused, for the maps before the bad picture."""
+        try:
+            yield from self.pipeline.predict_many(frames, focal_px=focal_px, hfov_deg=hfov_deg)
+        except InputError:
+            for frame in frames:
+                yield self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
+
+
+def _maps(
+    batches: Generator[tuple[list[DepthMap], Exception | None], None, None],
+) -> Iterator[DepthMap]:
+    """The maps of batches, then the error that ended one."""
+    with closing(batches):
+        for maps, error in batches:
+            yield from maps
+            if error is not None:
+                raise error
 
 
 def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Anchors | None) -> DepthMap:

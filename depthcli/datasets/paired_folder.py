@@ -154,7 +154,9 @@ def _focal_lengths(path: Path, ids: tuple[str, ...]) -> tuple[float, ...]:
     found = [lenses.get(pair_id, Lens()).focal_px for pair_id in ids]
     if None in found:
         missing = ids[found.index(None)]
-        raise DatasetError(f"{path} has no {missing!r}: it needs id,focal_px and each pair")
+        raise DatasetError(
+            f"{path} has no focal_px of {missing!r}: it needs id,focal_px and each pair"
+        )
     return tuple(focal_px for focal_px in found if focal_px is not None)
 
 

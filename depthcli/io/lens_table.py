@@ -35,7 +35,7 @@ def read_lenses(path: Path) -> dict[str, Lens]:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
     rows = csv.DictReader(StringIO(text, newline=""), skipinitialspace=True)
     try:
-        columns = rows.fieldnames or ()
+        columns = rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
         if ID not in columns or _FOCAL.isdisjoint(columns):
             raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")
         found: dict[str, Lens] = {}
@@ -59,7 +59,7 @@ def _add(found: dict[str, Lens], row: dict[str, str | None]) -> None:
     lens = Lens(focal_px, None if focal_px is not None else hfov_deg, centre_px)
     if lens == Lens():
         return
-    name = (row[ID] or "").removeprefix("./")
+    name = (row[ID] or "").strip().removeprefix("./")
     if not name:
         raise ValueError("the id is missing")
     if found.setdefault(name, lens) != lens:

@@ -19,6 +19,7 @@ from depthcli.io.writers.formats import FILE_SUFFIXES, Format, format_of
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.depth_files import read_map
 from depthcli.jobs.naming import check_suffix, is_folder, refuse_pattern
+from depthcli.video.number_pattern import is_pattern
 
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
@@ -74,9 +75,11 @@ def convert(request: ConvertRequest) -> ConvertResult:
     Raises:
         InputError: the source or the picture cannot be used.
         OutputError: the target cannot be written, or is an input.
-        UsageError: the target's suffix is of no format, or the request does not fit the source.
+        UsageError: the target's suffix is of no format, or it is a pattern and the name of the
+            source is none, or the request does not fit the source.
     """
-    refuse_pattern("", request.target)
+    if not is_pattern(path_of(request.source).name):
+        refuse_pattern("", request.target)
     stored = read_map(path_of(request.source), scale=request.scale, frame=request.frame)
     return write_converted(stored, request)
 

@@ -18,9 +18,14 @@ from depthcli.video.depth import DepthVideo
 from depthcli.video.number_pattern import check_folders, is_pattern, numbered_name
 
 
-def is_sequence_name(target: str) -> bool:
-    """Whether a target is the name of numbered files, such as ``depth.%04d.exr``."""
-    return is_pattern(path_of(target).name) and not is_folder(target)
+def is_sequence_name(target: str, source: str) -> bool:
+    """Whether a target is the name of numbered files, such as ``depth.%04d.exr``.
+
+    It is that of one file if the source is a depth file with a placeholder in its own name.
+    """
+    place = path_of(source)
+    is_plain = is_pattern(place.name) and not is_depth_video(place)
+    return is_pattern(path_of(target).name) and not is_folder(target) and not is_plain
 
 
 def check_sequence(request: ConvertRequest) -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from array import array
 from collections.abc import Callable, Iterable
 from typing import TypeAlias
 
@@ -54,6 +55,26 @@ class TreeNames:
             return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
         short = self._stem(name)
         return name if _is_in(self._shared, normalised(short)) else short
+
+
+class StemCounts:
+    """Counts names without suffix; a name takes 16 bytes of memory, for hashes."""
+
+    def __init__(self) -> None:
+        self._hashes = array("Q")
+        self._repeated: _Hashes | None = None
+
+    def add(self, name: str) -> None:
+        """Count a name; one that was added already is not counted again."""
+        self._hashes.extend((_hash(stem(name)), _hash(name)))
+        self._repeated = None
+
+    def is_shared(self, name: str) -> bool:
+        """Whether another name has the same stem."""
+        if self._repeated is None:
+            stems, names = np.array(self._hashes, np.uint64).reshape(-1, 2).T
+            self._repeated = _repeated(stems[np.unique(names, return_index=True)[1]])
+        return _is_in(self._repeated, stem(name))
 
 
 def _hash(name: str) -> int:

@@ -13,7 +13,7 @@ from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.pixel_aspect import pixel_aspect_of
 from depthcli.core.types import Frame
-from depthcli.errors import InputError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.pictures.decode import check_size
 from depthcli.io.pictures.read import upright
 from depthcli.video.container import open_video, pipe_advice
@@ -73,7 +73,7 @@ class VideoSource(FrameSource):
                 f"{source} holds no frame that can be decoded; it is damaged"
                 + pipe_advice(self._source)
             )
-        self._current = first
+        self._current, self._is_read = first, False
         self._inspect(first, stream, max_pixels)
         self._timeline = Timeline(
             self.rate,
@@ -89,11 +89,21 @@ class VideoSource(FrameSource):
 
         Frames before and between are decoded too, for exactness, but not converted.
 
-        Yields:
-            RGB, (H, W, 3): uint8, or uint16 of a video of more than 8 bits, rotated and mirrored as
-            the file states; ``index`` counts all frames of the file from 0, also damaged ones,
-            which are skipped; ``timestamp_s`` counts from the first frame and always increases.
+        Returns:
+            An iterator of frames. RGB, (H, W, 3): uint8, or uint16 of a video of more than 8 bits,
+            rotated and mirrored as the file states; ``index`` counts all frames of the file from 0,
+            also damaged ones, which are skipped; ``timestamp_s`` counts from the first frame and
+            always increases.
+
+        Raises:
+            UsageError: it was called before.
         """
+        if self._is_read:
+            raise UsageError(f"the frames of {self._source} were read; open it again to repeat it")
+        self._is_read = True
+        return self._frames(span)
+
+    def _frames(self, span: Span) -> Iterator[Frame]:
         for wanted in span.selected(self._numbers_and_times()):
             if not wanted:
                 continue

@@ -182,6 +182,42 @@ def test_a_batch_has_a_file_for_each_picture(inside: Cli) -> None:
     assert found["c.png"]["anchors"] is None
 
 
+def test_known_depth_of_two_pictures_of_one_stem_is_used_for_none(inside: Cli) -> None:
+    tree(inside, "a.png", "a.jpg", "b.png", "hall/a.png")
+    (inside.folder / "in/b.mp4").write_bytes(b"film")  # is fitted to nothing
+    known = inside.folder / "known"
+    (known / "hall").mkdir(parents=True)
+    for name in ("a", "b", "hall/a"):
+        (known / f"{name}.csv").write_text("x,y,depth_m\n5,4,2\n")
+    batch = ("batch", "in", "--out", "out", "--anchors", "known", "--exclude", "*.mp4")
+    assert inside(*batch).returncode == 1
+    found = rows(inside, "out")
+    assert {name for name, row in found.items() if row["status"] == "ok"} == {"b.png", "hall/a.png"}
+    assert "known/a.csv may be the known depth of this or of another" in found["a.jpg"]["error"]
+    assert found["a.png"]["error"].endswith("picture a; name it a.png.csv")
+    (known / "a.csv").rename(known / "a.png.csv")
+    assert inside(*batch).returncode == 1
+    assert [name for name, row in rows(inside, "out").items() if row["error"]] == ["a.jpg"]
+    (known / "a.png.csv").rename(known / "a.csv")
+    alone = ("batch", "in", "--out", "alone", "--anchors", "known", "--include", "a.jpg")
+    assert inside(*alone).returncode == 0
+
+
+def test_a_scale_that_is_not_of_one_file_fails_its_picture_alone(inside: Cli) -> None:
+    tree(inside, "a.png", "b.png", "c.png")
+    write_kitti(inside.folder / "known" / "a.png", 24, 32)
+    (inside.folder / "known/b.csv").write_text("x,y,depth_m\n5,4,2\n")
+    write_kitti(inside.folder / "known" / "c.png", 24, 34)
+    done = inside("batch", "in", "--out", "out", "--anchors", "known", "--anchors-scale", "256")
+    assert done.returncode == 1
+    found = rows(inside, "out")
+    assert {name: row["error"] for name, row in found.items()} == {
+        "a.png": None,
+        "b.png": "known/b.csv is in metres; --anchors-scale is for PNG and NPY",
+        "c.png": None,
+    }
+
+
 def test_changed_known_depth_is_done_again(inside: Cli) -> None:
     tree(inside, "a.png", "b.png")
     known = inside.folder / "known"

@@ -30,7 +30,7 @@ def test_the_summary_of_what_does_not_match(scene: Cli) -> None:
         done = scene(*words, *extra)
         assert done.returncode == 0
         without, unused = done.stderr.decode().splitlines()[:2]
-        assert without.startswith("depthcli: warning: cameras.csv has no row for 1 of 2 inputs; ")
+        assert without.startswith("depthcli: warning: cameras.csv has no camera for 1 of 2 ")
         assert unused == (
             "depthcli: warning: 1 of 2 rows of cameras.csv match no input, for example 'attic'"
         )

@@ -66,6 +66,22 @@ def names(folder: Path, wanted: Format = Format.EXR) -> dict[str, str]:
     return dict(zip((file.name for file in plan.inputs), outputs, strict=True))
 
 
+def test_names_with_placeholders_are_those_of_files(inside: Cli) -> None:
+    found = ("C#.depth.png", "a%d.png", "b%06d.npy", "c.$F4.png")
+    for name in found:
+        depth_file(inside.folder / "in" / name)
+    assert inside(*TO_EXR).returncode == 0
+    assert contents(inside, "out").keys() == {
+        f"{name}.depth.exr" for name in ("C#", "a%d", "b%06d", "c.$F4")
+    }
+    assert inside("convert", "in/C#.depth.png", "x/D#.exr").returncode == 0
+    assert contents(inside, "x").keys() == {"D#.exr"}
+    depth_file(inside.folder / "in/plain.png")
+    refused = inside("convert", "in/plain.png", "x/C#.exr")
+    assert refused.returncode == 2
+    assert b"is a pattern for the frames of a depth video" in refused.stderr
+
+
 def test_a_tree_is_kept(tree: Cli) -> None:
     done = tree(*TO_EXR)
     assert (done.returncode, done.stderr) == (0, b"")

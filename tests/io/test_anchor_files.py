@@ -10,7 +10,7 @@ import pytest
 
 from depthcli.core.camera import Anchor
 from depthcli.core.types import DepthKind, DepthMap
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError
 from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
@@ -28,7 +28,7 @@ def test_a_table_has_its_columns_in_any_order(tmp_path: Path) -> None:
     path.write_bytes(b"\xef\xbb\xbfname,depth_m,x,y\r\na,2.5,3,4\r\nb,1e1,-0.4,6.6\r\n")
     points = AnchorFiles(str(path)).read()
     assert points.listed() == (Anchor(3, 4, 2.5), Anchor(0, 7, 10.0))
-    path.write_bytes(b'x, y, "depth_m"\n3, 4, 2.5\n 0, 7, "10"\n')
+    path.write_bytes(b'x , y, "depth_m"\n3, 4 , 2.5\n 0, 7, "10"\n')
     assert AnchorFiles(str(path)).read().listed() == points.listed()
 
 
@@ -77,9 +77,12 @@ def test_maps_of_integers_have_a_scale(tmp_path: Path) -> None:
     for name in ("a.png", "a.npy"):
         points = AnchorFiles(str(tmp_path / name), 256.0).read()
         assert points.depth_m == pytest.approx([2.5, 4.0])
+    np.save(tmp_path / "b.npy", steps.astype(np.float32))
+    with pytest.raises(InputError, match="a scale is for integers"):
+        AnchorFiles(str(tmp_path / "b.npy"), 256.0).read()
     with pytest.raises(InputError, match="--anchors-scale"):
         AnchorFiles(str(tmp_path / "a.npy")).read()
-    with pytest.raises(UsageError, match=r"a\.csv is in metres"):
+    with pytest.raises(InputError, match=r"a\.csv is in metres"):
         AnchorFiles(str(tmp_path / "a.csv"), 256.0).read()
 
 

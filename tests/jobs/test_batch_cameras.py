@@ -11,7 +11,7 @@ from batches import outputs, pictures, request
 from tiny import synthetic_picture, write_model, write_picture
 from videos import flat_frames, write_video
 
-from depthcli.core.camera import Camera
+from depthcli.core.camera import Camera, Lens
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_depth
@@ -142,7 +142,7 @@ def test_what_does_not_match_is_told_once(tmp_path: Path) -> None:
     pictures(tmp_path)
     plan = with_table(tmp_path, TABLE + "attic/c,30\nattic/d,30\n").plan
     assert [warning.partition("cameras.csv ")[2] for warning in plan.warnings] == [
-        "has no row for 1 of 3 inputs; their focal lengths are those in EXIF, or assumed",
+        "has no camera for 1 of 3 inputs; their focal lengths are those in EXIF, or assumed",
         "match no input, for example 'attic/c'",
     ]
     assert list(with_table(tmp_path, TABLE + "z,30\n").plan.warnings) == []
@@ -150,7 +150,7 @@ def test_what_does_not_match_is_told_once(tmp_path: Path) -> None:
 
 def test_a_table_of_other_pictures_is_refused(tmp_path: Path) -> None:
     pictures(tmp_path)
-    with pytest.raises(UsageError, match=r"no row of .* matches an input; .* first is 'rgb/a'"):
+    with pytest.raises(UsageError, match=r"with a camera matches an input; .* first is 'rgb/a'"):
         with_table(tmp_path, "id,focal_px\nrgb/a,30\n")
 
 
@@ -229,6 +229,14 @@ def test_a_table_that_cannot_be_used(tmp_path: Path, table: str | None, reason: 
         path.write_text(table)
     with pytest.raises(UsageError, match=reason):
         read_cameras(str(path))
+
+
+def test_spaces_around_names_and_values_are_ignored(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.csv"
+    path.write_text("id , focal_px ,cx , cy\n a ,40 , 3 ,4 \nb , , ,\n")
+    table = read_cameras(str(path))
+    assert table.lens("a.png") == Lens(40.0, None, (3.0, 4.0))
+    assert table.lens("b.png") is None
 
 
 def test_names_of_any_bytes_match(tmp_path: Path) -> None:

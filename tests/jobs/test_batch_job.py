@@ -281,9 +281,12 @@ def test_a_listed_input_is_never_replaced_wherever_the_working_directory_was(
             OutputMap(plan, (Format.PNG16,)).check_conflicts()
 
 
-def test_a_folder_and_its_outputs_may_be_file_uris(tmp_path: Path) -> None:
+def test_a_folder_and_its_outputs_may_be_file_uris_or_paths(tmp_path: Path) -> None:
     pictures(tmp_path)
     uris = ((tmp_path / name).as_uri() for name in ("in", "out"))
     plan = plan_folder(*uris)
     assert (plan.out, plan.inputs) == (tmp_path / "out", request(tmp_path).plan.inputs)
     assert {file.name for file in plan.inputs} == set(NAMES)
+    paths = tmp_path / "in", tmp_path / "out"
+    assert plan_folder(*paths).inputs == plan.inputs
+    assert set(plan_files(NAMES, "mine", *paths).inputs) == set(plan.inputs)

@@ -13,12 +13,14 @@ from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.picture_options import PictureOptions
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.listing.globs import NameFilter
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
+from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.options import BatchOptions
-from depthcli.jobs.batch.plan import plan_files
+from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
 
 if TYPE_CHECKING:
@@ -96,6 +98,18 @@ def test_a_damaged_output_is_made_again(tmp_path: Path, damage: str) -> None:
     assert outputs(tmp_path / "out") == good
 
 
+def test_a_sensor_s_depth_is_not_replaced(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    sensor = write_picture(tmp_path / "out" / "a.depth.png")
+    before = sensor.read_bytes()
+    rows = [result.row for result in Batch(request(tmp_path))]
+    assert [row.error for row in rows if row.error] == [
+        f"{sensor} exists and was not written by depthcli; remove it or choose another output"
+    ]
+    assert [row.input for row in rows if row.status == OK] == ["z.png", "hall/b.png"]
+    assert sensor.read_bytes() == before
+
+
 def test_failed_inputs_are_tried_again(tmp_path: Path) -> None:
     pictures(tmp_path)
     path = tmp_path / "in" / "z.png"
@@ -117,9 +131,35 @@ def test_a_batch_of_some_files_forgets_no_other(tmp_path: Path) -> None:
     kept(tmp_path)
     some = plan_files(["z.png"], "mine", str(tmp_path / "in"), str(tmp_path / "out"))
     assert [result.is_kept for result in Batch(replace(request(tmp_path), plan=some))] == [True]
-    # What failed and was not asked for again has nothing in the folder.
-    assert known_rows(tmp_path / "out").row("d.jpg") is None
+    assert known_rows(tmp_path / "out").row("d.jpg") is not None
     assert kept(tmp_path) == {**ALL, "d.jpg": False}
+
+
+@pytest.mark.parametrize("is_part", [True, False])
+def test_failed_rows_of_files_left_out_stay(tmp_path: Path, is_part: bool) -> None:
+    pictures(tmp_path)
+    bad = tmp_path / "in" / "bad.png"
+    bad.write_bytes(b"no picture")
+    list(Batch(request(tmp_path)))
+    bad.unlink()
+    again = request(tmp_path)
+    if is_part:
+        wanted = NameFilter.of(["a.png"], [])
+        again = replace(
+            again, plan=plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), wanted)
+        )
+    list(Batch(again))
+    assert (known_rows(tmp_path / "out").row("bad.png") is not None) is is_part
+
+
+def test_a_row_whose_output_is_another_input_s_now_is_dropped(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    list(Batch(request(tmp_path)))
+    (tmp_path / "in/a.png").rename(tmp_path / "in/a.jpg")
+    (tmp_path / "in/z.png").unlink()
+    list(Batch(request(tmp_path)))
+    rows = read_rows(tmp_path / "out")
+    assert [row.input for row in rows] == ["a.jpg", "hall/b.png", "z.png"]
 
 
 def test_rows_that_are_not_ours_are_passed_over(tmp_path: Path) -> None:

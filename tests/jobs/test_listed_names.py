@@ -75,6 +75,20 @@ def _made(path: Path) -> Path:
     return path
 
 
+def test_absolute_paths_have_one_name_in_all_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = [write_picture(tmp_path / "in" / f"{name}.png") for name in "abcdef"]
+    words, found = [*map(str, paths)], list[str]()
+    for number, folder in ((1, tmp_path), (2, tmp_path / "in")):
+        monkeypatch.chdir(folder)
+        plan = plan_files(words, "mine", None, str(tmp_path / "out"), shard=Shard(number, 2))
+        found += [file.name for file in plan.inputs]
+    assert sorted(found) == [word.removeprefix("/") for word in words]
+    plan = plan_files(["a.png", "../in/b.png"], "mine", None, str(tmp_path / "out"))
+    assert [file.name for file in plan.inputs] == ["a.png", "b.png"]
+
+
 @pytest.mark.parametrize("formats", [(Format.PNG16, Format.NPY), (Format.NPY,)])
 def test_the_output_of_a_file_that_is_left_out_stays(
     tmp_path: Path, formats: tuple[Format, ...]

@@ -188,6 +188,27 @@ def test_anchors_that_miss_a_picture_fail_it_alone(tmp_path: Path, loader: Sessi
     assert done.depth.values[30, 40] == pytest.approx(2)
 
 
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_a_sensor_s_depth_beside_a_picture_is_not_replaced(
+    tmp_path: Path, loader: SessionLoader, suffix: str
+) -> None:
+    names = tuple(str(write_picture(tmp_path / name)) for name in ("a.jpg", "b.jpg"))
+    sensor = tmp_path / f"a.depth{suffix}"
+    cv2.imwrite(str(tmp_path / "s.png"), np.ones((4, 4), np.uint16))
+    (tmp_path / "s.png").rename(sensor)
+    before = sensor.read_bytes()
+    formats = (Format.NPY, Format.PNG16, Format.EXR)
+    for _ in range(2):  # its own outputs are replaced
+        bad, good = predict(PredictRequest(names, formats=formats, model=loader))
+        assert isinstance(bad, FailedInput)
+        assert f"{sensor} exists and was not written by depthcli" in str(bad.error)
+        assert isinstance(good, PictureResult)
+    assert sensor.read_bytes() == before
+    assert {path.name for path in tmp_path.glob("a.*")} == {"a.jpg", sensor.name}
+    (done,) = predict(PredictRequest(names[:1], str(tmp_path / "a.depth.png"), model=loader))
+    assert isinstance(done, PictureResult)
+
+
 def test_a_picture_is_never_its_own_output(tmp_path: Path, loader: SessionLoader) -> None:
     picture = write_picture(tmp_path / "a.png")
     before = picture.read_bytes()

@@ -151,11 +151,11 @@ def test_training_reads_them(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("id,focal_px\na,30\n", "has no 'b'"),
+        ("id,focal_px\na,30\n", "has no focal_px of 'b'"),
         ("id,mm\na,30\nb,30\n", "has no columns id,focal_px"),
-        ("id,hfov_deg\na,30\nb,30\n", "has no 'a'"),
+        ("id,hfov_deg\na,30\nb,30\n", "has no focal_px of 'a'"),
         ("id,focal_px\na,30\nb,long\n", "line 3: focal_px is a number .*, not 'long'"),
-        ("id,focal_px\na,30\nb\n", "has no 'b'"),
+        ("id,focal_px\na,30\nb\n", "has no focal_px of 'b'"),
         ("id,focal_px\na,30\nb,0\n", "focal_px is a number from 0.001 to 1e8"),
         ("id,focal_px\na,30\nb,nan\n", "focal_px is a number from 0.001 to 1e8"),
         ("id,focal_px\na,30\nb,1e300\n", "focal_px is a number from 0.001 to 1e8"),

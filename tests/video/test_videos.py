@@ -26,7 +26,7 @@ from videos import (
 
 from depthcli.core.colour import value_channel
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError, OutputError
+from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.writers.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import Codec, preview_codec
@@ -179,6 +179,8 @@ def test_uneven_times_are_kept(tmp_path: Path) -> None:
     write_mp4(tmp_path / "a.mp4", flat_frames(range(6)), times_s=times_s)
     with VideoSource(tmp_path / "a.mp4") as source:
         found = [frame.timestamp_s for frame in source.frames()]
+        with pytest.raises(UsageError, match="open it again"):
+            source.frames()
     assert found == pytest.approx(times_s, abs=0.0012)
 
 

@@ -271,7 +271,7 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     cameras = read_cameras(given["cameras"]) if given["cameras"] is not None else None
     if files is not None:
         words = parse_list(_stdin()) if files == STDIO else read_list(files, column)
-        return plan_files(words, files, folder or ".", out, wanted, shard, cameras)
+        return plan_files(words, files, folder, out, wanted, shard, cameras)
     if folder is None:
         raise UsageError("name a folder, or give --files with a list")
     return plan_folder(folder, out, wanted, shard, cameras)

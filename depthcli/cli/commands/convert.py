@@ -162,7 +162,7 @@ def convert(
         picture=picture,
         writing=writing,
     )
-    if is_sequence_name(target):
+    if is_sequence_name(target, source):
         frames = convert_video(request, share_cores(workers)[0])
         print_frames(frames, as_json=as_json, quiet=quiet)
     else:

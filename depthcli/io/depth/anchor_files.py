@@ -32,8 +32,8 @@ class AnchorFiles:
         """Read the file.
 
         Raises:
-            InputError: it cannot be read, or holds no known depth.
-            UsageError: there is a scale, and its format has none.
+            InputError: it cannot be read, or holds no known depth, or there is a scale and its
+                format has none.
         """
         from depthcli.io.depth.known_depth import read_known_depth  # noqa: PLC0415 - needs numpy
 
@@ -42,22 +42,34 @@ class AnchorFiles:
             raise InputError(f"{path} holds no known depth; give a file with {_ALTERNATIVES}")
         return read_known_depth(path, self.scale)
 
-    def read_for(self, name: str) -> AnchorPoints:
-        """Read the folder's file for a picture: ``a.npy``, else ``a.depth.npy``, for ``a.jpg``.
+    def read_for(self, name: str, *, shares_stem: bool = False) -> AnchorPoints:
+        """Read the folder's file for a picture.
+
+        For ``a.jpg``, that is ``a.jpg.npy``, else ``a.jpg.depth.npy``, ``a.npy`` or
+        ``a.depth.npy``.
 
         Args:
             name: the picture, relative to its own folder, with ``/`` between the parts.
+            shares_stem: whether ``a.npy`` could be that of another picture, such as ``a.png``.
 
         Raises:
-            InputError: there is none, or several, or it cannot be read, or holds no known depth.
-            UsageError: there is a scale, and its format has none.
+            InputError: there is none, or several, or only one that could be that of another
+                picture, or it cannot be read, or holds no known depth, or there is a scale and its
+                format has none.
         """
         from depthcli.io.depth.known_depth import read_known_depth  # noqa: PLC0415 - needs numpy
 
         folder = path_of(self.path)
         above, slash, own = name.rpartition("/")
         base = above + slash + (own.rpartition(".")[0] or own)
-        found = _files(folder, base) or _files(folder, base + _OUTPUT)
+        found = _files(folder, name) or _files(folder, name + _OUTPUT)
+        if not found:
+            found = _files(folder, base) or _files(folder, base + _OUTPUT)
+            if found and shares_stem:
+                raise InputError(
+                    f"{found[0]} may be the known depth of this or of another picture "
+                    f"{safe_name(base)}; name it {safe_name(name)}{found[0].suffix}"
+                )
         if not found:
             raise InputError(
                 f"{folder} has no known depth for it: {safe_name(base)} with {_ALTERNATIVES}"

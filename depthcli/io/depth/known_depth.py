@@ -27,15 +27,18 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
             millimetres.
 
     Raises:
-        InputError: it cannot be read, or holds no known depth.
-        UsageError: there is a scale, and its format has none.
+        InputError: it cannot be read, or holds no known depth, or there is a scale and its format
+            has none.
     """
     suffix = path.suffix.lower()
     if scale is not None and suffix in _WITHOUT_SCALE:
-        raise UsageError(f"--anchors-scale is for PNG and NPY, but {path} is in metres")
+        raise InputError(f"{path} is in metres; --anchors-scale is for PNG and NPY")
     if suffix == ".csv":
         return _table(read_bytes(path), str(path))
-    stored = read_stored_depth(path, png_scale=scale)
+    try:
+        stored = read_stored_depth(path, png_scale=scale)
+    except UsageError as error:  # of this file, not of all that the scale is given for
+        raise InputError(f"--anchors-scale: {error}") from error
     depth = stored.displayed
     if not depth.is_metric:
         raise InputError(f"{path} holds {depth.kind} depth, which has no metres")
@@ -50,7 +53,8 @@ def _table(data: bytes, name: str) -> AnchorPoints:
     try:
         text = io.StringIO(data.decode("utf-8-sig"), newline="")
         rows = csv.DictReader(text, strict=True, skipinitialspace=True)
-        missing = [column for column in _COLUMNS if column not in (rows.fieldnames or ())]
+        rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
+        missing = [column for column in _COLUMNS if column not in rows.fieldnames]
         if missing:
             raise InputError(
                 f"{name} has no column {missing[0]}; its first line has to name x, y and depth_m"

@@ -32,16 +32,20 @@ def is_own_picture(path: str | Path) -> bool:
 
 
 def check_replaceable(path: Path) -> None:
-    """Check that a numbered file does not take the place of a picture that depthcli did not write.
+    """Check that an output does not take the place of a PNG or EXR that depthcli did not write.
 
-    That would be one of the plates; in an object store, it is not checked.
+    That may be a plate, or the depth of a sensor; in an object store, it is not checked.
 
     Raises:
         OutputError: it does.
     """
-    if isinstance(path, RemotePath) or path.suffix.lower() not in _SUFFIXES or not path.is_file():
+    if isinstance(path, RemotePath) or path.suffix.lower() not in _SUFFIXES:
         return
-    if path.stat().st_size and not is_own_picture(path):
+    try:
+        is_filled = path.is_file() and path.stat().st_size > 0
+    except OSError:
+        return  # writing it tells why
+    if is_filled and not is_own_picture(path):
         raise OutputError(
             f"{path} exists and was not written by depthcli; remove it or choose another output"
         )

@@ -89,22 +89,26 @@ def parse_list(data: bytes) -> list[str]:
     return [os.fsdecode(word) for word in words if word]
 
 
-def listed_inputs(words: Iterable[str], root: str) -> Iterator[InputFile]:
+def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]:
     """Listed paths, with their names relative to a folder; a name can come more than once.
 
     Args:
         words: absolute paths, or paths from ``root``; or from the working directory, as ``find
             root`` prints them, if more of the first thousand exist there.
-        root: the folder whose tree is kept. A path outside it is named by all its folders.
+        root: the folder whose tree is kept. A path outside it is named by all its folders. None for
+            the working directory and relative paths; absolute ones are then named by all their
+            folders, so that names do not depend on it.
     """
     words = map(_local_path, words)
     first = list(islice(words, _MAX_PROBED))
-    base = os.path.abspath(root)  # noqa: PTH100 - links stay as named
-    start = max((root, ""), key=lambda folder: _existing(first, folder))
+    base = os.path.abspath(root or ".")  # noqa: PTH100 - links stay as named
+    start = max((root or "", ""), key=lambda folder: _existing(first, folder))
     for word in chain(first, words):
         path = join(start, word)
-        name = _relative_name(os.path.abspath(path), base)  # noqa: PTH100 - links stay as named
-        yield _listed_uri(path, root) or InputFile(name, path)
+        is_whole = root is None and os.path.isabs(path)  # noqa: PTH117 - may be a URI
+        place = os.path.abspath(path)  # noqa: PTH100 - links stay as named
+        name = _whole_name(place) if is_whole else _relative_name(place, base)
+        yield _listed_uri(path, root or ".") or InputFile(name, path)
 
 
 def _local_path(word: str) -> str:
@@ -137,5 +141,9 @@ def _existing(words: Iterable[str], folder: str) -> int:
 
 def _relative_name(path: str, base: str) -> str:
     inside = path.startswith(base.rstrip(os.sep) + os.sep)
-    tail = path[len(base.rstrip(os.sep)) :] if inside else os.path.splitdrive(path)[1]
-    return tail.lstrip(os.sep).replace(os.sep, "/")
+    tail = path[len(base.rstrip(os.sep)) :]
+    return tail.lstrip(os.sep).replace(os.sep, "/") if inside else _whole_name(path)
+
+
+def _whole_name(path: str) -> str:
+    return os.path.splitdrive(path)[1].lstrip(os.sep).replace(os.sep, "/")

@@ -1,7 +1,8 @@
-"""An index of the rows by input; on disk beyond a few megabytes."""
+"""An index of the rows by input, and one of paths; on disk beyond a few megabytes."""
 
 import sqlite3
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 from depthcli.errors import OutputError
@@ -20,15 +21,7 @@ class RowIndex:
     """Locations by input, in a temporary SQLite database that is deleted with the process."""
 
     def __init__(self) -> None:
-        # Without a name the database is in memory as far as its cache goes, then in a file.
-        self._database = sqlite3.connect("", check_same_thread=False, isolation_level=None)
-        for line in (
-            f"PRAGMA cache_size = -{_CACHE_KIB}",
-            "PRAGMA journal_mode = OFF",
-            "CREATE TABLE rows (name BLOB PRIMARY KEY, source INT, position INT) WITHOUT ROWID",
-            "BEGIN",
-        ):
-            self._database.execute(line)
+        self._database = _database("name BLOB PRIMARY KEY, source INT, position INT")
 
     def add(self, locations: Iterable[tuple[str, RowLocation]]) -> None:
         """Set the locations of the rows of inputs, replacing earlier ones.
@@ -37,13 +30,8 @@ class RowIndex:
             OutputError: the disk is full.
         """
         rows = ((_key(name), *location) for name, location in locations)
-        try:
+        with _as_disk_error():
             self._database.executemany("INSERT OR REPLACE INTO rows VALUES (?, ?, ?)", rows)
-        except sqlite3.Error as error:
-            raise OutputError(
-                f"cannot index the rows of earlier batches in a temporary file: {error}; set "
-                "SQLITE_TMPDIR to a folder with room"
-            ) from error
 
     def find(self, name: str) -> RowLocation | None:
         """The location of an input's row; None if it has none."""
@@ -65,6 +53,53 @@ class RowIndex:
         """All locations, sorted by the names' bytes."""
         found = self._database.execute("SELECT source, position FROM rows ORDER BY name")
         return (RowLocation(*location) for location in found)
+
+
+class PathIndex:
+    """A set of paths, in such a database."""
+
+    def __init__(self) -> None:
+        self._database = _database("path BLOB PRIMARY KEY")
+
+    def add(self, paths: Iterable[str]) -> None:
+        """Add paths.
+
+        Raises:
+            OutputError: the disk is full.
+        """
+        with _as_disk_error():
+            self._database.executemany(
+                "INSERT OR IGNORE INTO rows VALUES (?)", ((_key(path),) for path in paths)
+            )
+
+    def __contains__(self, path: str) -> bool:
+        """Whether a path is in the set."""
+        found = self._database.execute("SELECT 1 FROM rows WHERE path = ?", (_key(path),))
+        return found.fetchone() is not None
+
+
+def _database(columns: str) -> sqlite3.Connection:
+    # Without a name the database is in memory as far as its cache goes, then in a file.
+    database = sqlite3.connect("", check_same_thread=False, isolation_level=None)
+    for line in (
+        f"PRAGMA cache_size = -{_CACHE_KIB}",
+        "PRAGMA journal_mode = OFF",
+        f"CREATE TABLE rows ({columns}) WITHOUT ROWID",
+        "BEGIN",
+    ):
+        database.execute(line)
+    return database
+
+
+@contextmanager
+def _as_disk_error() -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OutputError(
+            f"cannot index the rows of earlier batches in a temporary file: {error}; set "
+            "SQLITE_TMPDIR to a folder with room"
+        ) from error
 
 
 def _key(name: str) -> bytes:

@@ -26,7 +26,7 @@ from depthcli.io.manifest.files import (
     row_files,
     write_manifest,
 )
-from depthcli.io.manifest.index import RowIndex, RowLocation
+from depthcli.io.manifest.index import PathIndex, RowIndex, RowLocation
 from depthcli.io.manifest.row import ManifestFormat, Row
 from depthcli.io.manifest.rows_folder import RowsFolder, rows_folder
 from depthcli.io.manifest.shard import WHOLE, Shard
@@ -156,21 +156,23 @@ class Journal(Rows):
             location = RowLocation(len(self._files) - 1, self._own.append(row.as_line()))
             self._index.add([(row.input, location)])
 
-    def finish(self, names: Iterable[str] | None) -> None:
+    def finish(self, names: Iterable[str] | None, *, keep_failed: bool = False) -> None:
         """Write the manifest and remove the journal.
 
         Inputs of earlier batches that have outputs here come last, so that they are not done again
-        after a batch of other files of the same folder. The rows of shards become part of the
-        manifest of a batch that is not divided.
+        after a batch of other files of the same folder, unless an output is now that of another
+        input. The rows of shards become part of the manifest of a batch that is not divided.
 
         Args:
             names: the inputs in the manifest's order; those without a row are left out. None for
                 all inputs, in the order of their names.
+            keep_failed: keep failed inputs of earlier batches, too, as after a batch of a part of
+                the files.
 
         Raises:
             OutputError: the manifest cannot be written; the journal stays.
         """
-        write_manifest(self.manifest, self._rows(names))
+        write_manifest(self.manifest, self._rows(names, keep_failed=keep_failed))
         with _as_output_error(self._path):
             if sys.platform == "win32":  # which removes nothing that is open
                 self._opened.close()
@@ -180,16 +182,20 @@ class Journal(Rows):
                     remove_path(path)
             self._opened.close()
 
-    def _rows(self, names: Iterable[str] | None) -> Iterator[Row]:
-        """Those of the names, in their order and each once, then the others with outputs."""
+    def _rows(self, names: Iterable[str] | None, *, keep_failed: bool) -> Iterator[Row]:
+        """Those of the names, in their order and each once, then the others that still hold."""
+        written = PathIndex()
         for name in names or ():
             row = self.row(name)
             if row is not None:
+                written.add(file.path for file in row.outputs)
                 yield row
                 self._index.remove(name)
         for location in self._index:
             row = self._at(location)
-            if row is not None and (row.outputs or names is None):
+            if row is None or any(file.path in written for file in row.outputs):
+                continue
+            if row.outputs or keep_failed or names is None:
                 yield row
 
 

@@ -21,13 +21,14 @@ _HTTP = ("http", "https")
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 
 
-def without_file_scheme(name: str) -> str:
-    """A ``file://`` URI as a path; any other name unchanged.
+def without_file_scheme(name: str | os.PathLike[str]) -> str:
+    """A ``file://`` URI as a path; any other name as text, unchanged.
 
     Raises:
         UsageError: the URI names a host.
     """
-    return os.fspath(path_of(name)) if name.lower().startswith("file://") else name
+    text = os.fspath(name)
+    return os.fspath(path_of(text)) if text.lower().startswith("file://") else text
 
 
 def path_of(name: str | os.PathLike[str]) -> Path:

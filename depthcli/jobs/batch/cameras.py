@@ -29,7 +29,7 @@ class CameraTable:
         self._used: dict[str, str] = {}  # id -> the input that it matches
 
     def lens(self, name: str) -> Lens | None:
-        """The camera of an input; None if it has no row.
+        """The camera of an input; None if it has no row, or an empty one.
 
         Raises:
             UsageError: its row is also that of another input.
@@ -50,7 +50,7 @@ class CameraTable:
 
         Args:
             inputs: number of inputs of the batch.
-            unmatched: how many of them have no row.
+            unmatched: how many of them have no row, or an empty one.
 
         Raises:
             UsageError: there are inputs, and no row matches one.
@@ -58,12 +58,13 @@ class CameraTable:
         unused = [row_id for row_id in self._lenses if row_id not in self._used]
         if unused and inputs and not self._used:
             raise UsageError(
-                f"no row of {self._source} matches an input; an id is the path of an input from "
-                f"the folder, with or without its suffix, but the first is {short_repr(unused[0])}"
+                f"no row of {self._source} with a camera matches an input; an id is the path of an "
+                "input from the folder, with or without its suffix, but the first is "
+                f"{short_repr(unused[0])}"
             )
         if unmatched:
             yield (
-                f"{self._source} has no row for {unmatched} of {inputs} inputs; their focal "
+                f"{self._source} has no camera for {unmatched} of {inputs} inputs; their focal "
                 "lengths are those in EXIF, or assumed"
             )
         if unused:

@@ -64,7 +64,7 @@ def _dry_run_of(
             data = read_input(picture.input)
             check(data, safe_name(file.path), request.options.limit)
             sha256 = hashlib.sha256(data).hexdigest()
-            points = request.options.points_for(file.name)
+            points = request.options.points_for(file.name, shares_stem=picture.shares_stem)
             kept = picture.reusable_row(request.plan.out, sha256, origin, points)
     except InputError as error:
         return DryRunResult(file.name, "fail", paths, str(error))

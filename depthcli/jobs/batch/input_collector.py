@@ -7,7 +7,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from depthcli.errors import InputError, UsageError
-from depthcli.io.listing.folder import InputFile, why_skipped
+from depthcli.io.listing.folder import InputFile, is_video, why_skipped
 from depthcli.io.listing.globs import NameFilter
 from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.listing.skipped import (
@@ -28,7 +28,7 @@ from depthcli.io.storage.remote import (
 from depthcli.jobs.batch.cameras import CameraTable
 from depthcli.jobs.batch.input_plan import Plan
 from depthcli.jobs.namesakes import namesakes
-from depthcli.jobs.tree_names import TreeNames
+from depthcli.jobs.tree_names import StemCounts, TreeNames
 
 if TYPE_CHECKING:
     from depthcli.core.camera import Lens
@@ -47,6 +47,7 @@ class InputCollector:
         self._skipped: dict[Skipped, None] = {}
         self._inputs_in_out: set[str] = set()
         self._unlisted: dict[str, list[str]] = {}
+        self._stems = StemCounts()
         self._has_inputs = False
         self._unmatched = list(zip(wanted.include_words, wanted.include, strict=True))
 
@@ -77,6 +78,8 @@ class InputCollector:
             self._shard,
             self._unlisted,
             self._lenses,
+            self._stems,
+            is_list or bool(self._wanted.include or self._wanted.exclude),
         )
         if not self._has_inputs:
             _check_any(plan.skipped, where)
@@ -96,6 +99,8 @@ class InputCollector:
                 self.skip(Skipped(found.name, reason))
                 continue
             self._has_inputs = True
+            if not is_video(found.name):
+                self._stems.add(found.name)
             lens = self._cameras.lens(found.name) if self._cameras else None
             self._inputs_in_out.update(p for p in places.all_of(found.path) if p.startswith(inside))
             if self._shard.holds(found.name):

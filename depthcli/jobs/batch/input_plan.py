@@ -11,7 +11,7 @@ from depthcli.io.listing.skipped import (
     conversion_hint,
 )
 from depthcli.io.manifest.shard import WHOLE, Shard
-from depthcli.jobs.tree_names import TreeNames
+from depthcli.jobs.tree_names import StemCounts, TreeNames
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +31,8 @@ class Plan:
     unlisted: Mapping[str, Sequence[str]] = field(default_factory=dict)
     #: cameras of a table, by input; the others are not in it
     lenses: Mapping[str, Lens] = field(default_factory=dict)
+    stems: StemCounts = field(default_factory=StemCounts)  #: of the pictures of all shards
+    is_part: bool = False  #: whether other files of the folder may be inputs of other batches
     camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
 
     @property

@@ -27,15 +27,18 @@ class BatchOptions:
     #: a folder with known depth for each picture, in place of the camera's points
     anchors: AnchorFiles | None = None
 
-    def points_for(self, name: str) -> AnchorPoints | None:
+    def points_for(self, name: str, *, shares_stem: bool) -> AnchorPoints | None:
         """The known depth of a picture; None if there is none for any.
+
+        Args:
+            name: the picture.
+            shares_stem: whether another picture has the same name but for its suffix.
 
         Raises:
             InputError: that of this picture is missing or cannot be read.
-            UsageError: the scale of the files does not apply to their format.
         """
         if self.anchors is not None:
-            return self.anchors.read_for(name)
+            return self.anchors.read_for(name, shares_stem=shares_stem)
         return AnchorPoints.of(self.camera.anchors) if self.camera.anchors else None
 
     @property

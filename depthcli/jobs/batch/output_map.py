@@ -55,7 +55,9 @@ class OutputMap:
         if not has_names:
             file = self._unless_taken(file, outputs.values(), rows)
         earlier = row if has_names else None
-        return Task(file, outputs, earlier, has_crashed(row), self.plan.lenses.get(file.name))
+        shares_stem = self.plan.stems.is_shared(file.name)
+        lens = self.plan.lenses.get(file.name)
+        return Task(file, outputs, earlier, has_crashed(row), shares_stem, lens)
 
     def video(self, file: InputFile, rows: Rows) -> Task[VideoFormat]:
         """The task for a video, given the rows of earlier batches."""
@@ -67,7 +69,8 @@ class OutputMap:
         if not has_names:
             file = self._unless_taken(file, outputs.values(), rows)
         earlier = row if has_names else None
-        return Task(file, outputs, earlier, has_crashed(row), self.plan.lenses.get(file.name))
+        lens = self.plan.lenses.get(file.name)
+        return Task(file, outputs, earlier, has_crashed(row), lens=lens)
 
     def _unless_taken(self, file: InputFile, outputs: Iterable[Path], rows: Rows) -> InputFile:
         """The input, with a problem if its output is that of a file which is left out."""

@@ -28,8 +28,8 @@ from depthcli.jobs.batch.input_plan import Plan
 
 
 def plan_folder(
-    root: str,
-    out: str,
+    root: str | os.PathLike[str],
+    out: str | os.PathLike[str],
     wanted: NameFilter = ANY,
     shard: Shard = WHOLE,
     cameras: CameraTable | None = None,
@@ -72,8 +72,8 @@ def plan_folder(
 def plan_files(
     words: Iterable[str],
     source: str,
-    root: str,
-    out: str,
+    root: str | os.PathLike[str] | None,
+    out: str | os.PathLike[str],
     wanted: NameFilter = ANY,
     shard: Shard = WHOLE,
     cameras: CameraTable | None = None,
@@ -85,7 +85,8 @@ def plan_files(
     Args:
         words: the paths of the list.
         source: name of the list in messages.
-        root: the folder that relative paths start from, and whose tree is kept.
+        root: the folder that relative paths start from, and whose tree is kept; None for the
+            working directory, while absolute paths keep all their folders.
         out: the output folder.
         wanted: include and exclude patterns.
         shard: the part of them that is planned; the others take no memory.
@@ -95,7 +96,8 @@ def plan_files(
         UsageError: the patterns exclude everything, or the table of cameras is of other inputs.
         InputError: all listed files are outputs of depthcli.
     """
-    root, out = without_file_scheme(root), without_file_scheme(out)
+    root = None if root is None else without_file_scheme(root)
+    out = without_file_scheme(out)
     collector = InputCollector(out, wanted, shard, cameras)
 
     def pictures() -> Iterator[InputFile]:

@@ -159,7 +159,7 @@ class Batch(Iterator[Result]):
         self.late = tuple(self._recorded[name] for name in names if name in self._recorded)
         for result in self.late:
             self.tally.add(result)
-        journal.finish(names)
+        journal.finish(names, keep_failed=self._plan.is_part)
         self._rows.finish()
 
     def _check_outputs(self, journal: Journal, name: str) -> None:

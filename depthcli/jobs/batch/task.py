@@ -39,6 +39,7 @@ class Task(Generic[_FormatT]):
     outputs: Mapping[_FormatT, Path]  #: path of each format; a sequence's has ``%06d`` in its name
     earlier: Row | None = None  #: the row of an earlier run, if its outputs have these names
     is_suspect: bool = False  #: whether decoding it may have crashed an earlier run
+    shares_stem: bool = False  #: whether another picture has its name but for the suffix
     lens: Lens | None = None  #: its own camera; None for that of the batch, if it has one
 
     def origin(self, batch: Origin) -> Origin:

@@ -16,9 +16,11 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
+from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.formats import Format, writer_class
 from depthcli.jobs.failed import FailedInput
+from depthcli.jobs.naming import is_folder
 from depthcli.jobs.outputs import write_output, write_stream
 from depthcli.jobs.predict.plan import STDIO, PicturePlan
 from depthcli.jobs.predict.request import PredictRequest
@@ -62,6 +64,9 @@ def _predict_picture(
     points: AnchorPoints | None,
 ) -> PictureResult:
     start = time.perf_counter()
+    if request.output is None or is_folder(request.output):
+        for chosen in filter(None, plan.outputs.values()):
+            check_replaceable(chosen)
     frame = _read_picture(request, plan)
     camera = request.camera
     centre_px = camera.centre_for(*frame.display_size_px)
