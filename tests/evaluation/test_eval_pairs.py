@@ -103,6 +103,25 @@ def test_files_of_another_tool_and_a_title(data: Path, capsys: pytest.CaptureFix
     assert row.split()[3:5] == ["0.0000", "0.0000"]
 
 
+def test_predictions_have_their_own_unit(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in FACTORS:
+        millimetres = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED)
+        file = data.parent / f"kitti/{name}.png"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        for path in (file, data / f"depth/{name}.png"):
+            cv2.imwrite(str(path), np.round(millimetres * 0.256).astype(np.uint16))
+    words = ["eval", "pairs", str(data), "--png-scale", "256", "--json"]
+    words += ["--predictions", str(data.parent / "kitti")]
+    for more, best, worst in (([], 0.7, 0.8), (["--predictions-scale", "256"], 0, 0)):
+        assert main([*words, *more]) == ExitCode.OK
+        shown = capsys.readouterr()
+        assert best <= json.loads(shown.out)["rows"][0]["scores"]["abs_rel"] <= worst
+        told = "--predictions-scale (--png-scale 256 is that of the truth) states another"
+        assert (told in shown.err) is (not more)
+    assert main(["eval", "pairs", str(data), "--predictions-scale", "256"]) == ExitCode.USAGE
+    assert "--predictions-scale needs --predictions DIR" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("index", "scenes"),
     [
