@@ -66,7 +66,7 @@ def _check_pairing(config: TrainConfig) -> None:
         )
 
 
-def check_size(config: TrainConfig) -> None:
+def check_sides(config: TrainConfig) -> None:
     """Check that an exported model can run at the size that it is trained and validated at.
 
     Raises:
@@ -97,7 +97,7 @@ def _check_generator(config: TrainConfig) -> None:
         _check_levels(config.generator)
         check_batch(config, config.optim.batch_size)
     else:  # checkpoints of efficient networks of other sizes remain readable
-        check_size(config)
+        check_sides(config)
 
 
 def _check_levels(generator: GeneratorConfig) -> None:
