@@ -32,6 +32,8 @@ NYU_HFOV_DEG = 63.3
 """Horizontal field of view of NYU Depth v2's camera over the full picture width, degrees."""
 NYU_ASPECT = 4 / 3
 """Width over height of NYU Depth v2's pictures."""
+_NYU_WIDTH_PX = 640
+_ASPECT_TOLERANCE = 0.05  # of copies that were scaled down to a few pixels
 NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
 NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
@@ -106,6 +108,8 @@ def open_training_data(
     if units_per_metre != MILLIMETRES:
         raise DatasetError(f"{path} is in a unit that is known: remove data.units_per_metre")
     whole = opener(path)
+    if isinstance(whole, PairedFolder) and opener is open_nyu:
+        _check_nyu_shape(whole)
     if opener is open_nyu:
         if (path / CAMERAS_NAME).is_file():
             raise DatasetError(
@@ -115,6 +119,19 @@ def open_training_data(
         return _training_part(whole, split)
     hfov_deg = whole.hfov_deg if isinstance(whole, HasCamera) else None
     return TrainingData(_own_part(whole, split), f"own pairs ({path.resolve().name})", hfov_deg)
+
+
+def _check_nyu_shape(folder: PairedFolder) -> None:
+    """Refuse numbered pairs of one's own, as far as their shape shows that they are not NYU's."""
+    height, width = depth_shape(folder.depths[0])
+    # Copies that were scaled down serve for training, too.
+    if width <= _NYU_WIDTH_PX and abs(width / height - NYU_ASPECT) <= _ASPECT_TOLERANCE:
+        return
+    raise DatasetError(
+        f"{folder.root} has the ids of NYU Depth v2, whose pairs are 640×480 or scaled down, but "
+        f"{folder.ids[0]} is {width}×{height}: if the pairs are your own, rename those in rgb/, "
+        f"depth/ and index.csv, for example to a{folder.ids[0]}"
+    )
 
 
 def _own_folder(

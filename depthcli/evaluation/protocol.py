@@ -10,7 +10,7 @@ from depthcli.core.resize import resize_bilinear
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.choices import Crop, Mask
-from depthcli.metrics.alignment import align
+from depthcli.metrics.alignment import align, is_reversed
 from depthcli.metrics.boundary import BoundaryScores, boundary_scores
 from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
@@ -119,10 +119,12 @@ class EvalProtocol:
                 values = np.where(np.isposinf(values), np.float32(self.max_m), values)
             values = resize_bilinear(values, width, height)
         predicted: npt.NDArray[np.floating] = _select(values, truth.valid)
+        turned = False
         if alignment is not Alignment.NONE or depth.kind is not DepthKind.METRIC:
             exact = predicted.astype(np.float64), truth.depth_m.astype(np.float64)
             predicted = align(*exact, alignment, depth.kind)
-        return DepthPixels(truth.depth_m, predicted, self.min_m, self.max_m)
+            turned = is_reversed(*exact, alignment, depth.kind)
+        return DepthPixels(truth.depth_m, predicted, self.min_m, self.max_m, is_reversed=turned)
 
 
 HEADLINE = EvalProtocol()

@@ -44,6 +44,7 @@ class ReportRow:
     boundary: BoundaryScores | None = None  #: boundary scores, if requested
     #: number of these images that the model was trained on; None if unknown
     train_overlap: int | None = None
+    reversed_count: int = 0  #: images whose order of depth the alignment reversed
 
     def items(self, *, boundary: bool) -> tuple[tuple[str, float], ...]:
         """(name, value) of every score, in the order of the table's columns."""
@@ -147,6 +148,8 @@ def row_json(row: ReportRow) -> dict[str, Any]:
     }
     if row.train_overlap is not None:
         entry["images_trained_on"] = row.train_overlap
+    if row.reversed_count:
+        entry["images_with_reversed_order"] = row.reversed_count
     if row.note:
         entry["note"] = row.note
     if row.model_sha256:

@@ -9,7 +9,7 @@ from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.base import DepthDataset, HasRawDepth
 from depthcli.errors import DatasetError, UsageError
-from depthcli.evaluation.choices import Mask
+from depthcli.evaluation.choices import Mask, Source
 from depthcli.evaluation.predictors.base import Predictor, Sample
 from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, Truth, compare_boundaries
 from depthcli.evaluation.report import ImageScores, ReportRow
@@ -53,6 +53,7 @@ class _ImageScores:
 
     sums: PixelSums
     boundary: BoundaryScores | None
+    is_reversed: bool
 
 
 class _RowAccumulator:
@@ -63,9 +64,11 @@ class _RowAccumulator:
         self._total = Accumulator(protocol.averaging)
         self._boundaries: list[BoundaryScores] = []
         self._images: list[ImageScores] = []
+        self._reversed_count = 0
 
     def add(self, image_id: str, measured: _ImageScores, *, keep: bool) -> None:
         scores = self._total.add(measured.sums)
+        self._reversed_count += measured.is_reversed
         if measured.boundary is not None:
             self._boundaries.append(measured.boundary)
         if keep:
@@ -84,18 +87,26 @@ class _RowAccumulator:
             images=tuple(self._images),
             boundary=mean_boundary_scores(self._boundaries) if self._boundaries else None,
             train_overlap=self._entry.train_overlap,
-            note=_footnote(predictor.name, self._entry.train_overlap),
+            reversed_count=self._reversed_count,
+            note=self._footnote(),
         )
 
-
-def _footnote(name: str, train_overlap: int | None) -> str:
-    """The footnote of a row whose model was trained on test images."""
-    if not train_overlap:
-        return ""
-    return (
-        f"{name} was trained on {train_overlap} of these images, or on others of their scenes: "
-        "its scores say nothing about new pictures and are not comparable"
-    )
+    def _footnote(self) -> str:
+        name, learned = self._entry.predictor.name, self._entry.train_overlap
+        notes = []
+        if learned:
+            notes.append(
+                f"{name} was trained on {learned} of these images, or on others of their scenes: "
+                "its scores say nothing about new pictures and are not comparable"
+            )
+        count, images = self._reversed_count, self._total.image_count
+        if count and self._entry.predictor.source is not Source.TRIVIAL:
+            usual = ": its kind of depth may be wrong" if 2 * count > images else ""
+            notes.append(
+                f"{name}: the fit ({self._alignment}) reversed the order of depth in {count} of "
+                f"{images} images{usual}"
+            )
+        return "; ".join(notes)
 
 
 def evaluate(
@@ -147,7 +158,7 @@ def _score_image(
         for alignment in entry.alignments:
             pixels = protocol.compare(depth, truth, alignment)
             boundary = compare_boundaries(pixels, truth) if protocol.boundary else None
-            found.append(_ImageScores(PixelSums.of(pixels), boundary))
+            found.append(_ImageScores(PixelSums.of(pixels), boundary, pixels.is_reversed))
     return found
 
 

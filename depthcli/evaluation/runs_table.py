@@ -95,6 +95,7 @@ def _row_of_seeds(
         image_count=rows[0].image_count,
         scores=Scores.of(**{metric: mean for metric, (mean, _) in means_and_stds.items()}),
         empty_count=rows[0].empty_count,
+        note="; ".join(dict.fromkeys(row.note for row in rows if row.note)),
     )
     return RunsRow(mean, Scores.of(**stds) if stds else None, _training_of(members), tuple(rows))
 

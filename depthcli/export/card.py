@@ -68,7 +68,7 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
         ),
         camera=None if hfov_deg is None else CameraSpec(hfov_deg),
         onnx=OnnxSpec(options.opset, IR_VERSION),
-        training=_training_facts(saved, options.weights),
+        training=_training_facts(saved, options),
         float_model=options.float_model,
     )
     try:
@@ -89,9 +89,13 @@ def _hfov_deg(given: float | None, known: float | None) -> float | None:
     return known if given is None else given
 
 
-def _training_facts(saved: Checkpoint, weights: Weights) -> dict[str, Any]:
+def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]:
     progress = saved.progress
-    validated = saved.average is None or weights is Weights.AVERAGED
+    averaged = saved.average is None or options.weights is Weights.AVERAGED
+    is_int8 = options.int8_pictures is not None
+    precision = "int8" if is_int8 else "float16" if options.half else None
+    # Parity keeps float16 near the weights that were validated; the others differ from them.
+    validated = averaged and not (options.mirror or is_int8)
     return {
         "data": progress.data,
         **({"extra": progress.extra} if progress.extra else {}),
@@ -108,6 +112,8 @@ def _training_facts(saved: Checkpoint, weights: Weights) -> dict[str, Any]:
             for name, value in progress.scores.items()
             if validated and math.isfinite(value)
         },
+        **({"precision": precision} if precision else {}),
+        **({"mirror": True} if options.mirror else {}),
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
 

@@ -46,14 +46,16 @@ def quantize(model: onnx.ModelProto, batches: Sequence[npt.NDArray[np.float32]])
 
 
 def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.float32]]:
-    """Network inputs of up to 64 pictures of a folder, spread evenly over it by name.
+    """Network inputs of up to 64 pictures of a folder and its subfolders, spread evenly by name.
 
     Raises:
-        UsageError: the folder is missing or has no picture.
+        UsageError: the folder is missing or has no picture, or holds ``rgb`` beside ``depth``.
     """
     if not folder.is_dir():
         raise UsageError(f"{folder} is not a folder; give one with pictures to calibrate int8")
-    files = sorted(path for path in folder.iterdir() if path.is_file())
+    if all((folder / name).is_dir() for name in ("rgb", "depth")):
+        raise UsageError(f"{folder} has depth beside its pictures; give {folder / 'rgb'} for int8")
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
     batches = []
     for path in [files[i] for i in sample_positions(len(files), MAX_PICTURES)]:
         with suppress(InputError):  # other files among the pictures

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from depthcli.core.text import one_line
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
+from depthcli.inference.map_output import map_output
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS
 from depthcli.inference.runtime import ort
 from depthcli.models.card_specs import MAX_INPUT_PIXELS, TensorLayout
@@ -21,7 +22,6 @@ from depthcli.models.catalog import Model
 _FATAL_ONLY = 4
 _IMAGE_RANK = 4
 _MAX_THREADS = 1024
-_NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
 _SOURCE_LOCATION = r"^\S+\.(cc|cpp|h):\d+ .*?\) (?=\S)"
 
 
@@ -71,6 +71,7 @@ class Session:
             threading.Lock() if self.provider == DIRECTML else nullcontext()
         )
         try:
+            self._output = map_output(self._session, model)
             self._input, shape = _image_input(self._session, model)
         except UnicodeDecodeError as error:
             problem = f"{model.path} is damaged: a name in it is not text; export it again"
@@ -92,7 +93,8 @@ class Session:
             batch = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         try:
             with self._run_lock:
-                raw = self._session.run(None, {self._input: batch}, self._run_options)[0]
+                feed = {self._input: batch}
+                raw = self._session.run([self._output], feed, self._run_options)[0]
         except Exception as error:
             raise ModelError(
                 f"{self.model.path} failed on an input of {batch.shape}: {_first_line(error)}"
@@ -169,10 +171,6 @@ def _load_error(model: Model, wanted: tuple[str, ...], error: Exception) -> Mode
 
 def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:
     """Name and (N, C, H, W) of the one float32 input; None where a length is dynamic."""
-    outputs: list[Any] = session.get_outputs()
-    gives = outputs[0].type if outputs else "nothing"
-    if not _NUMBERS.fullmatch(gives):
-        raise ModelError(f"{model.path} gives {gives}, not numbers; use a depth model")
     inputs: list[Any] = session.get_inputs()
     if [(len(one.shape), one.type) for one in inputs] != [(_IMAGE_RANK, "tensor(float)")]:
         raise ModelError(

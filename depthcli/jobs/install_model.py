@@ -169,7 +169,9 @@ def _complete_card(
 ) -> ModelCard:
     """The card, completed with name, size, checksum and versions of the file."""
     opset, ir = onnx_file.versions(data, str(path))
-    fields = draft.fields | {"onnx": {"opset": opset, "ir": ir}, "file": _FILE_NAME}
+    stated = draft.fields.get("onnx")
+    output = {"output": stated["output"]} if isinstance(stated, dict) and "output" in stated else {}
+    fields = draft.fields | {"onnx": {"opset": opset, "ir": ir, **output}, "file": _FILE_NAME}
     if name is not None:
         fields["name"] = name
     card = ModelCard.from_json(json.dumps(fields), where=draft.where)

@@ -56,8 +56,24 @@ def align(
         case Alignment.DEPTH:
             return _fit_line(predicted, truth_m)
         case Alignment.DISPARITY:
-            disparity = predicted if kind is DepthKind.INVERSE else _reciprocal(predicted)
-            return _depth_of_disparity(_fit_line(disparity, 1 / truth_m))
+            return _depth_of_disparity(_fit_line(_disparity(predicted, kind), 1 / truth_m))
+
+
+def is_reversed(
+    predicted: npt.NDArray[np.float64],
+    truth_m: npt.NDArray[np.float64],
+    alignment: Alignment,
+    kind: DepthKind = DepthKind.METRIC,
+) -> bool:
+    """Whether the least-squares fit of :func:`align` exchanges near and far.
+
+    The arguments are those of :func:`align`.
+    """
+    if alignment is Alignment.DEPTH:
+        return _slope(predicted, truth_m) < 0
+    if alignment is Alignment.DISPARITY:
+        return _slope(_disparity(predicted, kind), 1 / truth_m) < 0
+    return False
 
 
 def _scale_median(
@@ -76,17 +92,29 @@ def _fit_line(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDA
     usable = np.isfinite(x)
     if not usable.any():
         return x
-    known_x, known_y = x[usable], y[usable]
-    mean_x, mean_y = known_x.mean(), known_y.mean()
-    centred = known_x - mean_x
-    spread = float(centred @ centred)
-    # A constant prediction has no slope to fit, only the mean.
-    negligible = 1e-24 * known_x.size * max(mean_x**2, np.finfo(np.float64).tiny)
-    slope = float(centred @ (known_y - mean_y)) / spread if spread > negligible else 0.0
+    mean_x, mean_y, slope = x[usable].mean(), y[usable].mean(), _slope(x, y)
     if slope == 0:
         return np.where(np.isnan(x), np.nan, mean_y)
     fitted: npt.NDArray[np.float64] = slope * (x - mean_x) + mean_y
     return fitted
+
+
+def _slope(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float:
+    """The s of :func:`_fit_line`; 0 where x is constant or nowhere finite."""
+    usable = np.isfinite(x)
+    if not usable.any():
+        return 0.0
+    known_x, known_y = x[usable], y[usable]
+    mean_x = known_x.mean()
+    centred = known_x - mean_x
+    spread = float(centred @ centred)
+    # A constant prediction has no slope to fit, only the mean.
+    negligible = 1e-24 * known_x.size * max(mean_x**2, np.finfo(np.float64).tiny)
+    return float(centred @ (known_y - known_y.mean())) / spread if spread > negligible else 0.0
+
+
+def _disparity(predicted: npt.NDArray[np.float64], kind: DepthKind) -> npt.NDArray[np.float64]:
+    return predicted if kind is DepthKind.INVERSE else _reciprocal(predicted)
 
 
 def _reciprocal(depth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -31,6 +31,7 @@ class DepthPixels:
     #: (6, at least N) float64, memory for the arrays below, which is reused for all parts of an
     #: image; None to allocate it
     scratch: npt.NDArray[np.float64] | None = None
+    is_reversed: bool = False  #: whether an alignment of the image exchanged near and far
 
     @classmethod
     def of(

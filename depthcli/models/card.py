@@ -20,6 +20,7 @@ from depthcli.models.card_specs import (
     OutputSpec,
     Resize,
     TensorLayout,
+    Text,
 )
 
 SCHEMA = 1
@@ -28,14 +29,6 @@ METADATA_KEY = "depthcli.card"
 _OPTIONAL_INPUT = {"resize": Resize.AREA, "layout": TensorLayout.NCHW, "pixel_aspect": 1.0}
 _UNPRINTABLE = "[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 _BOUNDS = frozenset({Fit.LOWER_BOUND, Fit.UPPER_BOUND})
-_MAX_TEXT = 1000
-_Text: TypeAlias = Annotated[
-    str,
-    Rule(
-        f"at most {_MAX_TEXT} printable characters, and not empty",
-        lambda text: text.isprintable() and bool(text.strip()) and len(text) <= _MAX_TEXT,
-    ),
-]
 _FileName: TypeAlias = Annotated[
     str,  # a card never points outside its own folder
     Rule(
@@ -62,7 +55,7 @@ class ModelCard:
         input: the network's input.
         output: the meaning of its output.
         camera: the camera it learned; None leaves metres unscaled.
-        onnx: opset and IR version.
+        onnx: opset and IR version, and the output that is the depth map.
         file: name of the ONNX file beside the card; None in an embedded card.
         sha256: checksum of that file, 64 hex digits; None in an embedded card.
         size_bytes: size of that file (``bytes`` in JSON); None in an embedded card.
@@ -73,10 +66,10 @@ class ModelCard:
         latency: its latency by machine; any JSON object.
     """
 
-    name: _Text
-    version: _Text
-    summary: _Text
-    license: _Text
+    name: Text
+    version: Text
+    summary: Text
+    license: Text
     input: InputSpec
     output: OutputSpec
     camera: CameraSpec | None
@@ -119,6 +112,8 @@ class ModelCard:
         for name in ("file", "sha256", "bytes", "float_model"):
             if values[name] is None:
                 del values[name]
+        if self.onnx.output is None:
+            del values["onnx"]["output"]
         for name in ("mean", "std"):
             values["input"][name] = list(values["input"][name])
         for name, default in _OPTIONAL_INPUT.items():

@@ -15,6 +15,14 @@ _MAX_SIDE = 2**15
 _Side: TypeAlias = Annotated[
     int, Rule(f"a whole number from 1 to {_MAX_SIDE}", lambda px: 1 <= px <= _MAX_SIDE)
 ]
+_MAX_TEXT = 1000
+Text: TypeAlias = Annotated[
+    str,
+    Rule(
+        f"at most {_MAX_TEXT} printable characters, and not empty",
+        lambda text: text.isprintable() and bool(text.strip()) and len(text) <= _MAX_TEXT,
+    ),
+]
 Count: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda number: number >= 1)]
 # With larger numbers, sums of 32-bit floats would be constant or not finite.
 _LARGEST = 1e9
@@ -134,7 +142,8 @@ class CameraSpec:
 
 @dataclass(frozen=True, slots=True)
 class OnnxSpec:
-    """Versions that decide which onnxruntime can load the file."""
+    """Versions that decide which onnxruntime can load the file, and which output is the map."""
 
     opset: Count
     ir: Count
+    output: Text | None = None  #: name of the output that is the depth map; None for the only one

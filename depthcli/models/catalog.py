@@ -10,7 +10,7 @@ from depthcli.errors import ModelError
 from depthcli.io.storage.remote import RemotePath
 from depthcli.models import onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
-from depthcli.models.locations import CARD_SUFFIX, ModelLocation, find_location
+from depthcli.models.locations import CARD_NAME, CARD_SUFFIX, ModelLocation, find_location
 
 MAX_BYTES = 2**31 - 1  # a protobuf message cannot be larger
 _MAX_CARD_BYTES = 2**20
@@ -38,7 +38,8 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
 
     Args:
         name_or_path: a name in the catalog, a folder with a ``card.json``, or an ``.onnx`` file
-            with its card inside or beside it; None for the default model.
+            with its card inside or beside it, where a ``card.json`` has to name the file; None for
+            the default model.
 
     Raises:
         ModelError: not found, no card, damaged, external data, or a checksum that differs.
@@ -63,6 +64,12 @@ def read_model(location: ModelLocation) -> Model:
     onnx_file.refuse_external_data(data, str(path))
     embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
     if card is None:
+        beside = path.with_name(CARD_NAME)
+        if embedded is None and beside.is_file():
+            card = ModelCard.from_json(read_card(beside), where=str(beside))
+            if card.file == path.name:
+                check_file(card, path, len(data), sha256)
+                return Model(path, card, sha256, data)
         if embedded is None:
             raise ModelError(
                 f"{path} has no card; put {path.stem}{CARD_SUFFIX} beside it, "

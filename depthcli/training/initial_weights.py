@@ -18,6 +18,7 @@ from depthcli.training.resized_weights import decoder_channels, narrows, resized
 _MIRRORED = "network."  # prefix of weights in a graph that averages with the mirrored picture
 _HALF = "_half"  # suffix of float16 weights, which the graph casts to float32
 _HASH_LENGTH = 16
+_INT8_NODES = frozenset({"DequantizeLinear", "QLinearConv", "ConvInteger", "MatMulInteger"})
 # Names of an exported network's weights end so; graphs have other constants, too.
 _WEIGHTS = (".weight", ".bias", "input_gain")
 
@@ -115,6 +116,11 @@ def _of_onnx(path: Path) -> dict[str, Tensor]:
         raise CheckpointError(
             f"{path} is not a complete ONNX file with embedded weights"
         ) from error
+    if any(node.op_type in _INT8_NODES for node in graph.node):
+        raise CheckpointError(
+            f"{path} has int8 weights, from which no training can start: give its checkpoint, or "
+            "the same model in floats"
+        )
     plain = {
         name.removeprefix(_MIRRORED).removesuffix(_HALF): values for name, values in arrays.items()
     }

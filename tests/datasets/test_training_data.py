@@ -97,6 +97,28 @@ def test_no_split_trains_on_its_test_part(
         np.testing.assert_array_equal(data.dataset.depth_m(i), whole.depth_m(j))
 
 
+@pytest.mark.parametrize(("width", "height"), [(640, 480), (320, 240), (160, 118)])
+def test_pairs_of_nyu_may_be_scaled_down(tmp_path: Path, width: int, height: int) -> None:
+    _nyu(tmp_path, ROWS)
+    for file in tmp_path.glob("*/*.png"):
+        pixels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        assert cv2.imwrite(str(file), cv2.resize(pixels, (width, height)))
+    assert len(open_training_data(tmp_path, paired=True).dataset) == 2
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 960), (640, 360), (480, 640)])
+def test_numbered_pairs_of_another_shape_are_not_nyu(
+    tmp_path: Path, width: int, height: int
+) -> None:
+    _nyu(tmp_path, ROWS)
+    for file in tmp_path.glob("*/*.png"):
+        pixels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        assert cv2.imwrite(str(file), cv2.resize(pixels, (width, height)))
+    message = rf"but 0003 is {width}×{height}: if the pairs are your own, rename .* to a0003"
+    with pytest.raises(DatasetError, match=message):
+        open_training_data(tmp_path, paired=True)
+
+
 def test_what_training_holds_out_of_the_complete_set_is_the_val_split(tmp_path: Path) -> None:
     rows = [f"{label:04d},scene-{label // 3:03d},train" for label in range(0, 1449, 23)]
     whole = open_nyu(_nyu(tmp_path, rows))

@@ -103,6 +103,51 @@ def test_files_of_another_tool_and_a_title(data: Path, capsys: pytest.CaptureFix
     assert row.split()[3:5] == ["0.0000", "0.0000"]
 
 
+def test_predictions_have_their_own_unit(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in FACTORS:
+        millimetres = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED)
+        file = data.parent / f"kitti/{name}.png"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        for path in (file, data / f"depth/{name}.png"):
+            cv2.imwrite(str(path), np.round(millimetres * 0.256).astype(np.uint16))
+    words = ["eval", "pairs", str(data), "--png-scale", "256", "--json"]
+    words += ["--predictions", str(data.parent / "kitti")]
+    for more, best, worst in (([], 0.7, 0.8), (["--predictions-scale", "256"], 0, 0)):
+        assert main([*words, *more]) == ExitCode.OK
+        shown = capsys.readouterr()
+        assert best <= json.loads(shown.out)["rows"][0]["scores"]["abs_rel"] <= worst
+        told = "--predictions-scale (--png-scale 256 is that of the truth) states another"
+        assert (told in shown.err) is (not more)
+    assert main(["eval", "pairs", str(data), "--predictions-scale", "256"]) == ExitCode.USAGE
+    assert "--predictions-scale needs --predictions DIR" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("kind", "align", "count"), [("relative", "depth", 0), ("inverse", "disparity", 3)]
+)
+def test_a_wrong_kind_is_noticed(
+    data: Path, kind: str, align: str, count: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Least squares gives good scores to depth, whatever its kind is called."""
+    for name in FACTORS:
+        file = data.parent / f"files/{name}.png"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes((data / f"depth/{name}.png").read_bytes())
+    files = str(data.parent / "files")
+    words = ["eval", "pairs", str(data), "--predictions", files, "--predictions-kind", kind]
+    words += ["--align", align]
+    assert main([*words, "--json"]) == ExitCode.OK
+    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    assert row["scores"]["d1"] > 0.5
+    assert row.get("images_with_reversed_order", 0) == count
+    assert main(words) == ExitCode.OK
+    note = (
+        f"* {files}: the fit ({align}) reversed the order of depth in 3 of 3 images: "
+        "its kind of depth may be wrong"
+    )
+    assert (note in capsys.readouterr().out) is bool(count)
+
+
 @pytest.mark.parametrize(
     ("index", "scenes"),
     [

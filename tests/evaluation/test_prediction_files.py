@@ -45,6 +45,30 @@ def test_png_in_millimetres(tmp_path: Path) -> None:
     assert depth.values[0, 0] == 3.0
 
 
+def test_a_scale_is_for_files_that_state_none(tmp_path: Path) -> None:
+    png, integers, stated = (tmp_path / name for name in ("png", "npy", "stated"))
+    for folder in (png, integers, stated):
+        folder.mkdir()
+    _write_png(png, 768)
+    for name in IDS:
+        np.save(integers / f"{name}.npy", np.full((4, 6), 768, np.uint16))
+        writer = writer_class(Format.PNG16)()
+        writer.write(DepthMap(np.full((4, 6), 3.0, np.float32)), stated / f"{name}.png")
+    for folder in (png, integers, stated):
+        predictor = open_predictions(folder, IDS, scale=256)
+        assert (predictor.predict(Sample(small_set(), 1)).values == 3.0).all()
+        assert ["has no effect" in text for text in predictor.warnings] == [True] * (
+            folder == stated
+        )
+    (warning,) = open_predictions(png, IDS).warnings
+    assert warning == (
+        f"{png / '0000.png'} states no scale, so millimetres are assumed; "
+        "--predictions-scale states another"
+    )
+    assert not open_predictions(png, IDS, DepthKind.RELATIVE).warnings
+    assert not open_predictions(stated, IDS).warnings
+
+
 def test_most_precise_format_is_taken(tmp_path: Path) -> None:
     _write_png(tmp_path)
     _write_npy(tmp_path)

@@ -113,6 +113,19 @@ def test_scores_of_averaged_weights_are_not_those_of_the_raw_ones(tmp_path: Path
     assert card_of(Checkpoint.load(path), ExportOptions()).training["validation"] != {}
 
 
+def test_scores_are_of_the_network_that_was_validated(tmp_path: Path) -> None:
+    scores = {"abs_rel": 0.25}
+    for options, facts in (
+        (ExportOptions(), {"validation": scores}),
+        (ExportOptions(half=True), {"validation": scores, "precision": "float16"}),
+        (ExportOptions(mirror=True), {"validation": {}, "mirror": True}),
+        (ExportOptions(int8_pictures=tmp_path), {"validation": {}, "precision": "int8"}),
+    ):
+        training = _card(tmp_path, options).training
+        names = training.keys() & {"validation", "precision", "mirror"}
+        assert {name: training[name] for name in names} == facts
+
+
 def test_linear_depth_has_no_smallest_value_of_log_depth(tmp_path: Path) -> None:
     saved = Checkpoint.load(write_checkpoint(tmp_path / "last.ckpt"))
     linear = dataclasses.replace(saved.config.output, coding="linear")

@@ -58,6 +58,14 @@ def test_the_card_is_completed_from_the_file(own: Path, file: Path, tmp_path: Pa
     assert "tiny" in dict(list_locations())
 
 
+@pytest.mark.usefixtures("own")
+def test_the_card_keeps_which_output_is_the_map(file: Path, tmp_path: Path) -> None:
+    fields = card_with({"onnx": {"output": "depth"}})
+    (tmp_path / "c.json").write_text(json.dumps(fields))
+    card = add_model(file, str(tmp_path / "c.json")).card
+    assert (card.onnx.opset, card.onnx.ir, card.onnx.output) == (17, 8, "depth")
+
+
 def test_a_card_may_be_called_anything(own: Path, file: Path, tmp_path: Path) -> None:
     add_model(file, write_card(tmp_path / "card-of-mine"))
     assert [path.name for path in own.iterdir()] == ["tiny"]

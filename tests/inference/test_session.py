@@ -16,6 +16,7 @@ from tiny import card_with, tiny_onnx, write_model
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference.providers import available_providers, fallback_warnings
 from depthcli.inference.session import Session
+from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
@@ -112,6 +113,62 @@ def test_an_output_that_is_no_map_is_an_error(tmp_path: Path) -> None:
     session = Session(find_model(write_model(tmp_path, proto.SerializeToString())))
     with pytest.raises(ModelError, match="not one depth map a picture"):
         session.run(np.zeros((1, 1, 4, 4), np.float32))
+
+
+def _with_outputs(*outputs: tuple[str, int]) -> bytes:
+    """A graph whose outputs are its input times a factor, (N, 1, H, W), and their means."""
+    proto = onnx.load_from_string(tiny_onnx())
+    del proto.graph.output[:]
+    for name, factor in outputs:
+        constant = onnx.numpy_helper.from_array(np.float32(factor).reshape(1), f"{name}_factor")
+        proto.graph.initializer.append(constant)
+        node = onnx.helper.make_node("Mul", ["image", constant.name], [name])
+        mean = onnx.helper.make_node("GlobalAveragePool", [name], [f"{name}_pool"])
+        flat = onnx.helper.make_node("Flatten", [f"{name}_pool"], [f"{name}_mean"])
+        proto.graph.node.extend([node, mean, flat])
+        for output in (f"{name}_mean", name):
+            value = onnx.helper.make_tensor_value_info(output, onnx.TensorProto.FLOAT, None)
+            proto.graph.output.append(value)
+    del proto.graph.node[0]
+    return proto.SerializeToString()
+
+
+@pytest.mark.parametrize(
+    ("names", "card", "factor"),
+    [
+        (("map",), {}, 1),
+        (("sky", "depth"), {}, 2),
+        (("sky", "predicted_depth", "edges"), {}, 2),
+        (("disparity", "depth"), {"onnx__output": "depth"}, 2),
+        (("sky", "edges"), {"onnx__output": "sky"}, 1),
+    ],
+)
+def test_the_depth_map_of_several_outputs(
+    tmp_path: Path, names: tuple[str, ...], card: dict[str, str], factor: int
+) -> None:
+    graph = _with_outputs(*((name, i + 1) for i, name in enumerate(names)))
+    batch = np.arange(48, dtype=np.float32).reshape(1, 1, 6, 8)
+    model = find_model(write_model(tmp_path, graph, **card))
+    np.testing.assert_array_equal(Session(model).run(batch), factor * batch[:, 0])
+    assert ModelCard.from_json(model.card.to_json()) == model.card
+    assert ('"output": "' in model.card.to_json()) is bool(card)
+
+
+@pytest.mark.parametrize(
+    ("names", "card", "message"),
+    [
+        (("sky", "edges"), {}, "state which of them is the depth map in the card, as onnx.output"),
+        (("disparity", "depth"), {}, "state which of them is the depth map"),
+        (("depth", "edges"), {"onnx__output": "Depth"}, "state one of them in the card"),
+    ],
+)
+def test_the_depth_map_is_not_guessed(
+    tmp_path: Path, names: tuple[str, ...], card: dict[str, str], message: str
+) -> None:
+    graph = _with_outputs(*((name, 1) for name in names))
+    with pytest.raises(ModelError, match=message) as caught:
+        Session(find_model(write_model(tmp_path, graph, **card)))
+    assert all(f"{name} [" in str(caught.value) for name in names)
 
 
 def test_loading_prints_nothing_and_only_switches_telemetry_off(model_folder: Path) -> None:

@@ -1,10 +1,12 @@
 """What a training run can start from: bundled models by name, files, checkpoints."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from tiny import tiny_onnx, write_model
 
 from depthcli.errors import CheckpointError, ModelError
 from depthcli.inference.session import Session
@@ -13,6 +15,7 @@ from depthcli.models.catalog import find_model
 from depthcli.training.initial_weights import start_from
 from depthcli.training.networks.build import build_generator
 from depthcli.training.resolve import resolve_config
+from depthcli.training.seen_pairs import seen_by_files
 
 
 @pytest.mark.parametrize("name", ["default", "fast", "float"])
@@ -36,6 +39,30 @@ def test_the_preset_finetune_starts_where_the_bundled_model_is() -> None:
         started = generator(gray)
     exported = Session(model, provider="cpu", threads=1).run(gray.numpy())
     np.testing.assert_allclose(started.numpy().squeeze(), exported.squeeze(), atol=2e-3)
+
+
+def test_int8_weights_are_no_start(tmp_path: Path) -> None:
+    fields = json.loads(find_model("default").card.to_json())
+    del fields["float_model"]
+    (tmp_path / "card.json").write_text(json.dumps(fields))
+    (tmp_path / fields["file"]).write_bytes(find_model("default").data)
+    generator = build_generator(resolve_config("proposed", "finetune").generator)
+    with pytest.raises(CheckpointError, match="has int8 weights, from which no training can start"):
+        start_from(generator, [weights_file(tmp_path)], pytest.fail)
+
+
+def test_a_model_without_a_card_inside_has_the_one_beside(tmp_path: Path) -> None:
+    folder = write_model(tmp_path / "other")
+    model = weights_file(folder)
+    assert model == folder / "model.onnx"
+    assert seen_by_files([model]) == {}
+    assert find_model(model).card == find_model(folder).card
+    model.write_bytes(tiny_onnx(channels=3))
+    with pytest.raises(ModelError, match="its card says"):
+        find_model(model)
+    model.rename(folder / "b.onnx")
+    with pytest.raises(ModelError, match="has no card"):
+        find_model(folder / "b.onnx")
 
 
 def test_a_checkpoint_is_taken_as_it_is(tmp_path: Path) -> None:

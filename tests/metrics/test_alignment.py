@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.core.types import DepthKind
-from depthcli.metrics.alignment import SUITABLE, align
+from depthcli.metrics.alignment import SUITABLE, align, is_reversed
 from depthcli.metrics.choices import Alignment
 
 TRUTH = np.random.default_rng(2).uniform(0.5, 9.5, 300)
@@ -32,6 +32,23 @@ def test_disparity_recovers_a_known_scale_and_shift(scale: float, shift: float) 
     predicted = scale / TRUTH + shift
     aligned = align(predicted, TRUTH, Alignment.DISPARITY, DepthKind.INVERSE)
     np.testing.assert_allclose(aligned, TRUTH, rtol=1e-6)
+
+
+@given(scale=SCALES | st.floats(-100, -0.01), shift=SHIFTS)
+def test_a_negative_scale_reverses_the_order(scale: float, shift: float) -> None:
+    for alignment, kind, line in (
+        (Alignment.DEPTH, DepthKind.RELATIVE, TRUTH),
+        (Alignment.DISPARITY, DepthKind.INVERSE, 1 / TRUTH),
+    ):
+        assert is_reversed(scale * line + shift, TRUTH, alignment, kind) is (scale < 0)
+    assert is_reversed(TRUTH, TRUTH, Alignment.DISPARITY) is False
+    assert is_reversed(1 / TRUTH, TRUTH, Alignment.DEPTH) is True
+
+
+@pytest.mark.parametrize("alignment", list(Alignment))
+def test_what_has_no_order_is_not_reversed(alignment: Alignment) -> None:
+    for value in (2.5, np.nan):
+        assert is_reversed(np.full(300, value), TRUTH, alignment) is False
 
 
 def test_disparity_of_metres_is_fitted_in_their_reciprocal() -> None:

@@ -193,13 +193,16 @@ def test_efficient_needs_every_level(setting: str) -> None:
         apply_overrides(TrainConfig(), [], ["generator.name=efficient", f"generator.{setting}"])
 
 
-def test_resnet_needs_multiples_of_four() -> None:
-    with pytest.raises(UsageError, match="multiple of 4"):
-        apply_overrides(TrainConfig(), [], ["data.width=66"])
-    apply_overrides(TrainConfig(), [], ["data.width=66", "generator.name=efficient"])
+@pytest.mark.parametrize("name", ["resnet", "efficient"])
+@pytest.mark.parametrize("side", ["width", "height"])
+def test_sizes_are_those_that_an_exported_model_takes(name: str, side: str) -> None:
+    settings = [f"generator.name={name}", "optim.batch_size=2"]
+    with pytest.raises(UsageError, match=rf"data\.{side} must be a multiple of 4, not 66"):
+        apply_overrides(TrainConfig(), [], [*settings, f"data.{side}=66"])
+    apply_overrides(TrainConfig(), [], [*settings, f"data.{side}=68"])
 
 
-@pytest.mark.parametrize("size", [(32, 32, 1), (33, 32, 1), (32, 33, 1), (32, 32, 2)])
+@pytest.mark.parametrize("size", [(32, 32, 1), (36, 32, 1), (32, 36, 1), (32, 32, 2)])
 def test_efficient_needs_two_values_to_normalise(size: tuple[int, int, int]) -> None:
     width, height, batch_size = size
     settings = [f"data.width={width}", f"data.height={height}", f"optim.batch_size={batch_size}"]

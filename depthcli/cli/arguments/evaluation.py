@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import completion
+from depthcli.cli.arguments.numbers import png_scale_range
 from depthcli.core.choices import Upsampling
 from depthcli.errors import UsageError
 from depthcli.metrics.choices import Alignment, Averaging
@@ -34,6 +35,14 @@ PredictionsKindOption = Annotated[
     typer.Option(
         metavar="metric|relative|inverse",
         help="Depth kind of --predictions, if the files do not state it.",
+    ),
+]
+PredictionsScaleOption = Annotated[
+    float | None,
+    typer.Option(
+        callback=png_scale_range,
+        help="Units per metre of --predictions in PNG and in NPY of integers, if the files do not "
+        "state it: 1000 (PNG's default, millimetres), 256 (KITTI).",
     ),
 ]
 AlignOption = Annotated[

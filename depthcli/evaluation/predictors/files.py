@@ -8,7 +8,8 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError, InputError
 from depthcli.evaluation.choices import Source
 from depthcli.evaluation.predictors.base import Sample
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.depth.stored import StoredDepth
 
 SUFFIXES = (".npy", ".depth.npy", ".exr", ".depth.exr", ".png", ".depth.png")
 """In order of precision; the first that exists is read. Names with ``.depth`` are of predict."""
@@ -21,6 +22,8 @@ class FilePredictor:
     folder: Path  #: the folder
     suffix: str  #: suffix of the files that are read
     kind: DepthKind  #: kind of their depth
+    scale: float | None = None  #: units per metre of integers that state none; None if not known
+    warnings: tuple[str, ...] = ()  #: about the first file, one line each
     source: Source = Source.FILES  #: always files
     model_sha256: str | None = None  #: always None
 
@@ -35,15 +38,21 @@ class FilePredictor:
         Raises:
             DatasetError: the file is damaged.
         """
-        return _read(self.folder / f"{sample.id}{self.suffix}", self.kind)
+        return _read(self.folder / f"{sample.id}{self.suffix}", self.kind, self.scale).displayed
 
 
 def open_predictions(
-    folder: Path, ids: Sequence[str], kind: DepthKind | None = None
+    folder: Path,
+    ids: Sequence[str],
+    kind: DepthKind | None = None,
+    scale: float | None = None,
+    truth_scale: float | None = None,
 ) -> FilePredictor:
     """Check that a folder has ``ID.npy``, ``ID.exr`` or ``ID.png`` for every image.
 
     ``ID.depth.npy`` and so on are accepted, too. Without a kind, that of the first file is used.
+    ``scale`` is units per metre of PNG, and of integers in NPY, that state none; None for
+    millimetres in PNG. ``truth_scale`` is what the user states of the ground truth, for a warning.
 
     Raises:
         DatasetError: the folder or a prediction is missing, or the first file is damaged.
@@ -62,11 +71,26 @@ def open_predictions(
             f"{folder} lacks {len(missing)} of {len(ids)} predictions "
             f"(first: {missing[0]}{suffix}): every image of the split needs one"
         )
-    return FilePredictor(folder, suffix, kind or _read(folder / f"{ids[0]}{suffix}").kind)
+    first = _read(folder / f"{ids[0]}{suffix}", kind, scale)
+    return FilePredictor(
+        folder, suffix, first.depth.kind, scale, _warnings(first, scale, truth_scale)
+    )
 
 
-def _read(path: Path, kind: DepthKind | None = None) -> DepthMap:
+def _warnings(
+    first: StoredDepth, scale: float | None, truth_scale: float | None
+) -> tuple[str, ...]:
+    if not first.depth.is_metric:  # which is fitted to the truth, whatever its scale
+        return first.warnings
+    if scale is not None and (first.scale is None or first.scale.source == "file"):
+        needless = f"{first.name} states its unit, so --predictions-scale has no effect on it"
+        return (*first.warnings, needless)
+    truth = "" if truth_scale is None else f" (--png-scale {truth_scale:g} is that of the truth)"
+    return first.warnings_with_scale(f"--predictions-scale{truth}")
+
+
+def _read(path: Path, kind: DepthKind | None, scale: float | None) -> StoredDepth:
     try:
-        return read_depth(path, kind=kind)
+        return read_stored_depth(path, kind=kind, unstated_scale=scale)
     except InputError as error:
         raise DatasetError(str(error)) from error

@@ -39,7 +39,11 @@ def read_depth(
 
 
 def read_stored_depth(
-    path: str | Path, *, png_scale: float | None = None, kind: DepthKind | None = None
+    path: str | Path,
+    *,
+    png_scale: float | None = None,
+    kind: DepthKind | None = None,
+    unstated_scale: float | None = None,
 ) -> StoredDepth:
     """Depth of a 16-bit PNG, EXR or NPY file, chosen by its suffix.
 
@@ -48,6 +52,7 @@ def read_stored_depth(
         png_scale: steps per metre of a PNG, None for what the file states, or millimetres; or of
             integers in an NPY file, which need it to be metric.
         kind: kind of the depth; None for what the file states, or metric.
+        unstated_scale: as ``png_scale``, but only for a file of integers that states none.
 
     Returns:
         (H, W); NaN where there is no depth. Its provenance is what the file or the sidecar beside
@@ -60,14 +65,14 @@ def read_stored_depth(
     path = path_of(path)
     match path.suffix.lower():
         case ".png":
-            stored = _png(path, png_scale)
+            stored = _png(path, png_scale, unstated_scale)
         case ".exr":
             # Reading PNG need not wait for OpenEXR.
             from depthcli.io.depth.exr_map import read_exr_depth  # noqa: PLC0415
 
             stored = read_exr_depth(path)
         case ".npy":
-            stored = _npy(path, png_scale, kind)
+            stored = _npy(path, png_scale, kind, unstated_scale)
         case _:
             raise InputError(
                 f"{path} is not a depth file (.png, .exr, .npy, .mkv); "
@@ -87,7 +92,7 @@ def read_metadata(path: Path) -> Mapping[str, str]:
     return read_stored_depth(path).metadata
 
 
-def _png(path: Path, png_scale: float | None) -> StoredDepth:
+def _png(path: Path, png_scale: float | None, unstated_scale: float | None) -> StoredDepth:
     data = read_bytes(path)
     steps = decode(data, str(path))
     if steps.dtype != np.uint16 or steps.ndim != _DIMENSIONS:
@@ -96,6 +101,8 @@ def _png(path: Path, png_scale: float | None) -> StoredDepth:
         )
     metadata, problems = _png_metadata(path, data)
     scale = step_scale(metadata, png_scale)
+    if scale and scale.source == "assumed" and unstated_scale is not None:
+        scale = StepScale(unstated_scale, "option")
     span = _normalized_range(metadata) if scale is None else None
     if span is None:
         values = dequantized(steps, scale.steps_per_metre if scale else MILLIMETRES)
@@ -112,11 +119,15 @@ def _png_metadata(path: Path, data: bytes) -> tuple[dict[str, str], tuple[str, .
     return with_sidecar(path, own_metadata(read_text(data)), picture_size(data) or (0, 0))
 
 
-def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> StoredDepth:
+def _npy(
+    path: Path, scale: float | None, kind: DepthKind | None, unstated_scale: float | None
+) -> StoredDepth:
     values = _array(path)
     is_float = values.dtype.kind == "f"
     if is_float and scale is not None:
         raise UsageError(f"a scale is for integers, but {path} holds {values.dtype}; remove it")
+    if not is_float and scale is None:
+        scale = unstated_scale
     if scale is not None:
         depth = dequantized(values, scale)
     else:
@@ -129,7 +140,7 @@ def _npy(path: Path, scale: float | None, kind: DepthKind | None) -> StoredDepth
         raise InputError(
             f"{path} holds {values.dtype}, not float metres; state its units per metre (info and "
             "probe: --png-scale, convert: --from-scale, predict and "
-            "batch: --anchors-scale), for millimetres for example "
+            "batch: --anchors-scale, eval: --predictions-scale), for millimetres for example "
             f"'depthcli convert {path} OUT.npy --from-scale 1000'"
         )
     stated = None if scale is None else StepScale(scale, "option")

@@ -40,6 +40,9 @@ class ModelsRequest:
     models: tuple[SessionLoader, ...] = ()  #: one row each
     predictions: tuple[Path, ...] = ()  #: folders with depth files of other tools, one row each
     predictions_kind: DepthKind | None = None  #: depth kind of those files; None if they state it
+    #: value of one metre in those files, if they hold integers and do not state it; None for
+    #: millimetres
+    predictions_scale: float | None = None
     #: value of one metre in the depth images of a custom folder; None for millimetres
     units_per_metre: float | None = None
     #: split of NYU Depth v2; None for all pairs of a custom data set
@@ -64,7 +67,7 @@ def compare_models(
     progress: Progress = NO_PROGRESS,
     warn: Callable[[str], object] = lambda _text: None,
 ) -> ModelsResult:
-    """Make the table; ``warn`` is called with the models' warnings.
+    """Make the table; ``warn`` is called with warnings about models and predictions.
 
     Raises:
         UsageError: there is nothing to compare, a requested row or picture is not compared, or no
@@ -118,8 +121,14 @@ def _open_predictors(
 ) -> list[Predictor]:
     protocol = request.options.protocol
     detail = Detail(protocol.upsampling, protocol.tile_px)
-    kind = request.predictions_kind
-    return [
-        *open_models(request.models, detail, warn),
-        *(open_predictions(folder, task.ids, kind) for folder in request.predictions),
+    kind, scale = request.predictions_kind, request.predictions_scale
+    if scale is not None and not request.predictions:
+        raise UsageError("--predictions-scale needs --predictions DIR")
+    truth_scale = request.units_per_metre
+    files = [
+        open_predictions(folder, task.ids, kind, scale, truth_scale)
+        for folder in request.predictions
     ]
+    for warning in (text for predictor in files for text in predictor.warnings):
+        warn(warning)
+    return [*open_models(request.models, detail, warn), *files]

@@ -14,7 +14,7 @@ from depthcli.core.text import short_repr
 from depthcli.core.validation import FieldError, merged
 from depthcli.errors import UsageError
 from depthcli.io.storage.regular import read_regular
-from depthcli.training.config.ranges import check_range
+from depthcli.training.config.ranges import check_range, check_sides
 from depthcli.training.config.schema import TrainConfig
 
 T = TypeVar("T")
@@ -44,6 +44,7 @@ def apply_overrides(
     for setting in settings:
         base = updated(base, _nested(setting))
     check_range(base)
+    check_sides(base)
     return base
 
 

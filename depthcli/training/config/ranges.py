@@ -8,7 +8,7 @@ from depthcli.training.config.rules import LARGEST
 from depthcli.training.config.schema import GeneratorConfig, TrainConfig
 
 _MOST_ROTATE_DEG = math.degrees(0.2)  # that a zoom of 1.2 has room for in a square picture
-_RESNET_STRIDE = 4
+_STRIDE = 4  # of sizes; exported networks of any kind take multiples of it
 _EFFICIENT_STRIDE = 32
 _LEVELS = {"encoder": 5, "decoder": 4, "depths": 4}
 _MAX_LEVELS = {"encoder": 4096, "decoder": 4096, "depths": 64}
@@ -66,6 +66,18 @@ def _check_pairing(config: TrainConfig) -> None:
         )
 
 
+def check_sides(config: TrainConfig) -> None:
+    """Check that an exported model can run at the size that it is trained and validated at.
+
+    Raises:
+        UsageError: a side is not a multiple of 4.
+    """
+    for name in ("width", "height"):
+        value = getattr(config.data, name)
+        if value % _STRIDE:
+            raise UsageError(f"data.{name} must be a multiple of 4, not {value}")
+
+
 def check_batch(config: TrainConfig, pictures: int) -> None:
     """Check the number of pictures per batch of one process.
 
@@ -84,13 +96,8 @@ def _check_generator(config: TrainConfig) -> None:
     if config.generator.name == "efficient":
         _check_levels(config.generator)
         check_batch(config, config.optim.batch_size)
-        return
-    for name in ("width", "height"):
-        value = getattr(config.data, name)
-        if value % _RESNET_STRIDE:
-            raise UsageError(
-                f"data.{name} must be a multiple of 4 for generator.name=resnet, not {value}"
-            )
+    else:  # checkpoints of efficient networks of other sizes remain readable
+        check_sides(config)
 
 
 def _check_levels(generator: GeneratorConfig) -> None:

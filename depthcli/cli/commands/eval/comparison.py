@@ -42,6 +42,7 @@ def compare(
         models=tuple(session_loader(name, *runner) for name in models),
         predictions=tuple(given["predictions"] or ()),
         predictions_kind=evaluation.parse_kind(given["predictions_kind"]),
+        predictions_scale=given["predictions_scale"],
         units_per_metre=given.get("png_scale"),
         split=split,
         limit=given["limit"],

@@ -28,6 +28,7 @@ def nyu(
     ] = False,
     predictions: evaluation.PredictionsOption = None,
     predictions_kind: evaluation.PredictionsKindOption = None,
+    predictions_scale: evaluation.PredictionsScaleOption = None,
     split: Annotated[
         SplitName,
         typer.Option(

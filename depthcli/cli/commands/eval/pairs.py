@@ -24,6 +24,7 @@ def pairs(
     model: evaluation.ModelsOption = None,
     predictions: evaluation.PredictionsOption = None,
     predictions_kind: evaluation.PredictionsKindOption = None,
+    predictions_scale: evaluation.PredictionsScaleOption = None,
     png_scale: Annotated[
         float | None,
         typer.Option(
