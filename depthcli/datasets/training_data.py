@@ -36,6 +36,11 @@ NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
 NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
 
+def own_pairs_title(folder: Path) -> str:
+    """The name of a folder of one's own pairs in a model's card."""
+    return f"own pairs ({folder.resolve().name})"
+
+
 class TrainingData(NamedTuple):
     """The data of a training run."""
 
@@ -114,7 +119,7 @@ def open_training_data(
             )
         return _training_part(whole, split)
     hfov_deg = whole.hfov_deg if isinstance(whole, HasCamera) else None
-    return TrainingData(_own_part(whole, split), f"own pairs ({path.resolve().name})", hfov_deg)
+    return TrainingData(_own_part(whole, split), own_pairs_title(path), hfov_deg)
 
 
 def _own_folder(
@@ -136,7 +141,7 @@ def _own_folder(
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
     opener = open_indexed_folder if indexed else open_paired_folder
     pairs = opener(path, units_per_metre=units_per_metre)
-    data = TrainingData(_own_part(pairs, split), f"own pairs ({title})", None)
+    data = TrainingData(_own_part(pairs, split), own_pairs_title(path), None)
     if not pairs.focal_px:
         return data
     scaled = _own_part(pairs.for_camera(NYU_HFOV_DEG, data.aspect), split)

@@ -48,6 +48,8 @@ class RunProgress:
     #: horizontal field of view of their camera in degrees; None if it is not known
     hfov_deg: Annotated[float, HFOV_DEG] | None = NYU_HFOV_DEG
     extra: str = ""  #: name of the extra pairs; "" if there are none
+    #: those pairs, by :func:`~depthcli.training.seen_pairs.extra_pairs`; empty before 0.11
+    extra_pairs: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     start: str = ""  #: origin of the initial weights; "" for a random initialisation
     #: pairs that those were trained on, by :func:`~depthcli.training.seen_pairs.data_set`
     start_pairs: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)

@@ -1,6 +1,7 @@
 """Networks, optimisers and weight average of one run: steps, saving and resuming."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -147,7 +148,8 @@ class Run:
             raise CheckpointError(
                 f"{path} does not fit the networks of its own configuration: give another --out"
             ) from error
-        self.progress = saved.progress
+        # Checkpoints before 0.11 lack them.
+        self.progress = replace(saved.progress, extra_pairs=self.progress.extra_pairs)
 
     def _load(self, saved: Checkpoint) -> None:
         self.method.load_state_dict(saved.method)

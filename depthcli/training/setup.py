@@ -22,7 +22,7 @@ from depthcli.training.data.pair_store import PairStore, whole_pictures
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, write_errors
 from depthcli.training.methods.registry import method_class
 from depthcli.training.run import Run
-from depthcli.training.seen_pairs import seen_by_files
+from depthcli.training.seen_pairs import check_extra_pairs, extra_pairs, seen_by_files
 from depthcli.training.validation import Validation
 
 _EXAMPLES = 128  # pictures, by which the decoder channels of initial weights are chosen
@@ -45,10 +45,12 @@ def set_up(
 
     Arguments and errors as of :func:`depthcli.training.loop.fit`.
     """
-    with write_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
     dataset, first = data.dataset, fabric.is_global_zero
     train_rows, held_out = train_val_split(dataset, config.data)
+    held_out_ids = tuple(dataset.ids[i] for i in held_out)
+    check_extra_pairs(data, held_out_ids)
+    with write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     store = PairStore(dataset, train_rows, config.data)
     batches = Batches(
         store,
@@ -66,10 +68,11 @@ def set_up(
     run = Run(config, fabric, batches.steps_per_epoch)
     run.progress = RunProgress(
         train_ids=tuple(dataset.ids[i] for i in train_rows),
-        held_out_ids=tuple(dataset.ids[i] for i in held_out),
+        held_out_ids=held_out_ids,
         data=data.title,
         hfov_deg=data.hfov_deg,
         extra=data.extra_title,
+        extra_pairs=extra_pairs(data),
         start=run.start_from(start, partial(_examples, store, config)) if start else "",
         start_pairs=seen_by_files(start),
         aspect=data.aspect,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import onnx
 import pytest
 import torch
-from rooms import PAPER, TRAIN, rooms, write_rooms
-from supervised_runs import BARE, SUPERVISED, train_two_steps
+from rooms import PAPER, TRAIN, rooms
+from supervised_runs import BARE, SUPERVISED, train_two_steps, write_extra
 
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import export_checkpoint
@@ -116,8 +116,7 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match=r"apart\.onnx is not a complete ONNX file with"):
         start_from(generator, [apart], pytest.fail)
 
-    extra = write_rooms(tmp_path / "extra")
-    (extra / "index.csv").unlink()
+    extra = write_extra(tmp_path / "extra")
     train_two_steps(BARE, tmp_path / "second", model, extra)
     progress = Checkpoint.load(tmp_path / "second" / CHECKPOINT).progress
     assert progress.start == f"model.onnx {exported.card.sha256[:16]}"
@@ -190,8 +189,7 @@ def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
 
 
 def test_extra_pairs_need_log_depth(tmp_path: Path) -> None:
-    extra = write_rooms(tmp_path / "extra")
-    (extra / "index.csv").unlink()
+    extra = write_extra(tmp_path / "extra")
     config = replace(SUPERVISED, output=replace(SUPERVISED.output, coding="linear"))
     with pytest.raises(UsageError, match=r"output\.coding=log"):
         train_two_steps(config, tmp_path / "run", None, extra)

@@ -86,7 +86,7 @@ class JsonCallback(Callback):
     def on_epoch_end(self, progress: RunProgress) -> None:
         """Print step, seconds, scores, and the losses of the last step."""
         values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
-        for ids in ("train_ids", "held_out_ids", "start_pairs", "start_ids"):
+        for ids in ("train_ids", "held_out_ids", "extra_pairs", "start_pairs", "start_ids"):
             del values[ids]
         values["losses"] = self._losses
         console.out_json(values)
