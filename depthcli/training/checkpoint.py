@@ -55,6 +55,9 @@ class RunProgress:
     start_pairs: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     start_ids: tuple[str, ...] = ()  #: before 0.10, those of them that are of this data set
     aspect: _Aspect = NYU_ASPECT  #: width over height of their first picture
+    #: :func:`~depthcli.datasets.fingerprint.data_fingerprint` of the data set and, if there are
+    #: any, of the extra pairs; empty before 0.11
+    fingerprints: tuple[str, ...] = ()
     #: CPU threads of the last session, on which the last digits depend; 0 if unknown
     threads: Count = 0
 

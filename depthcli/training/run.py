@@ -12,7 +12,12 @@ from depthcli.errors import CheckpointError
 from depthcli.training.average import WeightAverage
 from depthcli.training.checkpoint import Checkpoint, RunProgress
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import data_differences, differences, mismatch_error
+from depthcli.training.config_differences import (
+    data_differences,
+    differences,
+    mismatch_error,
+    source_differences,
+)
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.devices import average_gradients, gather_states
 from depthcli.training.finite import check_weights, finite_losses
@@ -135,6 +140,7 @@ class Run:
         saved = Checkpoint.load(path)
         mismatches = differences(saved.config, self.config)
         mismatches += data_differences(saved.progress, self.progress)
+        mismatches += source_differences(saved.progress, self.progress)
         if mismatches:
             raise mismatch_error(path, mismatches)
         devices = len(saved.others) + 1
@@ -149,7 +155,8 @@ class Run:
                 f"{path} does not fit the networks of its own configuration: give another --out"
             ) from error
         # Checkpoints before 0.11 lack them.
-        self.progress = replace(saved.progress, extra_pairs=self.progress.extra_pairs)
+        extra_pairs, fingerprints = self.progress.extra_pairs, self.progress.fingerprints
+        self.progress = replace(saved.progress, extra_pairs=extra_pairs, fingerprints=fingerprints)
 
     def _load(self, saved: Checkpoint) -> None:
         self.method.load_state_dict(saved.method)

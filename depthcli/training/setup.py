@@ -10,6 +10,7 @@ from lightning_fabric import Fabric
 from torch import Tensor
 
 from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.fingerprint import data_fingerprint
 from depthcli.datasets.splits import held_out_scenes
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import UsageError
@@ -47,8 +48,8 @@ def set_up(
     """
     dataset, first = data.dataset, fabric.is_global_zero
     train_rows, held_out = train_val_split(dataset, config.data)
-    held_out_ids = tuple(dataset.ids[i] for i in held_out)
-    check_extra_pairs(data, held_out_ids)
+    facts = data_facts(config, data)
+    check_extra_pairs(data, facts.held_out_ids)
     with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     store = PairStore(dataset, train_rows, config.data)
@@ -66,16 +67,10 @@ def set_up(
     scored = held_out and first and method_class(config.method).DEPTH
     validation = Validation(dataset, held_out, config) if scored else None
     run = Run(config, fabric, batches.steps_per_epoch)
-    run.progress = RunProgress(
-        train_ids=tuple(dataset.ids[i] for i in train_rows),
-        held_out_ids=held_out_ids,
-        data=data.title,
-        hfov_deg=data.hfov_deg,
-        extra=data.extra_title,
-        extra_pairs=extra_pairs(data),
+    run.progress = replace(
+        facts,
         start=run.start_from(start, partial(_examples, store, config)) if start else "",
         start_pairs=seen_by_files(start),
-        aspect=data.aspect,
     )
     run.resume(folder / CHECKPOINT)
     run.progress = replace(run.progress, threads=torch.get_num_threads())
@@ -83,6 +78,22 @@ def set_up(
         with write_errors(folder):
             metrics_log.truncate(folder / METRICS_LOG, run.progress.step)
     return TrainingSetup(run, batches, validation)
+
+
+def data_facts(config: TrainConfig, data: TrainingData) -> RunProgress:
+    """What the data give of a run's progress, before its first step."""
+    dataset = data.dataset
+    train_rows, held_out = train_val_split(dataset, config.data)
+    return RunProgress(
+        train_ids=tuple(dataset.ids[i] for i in train_rows),
+        held_out_ids=tuple(dataset.ids[i] for i in held_out),
+        data=data.title,
+        hfov_deg=data.hfov_deg,
+        extra=data.extra_title,
+        extra_pairs=extra_pairs(data),
+        aspect=data.aspect,
+        fingerprints=tuple(data_fingerprint(part) for part in (dataset, data.extra) if part),
+    )
 
 
 def train_val_split(dataset: DepthDataset, data: DataConfig) -> tuple[list[int], list[int]]:
