@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,11 +16,15 @@ from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.training.checkpoint import Checkpoint, load_generator
+from depthcli.training.config.overrides import updated
+from depthcli.training.config.schema import OutputConfig
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT
+from depthcli.training.initial_coding import coding_differences
 from depthcli.training.initial_weights import start_from
 from depthcli.training.methods.proposed import Proposed
+from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
 
 if TYPE_CHECKING:
@@ -174,6 +179,39 @@ def test_several_give_the_mean_of_their_weights(tmp_path: Path) -> None:
     for name, weights in generator.state_dict().items():
         expected = sum(state[name].double() for state in states) / 3
         torch.testing.assert_close(weights.double(), expected, atol=1e-6, rtol=0)
+
+
+OTHER_CODINGS = [
+    ({"output": {"max_m": 80.0}}, "output.max_m is 80.0 there, 10.0 here"),
+    ({"output": {"coding": "linear"}}, 'output.coding is "linear" there, "log" here'),
+    ({"output": {"min_m": 0.5}}, "output.min_m is 0.5 there, 0.4 here"),
+    ({"data": {"colour": "luma"}}, 'data.colour is "luma" there, "value" here'),
+]
+
+
+@pytest.mark.parametrize("suffix", [".ckpt", ".onnx"])
+@pytest.mark.parametrize(("other", "line"), OTHER_CODINGS)
+def test_weights_of_another_coding_have_no_mean_and_are_told(
+    tmp_path: Path, other: dict[str, dict[str, object]], line: str, suffix: str
+) -> None:
+    files = [tmp_path / name / f"last{suffix}" for name in "ab"]
+    for config, file in zip((BARE, updated(BARE, other)), files, strict=True):
+        train_two_steps(config, file.parent)
+        if suffix == ".onnx":
+            export_checkpoint(file.with_suffix(".ckpt"), file, ExportOptions("model"))
+    with pytest.raises(CheckpointError, match=rf"b/last.* \({re.escape(line)}\), so their weigh"):
+        start_from(build_generator(BARE.generator), files, pytest.fail)
+    assert coding_differences(BARE, files[1:]) == (line,)
+    assert coding_differences(BARE, files[:1]) == coding_differences(BARE, []) == ()
+
+
+def test_of_weights_without_depth_the_colour_alone_is_compared(tmp_path: Path) -> None:
+    masked = replace(default_config("masked"), data=SUPERVISED.data, output=OutputConfig(max_m=80))
+    masked = replace(masked, generator=SUPERVISED.generator, optim=SUPERVISED.optim)
+    train_two_steps(masked, tmp_path)
+    assert coding_differences(SUPERVISED, [tmp_path / CHECKPOINT]) == ()
+    luma = updated(SUPERVISED, {"data": {"colour": "luma"}})
+    assert len(coding_differences(luma, [tmp_path / CHECKPOINT])) == 1
 
 
 def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:

@@ -77,6 +77,11 @@ class JsonCallback(Callback):
                 f"the decoder of the initial weights, {before}, is narrowed to {after}; "
                 f"--set generator.decoder={before} keeps it"
             )
+        if start.other_coding:
+            console.warn(
+                "the initial weights are used as they are, but they were trained with other "
+                f"settings: {'; '.join(start.other_coding)}"
+            )
 
     def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """Store the losses for the end of the epoch."""
