@@ -35,10 +35,13 @@ NYU_ASPECT = 4 / 3
 NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
 NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
+OWN_PAIRS, OWN_PICTURES = "own pairs (", "own pictures ("
+"""What the names of folders of one's own begin with: of pairs, and of pictures alone."""
+
 
 def own_pairs_title(folder: Path) -> str:
     """The name of a folder of one's own pairs in a model's card."""
-    return f"own pairs ({folder.resolve().name})"
+    return f"{OWN_PAIRS}{folder.resolve().name})"
 
 
 class TrainingData(NamedTuple):
@@ -129,7 +132,7 @@ def _own_folder(
     title = path.resolve().name
     if not (depth or indexed):
         pictures = _own_part(open_picture_folder(path), split)
-        return TrainingData(pictures, f"own pictures ({title})", None)
+        return TrainingData(pictures, f"{OWN_PICTURES}{title})", None)
     if not (paired or indexed or _are_matching(path)):
         if (path / CAMERAS_NAME).exists():
             raise DatasetError(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from depthcli.datasets import id_ranges
 from depthcli.datasets.splits import NYU, TRAIN_IDS, is_label
-from depthcli.datasets.training_data import TrainingData, own_pairs_title
+from depthcli.datasets.training_data import OWN_PAIRS, OWN_PICTURES, TrainingData, own_pairs_title
 from depthcli.errors import DatasetError
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
@@ -15,9 +15,9 @@ from depthcli.training.checkpoint import Checkpoint, RunProgress
 def data_set(title: str) -> str:
     """The name under which the pairs of a data set are recorded, of its name in model cards.
 
-    All splits of NYU Depth v2 share one.
+    All splits of NYU Depth v2 share one, and so do the pairs of a folder and its pictures alone.
     """
-    return NYU if title.startswith(NYU) else title
+    return NYU if title.startswith(NYU) else title.replace(OWN_PICTURES, OWN_PAIRS, 1)
 
 
 def seen_by_run(progress: RunProgress) -> dict[str, tuple[str, ...]]:
@@ -86,5 +86,5 @@ def _merged(records: Iterable[Mapping[str, Sequence[str]]]) -> dict[str, tuple[s
     found: dict[str, set[str]] = {}
     for record in records:
         for name, ids in record.items():
-            found.setdefault(name, set()).update(ids)
+            found.setdefault(data_set(name), set()).update(ids)
     return {name: tuple(sorted(ids)) for name, ids in found.items() if ids}

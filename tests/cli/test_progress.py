@@ -104,8 +104,8 @@ def test_another_coding_of_initial_weights_is_one_warning(
     start = TrainStart(Threads(1, 1, timed=False), False, 0, other_coding=how)
     JsonCallback().on_train_start(start)
     assert capfd.readouterr().err == (
-        "depthcli: warning: the initial weights are used as they are, but they were trained with other "
-        f"settings: {how[0]}; {how[1]}\n"
+        "depthcli: warning: the initial weights are used as they are, but they were trained with "
+        f"other settings: {how[0]}; {how[1]}\n"
     )
 
 
