@@ -99,7 +99,11 @@ class Run:
             average_gradients(self.fabric, _weights(optimizer))
             if self.config.optim.clip_norm and phase == "generator":
                 limit = self.config.optim.clip_norm
-                self.fabric.clip_gradients(self.module, optimizer, max_norm=limit)
+                # A loss that is not finite is an error below, which names it; the scaler of
+                # half precision skips steps whose gradients alone are not.
+                self.fabric.clip_gradients(
+                    self.module, optimizer, max_norm=limit, error_if_nonfinite=False
+                )
             optimizer.step()
         if self.average:
             self.average.update(self.method.generator, self.progress.step + 1)
