@@ -145,12 +145,12 @@ def _planned(request: QueueRequest) -> list[PlannedRun]:
     ]
     paired = all(config.data.paired for config in configs)
     depth = any(method_class(config.method).DEPTH for config in configs)
-    _opened(request.data, configs[0], paired=paired, depth=depth)
+    _training_data(request.data, configs[0], paired=paired, depth=depth)
     runs = [PlannedRun(c, request.out / f"{c.method}-seed{c.seed}") for c in configs]
     return [_with_saved_config(run, request) for run in runs]
 
 
-def _opened(path: Path, config: TrainConfig, *, paired: bool, depth: bool) -> TrainingData:
+def _training_data(path: Path, config: TrainConfig, *, paired: bool, depth: bool) -> TrainingData:
     return open_training_data(
         path,
         paired=paired,
@@ -172,7 +172,7 @@ def _with_saved_config(run: PlannedRun, request: QueueRequest) -> PlannedRun:
     try:
         config = resolve_config(method, request.preset, files, settings, run.folder)
         depth = method_class(config.method).DEPTH
-        data = _opened(request.data, config, paired=config.data.paired, depth=depth)
+        data = _training_data(request.data, config, paired=config.data.paired, depth=depth)
         return replace(run, config=config, facts=data_facts(config, data))
     except (CheckpointError, DatasetError):
         return run  # the error comes again when this run is due, and stops no other run
