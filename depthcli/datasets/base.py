@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     import numpy as np
     import numpy.typing as npt
@@ -45,6 +46,14 @@ class HasRawDepth(Protocol):
         Raises:
             DatasetError: it is missing or cannot be read.
         """
+
+
+@runtime_checkable
+class HasFiles(Protocol):
+    """A data set that may be made of image files."""
+
+    def files(self, i: int) -> Sequence[Path]:
+        """Picture and depth image of pair ``i``, as far as they are files."""
 
 
 @runtime_checkable

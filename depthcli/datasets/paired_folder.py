@@ -52,6 +52,10 @@ class PairedFolder:
     def __len__(self) -> int:
         return len(self.ids)
 
+    def files(self, i: int) -> tuple[Path, ...]:
+        """Picture and depth image of pair ``i``."""
+        return (self.images[i], self.depths[i])
+
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Picture of pair ``i``: (H, W, 3) RGB uint8.
 

@@ -31,6 +31,10 @@ class PictureFolder:
         """Not known."""
         return ("",) * len(self)
 
+    def files(self, i: int) -> tuple[Path, ...]:
+        """Picture ``i``."""
+        return (self.images[i],)
+
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Picture ``i``: (H, W, 3) RGB uint8."""
         return _read(self.images[i])

@@ -1,12 +1,14 @@
 """Some pairs of a data set, as a data set."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths, HasScales
+from depthcli.datasets.base import DepthDataset, HasCamera, HasFiles, HasFocalLengths, HasScales
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,10 @@ class Subset:
     def hfov_deg(self) -> float | None:
         """Horizontal field of view over the full picture width, degrees; None if not known."""
         return self.whole.hfov_deg if isinstance(self.whole, HasCamera) else None
+
+    def files(self, i: int) -> Sequence[Path]:
+        """Picture and depth image of pair ``i``, as far as they are files."""
+        return self.whole.files(self.positions[i]) if isinstance(self.whole, HasFiles) else ()
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Picture of pair ``i``: (H, W, 3) RGB uint8."""

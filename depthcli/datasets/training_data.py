@@ -37,6 +37,14 @@ _ASPECT_TOLERANCE = 0.05  # of copies that were scaled down to a few pixels
 NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
 NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
+OWN_PAIRS, OWN_PICTURES = "own pairs (", "own pictures ("
+"""What the names of folders of one's own begin with: of pairs, and of pictures alone."""
+
+
+def own_pairs_title(folder: Path) -> str:
+    """The name of a folder of one's own pairs in a model's card."""
+    return f"{OWN_PAIRS}{folder.resolve().name})"
+
 
 class TrainingData(NamedTuple):
     """The data of a training run."""
@@ -118,7 +126,7 @@ def open_training_data(
             )
         return _training_part(whole, split)
     hfov_deg = whole.hfov_deg if isinstance(whole, HasCamera) else None
-    return TrainingData(_own_part(whole, split), f"own pairs ({path.resolve().name})", hfov_deg)
+    return TrainingData(_own_part(whole, split), own_pairs_title(path), hfov_deg)
 
 
 def _check_nyu_shape(folder: PairedFolder) -> None:
@@ -141,7 +149,7 @@ def _own_folder(
     title = path.resolve().name
     if not (depth or indexed):
         pictures = _own_part(open_picture_folder(path), split)
-        return TrainingData(pictures, f"own pictures ({title})", None)
+        return TrainingData(pictures, f"{OWN_PICTURES}{title})", None)
     if not (paired or indexed or _are_matching(path)):
         if (path / CAMERAS_NAME).exists():
             raise DatasetError(
@@ -153,7 +161,7 @@ def _own_folder(
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
     opener = open_indexed_folder if indexed else open_paired_folder
     pairs = opener(path, units_per_metre=units_per_metre)
-    data = TrainingData(_own_part(pairs, split), f"own pairs ({title})", None)
+    data = TrainingData(_own_part(pairs, split), own_pairs_title(path), None)
     if not pairs.focal_px:
         return data
     scaled = _own_part(pairs.for_camera(NYU_HFOV_DEG, data.aspect), split)

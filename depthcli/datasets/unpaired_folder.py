@@ -52,6 +52,10 @@ class UnpairedFolder:
         """Not known."""
         return ("",) * len(self)
 
+    def files(self, i: int) -> tuple[Path, ...]:
+        """Picture and depth image at position ``i``."""
+        return (self._image(i), self._depth(i))
+
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Picture ``i``: (H, W, 3) RGB uint8."""
         return read_image_rgb(self._image(i))

@@ -85,7 +85,8 @@ def group_by_seed(runs: Sequence[TrainedRun]) -> dict[str, tuple[TrainedRun, ...
     ``cut-seed0`` and ``cut-seed1`` are seeds of ``cut``.
 
     Raises:
-        UsageError: runs of one name differ in more than the seed, or have the same seed.
+        UsageError: runs of one name differ in settings, data or initial weights, or have the same
+            seed.
     """
     groups: dict[str, list[TrainedRun]] = {}
     for run in runs:
@@ -94,7 +95,10 @@ def group_by_seed(runs: Sequence[TrainedRun]) -> dict[str, tuple[TrainedRun, ...
         settings, seeds = {run.settings for run in members}, {run.seed for run in members}
         if len(settings) > 1 or len(seeds) < len(members):
             names = ", ".join(run.name for run in members)
-            raise UsageError(f"{names} are not seeds of one configuration: rename their folders")
+            raise UsageError(
+                f"{names} are not seeds of one configuration with the same data and initial "
+                "weights: rename their folders"
+            )
     return {name: tuple(members) for name, members in groups.items()}
 
 

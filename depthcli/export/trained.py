@@ -12,7 +12,8 @@ from depthcli.export.onnx import check_predicts_depth, export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.models.catalog import read_model
 from depthcli.models.locations import ModelLocation
-from depthcli.training.checkpoint import load_generator
+from depthcli.training.checkpoint import RunProgress, load_generator
+from depthcli.training.config.schema import TrainConfig
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.seen_pairs import seen_by_run
 from depthcli.training.trained_run import TrainedRun
@@ -47,7 +48,7 @@ def open_run(folder: Path) -> TrainedRun:
     return TrainedRun(
         folder=folder,
         seed=config.seed,
-        settings=json.dumps(dataclasses.asdict(dataclasses.replace(config, seed=0))),
+        settings=_settings(config, progress),
         paired=config.data.paired,
         parameters=sum(weights.numel() for weights in generator.parameters()),
         epochs=progress.epoch,
@@ -58,6 +59,13 @@ def open_run(folder: Path) -> TrainedRun:
         held_out_ids=progress.held_out_ids,
         nyu_ids=seen_by_run(progress).get(NYU, ()),
     )
+
+
+def _settings(config: TrainConfig, progress: RunProgress) -> str:
+    """What seeds of one experiment have in common, as JSON."""
+    settings = dataclasses.asdict(dataclasses.replace(config, seed=0))
+    sources = [progress.data, progress.train_ids, progress.extra, progress.start]
+    return json.dumps([settings, sources])
 
 
 def export_run(run: TrainedRun, fallback_folder: Path, weights: Weights = Weights.AVERAGED) -> Path:

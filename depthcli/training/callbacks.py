@@ -15,6 +15,8 @@ class TrainStart:
     seen_held_out: int  #: number of held-out pairs that the initial weights were trained on
     #: decoder channels of the initial weights and of the network, if they are narrowed to these
     narrowed_decoder: tuple[tuple[int, ...], tuple[int, ...]] | None = None
+    #: settings of colour and depth in which the initial weights differ, one text each
+    other_coding: tuple[str, ...] = ()
 
 
 class Callback:

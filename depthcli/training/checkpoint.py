@@ -48,11 +48,16 @@ class RunProgress:
     #: horizontal field of view of their camera in degrees; None if it is not known
     hfov_deg: Annotated[float, HFOV_DEG] | None = NYU_HFOV_DEG
     extra: str = ""  #: name of the extra pairs; "" if there are none
+    #: those pairs, by :func:`~depthcli.training.seen_pairs.extra_pairs`; empty before 0.11
+    extra_pairs: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     start: str = ""  #: origin of the initial weights; "" for a random initialisation
     #: pairs that those were trained on, by :func:`~depthcli.training.seen_pairs.data_set`
     start_pairs: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     start_ids: tuple[str, ...] = ()  #: before 0.10, those of them that are of this data set
     aspect: _Aspect = NYU_ASPECT  #: width over height of their first picture
+    #: :func:`~depthcli.datasets.fingerprint.data_fingerprint` of the data set and, if there are
+    #: any, of the extra pairs; empty before 0.11
+    fingerprints: tuple[str, ...] = ()
     #: CPU threads of the last session, on which the last digits depend; 0 if unknown
     threads: Count = 0
 

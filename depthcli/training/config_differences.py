@@ -35,19 +35,41 @@ def _flat(config: TrainConfig) -> Iterator[tuple[str, Any]]:
 
 
 def data_differences(saved: RunProgress, given: RunProgress) -> tuple[str, ...]:
-    """Differences in training data and initial weights, one line each.
+    """Differences in the pairs of training and validation, one line each.
+
+    A folder may have moved: if both have a fingerprint, its name is not compared.
+    """
+    mismatches = []
+    if (saved.train_ids, saved.held_out_ids) != (given.train_ids, given.held_out_ids):
+        there, here = _pair_count(saved), _pair_count(given)
+        mismatches.append(f"the data set is another one ({there} there, {here} here)")
+    elif not (saved.fingerprints and given.fingerprints):
+        mismatches += _named(saved, given, "data")
+    elif saved.fingerprints[0] != given.fingerprints[0]:
+        mismatches.append("the data set has other files or focal lengths")
+    return (*mismatches, *_named(saved, given, "hfov_deg"), *_named(saved, given, "aspect"))
+
+
+def source_differences(saved: RunProgress, given: RunProgress) -> tuple[str, ...]:
+    """Differences in extra pairs and initial weights, one line each.
 
     A run without ``--init`` may resume one that had it.
     """
-    mismatches = []
-    if saved.train_ids != given.train_ids:
-        counts = f"{len(saved.train_ids)} pairs there, {len(given.train_ids)} here"
-        mismatches.append(f"the data set is another one ({counts})")
-    for option in ("extra", "start"):
-        there, here = getattr(saved, option), getattr(given, option)
-        if there != here and (here or option == "extra"):
-            mismatches.append(f"{option} is {json.dumps(there)} there, {json.dumps(here)} here")
-    return tuple(mismatches)
+    mismatches = _named(saved, given, "extra")
+    both = saved.fingerprints and given.fingerprints
+    if both and not mismatches and saved.fingerprints[1:] != given.fingerprints[1:]:
+        mismatches = ("the extra pairs have other files or focal lengths",)
+    return (*mismatches, *(_named(saved, given, "start") if given.start else ()))
+
+
+def _pair_count(progress: RunProgress) -> str:
+    return f"{len(progress.train_ids)} pairs and {len(progress.held_out_ids)} held out"
+
+
+def _named(saved: RunProgress, given: RunProgress, name: str) -> tuple[str, ...]:
+    there, here = getattr(saved, name), getattr(given, name)
+    line = f"{name} is {json.dumps(there)} there, {json.dumps(here)} here"
+    return () if there == here else (line,)
 
 
 def mismatch_error(path: Path, mismatches: Sequence[str]) -> CheckpointError:

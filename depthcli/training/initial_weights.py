@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from depthcli.errors import CheckpointError
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.config.schema import GeneratorConfig
+from depthcli.training.initial_coding import check_same_coding
 from depthcli.training.resized_weights import decoder_channels, narrows, resized_weights
 
 _MIRRORED = "network."  # prefix of weights in a graph that averages with the mirrored picture
@@ -41,7 +42,8 @@ def start_from(generator: nn.Module, paths: Sequence[Path], pictures: Callable[[
         The origin of the weights for a model card: file names and the first 16 digits of SHA-256.
 
     Raises:
-        CheckpointError: a file cannot be read or holds other networks.
+        CheckpointError: a file cannot be read, or holds other networks or, for a mean, weights of
+            another coding.
     """
     stored = _mean_weights(paths)
     generator.load_state_dict(
@@ -79,6 +81,7 @@ def _mean_weights(paths: Sequence[Path]) -> dict[str, Tensor]:
                 f"{path} and {paths[0]} are different networks, whose weights have no mean: "
                 "start from one of them"
             )
+    check_same_coding(paths)
     return {
         name: torch.stack([each[name] for each in found]).double().mean(0) for name in shapes[0]
     }

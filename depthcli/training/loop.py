@@ -15,6 +15,7 @@ from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.devices import any_process, rank_zero_first
+from depthcli.training.finite import check_weights
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, write_errors
 from depthcli.training.samples import write_samples
 from depthcli.training.setup import TrainingSetup, set_up
@@ -60,8 +61,8 @@ def fit(
     Raises:
         CheckpointError: the folder holds another run, or a checkpoint cannot be written; the one
             before is kept.
-        TrainingError: a loss is not finite, or the folder cannot be written; the last checkpoint
-            is kept.
+        TrainingError: a loss or a weight is not finite, or the folder cannot be written; the last
+            checkpoint is kept.
     """
     limits, interrupt = limits or Limits(), interrupt or Interrupt()
     with rank_zero_first(fabric):
@@ -94,6 +95,7 @@ def fit(
 def _end_epoch(setup: TrainingSetup, folder: Path, losses: dict[str, float]) -> None:
     """Count an epoch, validate if it is due, and log it."""
     run, validation = setup.run, setup.validation
+    check_weights(run.method, run.progress.step)
     epoch = run.progress.epoch + 1
     run.progress = replace(run.progress, epoch=epoch)
     due = epoch % run.config.validate_every == 0 or run.progress.step == run.steps

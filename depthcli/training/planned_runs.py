@@ -1,12 +1,12 @@
 """Several runs under one time budget: how far each has come, and how long it may train."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from depthcli.training.checkpoint import Checkpoint, RunProgress
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import differences, mismatch_error
+from depthcli.training.config_differences import data_differences, differences, mismatch_error
 from depthcli.training.folder import CHECKPOINT
 
 
@@ -16,6 +16,8 @@ class PlannedRun:
 
     config: TrainConfig  #: what is trained
     folder: Path  #: its folder
+    #: :func:`~depthcli.training.setup.data_facts` of its data; None if they are not compared
+    facts: RunProgress | None = field(default=None, compare=False, repr=False)
 
     @property
     def name(self) -> str:
@@ -26,14 +28,17 @@ class PlannedRun:
         """How far it has come; all zero without a checkpoint.
 
         Raises:
-            CheckpointError: the folder's checkpoint cannot be read, or has other settings.
+            CheckpointError: the folder's checkpoint cannot be read, or has other settings or data.
         """
         path = self.folder / CHECKPOINT
         if not path.exists():
             return RunProgress()
         saved = Checkpoint.load(path)
-        if saved.config != self.config:
-            raise mismatch_error(path, differences(saved.config, self.config))
+        mismatches = differences(saved.config, self.config)
+        if self.facts:
+            mismatches += data_differences(saved.progress, self.facts)
+        if mismatches:
+            raise mismatch_error(path, mismatches)
         return saved.progress
 
     def is_finished(self, progress: RunProgress) -> bool:

@@ -1,6 +1,7 @@
 """Networks, optimisers and weight average of one run: steps, saving and resuming."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -11,7 +12,12 @@ from depthcli.errors import CheckpointError
 from depthcli.training.average import WeightAverage
 from depthcli.training.checkpoint import Checkpoint, RunProgress
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import data_differences, differences, mismatch_error
+from depthcli.training.config_differences import (
+    data_differences,
+    differences,
+    mismatch_error,
+    source_differences,
+)
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.devices import average_gradients, gather_states
 from depthcli.training.finite import check_weights, finite_losses
@@ -93,7 +99,11 @@ class Run:
             average_gradients(self.fabric, _weights(optimizer))
             if self.config.optim.clip_norm and phase == "generator":
                 limit = self.config.optim.clip_norm
-                self.fabric.clip_gradients(self.module, optimizer, max_norm=limit)
+                # A loss that is not finite is an error below, which names it; the scaler of
+                # half precision skips steps whose gradients alone are not.
+                self.fabric.clip_gradients(
+                    self.module, optimizer, max_norm=limit, error_if_nonfinite=False
+                )
             optimizer.step()
         if self.average:
             self.average.update(self.method.generator, self.progress.step + 1)
@@ -134,6 +144,7 @@ class Run:
         saved = Checkpoint.load(path)
         mismatches = differences(saved.config, self.config)
         mismatches += data_differences(saved.progress, self.progress)
+        mismatches += source_differences(saved.progress, self.progress)
         if mismatches:
             raise mismatch_error(path, mismatches)
         devices = len(saved.others) + 1
@@ -147,7 +158,9 @@ class Run:
             raise CheckpointError(
                 f"{path} does not fit the networks of its own configuration: give another --out"
             ) from error
-        self.progress = saved.progress
+        # Checkpoints before 0.11 lack them.
+        extra_pairs, fingerprints = self.progress.extra_pairs, self.progress.fingerprints
+        self.progress = replace(saved.progress, extra_pairs=extra_pairs, fingerprints=fingerprints)
 
     def _load(self, saved: Checkpoint) -> None:
         self.method.load_state_dict(saved.method)

@@ -4,7 +4,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from depthcli.datasets import id_ranges
-from depthcli.datasets.splits import NYU, TRAIN_IDS
+from depthcli.datasets.splits import NYU, TRAIN_IDS, is_label
+from depthcli.datasets.training_data import OWN_PAIRS, OWN_PICTURES, TrainingData, own_pairs_title
+from depthcli.errors import DatasetError
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import Checkpoint, RunProgress
@@ -13,15 +15,44 @@ from depthcli.training.checkpoint import Checkpoint, RunProgress
 def data_set(title: str) -> str:
     """The name under which the pairs of a data set are recorded, of its name in model cards.
 
-    All splits of NYU Depth v2 share one.
+    All splits of NYU Depth v2 share one, and so do the pairs of a folder and its pictures alone.
     """
-    return NYU if title.startswith(NYU) else title
+    return NYU if title.startswith(NYU) else title.replace(OWN_PICTURES, OWN_PAIRS, 1)
 
 
 def seen_by_run(progress: RunProgress) -> dict[str, tuple[str, ...]]:
     """Ids of the pairs that a run or its initial weights were trained on, by data set."""
     own = {data_set(progress.data): (*progress.train_ids, *progress.start_ids)}
-    return _merged([own, progress.start_pairs])
+    return _merged([own, progress.extra_pairs, progress.start_pairs])
+
+
+def extra_pairs(data: TrainingData) -> dict[str, tuple[str, ...]]:
+    """Ids of the extra pairs by data set; empty if there are none.
+
+    A folder whose ids all are numbers of NYU Depth v2 is recorded under both names, as a copy of
+    its pictures need not have an index.
+    """
+    if data.extra is None:
+        return {}
+    own = own_pairs_title(data.extra.root)
+    names = (own, NYU) if all(map(is_label, data.extra.ids)) else (own,)
+    return dict.fromkeys(names, data.extra.ids)
+
+
+def check_extra_pairs(data: TrainingData, held_out_ids: Iterable[str]) -> None:
+    """Check that the extra pairs have none of the pairs that the run holds out.
+
+    Raises:
+        DatasetError: they have some.
+    """
+    extra = extra_pairs(data)
+    common = set(held_out_ids).intersection(extra.get(data_set(data.title), ()))
+    if common:
+        number = f"{len(common)} held-out pair{'s' * (len(common) != 1)}"
+        raise DatasetError(
+            f"the extra pairs contain {number} of {data_set(data.title)} (first: {min(common)}): "
+            "remove them from --extra, or rename them if they are other pictures"
+        )
 
 
 def seen_by_files(paths: Sequence[Path]) -> dict[str, tuple[str, ...]]:
@@ -55,5 +86,5 @@ def _merged(records: Iterable[Mapping[str, Sequence[str]]]) -> dict[str, tuple[s
     found: dict[str, set[str]] = {}
     for record in records:
         for name, ids in record.items():
-            found.setdefault(name, set()).update(ids)
+            found.setdefault(data_set(name), set()).update(ids)
     return {name: tuple(sorted(ids)) for name, ids in found.items() if ids}

@@ -10,6 +10,7 @@ from lightning_fabric import Fabric
 from torch import Tensor
 
 from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.fingerprint import data_fingerprint
 from depthcli.datasets.splits import held_out_scenes
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import UsageError
@@ -22,7 +23,7 @@ from depthcli.training.data.pair_store import PairStore, whole_pictures
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, write_errors
 from depthcli.training.methods.registry import method_class
 from depthcli.training.run import Run
-from depthcli.training.seen_pairs import seen_by_files
+from depthcli.training.seen_pairs import check_extra_pairs, extra_pairs, seen_by_files
 from depthcli.training.validation import Validation
 
 _EXAMPLES = 128  # pictures, by which the decoder channels of initial weights are chosen
@@ -45,10 +46,12 @@ def set_up(
 
     Arguments and errors as of :func:`depthcli.training.loop.fit`.
     """
-    with write_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
     dataset, first = data.dataset, fabric.is_global_zero
     train_rows, held_out = train_val_split(dataset, config.data)
+    facts = data_facts(config, data)
+    check_extra_pairs(data, facts.held_out_ids)
+    with write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     store = PairStore(dataset, train_rows, config.data)
     batches = Batches(
         store,
@@ -64,15 +67,10 @@ def set_up(
     scored = held_out and first and method_class(config.method).DEPTH
     validation = Validation(dataset, held_out, config) if scored else None
     run = Run(config, fabric, batches.steps_per_epoch)
-    run.progress = RunProgress(
-        train_ids=tuple(dataset.ids[i] for i in train_rows),
-        held_out_ids=tuple(dataset.ids[i] for i in held_out),
-        data=data.title,
-        hfov_deg=data.hfov_deg,
-        extra=data.extra_title,
+    run.progress = replace(
+        facts,
         start=run.start_from(start, partial(_examples, store, config)) if start else "",
         start_pairs=seen_by_files(start),
-        aspect=data.aspect,
     )
     run.resume(folder / CHECKPOINT)
     run.progress = replace(run.progress, threads=torch.get_num_threads())
@@ -80,6 +78,22 @@ def set_up(
         with write_errors(folder):
             metrics_log.truncate(folder / METRICS_LOG, run.progress.step)
     return TrainingSetup(run, batches, validation)
+
+
+def data_facts(config: TrainConfig, data: TrainingData) -> RunProgress:
+    """What the data give of a run's progress, before its first step."""
+    dataset = data.dataset
+    train_rows, held_out = train_val_split(dataset, config.data)
+    return RunProgress(
+        train_ids=tuple(dataset.ids[i] for i in train_rows),
+        held_out_ids=tuple(dataset.ids[i] for i in held_out),
+        data=data.title,
+        hfov_deg=data.hfov_deg,
+        extra=data.extra_title,
+        extra_pairs=extra_pairs(data),
+        aspect=data.aspect,
+        fingerprints=tuple(data_fingerprint(part) for part in (dataset, data.extra) if part),
+    )
 
 
 def train_val_split(dataset: DepthDataset, data: DataConfig) -> tuple[list[int], list[int]]:

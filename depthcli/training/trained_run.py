@@ -10,7 +10,7 @@ class TrainedRun:
 
     folder: Path  #: its folder
     seed: int  #: of weights, order and augmentation
-    settings: str  #: all settings but the seed, as JSON
+    settings: str  #: all settings but the seed, data and initial weights, as JSON
     paired: bool  #: whether it was trained with aligned pairs of picture and depth
     parameters: int  #: weights of the generator
     epochs: int  #: whole epochs done

@@ -14,7 +14,7 @@ from tiny import write_model
 from videos import write_mp4
 
 from depthcli.cli.screen import console, progress
-from depthcli.cli.screen.training import TextCallback
+from depthcli.cli.screen.training import JsonCallback, TextCallback
 from depthcli.training.callbacks import TrainStart
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.threads import Threads
@@ -95,6 +95,18 @@ def test_a_stage_of_unknown_length_is_announced_where_that_is_wanted(
     with progress.show_progress(silent=False, announce=True) as drawing:
         drawing.begin("predicting", None)(1)
     assert capsys.readouterr().err == "predicting\n"
+
+
+def test_another_coding_of_initial_weights_is_one_warning(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    how = ("output.max_m is 80.0 there, 10.0 here", 'data.colour is "luma" there, "value" here')
+    start = TrainStart(Threads(1, 1, timed=False), False, 0, other_coding=how)
+    JsonCallback().on_train_start(start)
+    assert capfd.readouterr().err == (
+        "depthcli: warning: the initial weights are used as they are, but they were trained with "
+        f"other settings: {how[0]}; {how[1]}\n"
+    )
 
 
 def test_a_training_run_that_goes_on_has_a_bar_from_where_it_was(

@@ -10,7 +10,9 @@ import pytest
 from small import small_network, write_checkpoint
 
 from depthcli.core.choices import Weights
+from depthcli.datasets.training_data import NYU_PAPER
 from depthcli.errors import ParityError, UsageError
+from depthcli.evaluation.trained import group_by_seed
 from depthcli.export import trained
 from depthcli.export.trained import export_run, find_runs, open_run
 from depthcli.models.catalog import find_model
@@ -26,7 +28,7 @@ def folder(tmp_path: Path) -> Path:
     """A run that keeps an average."""
     folder = tmp_path / "runs" / "proposed-seed7"
     folder.mkdir(parents=True)
-    ids = {"train_ids": ("0001", "0003"), "held_out_ids": ("0002",)}
+    ids = {"train_ids": ("0001", "0003"), "held_out_ids": ("0002",), "start": "model.onnx 1234"}
     write_checkpoint(folder / "last.ckpt", average=small_network(seed=5), **ids)
     return folder
 
@@ -36,7 +38,9 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
     assert open_run(folder) == TrainedRun(
         folder=folder,
         seed=7,
-        settings=json.dumps(dataclasses.asdict(config)),
+        settings=json.dumps(
+            [dataclasses.asdict(config), [NYU_PAPER, ("0001", "0003"), "", "model.onnx 1234"]]
+        ),
         paired=True,
         parameters=sum(weights.numel() for weights in small_network().parameters()),
         epochs=3,
@@ -48,6 +52,33 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
         nyu_ids=("0001", "0003"),
     )
     assert open_run(folder).name == "proposed-seed7"
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"start": "model.onnx 5678"},
+        {"start": ""},
+        {"extra": "9 extra pairs (photos)"},
+        {"data": "own pairs (mine)"},
+        {"train_ids": ("0001",)},
+    ],
+)
+def test_runs_with_other_data_or_initial_weights_are_not_seeds_of_one_row(
+    folder: Path, other: dict[str, object]
+) -> None:
+    progress = Checkpoint.load(folder / "last.ckpt").progress
+    known = {name: getattr(progress, name) for name in ("train_ids", "held_out_ids", "start")}
+    second = folder.with_name("proposed-seed8")
+    for more, fits in (({"step": 1, "epoch": 0}, True), (other, False)):
+        second.mkdir(exist_ok=True)
+        write_checkpoint(second / "last.ckpt", **known | more)
+        runs = [open_run(folder), dataclasses.replace(open_run(second), seed=8)]
+        if fits:
+            assert len(group_by_seed(runs)["proposed"]) == 2
+        else:
+            with pytest.raises(UsageError, match="the same data and initial weights"):
+                group_by_seed(runs)
 
 
 def test_runs_are_the_folder_itself_or_those_in_it(folder: Path) -> None:

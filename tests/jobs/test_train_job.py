@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from depthcli.errors import DatasetError, ModelError
 from depthcli.jobs.train.run import TrainRequest, train
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import Checkpoint
+from depthcli.training.methods.registry import default_config
 
 if TYPE_CHECKING:
     from depthcli.training.callbacks import TrainStart
@@ -76,6 +78,29 @@ def test_held_out_pairs_that_the_initial_weights_were_trained_on_are_counted(
     train(first, notes)
     train(replace(request, start=(first.out / "last.ckpt",)), notes)
     assert [start.seen_held_out for start in notes.starts] == [0, 1]
+
+
+def test_pictures_of_held_out_pairs_in_an_earlier_training_are_counted(tmp_path: Path) -> None:
+    """``masked`` takes the pictures of a folder of one's own without its scenes."""
+    write_rooms(tmp_path / "data")
+    (tmp_path / "data" / "index.csv").unlink()
+    for scene, names in {"a": "01", "b": "2", "c": "3", "d": "45"}.items():
+        for part, name in itertools.product(("rgb", "depth"), names):
+            folder = tmp_path / "data" / part
+            (folder / scene).mkdir(exist_ok=True)
+            (folder / f"000{name}.png").rename(folder / scene / f"000{name}.png")
+    request, notes = _request(tmp_path, minutes=0), Notes()
+    masked = replace(
+        default_config("masked"),
+        generator=EFFICIENT.generator,
+        data=replace(EFFICIENT.data, rotate_deg=0, noise=0),
+        optim=EFFICIENT.optim,
+    )
+    first = replace(request, config=masked, out=tmp_path / "first")
+    done = train(first, Callback()).progress
+    assert (done.data, len(done.train_ids)) == ("own pictures (data)", 6)
+    train(replace(request, start=(first.out / "last.ckpt",)), notes)
+    assert [start.seen_held_out for start in notes.starts] == [1]
 
 
 @pytest.mark.parametrize(

@@ -17,13 +17,15 @@ import torch
 sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
 
+from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError
 from depthcli.jobs.train.queue import QueueRequest, TrainingQueue, _command
 from depthcli.jobs.train.run_status import EpochDone, RunStarted, RunStatus
 from depthcli.jobs.train.signal_forwarder import SignalForwarder
-from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.methods.registry import METHODS, default_config
 from depthcli.training.planned_runs import PlannedRun, next_share_s
+from depthcli.training.setup import data_facts
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -97,7 +99,8 @@ def test_what_is_wrong_for_all_is_raised_at_once(
 
 
 def save(run: PlannedRun, seconds: float, epoch: int = 1) -> None:
-    progress = RunProgress(seconds=seconds, epoch=epoch)
+    data = open_training_data(run.folder.parents[1] / "data", paired=False)
+    progress = replace(data_facts(run.config, data), seconds=seconds, epoch=epoch)
     rng = torch.get_rng_state()
     run.folder.mkdir(parents=True, exist_ok=True)
     Checkpoint(run.config, progress, {}, None, {}, {}, rng).save(run.folder / "last.ckpt")

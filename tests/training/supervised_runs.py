@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, room_data
+from rooms import EFFICIENT, room_data, write_rooms
 
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.training.callbacks import Callback
@@ -46,3 +46,12 @@ def train_two_steps(
     return fit(
         config, data, folder, fabric, Callback(), Limits(steps=2), start=[start] if start else ()
     )
+
+
+def write_extra(folder: Path, prefix: str = "photo-") -> Path:
+    """A folder of extra pairs, the six rooms under names that begin so."""
+    write_rooms(folder)
+    (folder / "index.csv").unlink()
+    for file in [*folder.glob("*/*.png")]:
+        file.rename(file.with_name(prefix + file.name))
+    return folder

@@ -78,10 +78,12 @@ def test_what_a_checkpoint_of_before_does_not_say_is_what_it_was_then(tmp_path: 
         "data": "NYU Depth v2, labelled pairs 1-1000",
         "hfov_deg": 63.3,
         "extra": "",
+        "extra_pairs": {},
         "start": "",
         "start_pairs": {},
         "start_ids": (),
         "aspect": 4 / 3,
+        "fingerprints": (),
         "threads": 0,
     }
 

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import onnx
 import pytest
 import torch
-from rooms import PAPER, TRAIN, rooms, write_rooms
-from supervised_runs import BARE, SUPERVISED, train_two_steps
+from rooms import PAPER, TRAIN, rooms
+from supervised_runs import BARE, SUPERVISED, train_two_steps, write_extra
 
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.training.checkpoint import Checkpoint, load_generator
+from depthcli.training.config.overrides import updated
+from depthcli.training.config.schema import OutputConfig
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT
+from depthcli.training.initial_coding import coding_differences
 from depthcli.training.initial_weights import start_from
 from depthcli.training.methods.proposed import Proposed
+from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
 
 if TYPE_CHECKING:
@@ -116,8 +121,7 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match=r"apart\.onnx is not a complete ONNX file with"):
         start_from(generator, [apart], pytest.fail)
 
-    extra = write_rooms(tmp_path / "extra")
-    (extra / "index.csv").unlink()
+    extra = write_extra(tmp_path / "extra")
     train_two_steps(BARE, tmp_path / "second", model, extra)
     progress = Checkpoint.load(tmp_path / "second" / CHECKPOINT).progress
     assert progress.start == f"model.onnx {exported.card.sha256[:16]}"
@@ -177,6 +181,39 @@ def test_several_give_the_mean_of_their_weights(tmp_path: Path) -> None:
         torch.testing.assert_close(weights.double(), expected, atol=1e-6, rtol=0)
 
 
+OTHER_CODINGS = [
+    ({"output": {"max_m": 80.0}}, "output.max_m is 80.0 there, 10.0 here"),
+    ({"output": {"coding": "linear"}}, 'output.coding is "linear" there, "log" here'),
+    ({"output": {"min_m": 0.5}}, "output.min_m is 0.5 there, 0.4 here"),
+    ({"data": {"colour": "luma"}}, 'data.colour is "luma" there, "value" here'),
+]
+
+
+@pytest.mark.parametrize("suffix", [".ckpt", ".onnx"])
+@pytest.mark.parametrize(("other", "line"), OTHER_CODINGS)
+def test_weights_of_another_coding_have_no_mean_and_are_told(
+    tmp_path: Path, other: dict[str, dict[str, object]], line: str, suffix: str
+) -> None:
+    files = [tmp_path / name / f"last{suffix}" for name in "ab"]
+    for config, file in zip((BARE, updated(BARE, other)), files, strict=True):
+        train_two_steps(config, file.parent)
+        if suffix == ".onnx":
+            export_checkpoint(file.with_suffix(".ckpt"), file, ExportOptions("model"))
+    with pytest.raises(CheckpointError, match=rf"b/last.* \({re.escape(line)}\), so their weigh"):
+        start_from(build_generator(BARE.generator), files, pytest.fail)
+    assert coding_differences(BARE, files[1:]) == (line,)
+    assert coding_differences(BARE, files[:1]) == coding_differences(BARE, []) == ()
+
+
+def test_of_weights_without_depth_the_colour_alone_is_compared(tmp_path: Path) -> None:
+    masked = replace(default_config("masked"), data=SUPERVISED.data, output=OutputConfig(max_m=80))
+    masked = replace(masked, generator=SUPERVISED.generator, optim=SUPERVISED.optim)
+    train_two_steps(masked, tmp_path)
+    assert coding_differences(SUPERVISED, [tmp_path / CHECKPOINT]) == ()
+    luma = updated(SUPERVISED, {"data": {"colour": "luma"}})
+    assert len(coding_differences(luma, [tmp_path / CHECKPOINT])) == 1
+
+
 def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
     train_two_steps(SUPERVISED, tmp_path)
     with pytest.raises(CheckpointError, match=r"no weights for stem\.0\.bias"):
@@ -190,8 +227,7 @@ def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
 
 
 def test_extra_pairs_need_log_depth(tmp_path: Path) -> None:
-    extra = write_rooms(tmp_path / "extra")
-    (extra / "index.csv").unlink()
+    extra = write_extra(tmp_path / "extra")
     config = replace(SUPERVISED, output=replace(SUPERVISED.output, coding="linear"))
     with pytest.raises(UsageError, match=r"output\.coding=log"):
         train_two_steps(config, tmp_path / "run", None, extra)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -71,9 +72,9 @@ def test_networks_without_instance_norm_are_channels_last() -> None:
     assert kernel.is_contiguous(memory_format=torch.channels_last)
 
 
-def _half(config: TrainConfig) -> Fabric:
+def _half(config: TrainConfig, scale: float = 64.0) -> Fabric:
     """Half precision with a scaler that changes at every step, on a CPU."""
-    scaler = torch.amp.GradScaler("cpu", init_scale=64.0, growth_interval=1)
+    scaler = torch.amp.GradScaler("cpu", init_scale=scale, growth_interval=1)
     plugin = MixedPrecision("16-mixed", "cpu", scaler)
     assert config.precision == "16-mixed"
     return Fabric(accelerator="cpu", devices=1, plugins=[plugin])
@@ -88,6 +89,20 @@ def test_half_precision_resumes_with_its_scale(tmp_path: Path) -> None:
     assert parts.precision == whole.precision
     for name, weight in whole.method.items():
         assert torch.equal(weight, parts.method[name]), name
+
+
+def test_a_scale_that_overflows_skips_the_step_and_is_halved() -> None:
+    """Also where gradients are clipped: those that are not finite have no norm to clip."""
+    config = replace(EFFICIENT, precision="16-mixed")
+    assert config.optim.clip_norm
+    fabric = _half(config, scale=2.0**120)
+    run = Run(config, fabric, 5)
+    before = [weight.clone() for weight in run.method.parameters()]
+    batch = TrainingBatch(torch.rand(2, 1, 32, 64) * 2 - 1, torch.rand(2, 1, 32, 64) * 5 + 1)
+    assert all(math.isfinite(loss) for loss in run.step(batch).values())
+    assert fabric.strategy.precision.state_dict()["scale"] == 2.0**119
+    for was, weight in zip(before, run.method.parameters(), strict=True):
+        assert torch.equal(was, weight)
 
 
 def test_checkpoint_of_before_is_continued(tmp_path: Path) -> None:

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 import onnx
 import pytest
-from supervised_runs import SUPERVISED, train_two_steps
+import torch
+from supervised_runs import SUPERVISED, train_two_steps, write_extra
 
 from depthcli.datasets.splits import NYU
 from depthcli.datasets.training_data import NYU_OFFICIAL, NYU_PAPER
+from depthcli.errors import DatasetError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.export.trained import open_run
@@ -63,6 +65,50 @@ def test_of_several_files_all_pairs_are_meant(tmp_path: Path, start: Path) -> No
     both = seen_by_files([start, tmp_path / "yard" / CHECKPOINT])
     assert (both[NYU], len(both[YARD])) == (SIX, 5)
     assert seen_by_files([]) == {}
+
+
+@pytest.mark.parametrize(
+    ("prefix", "nyu"), [("", tuple(f"{i:04d}" for i in range(6))), ("photo-", ())]
+)
+def test_extra_pairs_are_remembered(tmp_path: Path, prefix: str, nyu: tuple[str, ...]) -> None:
+    """Also after a further training; those with numbers of NYU as pairs of NYU."""
+    extra = write_extra(tmp_path / "more", prefix)
+    names = tuple(prefix + name for name in SIX)
+    first, later = (tmp_path / name / CHECKPOINT for name in ("first", "later"))
+    train_two_steps(SUPERVISED, first.parent, extra=extra, title=YARD)
+    train_two_steps(SUPERVISED, later.parent, first, title=YARD)
+    for file in (first, later):
+        seen = seen_by_files([file])
+        assert seen.pop(NYU, ()) == nyu
+        assert seen["own pairs (more)"] == names
+        assert seen.keys() == {"own pairs (more)", YARD}
+        model = file.with_name("model.onnx")
+        card = export_checkpoint(file, model, ExportOptions("model")).card
+        assert card.training.get("nyu_train_ids") == ("0000-0005" if nyu else None)
+        assert open_run(file.parent).nyu_ids == nyu
+
+
+@pytest.mark.parametrize(("title", "name"), [(NYU_PAPER, NYU), (YARD, r"own pairs \(yard\)")])
+def test_extra_pairs_that_the_run_holds_out_are_refused(
+    tmp_path: Path, title: str, name: str
+) -> None:
+    extra, run = write_extra(tmp_path / "yard", prefix=""), tmp_path / "run"
+    line = rf"contain 1 held-out pair of {name} \(first: 0002\): remove them from --extra"
+    with pytest.raises(DatasetError, match=line):
+        train_two_steps(SUPERVISED, run, extra=extra, title=title)
+    assert not run.exists()
+    train_two_steps(ALL, run, extra=extra, title=title)
+
+
+def test_a_checkpoint_without_its_extra_pairs_gets_them_when_it_goes_on(tmp_path: Path) -> None:
+    extra, run = write_extra(tmp_path / "more"), tmp_path / "run"
+    train_two_steps(SUPERVISED, run, extra=extra)
+    content = torch.load(run / CHECKPOINT, weights_only=True)
+    del content["progress"]["extra_pairs"]
+    torch.save(content, run / CHECKPOINT)
+    assert "own pairs (more)" not in seen_by_files([run / CHECKPOINT])
+    assert train_two_steps(SUPERVISED, run, extra=extra).step == 4
+    assert len(seen_by_files([run / CHECKPOINT])["own pairs (more)"]) == 6
 
 
 def test_a_card_that_states_no_ids_is_no_error(start: Path) -> None:

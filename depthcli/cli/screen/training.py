@@ -77,6 +77,11 @@ class JsonCallback(Callback):
                 f"the decoder of the initial weights, {before}, is narrowed to {after}; "
                 f"--set generator.decoder={before} keeps it"
             )
+        if start.other_coding:
+            console.warn(
+                "the initial weights are used as they are, but they were trained with other "
+                f"settings: {'; '.join(start.other_coding)}"
+            )
 
     def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """Store the losses for the end of the epoch."""
@@ -86,7 +91,7 @@ class JsonCallback(Callback):
     def on_epoch_end(self, progress: RunProgress) -> None:
         """Print step, seconds, scores, and the losses of the last step."""
         values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
-        for ids in ("train_ids", "held_out_ids", "start_pairs", "start_ids"):
+        for ids in ("train_ids", "held_out_ids", "extra_pairs", "start_pairs", "start_ids"):
             del values[ids]
         values["losses"] = self._losses
         console.out_json(values)

@@ -15,8 +15,8 @@ from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from depthcli.datasets.training_data import open_training_data
-from depthcli.errors import SIGNAL_BASE, CheckpointError, UsageError
+from depthcli.datasets.training_data import TrainingData, open_training_data
+from depthcli.errors import SIGNAL_BASE, CheckpointError, DatasetError, UsageError
 from depthcli.jobs.train.run_status import (
     EpochDone,
     RunStarted,
@@ -25,10 +25,13 @@ from depthcli.jobs.train.run_status import (
     run_status,
 )
 from depthcli.jobs.train.signal_forwarder import SignalForwarder
+from depthcli.training.config.schema import TrainConfig
+from depthcli.training.folder import CHECKPOINT
 from depthcli.training.methods.registry import method_class
 from depthcli.training.methods.table import METHODS
 from depthcli.training.planned_runs import PlannedRun, next_share_s
 from depthcli.training.resolve import resolve_config
+from depthcli.training.setup import data_facts
 
 _NO_TIME = "no time of --max-minutes was left for it; give more minutes"
 
@@ -140,27 +143,39 @@ def _planned(request: QueueRequest) -> list[PlannedRun]:
         for name in request.methods or METHODS
         for seed in seeds
     ]
-    data = configs[0].data
-    open_training_data(
-        request.data,
-        paired=all(config.data.paired for config in configs),
-        depth=any(method_class(config.method).DEPTH for config in configs),
-        split=data.split,
-        units_per_metre=data.units_per_metre,
-    )
+    paired = all(config.data.paired for config in configs)
+    depth = any(method_class(config.method).DEPTH for config in configs)
+    _training_data(request.data, configs[0], paired=paired, depth=depth)
     runs = [PlannedRun(c, request.out / f"{c.method}-seed{c.seed}") for c in configs]
     return [_with_saved_config(run, request) for run in runs]
 
 
+def _training_data(path: Path, config: TrainConfig, *, paired: bool, depth: bool) -> TrainingData:
+    return open_training_data(
+        path,
+        paired=paired,
+        depth=depth,
+        split=config.data.split,
+        units_per_metre=config.data.units_per_metre,
+    )
+
+
 def _with_saved_config(run: PlannedRun, request: QueueRequest) -> PlannedRun:
-    """The same run with the configuration of its checkpoint, if it has one."""
+    """The same run with the configuration of its checkpoint, if it has one, and facts of its data.
+
+    Data that it cannot use are an error again when it is due.
+    """
+    if not (run.folder / CHECKPOINT).exists():
+        return run
     settings = [*request.settings, f"seed={run.config.seed}"]
     method, files = run.config.method, request.files
     try:
         config = resolve_config(method, request.preset, files, settings, run.folder)
-    except CheckpointError:
+        depth = method_class(config.method).DEPTH
+        data = _training_data(request.data, config, paired=config.data.paired, depth=depth)
+        return replace(run, config=config, facts=data_facts(config, data))
+    except (CheckpointError, DatasetError):
         return run  # the error comes again when this run is due, and stops no other run
-    return replace(run, config=config)
 
 
 def _command(request: QueueRequest, run: PlannedRun, share_s: float) -> list[str]:

@@ -15,6 +15,7 @@ from depthcli.training import loop
 from depthcli.training.callbacks import Callback, TrainStart
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
+from depthcli.training.initial_coding import coding_differences
 from depthcli.training.initial_weights import narrowed_decoder
 from depthcli.training.launch import launched, open_fabric
 from depthcli.training.methods.registry import method_class
@@ -95,6 +96,7 @@ def _facts(
         lacks_scenes=wanted and not held_out,
         seen_held_out=len(seen_held_out),
         narrowed_decoder=narrowed_decoder(config.generator, start),
+        other_coding=coding_differences(config, start),
     )
 
 

@@ -1,0 +1,116 @@
+"""A run is not continued on other data than it began with."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import pytest
+import torch
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
+from rooms import EFFICIENT, write_rooms
+
+from depthcli.errors import CheckpointError
+from depthcli.jobs.train.queue import QueueRequest, TrainingQueue
+from depthcli.jobs.train.run import TrainRequest, train
+from depthcli.training.callbacks import Callback
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+CAMERAS = "id,focal_px\n" + "".join(f"room{i:04d},60\n" for i in range(6))
+
+
+@pytest.fixture
+def request_of(tmp_path: Path) -> TrainRequest:
+    """Six rooms under names of their own, of which one is held out, after one step."""
+    mine = write_rooms(tmp_path / "mine")
+    for file in [*mine.glob("*/*.png")]:
+        file.rename(file.with_name(f"room{file.name}"))
+    index = mine / "index.csv"
+    index.write_text(index.read_text().replace("\n0", "\nroom0"))
+    run = tmp_path / "run"
+    request = TrainRequest(EFFICIENT, mine, run, accelerator="cpu", threads=1, minutes=0)
+    assert train(request, Callback()).progress.held_out_ids == ("room0002",)
+    return request
+
+
+def _add_camera(folder: Path) -> None:
+    (folder / "cameras.csv").write_text(CAMERAS)
+
+
+def _add_held_out(folder: Path) -> None:
+    for part in ("rgb", "depth"):
+        shutil.copy(folder / part / "room0002.png", folder / part / "room0006.png")
+    with (folder / "index.csv").open("a") as index:
+        index.write("room0006,den_1,train\n")
+
+
+def _paint(folder: Path) -> None:
+    file = str(next(folder.glob("rgb/*0000.png")))
+    cv2.imwrite(file, cv2.imread(file) // 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (_add_camera, "other files or focal lengths; hfov_deg is null there, 63.3 here"),
+        (_add_held_out, r"5 pairs and 1 held out there, 5 pairs and 2 held out here"),
+        (_paint, "the data set has other files or focal lengths"),
+    ],
+)
+def test_changed_data_are_refused(
+    request_of: TrainRequest, change: Callable[[Path], None], line: str
+) -> None:
+    change(request_of.data)
+    with pytest.raises(CheckpointError, match=line):
+        train(request_of, Callback())
+
+
+def test_other_focal_lengths_are_refused(request_of: TrainRequest) -> None:
+    _add_camera(request_of.data)
+    request = replace(request_of, out=request_of.out.with_name("scaled"))
+    train(request, Callback())
+    (request.data / "cameras.csv").write_text(CAMERAS.replace(",60", ",80"))
+    with pytest.raises(CheckpointError, match="other files or focal lengths"):
+        train(request, Callback())
+
+
+def test_the_folder_may_have_moved_unless_an_older_checkpoint_knows_its_name_alone(
+    request_of: TrainRequest,
+) -> None:
+    moved = replace(request_of, data=request_of.data.rename(request_of.data.with_name("moved")))
+    assert train(moved, Callback()).progress.step == 2
+    path = request_of.out / "last.ckpt"
+    content = torch.load(path, weights_only=True)
+    del content["progress"]["fingerprints"], content["progress"]["extra_pairs"]
+    torch.save(content, path)
+    line = r'data is "own pairs \(mine\)" there, "own pairs \(moved\)" here'
+    with pytest.raises(CheckpointError, match=line):
+        train(moved, Callback())
+    back = replace(request_of, data=moved.data.rename(request_of.data))
+    assert len(train(back, Callback()).progress.fingerprints) == 1
+
+
+def test_a_finished_queue_is_not_that_of_other_data(tmp_path: Path) -> None:
+    settings = ("generator.width=4", "generator.blocks=1", "data.width=32", "data.height=32")
+    settings += ("optim.width_discriminator=2", "optim.epochs_constant=1", "optim.epochs_decay=0")
+    queue = QueueRequest(
+        data=write_rooms(tmp_path / "data"),
+        out=tmp_path / "runs",
+        methods=("fastcut",),
+        settings=settings,
+        options=("--accelerator", "cpu", "--threads", "1", "--quiet"),
+    )
+    assert [status.state for status in [*TrainingQueue(queue)][1:]] == ["finished"]
+    assert [status.state for status in TrainingQueue(queue)] == ["finished"]
+    other = shutil.copytree(queue.data, tmp_path / "other")
+    _paint(other)
+    (status,) = TrainingQueue(replace(queue, data=other))
+    assert status.state == "failed"
+    assert "the data set has other files" in status.reason
