@@ -42,10 +42,10 @@ def check_replaceable(path: Path) -> None:
     if isinstance(path, RemotePath) or path.suffix.lower() not in _SUFFIXES:
         return
     try:
-        is_filled = path.is_file() and path.stat().st_size > 0
+        head = _head(path) if path.is_file() else b""
     except OSError:
         return  # writing it tells why
-    if is_filled and not is_own_picture(path):
+    if head.startswith((SIGNATURE, EXR_MAGIC)) and not is_own_picture(path):
         raise OutputError(
             f"{path} exists and was not written by depthcli; remove it or choose another output"
         )
