@@ -29,13 +29,15 @@ def depth_frames(
         InputError: a frame is damaged or missing; those before it have been yielded.
     """
     labels, stated = _labels(video), step_scale(video.labels, scale)
-    first_s: float | None = None
+    first_s, number = None, labels.first - 1
     for count, depth in enumerate(video):
         time_s = (depth.provenance and depth.provenance.time_s) or 0.0
         first_s = time_s if first_s is None else first_s
+        # No two frames have one number, even if their times are too coarse for it.
+        number = max(labels.number(count, time_s - first_s), number + 1)
         frame = Frame(
             np.zeros((1, 1), np.uint8),
-            index=labels.number(count, time_s - first_s),
+            index=number,
             timestamp_s=time_s,
             rate=video.rate,
             pixel_aspect=labels.pixel_aspect,

@@ -112,6 +112,13 @@ def test_frames_of_a_variable_rate_are_numbered_consecutively(tmp_path: Path) ->
     assert [frame.index for frame in frames] == [1001, 1002, 1004, 1005]
 
 
+def test_no_two_frames_have_one_number(tmp_path: Path) -> None:
+    # Milliseconds do not tell the frames of 5000 a second apart.
+    source = write_frames(tmp_path / "d.mkv", range(12), Fraction(5000))
+    found = [stored.frame.index for stored in depth_frames(DepthVideo(source))]
+    assert (found[0], len(set(found)), sorted(found)) == (1001, 12, found)
+
+
 def test_frames_before_a_damaged_one_are_written(tmp_path: Path) -> None:
     source = write_frames(tmp_path / "d.mkv", range(12))
     data = bytearray(source.read_bytes())

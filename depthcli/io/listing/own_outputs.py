@@ -23,12 +23,9 @@ _VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
 def is_own_picture(path: str | Path) -> bool:
     """Whether a file is a PNG or an EXR that depthcli wrote, with any name."""
     try:
-        head = _head(path_of(path))
+        return _is_own(_head(path_of(path)))
     except OSError:
         return False
-    if head.startswith(EXR_MAGIC):
-        return is_own_exr(head)
-    return head.startswith(SIGNATURE) and SOFTWARE_KEY in read_text(head)
 
 
 def check_replaceable(path: Path) -> None:
@@ -45,7 +42,7 @@ def check_replaceable(path: Path) -> None:
         head = _head(path) if path.is_file() else b""
     except OSError:
         return  # writing it tells why
-    if head.startswith((SIGNATURE, EXR_MAGIC)) and not is_own_picture(path):
+    if head.startswith((SIGNATURE, EXR_MAGIC)) and not _is_own(head):
         raise OutputError(
             f"{path} exists and was not written by depthcli; remove it or choose another output"
         )
@@ -54,6 +51,12 @@ def check_replaceable(path: Path) -> None:
 def is_own_exr(data: bytes) -> bool:
     """Whether an EXR, of which the first bytes are enough, was written by depthcli."""
     return _EXR_SOFTWARE_KEY in data[:_HEAD_BYTES]
+
+
+def _is_own(head: bytes) -> bool:
+    if head.startswith(EXR_MAGIC):
+        return is_own_exr(head)
+    return head.startswith(SIGNATURE) and SOFTWARE_KEY in read_text(head)
 
 
 def _head(path: Path) -> bytes:

@@ -49,8 +49,13 @@ def predict_pictures(
     points = _known_points(request)
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
+    # Asked once: in a store, each question is a request.
+    is_named = request.output is not None and not is_folder(request.output)
     for plan in plans:
         try:
+            if not is_named:
+                for path in filter(None, plan.outputs.values()):
+                    check_replaceable(path)
             yield _predict_picture(request, plan, loading, points)
         except (InputError, OutputError) as error:
             yield FailedInput(plan.name, error)
@@ -64,9 +69,6 @@ def _predict_picture(
     points: AnchorPoints | None,
 ) -> PictureResult:
     start = time.perf_counter()
-    if request.output is None or is_folder(request.output):
-        for chosen in filter(None, plan.outputs.values()):
-            check_replaceable(chosen)
     frame = _read_picture(request, plan)
     camera = request.camera
     centre_px = camera.centre_for(*frame.display_size_px)
