@@ -225,6 +225,9 @@ def test_every_column_of_the_manifest_is_true(inside: Cli) -> None:
     assert (failed["status"], failed["outputs"]) == ("failed", [])
     assert "is not a picture" in failed["error"]
     assert failed["input_sha256"] == sha256(b"not a picture")
+    assert (row["input_path"], failed["input_path"]) == tuple(
+        str(inside.folder / "in" / name) for name in ("hall/a.png", "b.png")
+    )
 
 
 def sha256(data: bytes) -> str:

@@ -83,7 +83,8 @@ def rows(draw: st.DrawFn) -> list[Row]:
         )
         status, seconds = draw(st.sampled_from([OK, FAILED])), draw(st.integers(0, 10**9)) / 10**6
         warnings, origin = draw(st.lists(TEXTS, max_size=2)), draw(st.builds(Origin, *[TEXTS] * 4))
-        row = Row(name, status, origin, tuple(files), seconds, text, text, tuple(warnings), text)
+        texts = {"error": text, "warnings": tuple(warnings), "camera": text, "input_path": text}
+        row = Row(name, status, origin, tuple(files), seconds, text, **texts)
         found.append(row)
     return found
 

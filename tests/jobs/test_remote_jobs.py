@@ -161,7 +161,8 @@ def results_in(bucket: Bucket, folder: str = "out/") -> dict[str, bytes]:
 
 def rows(data: bytes) -> list[dict[str, object]]:
     """Rows of a manifest without what differs from run to run."""
-    return [json.loads(line) | {"seconds": 0, "error": None} for line in data.splitlines()]
+    differing = {"seconds": 0, "error": None, "input_path": None}
+    return [json.loads(line) | differing for line in data.splitlines()]
 
 
 def test_a_batch_goes_from_bucket_to_bucket(
@@ -178,6 +179,7 @@ def test_a_batch_goes_from_bucket_to_bucket(
     manifest = found.pop("manifest.jsonl")
     assert found == tree
     assert rows(manifest) == rows((tmp_path / "out" / "manifest.jsonl").read_bytes())
+    assert json.loads(manifest.splitlines()[0])["input_path"] == bucket.uri("in/a.png")
     # The same again keeps all but what failed, and what lies in the folder is no input.
     again = list(Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("in/out/"))))
     assert [r.row.input for r in again if not r.is_kept] == ["bad.jpg"]

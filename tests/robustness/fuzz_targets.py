@@ -393,6 +393,7 @@ def manifests() -> list[bytes]:
         "outputs": [{"path": "a.depth.png", "bytes": 9, "sha256": "0" * 64}],
         "seconds": 0.5,
         "input_sha256": "0" * 64,
+        "input_path": "/data/a.png",
         "error": None,
         "warnings": [],
         "camera": None,

@@ -69,6 +69,8 @@ class Row:
     #: the camera that its metres are for, and how it is known; None without metres
     camera: str | None = None
     anchors: AnchorEntry | None = None  #: the known points it was fitted to; None if it was not
+    #: full path of the input, or its URI without password and signature; None in older manifests
+    input_path: str | None = None
 
     def failed_if_missing(self, folder: Path) -> Self | None:
         """The same row with status failed if one of its outputs is missing; else None."""
@@ -91,6 +93,7 @@ class Row:
             ],
             "seconds": round(self.seconds, 6),
             "input_sha256": self.input_sha256,
+            "input_path": self.input_path,
             "error": self.error,
             "warnings": self.warnings,
             "camera": self.camera,

@@ -15,6 +15,7 @@ _COLUMNS = {
     "outputs": [{"path": str, "bytes": int, "sha256": str}],
     "seconds": float,
     "input_sha256": str,
+    "input_path": str,
     "error": str,
     "warnings": [str],
     "camera": str,

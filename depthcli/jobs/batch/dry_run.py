@@ -39,7 +39,7 @@ def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
         session: its model.
 
     Raises:
-        UsageError: an output would replace an input.
+        UsageError: an output would replace an input, or the output for another input.
     """
     plan, options = request.plan, request.options
     outputs = OutputMap(plan, options.formats)

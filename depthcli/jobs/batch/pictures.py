@@ -56,7 +56,7 @@ class PictureWorker:
 
         Raises:
             ModelError: the network fails on any picture.
-            UsageError: the options do not fit the model.
+            UsageError: the options do not fit the model, or outputs are those of other inputs.
         """
         opened = [self._open(task) for task in tasks]
         readable = [one for one in opened if isinstance(one, _OpenedPicture)]
@@ -136,6 +136,7 @@ class PictureWorker:
             outputs=files,
             seconds=time.perf_counter() - start_s,
             input_sha256=opened.sha256,
+            input_path=task.input_path,
             warnings=tuple(warnings),
             camera=camera_text(displayed_depth(depth, frame.windows)),
             anchors=anchor_entry(depth, points),

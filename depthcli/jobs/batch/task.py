@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -9,13 +10,13 @@ from typing import Generic, TypeVar
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Lens
 from depthcli.core.fingerprint import fingerprint
-from depthcli.errors import (
-    ModelError,
-)
+from depthcli.errors import ModelError, UsageError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
+from depthcli.io.storage.atomic import is_same_file
+from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.failed import failure_reason
 from depthcli.video.formats import VideoFormat
@@ -42,6 +43,11 @@ class Task(Generic[_FormatT]):
     shares_stem: bool = False  #: whether another picture has its name but for the suffix
     lens: Lens | None = None  #: its own camera; None for that of the batch, if it has one
 
+    @property
+    def input_path(self) -> str:
+        """Full path of the input, or its URI without password and signature."""
+        return str(path_of(self.input.path).absolute())
+
     def origin(self, batch: Origin) -> Origin:
         """Model and options that its outputs are made with: those of the batch, and its lens."""
         if self.lens is None:
@@ -58,13 +64,35 @@ class Task(Generic[_FormatT]):
             sha256: checksum of the input.
             origin: model and options of the batch.
             points: known depth that they would be fitted to; None for none.
+
+        Raises:
+            UsageError: the outputs are those of another file, which is still there.
         """
         row, now = self.earlier, (OK, sha256, self.origin(origin))
-        if row is None or (row.status, row.input_sha256, row.origin) != now:
+        if row is None:
+            return None
+        self._check_same_input(row, sha256, out)
+        if (row.status, row.input_sha256, row.origin) != now:
             return None
         if (row.anchors and row.anchors.sha256) != (None if points is None else points.sha256()):
             return None
         return row if all(is_intact(out, file) for file in row.outputs) else None
+
+    def _check_same_input(self, row: Row, sha256: str, out: Path) -> None:
+        """Refuse to replace the outputs of a file of the same name in another folder.
+
+        The content decides first, so that a copy of the folder resumes the batch.
+        """
+        if row.input_sha256 == sha256 or not row.outputs or row.input_path is None:
+            return
+        other = path_of(row.input_path)
+        with suppress(OSError):
+            if other.exists() and not is_same_file(path_of(self.input.path), other):
+                raise UsageError(
+                    f"{out / row.outputs[0].path} is the output for {other}, not for "
+                    f"{self.input_path}; choose another --out, or delete the manifest in {out} to "
+                    "replace such outputs"
+                )
 
     def failed_result(
         self, error: Exception, origin: Origin, start_s: float, sha256: str | None
@@ -84,6 +112,7 @@ class Task(Generic[_FormatT]):
             origin=self.origin(origin),
             seconds=seconds,
             input_sha256=sha256,
+            input_path=self.input_path,
             error=failure_reason(error),
         )
         return Result(row)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from depthcli.core.progress import Progress
-from depthcli.errors import InputError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.manifest.row import FAILED, OK, Row, output_entry
 from depthcli.io.storage.remote import path_of
 from depthcli.io.storage.transfer import local_copy
@@ -38,6 +38,7 @@ class VideoWorker:
 
         Raises:
             ModelError: the network fails on any picture.
+            UsageError: outputs are those of another video.
         """
         start_s = time.perf_counter()
         sha256 = None
@@ -54,6 +55,8 @@ class VideoWorker:
                 done = self._row(task, source, sha256)
                 _check_unchanged(source, before)
                 return Result(done)
+        except UsageError:
+            raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             check_network(error, self.pictures.pipeline.session)
             return task.failed_result(error, origin, start_s, sha256)
@@ -79,6 +82,7 @@ class VideoWorker:
             ),
             seconds=done.seconds,
             input_sha256=sha256,
+            input_path=task.input_path,
             error=done.problem,
             warnings=done.warnings,
             camera=camera_text(done.depth),
