@@ -45,7 +45,8 @@ def row(number: int) -> Row:
     base = name(number).removesuffix(".jpg")
     files = (OutputFile(f"{base}.depth.png", 181_493 + number % 999, second),)
     camera = "hfov 63.3° (assumed, from the model's card)"
-    return Row(name(number), OK, ORIGIN, files, 0.02, first, camera=camera)
+    path = f"/data/{name(number)}"
+    return Row(name(number), OK, ORIGIN, files, 0.02, first, camera=camera, input_path=path)
 
 
 def write(folder: Path, rows: int, form: ManifestFormat) -> None:
