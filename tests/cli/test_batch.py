@@ -187,7 +187,7 @@ def test_a_dry_run_writes_nothing(inside: Cli) -> None:
     (inside.folder / "in" / "empty.jpg").touch()
     dry = ("batch", "in", "--out", "out", "--dry-run")
     done = inside(*dry)
-    assert done.returncode == 0
+    assert done.returncode == 1
     assert done.stdout.decode().splitlines() == [
         "do    a.png -> out/a.depth.png",
         "fail  empty.jpg: in/empty.jpg is empty",
@@ -196,6 +196,7 @@ def test_a_dry_run_writes_nothing(inside: Cli) -> None:
     ]
     assert b"would process 2, keep 0 already done, fail 1; 1 file skipped" in done.stderr
     assert not (inside.folder / "out").exists()
+    assert inside(*dry, "--include", "a.png").returncode == 0
     inside("batch", "in", "--out", "out", "--include", "a.png")
     before = contents(inside, "out")
     found = printed(inside(*dry, "--json"))

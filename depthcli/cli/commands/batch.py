@@ -236,8 +236,8 @@ def batch(
     if dry_run:
         from depthcli.jobs.batch.dry_run import dry_run as run_dry
 
-        print_dry_run(run_dry(request, loading.result()), plan, as_json=as_json)
-        return ExitCode.OK
+        would_fail = print_dry_run(run_dry(request, loading.result()), plan, as_json=as_json)
+        return ExitCode.SOME_FAILED if would_fail else ExitCode.OK
     from depthcli.jobs.batch.run import Batch
 
     session = loading.result()

@@ -102,8 +102,8 @@ def _counts(plan: Plan, tally: Tally) -> list[str]:
     return parts
 
 
-def print_dry_run(results: Iterable[DryRunResult], plan: Plan, *, as_json: bool) -> None:
-    """Print what would be done for each input, and the counts."""
+def print_dry_run(results: Iterable[DryRunResult], plan: Plan, *, as_json: bool) -> int:
+    """Print what would be done for each input, and the counts; the number that would fail."""
     for warning in plan.warnings:
         console.warn(warning)
     counts = {"do": 0, "keep": 0, "fail": 0}
@@ -118,6 +118,7 @@ def print_dry_run(results: Iterable[DryRunResult], plan: Plan, *, as_json: bool)
         f"would process {counts['do']}, keep {counts['keep']} already done, fail "
         f"{counts['fail']}{rest}"
     )
+    return counts["fail"]
 
 
 def _print_dry_run_result(
