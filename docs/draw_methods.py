@@ -1,14 +1,15 @@
 """Draw what models and runs say of rooms that are rendered, as the paper's Fig. 2 and 3 do.
 
-Run ``python docs/draw_methods.py docs/methods.jpg runs/table/*-seed0``. Each column after the room
-and its depth is one model, scaled to the median of the true depth; colours are those of the true
-depth's span, and black is no depth. Photographs (``--photo FILE``, repeatable) have no true depth:
-each of their maps has its own span.
+Run ``python docs/draw_methods.py docs/methods.jpg docs/results/generators/*-seed1``. Each column
+after the room and its depth is one model, scaled to the median of the true depth; colours are
+those of the true depth's span, and black is no depth. Photographs (``--photo FILE``, repeatable)
+have no true depth: each of their maps has its own span.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -76,7 +77,7 @@ def main() -> None:
         models = [model_of(path, Path(spare)) for path in arguments.models]
     rows = [row(render_pair(SETTINGS, i), models) for i in range(arguments.rooms)]
     rows += [photo_row(path, models) for path in arguments.photo]
-    titles = ["room", "depth", *(path.name.removesuffix("-seed0") for path in arguments.models)]
+    titles = ["room", "depth", *(re.sub(r"-seed\d+$", "", path.name) for path in arguments.models)]
     sheet = cv2.cvtColor(contact_sheet(rows, titles), cv2.COLOR_RGB2BGR)
     data = cv2.imencode(arguments.picture.suffix, sheet, (cv2.IMWRITE_JPEG_QUALITY, 88))[1]
     arguments.picture.write_bytes(data.tobytes())

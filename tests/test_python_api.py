@@ -96,6 +96,35 @@ def test_white_can_be_below_the_maximum(model: depthcli.DepthModel, tmp_path: Pa
             use([low], white_level=0)
 
 
+def test_warnings_about_a_picture_are_issued_at_the_caller(
+    model: depthcli.DepthModel, tmp_path: Path
+) -> None:
+    dark = np.full((48, 64), 4095, np.uint16)
+    path = tmp_path / "a.png"
+    Image.fromarray(dark).save(path)
+    advice = "4095 of 65535, as in data of 12 bits; if that is white, give white_level=4095"
+    for way in (path, dark):
+        with pytest.warns(depthcli.DepthcliWarning, match=advice) as told:
+            model.predict(way)
+        assert [one.filename for one in told] == [__file__]
+    with pytest.warns(depthcli.DepthcliWarning, match=advice) as told:
+        list(model.predict_many([path, dark], workers=2))
+    assert [str(one.message).partition(":")[0] for one in told] == [str(path), "a picture"]
+    assert {one.filename for one in told} == {__file__}
+    model.predict(dark, white_level=4095)  # pytest makes errors of warnings
+
+
+def test_a_focal_length_that_scales_nothing_is_a_warning(tmp_path: Path) -> None:
+    plain = depthcli.load_model(write_model(tmp_path / "plain"), provider="cpu", threads=1)
+    for use in (plain.predict, lambda one, **options: next(plain.predict_many([one], **options))):
+        with pytest.warns(depthcli.DepthcliWarning, match="does not scale depth") as told:
+            found = use(PIXELS, focal_px=80)
+        assert [one.filename for one in told] == [__file__]
+        assert found.to_points().xyz_m.shape == (48 * 64, 3)
+        assert found.focal_px == 80
+    plain.predict(PIXELS, focal_px=80, anchors=[(3, 4, 2.0)])
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, ">u2"])
 def test_gray_of_each_depth(dtype: Any, model: depthcli.DepthModel) -> None:
     white = np.full((12, 16), np.iinfo(dtype).max, dtype)

@@ -17,11 +17,13 @@ import numpy as np
 
 from depthcli.api.depth_map import Anchors, DepthMap
 from depthcli.api.picture_batches import picture_batches
-from depthcli.core import types
+from depthcli.core import scaling, types
+from depthcli.core.camera import Lens
 from depthcli.core.choices import DEFAULT_DETAIL
 from depthcli.core.overscan import displayed_depth, displayed_frame, without_invented
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import DepthcliWarning, InputError, UsageError
+from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.providers import AUTO
 from depthcli.io.pictures.convert import frame_of
@@ -127,10 +129,14 @@ class DepthModel:
             UsageError: the camera, the anchors or the white level are not valid for this model and
                 picture.
         """
-        self.pipeline.check_focal(focal_px, hfov_deg)
+        lens = Lens(focal_px, hfov_deg)
+        scaling.check_camera(focal_px, hfov_deg)
         frame = frame_of(picture, white_level)
         depth = self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
-        return _finished(depth, frame, anchors)
+        found = _finished(depth, frame, anchors)
+        for text in (*self._focal_warnings(lens, anchors), *_picture_warnings(found)):
+            warnings.warn(text, DepthcliWarning, stacklevel=2)
+        return found
 
     def predict_many(
         self,
@@ -163,9 +169,11 @@ class DepthModel:
             UsageError: the camera or the white level is not valid, or ``pictures`` is a single
                 picture.
         """
-        self.pipeline.check_focal(focal_px, hfov_deg)
+        scaling.check_camera(focal_px, hfov_deg)
         check_white_level(white_level)
         _check_several(pictures, batch_size, workers)
+        for text in self._focal_warnings(Lens(focal_px, hfov_deg), anchors):
+            warnings.warn(text, DepthcliWarning, stacklevel=2)
 
         def predicted(batch: PictureBatch) -> tuple[list[DepthMap], Exception | None]:
             frames, error = batch.frames(white_level)
@@ -180,6 +188,9 @@ class DepthModel:
 
         batches = picture_batches(pictures, batch_size, white_level)
         return _maps(ordered_map(predicted, batches, workers=workers))
+
+    def _focal_warnings(self, lens: Lens, anchors: Anchors | None) -> tuple[str, ...]:
+        return focal_warnings(self.card, lens) if anchors is None else ()
 
     def _depths(
         self, frames: Sequence[types.Frame], focal_px: float | None, hfov_deg: float | None
@@ -198,7 +209,10 @@ def _maps(
     """The maps of batches, then the error that ended one."""
     with closing(batches):
         for maps, error in batches:
-            yield from maps
+            for depth in maps:
+                for text in _picture_warnings(depth):
+                    warnings.warn(text, DepthcliWarning, stacklevel=2)
+                yield depth
             if error is not None:
                 raise error
 
@@ -210,14 +224,22 @@ def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Anchors | None
     return found if anchors is None else found.fit_anchors(anchors)
 
 
+def _picture_warnings(depth: DepthMap) -> Iterator[str]:
+    """What is wrong with the picture of a map, such as data of 12 bits in 16."""
+    if depth.frame is not None:
+        for text in depth.frame.warnings:
+            advice = text.replace("--white-level ", "white_level=")
+            yield f"{depth.frame.path or 'a picture'}: {advice}"
+
+
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:
     for name, number, least in (("batch_size", batch_size, 1), ("workers", workers, 0)):
         if not isinstance(number, (int, np.integer)) or not least <= number <= _MAX_COUNT:
             raise UsageError(
                 f"{name} is a whole number from {least} to {_MAX_COUNT}, not {number!r}"
             )
-    is_array = isinstance(pictures, np.ndarray) and pictures.ndim < _BATCH_RANK
-    if is_array or isinstance(pictures, _SINGLE) or not hasattr(pictures, "__iter__"):
+    is_single = getattr(pictures, "ndim", _BATCH_RANK) < _BATCH_RANK  # of arrays and tensors
+    if is_single or isinstance(pictures, _SINGLE) or not hasattr(pictures, "__iter__"):
         raise UsageError(
             "predict_many takes several pictures, as a list, an iterator or an array of four axes; "
             "use predict for one"

@@ -54,6 +54,11 @@ class Camera:
         """Warnings about the calibration, one line each."""
         return () if self.calibration is None else self.calibration.warnings
 
+    @property
+    def lens(self) -> Lens:
+        """The focal length as it is given, and the principal point."""
+        return Lens(self.focal_px, self.hfov_deg, self.centre_px)
+
     def centre_for(self, width: int, height: int) -> tuple[float, float] | None:
         """The principal point in pixels of a picture; None if it is not given.
 

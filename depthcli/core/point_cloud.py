@@ -68,6 +68,6 @@ def point_cloud(
     rows, columns = np.nonzero(valid)
     xyz_m = np.empty((len(rows), 3), np.float32)
     xyz_m[:, 2] = depth.values[valid]
-    xyz_m[:, 0] = (columns - centre_x) / focal_px * xyz_m[:, 2]
-    xyz_m[:, 1] = (rows - centre_y) / focal_px * xyz_m[:, 2]
+    xyz_m[:, 0] = ((np.arange(depth.width) - centre_x) / focal_px)[columns] * xyz_m[:, 2]
+    xyz_m[:, 1] = ((np.arange(depth.height) - centre_y) / focal_px)[rows] * xyz_m[:, 2]
     return PointCloud(xyz_m, None if frame is None else frame.pixels_8bit()[valid])

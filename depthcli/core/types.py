@@ -114,9 +114,11 @@ class Frame:
         return f"<Frame {self.width}×{self.height}, {colours} {self.pixels.dtype}{path}>"
 
     def pixels_8bit(self) -> npt.NDArray[np.uint8]:
-        """The picture for display: (H, W, 3) RGB uint8."""
-        top = {"uint8": 255, "uint16": 65535}.get(self.pixels.dtype.name, 1)
-        scaled = np.rint(self.pixels * np.float32(255 / top)).astype(np.uint8)
+        """The picture for display: (H, W, 3) RGB uint8, which may be the pixels themselves."""
+        scaled: npt.NDArray[Any] = self.pixels
+        if scaled.dtype != np.uint8:
+            top = 65535 if scaled.dtype == np.uint16 else 1
+            scaled = np.rint(scaled * np.float32(255 / top)).astype(np.uint8)
         return scaled if scaled.ndim == 3 else np.repeat(scaled[..., None], 3, 2)  # noqa: PLR2004
 
 

@@ -29,6 +29,14 @@ def metric_camera(card: ModelCard) -> CameraSpec | None:
     return card.camera if card.output.kind is DepthKind.METRIC else None
 
 
+def focal_warnings(card: ModelCard, lens: Lens) -> tuple[str, ...]:
+    """A warning if a given focal length does not scale the model's depth; else none."""
+    if (lens.focal_px is None and lens.hfov_deg is None) or metric_camera(card) is not None:
+        return ()
+    no_camera = f"model {card.name!r} gives no metres of a known camera"
+    return (f"{no_camera}: the focal length is used for point clouds, and does not scale depth",)
+
+
 def camera_of(card: ModelCard, frame: Frame, layout: Layout, lens: Lens) -> PictureCamera | None:
     """The camera of a picture; None if none is known.
 

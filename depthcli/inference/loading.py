@@ -46,16 +46,25 @@ class SessionLoader:
         from depthcli.models.catalog import find_model  # noqa: PLC0415 - see above
 
         checking = Background(lambda: find_model(self.model))
+        from depthcli.inference.providers import CPU  # noqa: PLC0415
         from depthcli.inference.session import Session  # noqa: PLC0415
 
-        return Background(
-            lambda: Session(
-                self._for_provider(checking.result()),
+        def session() -> Session:
+            model = checking.result()
+            chosen = self._for_provider(model)
+            loaded = Session(
+                chosen,
                 provider=self.provider,
                 threads=self.threads,
                 provider_options=self.provider_options,
             )
-        )
+            if chosen is model or loaded.provider != CPU:
+                return loaded
+            on_cpu = Session(model, provider=CPU, threads=self.threads)  # no GPU works
+            on_cpu.warnings = loaded.warnings
+            return on_cpu
+
+        return Background(session)
 
     def _for_provider(self, model: Model) -> Model:
         """The model, or the float model that its card names if the provider prefers floats."""

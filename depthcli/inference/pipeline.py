@@ -11,8 +11,8 @@ from depthcli.core import scaling
 from depthcli.core.camera import Lens
 from depthcli.core.choices import DEFAULT_DETAIL, Detail
 from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.errors import ModelError, UsageError
-from depthcli.inference.camera import PictureCamera, camera_of, metric_camera
+from depthcli.errors import ModelError
+from depthcli.inference.camera import PictureCamera, camera_of
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.memory import tile_width_px
 from depthcli.inference.postprocess import coarse_depth, full_size
@@ -45,7 +45,8 @@ class Pipeline:
         """Depth of every pixel of a picture.
 
         A model that was trained on one camera is right only for that camera. If the picture's own
-        is known, metres are scaled by the ratio of focal lengths.
+        is known, metres are scaled by the ratio of focal lengths. If the model states no
+        camera, or gives no metres, the focal length is only stated in the map's provenance.
 
         Args:
             frame: the picture.
@@ -60,7 +61,7 @@ class Pipeline:
         Raises:
             InputError: the picture needs more memory than the detail's limit.
             ModelError: the network failed.
-            UsageError: the focal length is not valid, or the model's camera is not known.
+            UsageError: the focal length is not valid.
         """
         return self.predict_many((frame,), focal_px=focal_px, hfov_deg=hfov_deg)[0]
 
@@ -87,14 +88,14 @@ class Pipeline:
         Raises:
             InputError: a picture needs more memory than the detail's limit.
             ModelError: the network failed.
-            UsageError: the focal length is not valid, or the model's camera is not known.
+            UsageError: the focal length is not valid.
         """
         for frame in frames:
             tile_width_px(self.card.input, frame, self.detail)
         given = Lens(focal_px, hfov_deg)
         own = [lens or given for lens in lenses or [None] * len(frames)]
         for lens in {given, *own}:
-            self.check_focal(lens.focal_px, lens.hfov_deg)
+            scaling.check_camera(lens.focal_px, lens.hfov_deg)
         prepared = [prepare(self.card.input, frame) for frame in frames]
         raws = self._run([single for single, _ in prepared])
         return [
@@ -143,20 +144,6 @@ class Pipeline:
             batch = together[0] if len(together) == 1 else np.concatenate(together)
             outputs |= zip(members, self.session.run(batch), strict=True)
         return [outputs[i] for i in range(len(inputs))]
-
-    def check_focal(self, focal_px: float | None, hfov_deg: float | None) -> None:
-        """Check a focal length or field of view.
-
-        Raises:
-            UsageError: it is out of range, both are given, or the model's camera is not known.
-        """
-        scaling.check_camera(focal_px, hfov_deg)
-        stated = focal_px is not None or hfov_deg is not None
-        if stated and metric_camera(self.card) is None:
-            raise UsageError(
-                f"model {self.card.name!r} gives no metres of a known camera, so a focal "
-                "length does not apply; remove --focal-px and --hfov"
-            )
 
     def _provenance(self, frame: Frame, layout: Layout, camera: PictureCamera | None) -> Provenance:
         return Provenance(

@@ -1,12 +1,17 @@
 """Checking the packages that depthcli depends on: versions, imports, conflicts."""
 
+import platform
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 _OPTIONAL = ("pillow-heif", "torch", "onnx")
-_PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich", *_OPTIONAL)
+_FASTER_PNG = ("deflate",) if platform.machine() in {"x86_64", "AMD64", "arm64", "aarch64"} else ()
+_PACKAGES = (
+    *("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich"),
+    *(*_FASTER_PNG, *_OPTIONAL),
+)
 _ONNXRUNTIME_BUILDS = {
     *("gpu", "directml", "openvino", "rocm", "migraphx"),
     *("training", "silicon", "qnn", "gpu-cu12"),

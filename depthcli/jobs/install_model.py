@@ -102,6 +102,21 @@ def _install(
     return catalog.find_model(target)
 
 
+def added_model(name: str) -> tuple[Path, locations.ModelLocation]:
+    """Folder and files of a model that was added.
+
+    Raises:
+        UsageError: it is not in the user's folder.
+    """
+    folder = locations.user_root() / _valid_name(name)
+    location = _user_location(folder)
+    if location is None:
+        raise UsageError(
+            f"{name!r} is not among the models in {locations.user_root()}; only those are removed"
+        )
+    return folder, location
+
+
 def remove_model(name: str) -> Path:
     """Delete a model that was added.
 
@@ -115,12 +130,7 @@ def remove_model(name: str) -> Path:
         UsageError: it is not in the user's folder.
         OutputError: it cannot be deleted.
     """
-    folder = locations.user_root() / _valid_name(name)
-    location = _user_location(folder)
-    if location is None:
-        raise UsageError(
-            f"{name!r} is not among the models in {locations.user_root()}; only those are removed"
-        )
+    folder, location = added_model(name)
     try:
         if folder.is_symlink():
             folder.unlink()

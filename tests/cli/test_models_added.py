@@ -36,6 +36,8 @@ def test_added_listed_shown_used_and_removed(inside: Cli, download: Path, pictur
     assert inside("models", "verify", "midas-small").returncode == 0
     used = inside("predict", picture, "--model", "midas-small", "-o", "x.npy")
     assert used.returncode == 0
+    assert inside("models", "remove", "midas-small", "nothing").returncode == 2
+    assert inside("models", "show", "midas-small").returncode == 0
     removed = inside("models", "remove", "midas-small")
     assert removed.stdout.startswith(b"removed ")
     assert [p.name for p in inside.models.iterdir()] == ["default"]

@@ -187,6 +187,8 @@ def test_list_force_and_remove(home: Home) -> None:
         ("a", {"hfov": 70.0}),
         ("b", {"half": True}),
     ]
+    assert home.run("profile", "remove", "a", "c")[0] == 2
+    assert len(list(home.folder.iterdir())) == 2
     code, out, _ = home.run("profile", "remove", "a", "b")
     assert (code, out.count("removed")) == (0, 2)
     assert not list(home.folder.iterdir())

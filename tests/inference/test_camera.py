@@ -12,9 +12,10 @@ import pytest
 from tiny import write_model
 
 import depthcli
+from depthcli.core.camera import Lens
 from depthcli.core.choices import Detail
 from depthcli.core.types import CameraSource, Frame, Provenance
-from depthcli.errors import UsageError
+from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.preprocess import input_layout
 from depthcli.io.writers.ply import PlyWriter
@@ -207,8 +208,14 @@ def test_what_has_no_metres_of_a_known_camera_is_not_rescaled(
     assert stated.provenance == replace(
         plain.provenance, focal_px=pytest.approx(focal_px), camera_source=CameraSource.EXIF
     )
-    with pytest.raises(UsageError, match="a focal length does not apply"):
-        pipeline.predict(black(40, 30), focal_px=50)
+    given = pipeline.predict(black(40, 30), focal_px=50)
+    np.testing.assert_array_equal(given.values, plain.values)
+    assert given.provenance == replace(
+        plain.provenance, focal_px=50, camera_source=CameraSource.OPTION
+    )
+    for lens, count in ((Lens(), 0), (Lens(focal_px=50), 1), (Lens(hfov_deg=60), 1)):
+        assert len(focal_warnings(pipeline.card, lens)) == count
+    assert not focal_warnings(model(tmp_path / "known").card, Lens(focal_px=50))
 
 
 def test_a_map_says_where_it_comes_from(tmp_path: Path) -> None:

@@ -200,6 +200,7 @@ def test_directml_runs_in_order_and_one_at_a_time(
     [
         (("cuda", "cpu"), "auto", "float"),
         (("cuda", "cpu"), "cpu", "int8"),
+        (("cuda", "cpu"), "cuda", "float"),
         (("openvino", "cpu"), "auto", "float"),
         (("cpu",), "auto", "int8"),
     ],
@@ -215,5 +216,26 @@ def test_a_gpu_gets_the_model_of_floats_that_the_card_names(
     write_model(tmp_path / "float", name="float")
     write_model(tmp_path / "int8", name="int8", float_model="float")
     built_with(monkeypatch, *there)
-    starting(monkeypatch, there[0] if there[0] != "cpu" else "cuda")
+
+    class Working(REAL):  # type: ignore[misc, valid-type]
+        """A session on the CPU that states the first of the wanted providers."""
+
+        def __init__(self, data: bytes, options: Any, stated: list[Any], **others: Any) -> None:
+            super().__init__(data, options, ["CPUExecutionProvider"], **others)
+            self.get_providers = lambda: [name for name, _ in stated]
+
+    monkeypatch.setattr(session.ort, "InferenceSession", Working)
     assert SessionLoader("int8", provider).load().model.card.name == expected
+
+
+def test_the_cpu_gets_its_own_model_if_no_gpu_works(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path))
+    write_model(tmp_path / "float", name="float")
+    write_model(tmp_path / "int8", name="int8", float_model="float")
+    built_with(monkeypatch, "cuda", "cpu")
+    starting(monkeypatch, "cuda")
+    loaded = SessionLoader("int8").load()
+    assert (loaded.model.card.name, loaded.provider) == ("int8", "cpu")
+    assert loaded.warnings == ("provider 'cuda' does not start here, running on 'cpu'",)

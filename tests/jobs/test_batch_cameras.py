@@ -195,11 +195,13 @@ def test_a_video_has_its_own_camera(tmp_path: Path) -> None:
     assert kept(with_table(tmp_path, "id,hfov_deg\nclip,91\n")) == {"clip.mkv": False}
 
 
-def test_a_model_without_a_camera_has_no_use_for_them(tmp_path: Path) -> None:
+def test_a_model_without_a_camera_uses_them_for_point_clouds_alone(tmp_path: Path) -> None:
     write_picture(tmp_path / "in/a.png", synthetic_picture(24, 32))
     plain = SessionLoader(write_model(tmp_path / "plain"), "cpu")
-    with pytest.raises(UsageError, match="remove --cameras"):
-        Batch(replace(with_table(tmp_path), model=plain))
+    batch = Batch(replace(with_table(tmp_path), model=plain))
+    (warning,) = (text for text in batch.warnings if "does not scale depth" in text)
+    assert "gives no metres of a known camera" in warning
+    assert all("(given)" in str(result.row.camera) for result in batch)
 
 
 @pytest.mark.parametrize(

@@ -180,6 +180,16 @@ def test_a_video_that_changes_while_it_is_read_counts_as_failed(tmp_path: Path) 
     assert kept(tmp_path) == {"a.mp4": True}
 
 
+def test_a_dry_run_finds_what_would_not_be_replaced(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    write_picture(tmp_path / "out" / "a.depth.png")
+    asked = request(tmp_path)
+    would = {one.input: one.error for one in dry_run(asked, asked.model.load())}
+    became = {result.row.input: result.row.error for result in Batch(asked)}
+    assert would == became
+    assert [name for name, error in would.items() if error] == ["a.png"]
+
+
 def test_what_cannot_be_listed_fails_with_its_reason(tmp_path: Path) -> None:
     pictures(tmp_path)
     asked = request(tmp_path)

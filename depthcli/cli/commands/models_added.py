@@ -83,9 +83,11 @@ def remove_models(
     ],
 ) -> int:
     """Remove added models."""
-    from depthcli.jobs.install_model import remove_model
+    from depthcli.jobs.install_model import added_model, remove_model
 
     for name in models:
+        added_model(name)  # raises before any is removed
+    for name in dict.fromkeys(models):
         console.report(f"removed {one_line(str(remove_model(name)))}")
     return ExitCode.OK
 

@@ -95,6 +95,8 @@ def remove_profiles(
 ) -> int:
     """Delete profiles."""
     for name in profiles:
+        profile_files.profile_text(name)  # raises before any is removed
+    for name in dict.fromkeys(profiles):
         console.report(f"removed {one_line(str(profile_files.remove_profile(name)))}")
     return ExitCode.OK
 

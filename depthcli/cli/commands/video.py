@@ -186,7 +186,6 @@ def video(
     written = [*chosen, VideoFormat.JSON] if sidecar else chosen
     refuse_unused(context, written, {which: which.facts.options for which in VideoFormat})
     refuse_for_videos(context, file)
-    refuse_for_frames(context, file)
     use_bytes = [which.facts.use_bytes for which in chosen]
     request = VideoRequest(
         video=file,
@@ -215,6 +214,7 @@ def video(
         console.warn(warning)
     result: VideoResult | FailedInput
     try:
+        refuse_for_frames(context, file)
         with show_progress(silent=quiet or as_json) as progress:
             result = job.video(request, progress)
     except (InputError, OutputError) as error:

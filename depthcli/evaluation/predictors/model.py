@@ -7,7 +7,6 @@ from depthcli.core.choices import DEFAULT_DETAIL, Detail
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.evaluation.choices import Source
 from depthcli.evaluation.predictors.base import Sample
-from depthcli.inference.camera import metric_camera
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.models.card import ModelCard
@@ -35,8 +34,6 @@ class ModelPredictor:
         Raises:
             DepthcliError: the model failed.
         """
-        if metric_camera(self.card) is None:
-            return self.pipeline.predict(sample.frame)
         hfov_deg = None if sample.focal_px else sample.hfov_deg
         return self.pipeline.predict(sample.frame, focal_px=sample.focal_px, hfov_deg=hfov_deg)
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
-from depthcli.io.pictures.levels import check_white_level, with_white_level
+from depthcli.io.pictures.levels import check_white_level, full_range
 from depthcli.io.pictures.read import read_image, upright
 from depthcli.io.storage.remote import path_of
 
@@ -71,9 +71,8 @@ def frame_of(picture: Picture, white_level: int | None = None) -> Frame:
         name = "the picture in memory"
         return read_image(None, bytes(picture), name=name, white_level=white_level)
     frame = _of_pil(picture) if hasattr(picture, "getexif") else Frame(_pixels(picture))
-    if white_level is None:
-        return frame
-    return replace(frame, pixels=with_white_level(frame.pixels, white_level))
+    pixels, warnings = full_range(frame.pixels, b"", white_level)
+    return replace(frame, pixels=pixels, warnings=warnings)
 
 
 def _pixels(picture: ArrayLike) -> npt.NDArray[Any]:

@@ -29,7 +29,7 @@ def full_range(
 
     Args:
         pixels: as they were decoded, of any type.
-        data: the file.
+        data: the file; empty for pixels of a program.
         white_level: value of white in 16-bit pixels, from 1 to 65535, unless the file itself
             states one below 65535; None for what it states.
 
@@ -43,14 +43,11 @@ def full_range(
     if stated is not None and stated < top:
         is_scaled = pixels.itemsize == 1 and data.startswith(_PLAIN)  # by the decoder itself
         return (pixels if is_scaled else scaled(pixels, stated)), ()
+    if pixels.dtype != np.uint16:
+        return pixels, ()
     if white_level is None:
         return pixels, _white_warnings(pixels)
-    return with_white_level(pixels, white_level), _clip_warnings(pixels, white_level)
-
-
-def with_white_level(pixels: npt.NDArray[Any], white_level: int) -> npt.NDArray[Any]:
-    """Pixels of 16 bits scaled so that ``white_level``, 1 to 65535, is 65535; others unchanged."""
-    return scaled(pixels, white_level) if pixels.dtype == np.uint16 else pixels
+    return scaled(pixels, white_level), _clip_warnings(pixels, white_level)
 
 
 def check_white_level(white_level: int | None) -> None:
@@ -105,8 +102,6 @@ def _white_warnings(pixels: npt.NDArray[Any]) -> tuple[str, ...]:
 
     Dark pictures do not end in a plateau at exactly this value, so they give none.
     """
-    if pixels.dtype != np.uint16:
-        return ()
     white = int(pixels.max())
     bits = _SENSOR_WHITES.get(white)
     if bits is None or np.count_nonzero(pixels == white) < _CLIPPED_SHARE * pixels.size:
@@ -116,7 +111,8 @@ def _white_warnings(pixels: npt.NDArray[Any]) -> tuple[str, ...]:
 
 
 def _clip_warnings(pixels: npt.NDArray[Any], white_level: int) -> tuple[str, ...]:
-    if pixels.dtype != np.uint16 or (brightest := int(pixels.max())) <= white_level:
+    brightest = int(pixels.max())
+    if brightest <= white_level:
         return ()
     return (
         f"has pixels up to {brightest}, above the white level of {white_level}; they are white",

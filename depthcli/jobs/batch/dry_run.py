@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from depthcli.errors import InputError
+from depthcli.errors import InputError, OutputError
 from depthcli.inference.session import Session
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.manifest.journal import Rows, known_rows
@@ -66,6 +66,8 @@ def _dry_run_of(
             sha256 = hashlib.sha256(data).hexdigest()
             points = request.options.points_for(file.name, shares_stem=picture.shares_stem)
             kept = picture.reusable_row(request.plan.out, sha256, origin, points)
-    except InputError as error:
+            if kept is None:
+                picture.check_replaceable()
+    except (InputError, OutputError) as error:
         return DryRunResult(file.name, "fail", paths, str(error))
     return DryRunResult(file.name, "keep" if kept else "do", paths)

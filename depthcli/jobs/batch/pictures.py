@@ -15,7 +15,6 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.manifest.row import OK, AnchorEntry, Origin, Row, output_entry
 from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
@@ -78,9 +77,7 @@ class PictureWorker:
             row = task.reusable_row(self.out, sha256, self.origin, points)
             if row is not None:
                 return Result(row, is_kept=True)
-            if task.earlier is None:  # else the files of these names are those of the batch
-                for path in task.outputs.values():
-                    check_replaceable(path)
+            task.check_replaceable()
             if task.is_suspect:
                 check_picture(task.input.path, data)
             frame = read_image(

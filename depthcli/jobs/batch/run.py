@@ -9,8 +9,7 @@ from itertools import islice
 from depthcli.core.choices import GPU_BATCH
 from depthcli.core.parallel.cores import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.errors import UsageError
-from depthcli.inference.camera import metric_camera
+from depthcli.inference.camera import focal_warnings
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
 from depthcli.io.manifest.journal import Journal
@@ -69,13 +68,9 @@ class Batch(Iterator[Result]):
         session = session or model.load()
         self._engine = engine or ThreadEngine(workers, session, progress)
         self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)
-        pipeline = self._spec.build(session).pipeline
-        pipeline.check_focal(options.camera.focal_px, options.camera.hfov_deg)
-        if plan.lenses and metric_camera(pipeline.card) is None:
-            raise UsageError(
-                f"model {pipeline.card.name!r} gives no metres of a known camera, so focal lengths "
-                "do not apply; remove --cameras"
-            )
+        lens = next(iter(plan.lenses.values()), options.camera.lens)
+        is_fitted = options.anchors is not None or options.camera.anchors
+        focal = () if is_fitted else focal_warnings(session.model.card, lens)
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan, self._outputs = plan, OutputMap(plan, options.formats)
         self._outputs.check_conflicts()
@@ -87,7 +82,7 @@ class Batch(Iterator[Result]):
         if self._journal.was_interrupted and not isinstance(plan.out, RemotePath):
             for folder in plan.folders():
                 remove_stale(folder)
-        self.warnings = (*plan.warnings, *options.camera.warnings, *session.warnings)
+        self.warnings = (*plan.warnings, *options.camera.warnings, *session.warnings, *focal)
         self.tally = Tally(len(plan.inputs))
         self._budget = request.budget
         self.stopped: str | None = None

@@ -14,6 +14,7 @@ from depthcli.errors import ModelError, UsageError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.listing.folder import InputFile
+from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import path_of
@@ -77,6 +78,16 @@ class Task(Generic[_FormatT]):
         if (row.anchors and row.anchors.sha256) != (None if points is None else points.sha256()):
             return None
         return row if all(is_intact(out, file) for file in row.outputs) else None
+
+    def check_replaceable(self) -> None:
+        """Check that no output is a file that depthcli did not write.
+
+        Raises:
+            OutputError: one is.
+        """
+        if self.earlier is None:  # else the files of these names are those of the batch
+            for path in self.outputs.values():
+                check_replaceable(path)
 
     def _check_same_input(self, row: Row, sha256: str, out: Path) -> None:
         """Refuse to replace the outputs of a file of the same name in another folder.

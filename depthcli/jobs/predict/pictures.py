@@ -14,6 +14,7 @@ from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.listing.own_outputs import check_replaceable
@@ -78,7 +79,8 @@ def _predict_picture(
     )
     predicted = without_invented(predicted, frame.windows)
     depth = with_centre(fitted(predicted, points, frame.windows), centre_px)
-    warnings = [*session.warnings, *frame.warnings, *(points.warnings if points else ())]
+    warnings = [*session.warnings, *frame.warnings]
+    warnings += points.warnings if points else focal_warnings(session.model.card, camera.lens)
     warnings += lost_in_fit(predicted, depth)
     del predicted  # the writers need the memory
     for name, path in plan.outputs.items():

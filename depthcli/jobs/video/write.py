@@ -14,6 +14,7 @@ from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError
+from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.video.outputs import open_output
@@ -169,7 +170,11 @@ def _video_done(
         scale=None if is_stretched else settings.writing.png_scale,
         provider=pipeline.session.provider,
         seconds=0.0,
-        warnings=(*source.warnings, *pipeline.session.warnings),
+        warnings=(
+            *source.warnings,
+            *pipeline.session.warnings,
+            *focal_warnings(pipeline.card, settings.camera.lens),
+        ),
         problem=source.problem,
     )
 
