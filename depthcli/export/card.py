@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,8 @@ from depthcli.metrics.pixels import MIN_DEPTH_M
 from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
 from depthcli.models.locations import CARD_NAME, CARD_SUFFIX
-from depthcli.training.checkpoint import Checkpoint, RunProgress
-from depthcli.training.seen_pairs import seen_by_run
+from depthcli.training.checkpoint import Checkpoint
+from depthcli.training.seen_pairs import data_set, seen_by_run
 
 MODEL_NAME = "model.onnx"
 _FULL_STRIDE = 4
@@ -94,8 +95,10 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
     averaged = saved.average is None or options.weights is Weights.AVERAGED
     is_int8 = options.int8_pictures is not None
     precision = "int8" if is_int8 else "float16" if options.half else None
+    seen = seen_by_run(progress)
+    is_new = set(progress.held_out_ids).isdisjoint(seen.get(data_set(progress.data), ()))
     # Parity keeps float16 near the weights that were validated; the others differ from them.
-    validated = averaged and not (options.mirror or is_int8)
+    validated = averaged and is_new and not (options.mirror or is_int8)
     return {
         "data": progress.data,
         **({"extra": progress.extra} if progress.extra else {}),
@@ -104,7 +107,7 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
         "seed": saved.config.seed,
         "pairs": len(progress.train_ids),
         "held_out_pairs": len(progress.held_out_ids),
-        **_nyu_pairs(progress),
+        **_nyu_pairs(seen),
         "steps": progress.step,
         "minutes": round(progress.seconds / 60, 1),
         "validation": {
@@ -112,13 +115,14 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
             for name, value in progress.scores.items()
             if validated and math.isfinite(value)
         },
+        **({} if averaged else {"weights": str(Weights.RAW)}),
         **({"precision": precision} if precision else {}),
         **({"mirror": True} if options.mirror else {}),
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
 
 
-def _nyu_pairs(progress: RunProgress) -> dict[str, str]:
+def _nyu_pairs(seen: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """Ids of the pairs of NYU Depth v2 that its weights have seen, for evaluations of the model."""
-    ids = seen_by_run(progress).get(NYU)
+    ids = seen.get(NYU)
     return {TRAIN_IDS: id_ranges.compact(i for i in ids if i.isdecimal())} if ids else {}

@@ -20,7 +20,7 @@ from depthcli.training.config_differences import (
 )
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.devices import average_gradients, gather_states
-from depthcli.training.finite import check_weights, finite_losses
+from depthcli.training.finite import check_moments, check_weights, finite_losses
 from depthcli.training.initial_weights import start_from
 from depthcli.training.methods.base import Phase
 from depthcli.training.methods.registry import build_method
@@ -114,9 +114,11 @@ class Run:
 
         Raises:
             CheckpointError: it cannot be written; the previous one is kept.
-            TrainingError: a weight is not finite; the previous one is kept.
+            TrainingError: a weight or a moment of an optimizer is not finite; the previous one is
+                kept.
         """
         check_weights(self.method, self.progress.step)
+        check_moments(self.optimizers, self.progress.step)
         own = process_state(self.method, self.fabric.device)
         others = gather_states(self.fabric, own)
         if not self.fabric.is_global_zero:

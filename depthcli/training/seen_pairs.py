@@ -22,21 +22,22 @@ def data_set(title: str) -> str:
 
 def seen_by_run(progress: RunProgress) -> dict[str, tuple[str, ...]]:
     """Ids of the pairs that a run or its initial weights were trained on, by data set."""
-    own = {data_set(progress.data): (*progress.train_ids, *progress.start_ids)}
+    ids = (*progress.train_ids, *progress.start_ids)
+    own = _under_names(data_set(progress.data), ids)
     return _merged([own, progress.extra_pairs, progress.start_pairs])
 
 
 def extra_pairs(data: TrainingData) -> dict[str, tuple[str, ...]]:
-    """Ids of the extra pairs by data set; empty if there are none.
-
-    A folder whose ids all are numbers of NYU Depth v2 is recorded under both names, as a copy of
-    its pictures need not have an index.
-    """
+    """Ids of the extra pairs by data set; empty if there are none."""
     if data.extra is None:
         return {}
-    own = own_pairs_title(data.extra.root)
-    names = (own, NYU) if all(map(is_label, data.extra.ids)) else (own,)
-    return dict.fromkeys(names, data.extra.ids)
+    return _under_names(own_pairs_title(data.extra.root), data.extra.ids)
+
+
+def _under_names(name: str, ids: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Ids by data set: also NYU if all are its numbers, as a copy of it need not have an index."""
+    names = (name, NYU) if all(map(is_label, ids)) else (name,)
+    return dict.fromkeys(names, ids)
 
 
 def check_extra_pairs(data: TrainingData, held_out_ids: Iterable[str]) -> None:

@@ -17,7 +17,6 @@ from depthcli.training.config.schema import DataConfig
 _WHOLE_SHARE = 0.25  # fraction of views without zoom, like pictures at inference
 _FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation
 _CROP_286 = 286 / 256
-_SIDE_STEP_PX = 16  # of views of other shapes
 _HALF_WIDTH = math.tan(math.radians(NYU_HFOV_DEG / 2))  # half of the picture's width at depth 1
 _LEAST_Z = 0.1  # a ray with less leaves a picture of up to 168°; behind it, depth is negative
 
@@ -37,10 +36,7 @@ def view_size(data: DataConfig, random: torch.Generator) -> tuple[int, int]:
     if not data.aspects or float(torch.rand((), generator=random)) < 0.5:  # noqa: PLR2004 - half
         return data.width, data.height
     index = int(torch.randint(len(data.aspects), (), generator=random))
-    width = math.sqrt(data.width * data.height * data.aspects[index])
-    sides = (width, width / data.aspects[index])
-    across, down = (max(1, round(side / _SIDE_STEP_PX)) * _SIDE_STEP_PX for side in sides)
-    return across, down
+    return data.view_sides(data.aspects[index])
 
 
 def draw_views(

@@ -85,7 +85,7 @@ def test_a_card_is_what_the_run_was(tmp_path: Path) -> None:
 
 
 def test_a_card_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
-    own = {"data": "own pairs (yard)", "hfov_deg": None, "train_ids": ("0001",), "scores": {}}
+    own = {"data": "own pairs (yard)", "hfov_deg": None, "train_ids": ("a0001",), "scores": {}}
     card = _card(tmp_path, **own)
     assert "NYU" not in card.to_json().upper()
     assert card.training.keys() == {
@@ -99,8 +99,10 @@ def test_a_card_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
 def test_pairs_that_the_initial_weights_knew_are_known_to_the_model(tmp_path: Path) -> None:
     ids = {"train_ids": ("0003", "0000"), "start_pairs": {NYU: ("0000", "0001")}}
     assert _card(tmp_path, **ids).training["nyu_train_ids"] == "0000-0001,0003"
-    own = _card(tmp_path, data="own pairs (yard)", **ids).training
+    own = _card(tmp_path, data="own pairs (yard)", **ids | {"train_ids": ("a3", "a0")}).training
     assert (own["pairs"], own["nyu_train_ids"]) == (2, "0000-0001")
+    copy = _card(tmp_path, data="own pairs (copy)", train_ids=("1400", "0003")).training
+    assert copy["nyu_train_ids"] == "0003,1400"
     former = _card(tmp_path, train_ids=("0003",), start_ids=("0002",)).training
     assert former["nyu_train_ids"] == "0002-0003"
 
@@ -111,6 +113,13 @@ def test_scores_of_averaged_weights_are_not_those_of_the_raw_ones(tmp_path: Path
     path = write_checkpoint(tmp_path / "both.ckpt", average=small_network())
     assert card_of(Checkpoint.load(path), raw).training["validation"] == {}
     assert card_of(Checkpoint.load(path), ExportOptions()).training["validation"] != {}
+
+
+def test_scores_of_pairs_that_the_initial_weights_knew_are_not_stated(tmp_path: Path) -> None:
+    ids = {"train_ids": ("0000",), "held_out_ids": ("0001",)}
+    for known, scores in (("0002", {"abs_rel": 0.25}), ("0001", {})):
+        card = _card(tmp_path, **ids, start_pairs={NYU: (known,)})
+        assert card.training["validation"] == scores
 
 
 def test_scores_are_of_the_network_that_was_validated(tmp_path: Path) -> None:

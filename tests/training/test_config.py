@@ -243,6 +243,7 @@ def test_losses_against_the_truth_need_pairs(setting: str) -> None:
         (["data.crop_286=true", "data.aspects=[2]"], "data.crop_286 and data.aspects"),
         (["data.zoom=2", "data.rotate_deg=11.5"], "data.rotate_deg is at most 11.4"),
         (["output.min_m=10"], "output.min_m"),
+        (["data.width=40", "data.height=40", "data.aspects=[4]"], "views of 80×16 pixels"),
         (["data.cutmix=0.5"], "optim.batch_size"),
         (["optim.epochs_constant=0", "optim.epochs_decay=0"], "optim.epochs_decay"),
     ],

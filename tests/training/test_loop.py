@@ -289,6 +289,19 @@ def test_weights_that_are_not_finite_do_not_replace_a_checkpoint(tmp_path: Path)
     assert (tmp_path / CHECKPOINT).read_bytes() == before
 
 
+def test_moments_that_are_not_finite_do_not_replace_a_checkpoint(tmp_path: Path) -> None:
+    run = Run(PAPER, _fabric(), steps_per_epoch=5)
+    run.save(tmp_path / CHECKPOINT)
+    before = (tmp_path / CHECKPOINT).read_bytes()
+    optimizer = run.optimizers["generator"]
+    for weight in optimizer.param_groups[0]["params"]:
+        weight.grad = torch.full_like(weight, 1e21)  # finite, and its square is not
+    optimizer.step()
+    with pytest.raises(TrainingError, match=r"the optimizer of the generator holds numbers"):
+        run.save(tmp_path / CHECKPOINT)
+    assert (tmp_path / CHECKPOINT).read_bytes() == before
+
+
 def test_the_term_that_is_not_finite_is_named() -> None:
     terms = {"cycle": torch.tensor(1.0), "identity": torch.tensor(float("inf"))}
     with pytest.raises(TrainingError, match="'identity' became inf"):

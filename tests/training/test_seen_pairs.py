@@ -68,10 +68,10 @@ def test_of_several_files_all_pairs_are_meant(tmp_path: Path, start: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("prefix", "nyu"), [("", tuple(f"{i:04d}" for i in range(6))), ("photo-", ())]
+    ("prefix", "nyu"), [("", SIX), ("photo-", tuple(i for i in SIX if i != "0002"))]
 )
 def test_extra_pairs_are_remembered(tmp_path: Path, prefix: str, nyu: tuple[str, ...]) -> None:
-    """Also after a further training; those with numbers of NYU as pairs of NYU."""
+    """Also after a further training; those with numbers of NYU, as the rooms have, as its pairs."""
     extra = write_extra(tmp_path / "more", prefix)
     names = tuple(prefix + name for name in SIX)
     first, later = (tmp_path / name / CHECKPOINT for name in ("first", "later"))
@@ -84,7 +84,7 @@ def test_extra_pairs_are_remembered(tmp_path: Path, prefix: str, nyu: tuple[str,
         assert seen.keys() == {"own pairs (more)", YARD}
         model = file.with_name("model.onnx")
         card = export_checkpoint(file, model, ExportOptions("model")).card
-        assert card.training.get("nyu_train_ids") == ("0000-0005" if nyu else None)
+        assert card.training["nyu_train_ids"] == ("0000-0001,0003-0005" if prefix else "0000-0005")
         assert open_run(file.parent).nyu_ids == nyu
 
 
@@ -124,4 +124,12 @@ def test_a_card_that_states_no_ids_is_no_error(start: Path) -> None:
 def test_checkpoints_before_0_10_tell_what_they_know() -> None:
     former = RunProgress(train_ids=("0003",), start_ids=("0001",))
     assert seen_by_run(former) == {NYU: ("0001", "0003")}
-    assert seen_by_run(replace(former, data=YARD)) == {YARD: ("0001", "0003")}
+    assert seen_by_run(replace(former, data=YARD)) == dict.fromkeys((YARD, NYU), ("0001", "0003"))
+
+
+def test_a_folder_counts_as_nyu_if_all_its_names_are_numbers_of_nyu() -> None:
+    def seen(*ids: str) -> set[str]:
+        return seen_by_run(RunProgress(train_ids=ids, data=YARD)).keys()
+
+    assert seen("0001", "1448") == {YARD, NYU}
+    assert seen("0001", "1449") == seen("0001", "hall") == {YARD}

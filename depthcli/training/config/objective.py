@@ -45,7 +45,7 @@ class LossConfig:
     #: multi-scale gradient matching, beyond the paper
     gradient: Amount = field(default=0.0, metadata=_weighs("gradient:gradient_loss"))
     #: how much of an extra pair's scale error counts, in [0, 1]: 0 supervises relative depth only,
-    #: 1 also its metres
+    #: 1 also its metres; of views mixed by ``data.cutmix``, it is one scale for both pictures
     extra_scale: UnitInterval = 0.0
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"  #: form of the adversarial terms
     adversarial_backward: bool = True  #: also a discriminator for F's pictures

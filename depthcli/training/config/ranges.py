@@ -4,7 +4,7 @@ import math
 
 from depthcli.errors import UsageError
 from depthcli.training.config.objective import PAIRED_LOSSES
-from depthcli.training.config.rules import LARGEST
+from depthcli.training.config.rules import LARGEST, LEAST_SIDE_PX
 from depthcli.training.config.schema import GeneratorConfig, TrainConfig
 
 _MOST_ROTATE_DEG = math.degrees(0.2)  # that a zoom of 1.2 has room for in a square picture
@@ -33,7 +33,7 @@ def check_range(config: TrainConfig) -> None:
 
 
 def _check_views(config: TrainConfig) -> None:
-    """Refuse augmentation that would have no effect."""
+    """Refuse augmentation that would have no effect, or views that are too small."""
     data = config.data
     if data.rotate_deg and data.zoom == 1:
         raise UsageError("data.rotate_deg needs room to turn: set data.zoom above 1")
@@ -47,6 +47,13 @@ def _check_views(config: TrainConfig) -> None:
         raise UsageError("data.turn needs room to turn: set data.zoom above 1")
     if data.crop_286 and data.aspects:
         raise UsageError("data.crop_286 and data.aspects exclude each other: remove one of them")
+    for aspect in data.aspects:
+        width, height = data.view_sides(aspect)
+        if min(width, height) < LEAST_SIDE_PX:
+            raise UsageError(
+                f"data.aspects={aspect:g} gives views of {width}×{height} pixels, and "
+                f"{LEAST_SIDE_PX} is the least: raise data.width and data.height, or remove it"
+            )
     if data.crop_286 and data.zoom > 1:
         raise UsageError("data.crop_286 and data.zoom exclude each other: remove one of them")
     if data.cutmix and config.optim.batch_size == 1:

@@ -18,8 +18,10 @@ PositiveFloat: TypeAlias = Annotated[
 ]
 Zoom: TypeAlias = Annotated[float, Rule("a number from 1 to 100", lambda x: 1 <= x <= 100)]
 Aspect: TypeAlias = Annotated[float, Rule("a number from 1/4 to 4", lambda x: 1 / 4 <= x <= 4)]
-# Below 32, the discriminators have no output and the gradient loss no coarsest scale.
-Side: TypeAlias = Annotated[int, Rule("a whole number from 32 to 4096", lambda n: 32 <= n <= 4096)]
+LEAST_SIDE_PX = 32  # below, discriminators have no output and the gradient loss no coarsest scale
+Side: TypeAlias = Annotated[
+    int, Rule("a whole number from 32 to 4096", lambda n: LEAST_SIDE_PX <= n <= 4096)
+]
 # Above these limits (and that of Side), building the networks would fill memory or take too long.
 Width: TypeAlias = Annotated[int, Rule("a whole number from 1 to 1024", lambda n: 1 <= n <= 1024)]
 Blocks: TypeAlias = Annotated[int, Rule("a whole number from 1 to 128", lambda n: 1 <= n <= 128)]

@@ -3,6 +3,7 @@
 :mod:`~depthcli.training.config.overrides` applies files and settings to a method's defaults.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -24,6 +25,8 @@ from depthcli.training.config.rules import (
     Zoom,
 )
 
+_SIDE_STEP_PX = 16  # of views of other aspect ratios
+
 
 @dataclass(frozen=True, slots=True)
 class GeneratorConfig:
@@ -43,7 +46,9 @@ class GeneratorConfig:
     #: residual blocks of ``efficient`` at strides 4, 8, 16, 32
     depths: tuple[int, ...] = (2, 2, 2, 2)
     dropout: Share = 0.0  #: share of bottleneck channels of ``efficient`` dropped while training
-    #: of ``efficient``: ``batch``, or ``none`` to start from an exported model, where it is folded
+    #: of ``efficient``: ``batch``, or ``none`` to start from an exported model, where it is folded.
+    #: Statistics of ``batch`` are those of all inputs of G: with identity, cycle or contrast also
+    #: of depth maps
     norm: Literal["batch", "none"] = "batch"
 
 
@@ -100,6 +105,14 @@ class DataConfig:
     #: every n-th scene by name is held out for validation; 0 holds out none
     holdout_every: Count = 7
     holdout_offset: Count = 3  #: index of the first of them
+
+    def view_sides(self, aspect: float) -> tuple[int, int]:
+        """Width and height of views of another aspect ratio, px, with about as many pixels."""
+        width = math.sqrt(self.width * self.height * aspect)
+        across, down = (
+            max(1, round(side / _SIDE_STEP_PX)) * _SIDE_STEP_PX for side in (width, width / aspect)
+        )
+        return across, down
 
 
 @dataclass(frozen=True, slots=True)
