@@ -118,7 +118,7 @@ class Frame:
         scaled: npt.NDArray[Any] = self.pixels
         if scaled.dtype != np.uint8:
             top = 65535 if scaled.dtype == np.uint16 else 1
-            scaled = np.rint(scaled * np.float32(255 / top)).astype(np.uint8)
+            scaled = np.rint(np.clip(scaled * np.float32(255 / top), 0, 255)).astype(np.uint8)
         return scaled if scaled.ndim == 3 else np.repeat(scaled[..., None], 3, 2)  # noqa: PLR2004
 
 

@@ -33,6 +33,7 @@ _ENDS = (b"---", b"...")
 def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -> Calibration:
     """A calibration in ``camera_info`` YAML of ROS, or in YAML, XML or JSON of OpenCV.
 
+    Of a ``CameraInfo`` with a region of interest, it is the camera of the pictures of that region.
     Its focal length is the geometric mean of fx and fy. Its ``hfov_deg`` is for ``predict``, its
     ``centre_for(width, height)`` for the ``centre_px`` of point clouds.
 
@@ -50,6 +51,9 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
     size = [_numbers(_node(root, names, path)) for names in (_WIDTHS, _HEIGHTS)]
     width, height = (numbers[0] if len(numbers) == 1 else math.nan for numbers in size)
     (fx, _, cx), (_, fy, cy) = _matrix_rows(root, path, rectified=rectified)
+    x, y, *region = _region_of_interest(root)
+    cx, cy = cx - x, cy - y
+    width, height = region if any(region) else (width, height)
     is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in (width, height))
     # A crop can have it outside, but hardly by more than its own size.
     is_near = -width <= cx <= 2 * width and -height <= cy <= 2 * height
@@ -74,6 +78,17 @@ def _matrix_rows(root: cv2.FileStorage, path: Path, *, rectified: bool) -> list[
             "it row by row, or calibrate the camera again"
         )
     return rows[:2]
+
+
+def _region_of_interest(root: cv2.FileStorage) -> list[float]:
+    """Column, row, width and height in pixels of the whole sensor; zeros for all of it.
+
+    ROS states the matrix for the whole sensor, also of pictures that are a part of it.
+    """
+    nodes = [
+        root.getNode("roi").getNode(name) for name in ("x_offset", "y_offset", "width", "height")
+    ]
+    return [0.0 if node.isNone() else _numbers(node)[0] for node in nodes]
 
 
 def _is_distorted(root: cv2.FileStorage) -> bool:

@@ -1,5 +1,6 @@
 """Converting a depth file to another format, and measuring the round-trip error."""
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -15,7 +16,7 @@ from depthcli.io.depth.stored import StoredDepth
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
-from depthcli.io.writers.formats import FILE_SUFFIXES, Format, format_of
+from depthcli.io.writers.formats import FILE_SUFFIXES, MILLIMETRES, Format, format_of
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.depth_files import read_map
 from depthcli.jobs.naming import check_suffix, is_folder, refuse_pattern
@@ -99,10 +100,15 @@ def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResu
     target = path_of(name)
     check_writable(target)
     with atomic_path(target, inputs=inputs) as temporary:
-        warnings = request.writing.writer(wanted).write(depth, temporary, picture)
-        read_back = read_stored_depth(temporary).depth if wanted in _READABLE else None
+        writing = _sidecar_options(request, stored) if wanted is Format.JSON else request.writing
+        warnings = writing.writer(wanted).write(depth, temporary, picture)
+        is_readable = wanted in _READABLE
+        read_back = read_stored_depth(temporary, kind=depth.kind).depth if is_readable else None
     round_trip = None if read_back is None else RoundTrip.of(depth, read_back)
     warnings = (*stored.warnings_with_scale("--from-scale"), *warnings)
+    if wanted is Format.PLY and not math.isclose(stored.frame.pixel_aspect, 1):
+        stated = f"pixelAspectRatio is {stored.frame.pixel_aspect:g}"
+        warnings += (f"{stated}, and the point cloud assumes square pixels; its y is wrong",)
     return ConvertResult(safe_name(request.source), name, shown, round_trip, warnings)
 
 
@@ -124,6 +130,16 @@ def target_format(target: str, asked: Format | None) -> Format:
             "or give --format"
         )
     return found
+
+
+def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> WriterOptions:
+    """The options; by default, the sidecar of a 16-bit PNG states the scale of that PNG."""
+    writing = request.writing
+    if stored.metadata.get("scale") == "normalized":
+        return replace(writing, png_normalize=True)
+    if stored.scale is None or writing.png_scale != MILLIMETRES:
+        return writing
+    return replace(writing, png_scale=stored.scale.steps_per_metre)
 
 
 def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:

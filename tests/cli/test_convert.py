@@ -14,7 +14,7 @@ from tiny import write_picture
 
 from depthcli.cli.shell import load_command
 from depthcli.core.map_camera import with_centre
-from depthcli.core.types import CameraSource, DepthMap, Provenance
+from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.exr import ExrWriter
@@ -283,3 +283,33 @@ def test_a_calibration_warns_and_is_not_replaced(inside: Cli, files: Path) -> No
     done = inside("convert", "wide.exr", "b.ply", "--calibration", "camera.yaml")
     assert done.returncode == 1
     assert "12×6 has another aspect ratio" in done.stderr.decode()
+
+
+def test_the_sidecar_of_a_png_states_its_scale(inside: Cli) -> None:
+    steps = np.full((6, 8), 2560, np.uint16)
+    steps[0] = 0  # no depth
+    cv2.imwrite(str(inside.folder / "kitti.png"), steps)
+    assert inside("convert", "kitti.png", "kitti.json", "--from-scale", "256").returncode == 0
+    assert json.loads((inside.folder / "kitti.json").read_text())["png16_scale"] == 256
+    assert np.nanmax(read_depth(inside.folder / "kitti.png").values) == 10
+    Png16Writer(png_normalize=True).write(DEPTH, inside.folder / "d.png")
+    assert inside("convert", "d.png", "d", "--format", "json").returncode == 0
+    (sidecar,) = inside.folder.glob("d*.json")
+    assert json.loads(sidecar.read_text())["png16_scale"] is None
+
+
+def test_a_cloud_of_pixels_that_are_not_square_is_told(inside: Cli) -> None:
+    frame = Frame(np.zeros((6, 8), np.uint8), pixel_aspect=2.0)
+    ExrWriter().write(DEPTH, inside.folder / "wide.exr", frame)
+    done = inside("convert", "wide.exr", "wide.ply")
+    assert done.returncode == 0
+    assert b"pixelAspectRatio is 2, and the point cloud assumes square pixels" in done.stderr
+    assert inside("convert", "wide.exr", "wide.npy").stderr == b""
+
+
+def test_no_pixel_of_a_relative_map_is_lost_in_npy(inside: Cli) -> None:
+    values = np.float32([[-1, 0], [1, 2]])
+    ExrWriter().write(DepthMap(values, DepthKind.RELATIVE), inside.folder / "r.exr")
+    done = inside("convert", "r.exr", "r.npy", "--json")
+    found = json.loads(done.stdout)
+    assert (done.returncode, found["lost"]) == (0, 0)

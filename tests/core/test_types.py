@@ -53,6 +53,11 @@ def test_highlights_may_pass_one() -> None:
     assert Frame(pixels).width == 5
 
 
+def test_highlights_and_negative_light_are_shown_as_white_and_black() -> None:
+    pixels = np.float32([[1.2, 0.5], [-0.2, 0.5], [0.5, 0.5]])
+    assert Frame(pixels).pixels_8bit()[..., 0].tolist() == [[255, 128], [0, 128], [128, 128]]
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 def test_people_see_eight_bits_and_three_channels(dtype: type) -> None:
     top = 1 if dtype is np.float32 else np.iinfo(dtype).max

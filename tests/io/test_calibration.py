@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from typing import TYPE_CHECKING
 
 import cv2
@@ -44,6 +45,13 @@ height: 480
 width: 640
 D: [0.0, 0.0, 0.0, 0.0, 0.0]
 K: [431.5, 0.0, 337.8, 0.0, 431.5, 250.7, 0.0, 0.0, 1.0]
+"""
+REGION = """roi:
+  x_offset: 320
+  y_offset: 120
+  height: 240
+  width: 320
+  do_rectify: false
 """
 TRANSPOSED = "K: [431.5, 0.0, 0.0, 0.0, 431.5, 0.0, 337.8, 250.7, 1.0]"
 EXPECTED = Calibration(640, 480, 431.5, (337.8, 250.7))
@@ -247,3 +255,17 @@ def test_pixels_that_are_not_square_are_a_warning(tmp_path: Path) -> None:
         assert len(warnings) == len(known)
         for warning, ratio in zip(warnings, known, strict=True):
             assert warning.startswith(f"fy is {ratio} of fx, and depth and point clouds assume")
+
+
+@pytest.mark.parametrize("binning", [1, 2])
+def test_a_region_of_interest_is_the_picture(tmp_path: Path, binning: int) -> None:
+    path = tmp_path / "camera_info.yaml"
+    path.write_text(TOPIC + REGION)
+    found = read_calibration(path)
+    assert found == Calibration(320, 240, 431.5, (337.8 - 320, 250.7 - 120))
+    assert found.hfov_deg == pytest.approx(2 * math.degrees(math.atan(160 / 431.5)))
+    x, y = found.centre_for(320 // binning, 240 // binning)
+    assert (x + 0.5) * binning - 0.5 == pytest.approx(17.8)
+    assert (y + 0.5) * binning - 0.5 == pytest.approx(130.7)
+    path.write_text(TOPIC + re.sub(r"\d+", "0", REGION))  # as of the whole sensor
+    assert read_calibration(path) == EXPECTED

@@ -48,6 +48,14 @@ def test_lossy_pictures_have_their_size(suffix: str) -> None:
     assert read_image(None, encoded(suffix)).pixels.shape == PICTURE.shape
 
 
+@pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG"), (13, None)])
+def test_high_dynamic_range_of_avif_is_told(transfer: int, name: str | None) -> None:
+    data = encoded(".avif")
+    at = data.index(b"colrnclx") + len(b"colrnclx") + 2
+    warnings = read_image(None, data[:at] + transfer.to_bytes(2) + data[at + 2 :]).warnings
+    assert [f"({name})" in text for text in warnings] == ([True] if name else [])
+
+
 def test_sixteen_bits_stay_sixteen_bits() -> None:
     deep = np.arange(0, 65520, 1820, dtype=np.uint16).reshape(4, 9)
     assert (read_image(None, encoded(".png", deep)).pixels == deep).all()

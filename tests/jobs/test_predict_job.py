@@ -205,6 +205,9 @@ def test_a_sensor_s_depth_beside_a_picture_is_not_replaced(
         assert isinstance(good, PictureResult)
     assert sensor.read_bytes() == before
     assert {path.name for path in tmp_path.glob("a.*")} == {"a.jpg", sensor.name}
+    own = PredictRequest(names[:1], str(tmp_path / "a"), formats=formats, model=loader)
+    (failed,) = predict(own)  # it names a.depth.png, which nobody typed
+    assert isinstance(failed, FailedInput)
     (done,) = predict(PredictRequest(names[:1], str(tmp_path / "a.depth.png"), model=loader))
     assert isinstance(done, PictureResult)
 

@@ -1,4 +1,4 @@
-"""The size of an AVIF file's pictures, by its boxes and by its AV1 sequence headers (5.5.1)."""
+"""Size and transfer function of an AVIF's pictures, by boxes and AV1 sequence headers (5.5.1)."""
 
 import re
 import struct
@@ -9,6 +9,7 @@ from itertools import islice
 from depthcli.io.pictures.boxes import find_box, item_locations
 
 _ISPE = re.compile(rb"ispe")
+_NCLX = re.compile(rb"colrnclx..(..)", re.DOTALL)
 _STCO = re.compile(rb"stco\0\0\0\0")
 _SEQUENCE_HEADER = 1
 _MAX_OBUS = 10_000
@@ -33,6 +34,12 @@ def avif_size(data: bytes) -> tuple[int, int] | None:
         return None
     coded = [size for item in _item_payloads(data) for size in _coded_sizes(item)]
     return max(sizes + coded, key=lambda size: size[0] * size[1])
+
+
+def avif_transfer(data: bytes) -> int:
+    """Code of the transfer function in ITU-T H.273 that the first item states; 0 for none."""
+    found = _NCLX.search(data, 0, data.find(b"mdat"))
+    return int.from_bytes(found[1], "big") if found else 0
 
 
 def _item_payloads(data: bytes) -> Iterator[memoryview]:

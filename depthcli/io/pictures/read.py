@@ -10,10 +10,12 @@ import numpy.typing as npt
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.picture_options import PictureOptions
+from depthcli.core.transfer import transfer_warning
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.heif_pictures import read_heif_picture
 from depthcli.io.listing.own_outputs import EXR_MAGIC, is_own_exr
+from depthcli.io.pictures.avif import avif_transfer
 from depthcli.io.pictures.count import count_warnings
 from depthcli.io.pictures.decode import decode, read_bytes
 from depthcli.io.pictures.exif import read_exif
@@ -79,6 +81,7 @@ def read_image(
         return replace(read_heif_picture(data, name, max_pixels), path=path)
     pixels, warnings = full_range(decode(data, name, max_pixels=max_pixels), data, white_level)
     pixels = _as_frame_dtype(pixels, name)
+    hdr = transfer_warning(avif_transfer(data) if data[4:8] == b"ftyp" else 0, "picture", "sRGB")
     exif = read_exif(data)
     if not data.startswith(TIFF_STARTS):  # TIFF comes upright from the decoder
         pixels = upright(pixels, exif.orientation)
@@ -87,7 +90,7 @@ def read_image(
         path,
         orientation=exif.orientation,
         focal_35mm=exif.focal_35mm,
-        warnings=(*count_warnings(data), *warnings),
+        warnings=(*count_warnings(data), *warnings, *filter(None, [hdr])),
     )
 
 

@@ -19,9 +19,9 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.pictures.read import read_image
+from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format, writer_class
 from depthcli.jobs.failed import FailedInput
-from depthcli.jobs.naming import is_folder
 from depthcli.jobs.outputs import write_output, write_stream
 from depthcli.jobs.predict.plan import STDIO, PicturePlan
 from depthcli.jobs.predict.request import PredictRequest
@@ -45,17 +45,16 @@ def predict_pictures(
 
     Raises:
         ModelError: the model cannot be used.
-        UsageError: the model does not accept a focal length, or the known depth cannot be read.
+        UsageError: the known depth cannot be read.
     """
     points = _known_points(request)
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
-    # Asked once: in a store, each question is a request.
-    is_named = request.output is not None and not is_folder(request.output)
+    named = None if request.output is None else path_of(request.output)
     for plan in plans:
         try:
-            if not is_named:
-                for path in filter(None, plan.outputs.values()):
+            for path in plan.outputs.values():
+                if path is not None and path != named:
                     check_replaceable(path)
             yield _predict_picture(request, plan, loading, points)
         except (InputError, OutputError) as error:
