@@ -68,6 +68,8 @@ def test_plain_paths_and_file_uris_are_this_machines() -> None:
     assert path_of("file:///a%20b/c.jpg") == Path("/a b/c.jpg")
     assert path_of("file://localhost/c.jpg") == Path("/c.jpg")
     assert join("s3://b/k/", "a.jpg") == "s3://b/k/a.jpg"
+    assert join("s3://b/k", "./a.jpg") == "s3://b/k/a.jpg"
+    assert join("s3://b/k", "/a.jpg") == "/a.jpg"
     assert join("here", "s3://b/a.jpg") == "s3://b/a.jpg"
     assert join("here", "a.jpg") == os.path.join("here", "a.jpg")  # noqa: PTH118
 
@@ -80,6 +82,13 @@ def test_plain_paths_and_file_uris_are_this_machines() -> None:
         ("s3:///k", "s3:///k has no bucket; write s3://bucket/name"),
         ("http://?x", "has no host; write http://host/name"),
         ("file://h/a", "file://h/a names a host; write file:///folder/name"),
+        ("s3://b/a//b.jpg", "s3://b/a//b.jpg: a key with an empty, '.' or '..' part cannot be"),
+        ("gs://b//", "gs://b//: a key with an empty, '.' or '..' part cannot be used"),
+        ("az://c/./b.jpg", "az://c/./b.jpg: a key with an empty, '.' or '..' part cannot be used"),
+        (
+            "s3://b/../b.jpg",
+            "s3://b/../b.jpg: a key with an empty, '.' or '..' part cannot be used",
+        ),
     ],
 )
 def test_other_addresses_are_refused(uri: str, problem: str) -> None:
@@ -340,6 +349,29 @@ def test_files_behind_http(plain_server: tuple[str, list[str]]) -> None:
     asked.clear()
     assert remote(server.replace("//", "//user:word@") + "/x").read_bytes() == b"hello"
     assert asked == ["GET /x signed"]
+
+
+def test_percent_escapes_are_sent_as_they_are(plain_server: tuple[str, list[str]]) -> None:
+    server, asked = plain_server
+    keys = ["my%20room.jpg", "a%2Fb%C3%BC.jpg", "%E9.jpg", "my%20room.jpg?signature=x"]
+    for key in keys:
+        assert remote(f"{server}/{key}").read_bytes() == b"hello"
+    assert remote(f"{server}/my room 100%.jpg").read_bytes() == b"hello"
+    places = [key.partition("?")[0] for key in keys]
+    assert asked == [f"GET /{place} open" for place in [*places, "my%20room%20100%25.jpg"]]
+
+
+OPEN_FILES = Path("/proc/self/fd")
+
+
+@pytest.mark.skipif(not OPEN_FILES.exists(), reason="counts open files on Linux")
+def test_signed_urls_do_not_keep_their_connections(plain_server: tuple[str, list[str]]) -> None:
+    server, _ = plain_server
+    before = len(list(OPEN_FILES.iterdir()))
+    for number in range(100):
+        assert remote(f"{server}/a.jpg?signature={number}").read_bytes() == b"hello"
+    # The server, in this process, has the other end of each.
+    assert len(list(OPEN_FILES.iterdir())) - before < 100
 
 
 def test_credentials_are_those_of_the_usual_chain(

@@ -18,7 +18,7 @@ from videos import flat_frames, write_video
 
 from depthcli.core.camera import Lens
 from depthcli.core.exit_hooks import run_exit_hooks
-from depthcli.errors import InputError, ModelError, UsageError
+from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest.rows_folder import rows_folder
@@ -99,6 +99,47 @@ def test_without_output_results_lie_beside_the_object(
     assert set(bucket.objects()) == {"in/a.png", "in/a.depth.npy"}
     with pytest.raises(UsageError, match="is behind HTTP, where nothing is written"):
         predict(PredictRequest(("http://127.0.0.1:9/a.png",), model=loader))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_a_sensor_s_depth_in_a_bucket_is_not_replaced(
+    tmp_path: Path, loader: SessionLoader, bucket: Bucket, suffix: str
+) -> None:
+    picture = write_picture(tmp_path / "a.png").read_bytes()
+    uris = tuple(bucket.put(f"in/{name}.png", picture) for name in "ab")
+    for number in (1, 2):
+        bucket.put(f"p/p.{number:04}.png", picture)
+    sensor = {".png": picture, ".exr": b"v/1\x01 and more"}[suffix]
+    names = [bucket.put(f"{name}{suffix}", sensor) for name in ("in/a.depth", "p/d.0002")]
+    problem = "exists and was not written by depthcli; remove it or choose another output"
+    formats = (Format.NPY, Format.PNG16, Format.EXR)
+    for _ in range(2):  # its own outputs are replaced
+        bad, good = predict(PredictRequest(uris, formats=formats, model=loader))
+        assert isinstance(bad, FailedInput)
+        assert str(bad.error) == f"{names[0]} {problem}"
+        assert isinstance(good, PictureResult)
+    frames = VideoRequest(
+        bucket.uri("p/p.%04d.png"), f"{bucket.uri('p/d.%04d')}{suffix}", model=loader
+    )
+    with pytest.raises(OutputError, match=problem):
+        video(frames)
+    found = bucket.objects()
+    assert found["in/a.depth" + suffix] == found["p/d.0002" + suffix] == sensor
+    assert not any(name.startswith("in/a.depth.npy") for name in found)
+
+
+def test_a_store_that_does_not_answer_gets_no_output(
+    tmp_path: Path, loader: SessionLoader, bucket: Bucket, faults: Faults
+) -> None:
+    uri = bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
+    request = PredictRequest((uri,), bucket.uri("out/"), (Format.PNG16,), model=loader)
+    for answer, is_written in (("500 InternalError", False), ("403 AccessDenied", True)):
+        faults.fault = lambda method, path, _, answer=answer: (
+            answer if method == "GET" and "/out/" in path else None
+        )
+        (done,) = predict(request)
+        assert isinstance(done, PictureResult) is is_written
+        assert ("out/a.depth.png" in bucket.names()) is is_written
 
 
 def test_videos_and_numbered_pictures_go_from_bucket_to_bucket(
@@ -184,6 +225,30 @@ def test_a_batch_goes_from_bucket_to_bucket(
     again = list(Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("in/out/"))))
     assert [r.row.input for r in again if not r.is_kept] == ["bad.jpg"]
     assert results_in(bucket, "in/out/").keys() == found.keys() | {"manifest.jsonl"}
+
+
+def test_the_requests_of_a_batch_are_those_of_the_documentation(
+    tmp_path: Path, bucket: Bucket, faults: Faults
+) -> None:
+    picture = write_picture(tmp_path / "a.png").read_bytes()
+    bucket.put("in/a.png", picture)
+    bucket.put("in/b.png", picture)
+    sensor = bucket.put("out/b.depth.png", picture)
+    kept = ["GET in/a.png", "GET in/b.png", "GET out/b.depth.png"]
+    kept += ["HEAD out/a.depth.npy", "HEAD out/a.depth.png"]
+    new = ["GET out/a.depth.png", "PUT out/a.depth.npy", "PUT out/a.depth.png"]
+    for wanted in ([*kept, *new], kept):
+        faults.seen.clear()
+        found = list(Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("out"))))
+        requests = [
+            f"{method} {path.removeprefix(f'/{bucket.name}/')}"
+            for method, path in faults.seen.elements()
+        ]
+        assert sorted(one for one in requests if one.endswith((".png", ".npy"))) == sorted(wanted)
+        assert [result.row.error for result in found if result.row.error] == [
+            f"{sensor} exists and was not written by depthcli; remove it or choose another output"
+        ]
+    assert bucket.objects()["out/b.depth.png"] == picture
 
 
 def test_a_batch_that_was_killed_goes_on_elsewhere(
@@ -273,11 +338,12 @@ def test_shards_into_a_bucket_become_one_manifest(
 
 def test_lists_name_objects(tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]) -> None:
     local = str(tmp_path / "in" / "a.png")
-    words = [bucket.uri("in/z.png"), bucket.uri("in/hall/b.png"), local, "hdfs://x/y.jpg"]
+    words = [bucket.uri("in/z.png"), bucket.uri("in/hall/b.png"), local, "./a.png"]
     listed = bucket.put("lists/some.txt", "\n".join(words).encode())
     plan = plan_files(read_list(listed), listed, bucket.uri("in"), bucket.uri("out"))
     names = [found.name for found in plan.inputs]
-    assert names == sorted(["z.png", "hall/b.png", local.lstrip("/"), "hdfs/x/y.jpg"])
+    assert names == sorted(["z.png", "hall/b.png", local.lstrip("/"), "a.png"])
+    assert {local, bucket.uri("in/a.png")} < {found.path for found in plan.inputs}
     plan = plan_files(words[:1], "the test", ".", str(tmp_path / "o"))
     assert [found.name for found in plan.inputs] == [f"{bucket.name}/in/z.png"]
     loader = SessionLoader(write_model(tmp_path / "model", camera={"hfov_deg": 60.0}), "cpu")
@@ -285,6 +351,22 @@ def test_lists_name_objects(tmp_path: Path, bucket: Bucket, tree: dict[str, byte
     assert (tmp_path / "o" / result.row.outputs[0].path).read_bytes() == tree["z.depth.npy"]
     with pytest.raises(UsageError, match=r"the list .*none.txt cannot be read: no such object"):
         list(read_list(bucket.uri("none.txt")))
+
+
+def test_listed_uris_that_cannot_be_used_fail_alone(
+    tmp_path: Path, bucket: Bucket, loader: SessionLoader
+) -> None:
+    words = [bucket.put("a.png", write_picture(tmp_path / "a.png").read_bytes())]
+    words += [bucket.put(key, b"") for key in ("in//b.png", "in/./c.mp4", "in//d.depth.png")]
+    words.append("hdfs://x/y.jpg")
+    plan = plan_files(words, "the test", None, str(tmp_path / "out"))
+    request = BatchRequest(plan, BatchOptions((Format.PNG16,)), loader)
+    assert [one.would for one in dry_run(request, request.model.load())].count("fail") == 4
+    rows = [result.row for result in Batch(request)]
+    assert [row.input_path for row in rows if not row.error] == words[:1]
+    assert {row.input_path for row in rows if row.error} == set(words[1:])
+    with pytest.raises(UsageError, match="cannot be listed: a name with an empty"):
+        plan_folder(bucket.uri(), str(tmp_path / "out"))
 
 
 def test_listed_objects_are_named_as_in_their_folder(

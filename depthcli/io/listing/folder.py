@@ -2,11 +2,14 @@
 
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
+from depthcli.errors import InputError
 from depthcli.io.listing.heif import HEIF_SUFFIXES, reads_heif
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.listing.skipped import HIDDEN, OWN, Skipped
+from depthcli.io.storage.remote import path_of
 
 PICTURE_SUFFIXES = (
     *(".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".avif"),
@@ -27,6 +30,16 @@ class InputFile(NamedTuple):
     name: str  #: path relative to the folder, with ``/`` between its parts
     path: str  #: its full path or URI
     problem: str | None = None  #: why it cannot be read, if that is known already
+
+    def readable_path(self) -> Path:
+        """Its local or remote path.
+
+        Raises:
+            InputError: it is known already that it cannot be read.
+        """
+        if self.problem is not None:
+            raise InputError(self.problem)
+        return path_of(self.path)
 
 
 class Listing(NamedTuple):

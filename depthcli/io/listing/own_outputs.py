@@ -21,9 +21,12 @@ _VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
 
 
 def is_own_picture(path: str | Path) -> bool:
-    """Whether a file is a PNG or an EXR that depthcli wrote, with any name."""
+    """Whether a file is a PNG or an EXR that depthcli wrote; in a store, by its name first."""
+    path = path_of(path)
+    if isinstance(path, RemotePath) and not re.search(_PICTURE_NAME, path.name):
+        return False  # saves a request for each input
     try:
-        return _is_own(_head(path_of(path)))
+        return _is_own(_head(path))
     except OSError:
         return False
 
@@ -31,16 +34,20 @@ def is_own_picture(path: str | Path) -> bool:
 def check_replaceable(path: Path) -> None:
     """Check that an output does not take the place of a PNG or EXR that depthcli did not write.
 
-    That may be a plate, or the depth of a sensor; in an object store, it is not checked.
+    That may be a plate, or the depth of a sensor. In an object store, it takes one request.
 
     Raises:
-        OutputError: it does.
+        OutputError: it does, or the store does not answer.
     """
-    if isinstance(path, RemotePath) or path.suffix.lower() not in _SUFFIXES:
+    if path.suffix.lower() not in _SUFFIXES:
         return
     try:
-        head = _head(path) if path.is_file() else b""
-    except OSError:
+        head = _head(path)
+    except (FileNotFoundError, PermissionError):
+        return  # without the right to list, S3 answers 403 for missing objects
+    except OSError as error:
+        if isinstance(path, RemotePath):
+            raise OutputError(f"cannot write {path}: {error.strerror}") from error
         return  # writing it tells why
     if head.startswith((SIGNATURE, EXR_MAGIC)) and not _is_own(head):
         raise OutputError(
@@ -60,8 +67,6 @@ def _is_own(head: bytes) -> bool:
 
 
 def _head(path: Path) -> bytes:
-    if isinstance(path, RemotePath):
-        return path.read_some(first=_HEAD_BYTES) if re.search(_PICTURE_NAME, path.name) else b""
     return read_regular(path, sys.maxsize, first=_HEAD_BYTES)
 
 

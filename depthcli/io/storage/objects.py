@@ -11,7 +11,7 @@ import os
 import re
 import time
 from contextlib import contextmanager
-from functools import cache
+from functools import lru_cache
 from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import unquote, urlsplit
@@ -30,6 +30,7 @@ _HTTP_URI = r"(?i)(https?://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?"
 _PART_BYTES = 8 << 20
 _PAGE_NAMES = 1000
 _MAX_PARTS = 9_000  # S3 takes 10 000
+_MAX_CLIENTS = 32  # each keeps connections open, and a list may sign every address
 _REASONS = {
     "NoSuchBucket": (errno.ENOENT, "no such bucket"),
     "incorrectly configured region": (
@@ -206,12 +207,15 @@ def _library(address: Address) -> Any:  # noqa: ANN401 - a module
 
 
 def _store_and_key(address: Address) -> tuple[ObjectStore, str]:
-    if address.query:  # a signed address is one object
-        return _store(f"{address.base}/{address.key}?{address.query}"), ""
+    # A key would be encoded, a second time if it is percent-encoded, and has no query.
+    is_encoded = address.base.startswith("http") and unquote(address.key) != address.key
+    if address.query or is_encoded:
+        query = f"?{address.query}" if address.query else ""
+        return _store(f"{address.base}/{address.key}{query}"), ""
     return _store(address.base), address.key
 
 
-@cache
+@lru_cache(_MAX_CLIENTS)
 def _store(uri: str) -> ObjectStore:
     """The client of a bucket or an HTTP server, cached to reuse connections."""
     from obstore.store import HTTPStore, from_url  # noqa: PLC0415

@@ -39,7 +39,8 @@ def path_of(name: str | os.PathLike[str]) -> Path:
             ``file://``. A path is returned as it is.
 
     Raises:
-        UsageError: it is a URI of another kind, or one without a bucket or a host.
+        UsageError: it is a URI of another kind, has no bucket or host, or has a key that no path
+            can hold.
     """
     if isinstance(name, Path):
         return name
@@ -62,6 +63,9 @@ def path_of(name: str | os.PathLike[str]) -> Path:
     if rest.startswith("/") or not rest:
         where = "host" if scheme in _HTTP else "bucket"
         raise UsageError(f"{objects.masked(text)} has no {where}; write {scheme}://{where}/name")
+    # A path would leave out these parts, and so name another object.
+    if scheme not in _HTTP and {"", ".", ".."} & {*rest.removesuffix("/").split("/")}:
+        raise UsageError(f"{text}: a key with an empty, '.' or '..' part cannot be used")
     path = RemotePath(f"{scheme}://{rest}")
     path.query = query
     return path
@@ -76,8 +80,8 @@ def join(folder: str, name: str) -> str:
     """A name joined to a folder, which may be remote; an absolute or remote name unchanged."""
     if _SCHEME.match(name):
         return name
-    if _SCHEME.match(folder):
-        return f"{folder.rstrip('/')}/{name}"
+    if _SCHEME.match(folder) and not os.path.isabs(name):  # noqa: PTH117 - any string
+        return f"{folder.rstrip('/')}/{name.removeprefix('./')}"
     return os.path.join(folder, name)  # noqa: PTH118 - keeps "./" and names with any byte
 
 

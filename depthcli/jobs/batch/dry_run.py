@@ -12,7 +12,7 @@ from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.manifest.journal import Rows, known_rows
 from depthcli.io.manifest.row import Origin
 from depthcli.io.pictures.decode import check
-from depthcli.io.storage.remote import path_of, safe_name
+from depthcli.io.storage.remote import safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.output_map import OutputMap
@@ -56,7 +56,7 @@ def _dry_run_of(
     try:
         if is_video(file.name):
             video = outputs.video(file, rows)
-            with local_copy(path_of(file.path)) as source:
+            with local_copy(file.readable_path()) as source:
                 sha256 = video_checksum(video, source, request.options)
             kept = video.reusable_row(request.plan.out, sha256, origin)
         else:

@@ -12,7 +12,7 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.map_camera import with_centre
 from depthcli.core.overscan import displayed_depth, without_invented
 from depthcli.core.types import DepthMap, Frame
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import OK, AnchorEntry, Origin, Row, output_entry
@@ -162,6 +162,4 @@ def read_input(file: InputFile) -> bytes:
     Raises:
         InputError: it cannot be read, or is no file.
     """
-    if file.problem is not None:
-        raise InputError(file.problem)
-    return read_bytes(path_of(file.path))
+    return read_bytes(file.readable_path())

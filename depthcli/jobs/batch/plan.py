@@ -102,7 +102,7 @@ def plan_files(
 
     def pictures() -> Iterator[InputFile]:
         for found in listed_inputs(words, root):
-            if is_own_output(found.path):
+            if found.problem is None and is_own_output(found.path):
                 collector.skip(Skipped(found.name, OWN))
             else:
                 yield found

@@ -17,6 +17,7 @@ from depthcli.io.listing.folder import InputFile
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
 from depthcli.io.storage.atomic import is_same_file
+from depthcli.io.storage.objects import masked
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.failed import failure_reason
@@ -47,7 +48,10 @@ class Task(Generic[_FormatT]):
     @property
     def input_path(self) -> str:
         """Full path of the input, or its URI without password and signature."""
-        return str(path_of(self.input.path).absolute())
+        try:
+            return str(path_of(self.input.path).absolute())
+        except UsageError:  # a listed URI that cannot be used, as its problem says
+            return masked(self.input.path)
 
     def origin(self, batch: Origin) -> Origin:
         """Model and options that its outputs are made with: those of the batch, and its lens."""

@@ -10,7 +10,6 @@ from typing import TypeAlias
 from depthcli.core.progress import Progress
 from depthcli.errors import InputError, UsageError
 from depthcli.io.manifest.row import FAILED, OK, Row, output_entry
-from depthcli.io.storage.remote import path_of
 from depthcli.io.storage.transfer import local_copy
 from depthcli.io.writers.metadata import camera_text
 from depthcli.jobs.batch.options import BatchOptions
@@ -44,7 +43,7 @@ class VideoWorker:
         sha256 = None
         origin = self.pictures.origin
         try:
-            with local_copy(path_of(task.input.path)) as source:
+            with local_copy(task.input.readable_path()) as source:
                 before = _file_identity(source)
                 sha256 = video_checksum(task, source, self.pictures.options)
                 row = task.reusable_row(self.pictures.out, sha256, origin)
@@ -119,8 +118,6 @@ def video_checksum(task: VideoTask, path: Path, options: BatchOptions) -> str:
     Raises:
         InputError: it cannot be processed, or the options do not apply to videos.
     """
-    if task.input.problem is not None:
-        raise InputError(task.input.problem)
     if not set(task.outputs) - {VideoFormat.JSON}:
         raise InputError(
             f"{path} is a video, and no format in --format holds one; add --format png16"
