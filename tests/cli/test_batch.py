@@ -389,7 +389,6 @@ def test_an_output_folder_among_the_inputs_is_not_read(inside: Cli) -> None:
         (("in", "--out", "in/../in"), "is the folder of the inputs"),
         (("in", "--out", "leads-in"), "would lie among the inputs"),
         (("in", "--out", "out", "--files", "nowhere.txt"), "cannot read the list nowhere.txt"),
-        (("in", "--out", "out", "--focal-px", "300"), "remove --focal-px and --hfov"),
         (("in", "--out", "out", "--focal-px", "3", "--hfov", "4"), "not both"),
         (("in", "--out", "out", "--png-normalize", "--png-scale", "5"), "--png"),
         (("in", "--out", "out", "--workers", "0"), "workers"),
