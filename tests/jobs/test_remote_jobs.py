@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from batches import outputs, pictures
 from tiny import write_model, write_picture
@@ -18,12 +19,15 @@ from videos import flat_frames, write_video
 
 from depthcli.core.camera import Lens
 from depthcli.core.exit_hooks import run_exit_hooks
+from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.read import read_depth
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest.rows_folder import rows_folder
 from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.storage.remote import path_of
+from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.cameras import read_cameras
 from depthcli.jobs.batch.dry_run import dry_run
@@ -249,6 +253,16 @@ def test_the_requests_of_a_batch_are_those_of_the_documentation(
             f"{sensor} exists and was not written by depthcli; remove it or choose another output"
         ]
     assert bucket.objects()["out/b.depth.png"] == picture
+
+
+def test_an_exr_is_downloaded_once(tmp_path: Path, bucket: Bucket, faults: Faults) -> None:
+    depth = DepthMap(np.full((4, 5), 2, np.float32))
+    ExrWriter().write(depth, tmp_path / "a.exr")
+    uri = bucket.put("a.exr", (tmp_path / "a.exr").read_bytes())
+    faults.seen.clear()
+    np.testing.assert_array_equal(read_depth(uri).values, depth.values)
+    gets = [one for one in faults.seen.elements() if one == ("GET", f"/{bucket.name}/a.exr")]
+    assert len(gets) == 1
 
 
 def test_a_batch_that_was_killed_goes_on_elsewhere(

@@ -15,6 +15,7 @@ from depthcli.io.depth.exr_layers import depth_channel, layer_of
 from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
 from depthcli.io.depth.sidecar import with_sidecar
 from depthcli.io.depth.stored import StoredDepth
+from depthcli.io.storage.transfer import local_copy
 
 _COLOURS = ("G", "B", "RY", "BY")
 
@@ -25,13 +26,14 @@ def read_exr_depth(path: Path) -> StoredDepth:
     Raises:
         InputError: missing, damaged, without depth, or too large.
     """
-    channels = read_exr_channels(path)
+    with local_copy(path) as file:  # one download for both
+        channels, texts = read_exr_channels(file), read_exr_texts(file)
     name = depth_channel(list(channels))
     if name is None or _is_coloured(name, channels):
         raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
     stored, part = channels[name], channels[name].part
     size_px = part.display.width, part.display.height
-    metadata, problems = with_sidecar(path, own_metadata(read_exr_texts(path)), size_px)
+    metadata, problems = with_sidecar(path, own_metadata(texts), size_px)
     values = stored.over(part.data)
     depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))
     frame = Frame(
