@@ -525,6 +525,21 @@ def test_frames_of_another_request_are_done_again(
         assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
 
 
+@pytest.mark.parametrize("formats", [(VideoFormat.NPY,), (VideoFormat.MKV,)])
+def test_a_run_that_cannot_be_resumed_ends_the_record_of_an_earlier_one(
+    clip: Path, tmp_path: Path, loader: SessionLoader, formats: tuple[VideoFormat, ...]
+) -> None:
+    request = VideoRequest(str(clip), f"{tmp_path}/out/", formats, model=loader)
+    with pytest.raises(KeyboardInterrupt):
+        video(request, Watch(last=12))
+    assert hidden(tmp_path / "out")
+    video(dataclasses.replace(request, settings=VideoSettings(smooth_s=0.2)))
+    assert not hidden(tmp_path / "out")
+    for folder in ("out", "whole"):
+        video(dataclasses.replace(request, output=f"{tmp_path}/{folder}/"))
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
 def test_names_of_outputs(tmp_path: Path) -> None:
     formats = (VideoFormat.MKV, VideoFormat.PNG16)
     beside = plan_video(VideoRequest("in/a.mov", None, formats))
