@@ -120,6 +120,8 @@ class DepthVideo:
             self._check(decoder, count)
             if decoder.ended_early or is_incomplete(self.path):
                 raise InputError(f"{self.path} is truncated or damaged: it ends after {count}")
+        except OSError as error:
+            raise InputError(f"{self.path} cannot be read: {error.strerror or error}") from error
         finally:
             container.close()
 

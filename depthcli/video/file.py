@@ -12,7 +12,7 @@ from av.video.stream import VideoStream
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.video.audio import AudioTrack
-from depthcli.video.codecs import Codec, check_encoder
+from depthcli.video.codecs import Codec, check_encoder, container_format
 from depthcli.video.encoder import add_video, delay_header, new_container
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing
@@ -53,6 +53,7 @@ class VideoFile:
                 "sequence with --format png16 or --format exr"
             )
         self._target = target
+        self._is_mp4 = container_format(target.suffix.lower()) in {"mp4", "mov"}
         self._codec = codec
         self._timing = timing
         self._audio = audio
@@ -76,8 +77,8 @@ class VideoFile:
         at = round((time_s - self._first_s) / time_base)
         if self._before is not None:
             at = max(at, (self._before.pts or 0) + 1)
-            while at - (self._before.pts or 0) > _MAX_DURATION_TICKS:
-                # A duration that MP4 cannot represent is divided by repeating the picture.
+            while self._is_mp4 and at - (self._before.pts or 0) > _MAX_DURATION_TICKS:
+                # A duration that MP4 and MOV cannot represent is divided by repeating the picture.
                 self._encode(self._before, (self._before.pts or 0) + _MAX_DURATION_TICKS)
         self._encode(frame, at)
 
