@@ -107,7 +107,7 @@ class DepthVideo:
             for name in ("width", "height")
         )
         try:
-            decoder = FrameDecoder(container, stream)
+            decoder = FrameDecoder(container, stream, is_own=bool(self.labels))
             count = first_ticks = 0
             start_s = number(self.labels.get("start_s")) or 0.0
             while (frame := decoder.next()) is not None:
@@ -127,4 +127,5 @@ class DepthVideo:
 
     def _check(self, decoder: FrameDecoder, count: int, before: int | None = None) -> None:
         if decoder.pop_failed(before):
-            raise InputError(f"{self.path} is damaged after frame {count - 1}; write it again")
+            where = f"after frame {count - 1}" if count else "from its first frame on"
+            raise InputError(f"{self.path} is damaged {where}; write it again")

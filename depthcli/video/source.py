@@ -62,7 +62,7 @@ class VideoSource(FrameSource):
         self.frames_stated = stated.frames if self.paths else None  # in a pipe it is a guess
         no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
         self.warnings = () if stated.is_rate_stated else (no_rate,)
-        self._decoder = FrameDecoder(self._container, stream)
+        self._decoder = FrameDecoder(self._container, stream, is_own=self.is_own_depth)
         self._reformatter = VideoReformatter()
         first = self._decoder.next()
         self._check_pipe()
@@ -78,6 +78,7 @@ class VideoSource(FrameSource):
             self.rate,
             stated.time_base,
             first.pts,
+            is_constant=stated.is_constant,
             failed=self._decoder.pop_failed(first.pts),
             stated_ticks=stream.start_time,
         )
