@@ -92,7 +92,7 @@ class FrameDecoder:
                     yield frame
 
     def _probed(self) -> list[Packet[VideoStream]]:
-        """The first packets, up to one with valid checksums; none if they need not be looked for."""
+        """The first packets, up to one with valid checksums; none if nothing is to be found out."""
         probed: list[Packet[VideoStream]] = []
         while self._is_checked and not self._has_checksums and len(probed) < _PROBED_PACKETS:
             packet = self._packet()

@@ -19,7 +19,7 @@ _ONES = 0xFFFFFFFF
 
 
 def is_incomplete(source: Path | InputPipe) -> bool:
-    """Whether a part of a file, or of a pipe that has been read, is missing, as its container tells.
+    """Whether a part of a file, or of a pipe that was read, is missing, as its container tells.
 
     Files of Matroska, Ogg and WMV are read once more, without decoding.
 
