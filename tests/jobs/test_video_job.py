@@ -259,6 +259,18 @@ def test_standard_input_gives_the_bytes_of_a_file(
     assert (tmp_path / "piped.mkv").read_bytes() == (tmp_path / "file.mkv").read_bytes()
 
 
+def test_a_file_at_standard_input_is_not_replaced(tmp_path: Path, loader: SessionLoader) -> None:
+    clip = write_video(tmp_path / "stdin.preview.mov", flat_frames(range(4)))
+    before = clip.read_bytes()
+    for output in (str(clip), f"{tmp_path}/"):
+        with clip.open("rb") as stdin, pytest.raises(UsageError, match="is the input; choose"):
+            video(VideoRequest("-", output, (VideoFormat.MOV,), model=loader, stdin=stdin))
+    with clip.open("rb") as stdin:
+        request = VideoRequest("-", f"{tmp_path}/a.mov", model=loader, stdin=stdin)
+        assert video(request).frames == 4
+    assert clip.read_bytes() == before
+
+
 def test_outputs_of_standard_input_are_named_so(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
