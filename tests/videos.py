@@ -77,6 +77,17 @@ def write_mp4(
     return encode(path, frames, rate, "mpeg4", "yuv420p", times_s=times_s, options={"b": "4M"})
 
 
+def damage_frames(path: Path, *numbers: int) -> None:
+    """Overwrite a part of some frames."""
+    with av.open(str(path)) as container:
+        places = [packet.pos for packet in container.demux(video=0) if packet.size]
+    data = bytearray(path.read_bytes())
+    for number in numbers:
+        place = (places[number] or 0) + 3000
+        data[place : place + 20] = bytes(20)
+    path.write_bytes(data)
+
+
 def flat_frames(
     levels: Iterable[int], height: int = 48, width: int = 64
 ) -> list[np.ndarray[Any, np.dtype[np.uint8]]]:

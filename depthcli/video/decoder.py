@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import av
 
 from depthcli.video.integrity import has_valid_slices
+from depthcli.video.stated_numbers import stated_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,6 +29,7 @@ class FrameDecoder:
     Attributes:
         ended_early: whether reading stopped at an error or within a packet; valid at the end.
         end_position: of the last packet, in bytes from the beginning of the file.
+        numbers: by their timestamps, of the frames whose packets state them.
     """
 
     def __init__(
@@ -42,6 +44,7 @@ class FrameDecoder:
         """
         self.ended_early = False
         self.end_position = 0
+        self.numbers: dict[int | None, int] = {}
         self._failed = 0
         self._skipped: list[int] = []
         self._corrupt: list[int] = []
@@ -80,6 +83,9 @@ class FrameDecoder:
                 # The decoder may still hold earlier frames.
                 self._skipped.append(packet.pts or 0)
                 continue
+            number = stated_number(packet)
+            if number is not None:
+                self.numbers[packet.pts] = number
             try:
                 frames = packet.decode()
             except (av.FFmpegError, EOFError):

@@ -5,10 +5,9 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-import av
 import numpy as np
 import pytest
-from videos import NTSC, encode
+from videos import NTSC, damage_frames, encode
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
@@ -45,23 +44,12 @@ def write_other(path: Path, count: int, **options: str) -> Path:
     return encode(path, random_steps(count), NTSC, "ffv1", "gray16le", options=options)
 
 
-def damage(path: Path, *numbers: int) -> None:
-    """Overwrite a part of some frames."""
-    with av.open(str(path)) as container:
-        places = [packet.pos for packet in container.demux(video=0) if packet.size]
-    data = bytearray(path.read_bytes())
-    for number in numbers:
-        place = (places[number] or 0) + 3000
-        data[place : place + 20] = bytes(20)
-    path.write_bytes(data)
-
-
 @pytest.mark.parametrize(("write", "count"), [(write_own, 1), (write_own, 10), (write_other, 10)])
 def test_a_damaged_first_frame_is_never_taken_for_depth(
     write: Any, count: int, tmp_path: Path
 ) -> None:
     path = write(tmp_path / "a.mkv", count)
-    damage(path, 0)
+    damage_frames(path, 0)
     found: list[Any] = []
     with pytest.raises(InputError, match=r"a\.mkv is damaged from its first frame on"):
         found.extend(DepthVideo(path))
@@ -77,14 +65,14 @@ def test_a_damaged_first_frame_is_never_taken_for_depth(
 
 def test_several_damaged_frames_at_the_beginning_are_noticed(tmp_path: Path) -> None:
     path = write_other(tmp_path / "a.mkv", 10)
-    damage(path, 0, 1, 2, 6)
+    damage_frames(path, 0, 1, 2, 6)
     with VideoSource(path) as source:
         assert [frame.index for frame in source.frames()] == [3, 4, 5, 7, 8, 9]
 
 
 def test_frames_after_a_damaged_one_are_left_out_up_to_the_keyframe(tmp_path: Path) -> None:
     path = write_other(tmp_path / "a.mkv", 12, g="4")
-    damage(path, 5)
+    damage_frames(path, 5)
     with VideoSource(path) as source:
         assert [frame.index for frame in source.frames()] == [*range(5), *range(8, 12)]
         assert source.problem == "it is damaged: 3 frames cannot be decoded"
@@ -99,7 +87,7 @@ def test_ffv1_without_checksums_is_read(options: dict[str, str], tmp_path: Path)
 
 def test_commands_report_a_damaged_first_frame(inside: Cli) -> None:
     path = write_own(inside.folder / "d.mkv", 3)
-    damage(path, 0)
+    damage_frames(path, 0)
     for words in (
         ("info",),
         ("probe", "--frame", "0", "3,3"),
