@@ -69,12 +69,12 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     plan = VideoPlan(safe_name(name), source, folder, names, codecs, request.has_audio, stdout)
     for which in names:
         check_writable(plan.path(which))
-        if _is_input(plan.path(which), file, request.stdin):
+        if _is_the_video(plan.path(which), file, request.stdin):
             raise UsageError(f"{plan.path(which)} is the input; choose another --out")
     return plan
 
 
-def _is_input(path: Path, file: Path | None, stdin: BinaryIO | None) -> bool:
+def _is_the_video(path: Path, file: Path | None, stdin: BinaryIO | None) -> bool:
     """Whether an output is the video, also if standard input is redirected from it."""
     if file is not None:
         return is_same_file(path, file)
