@@ -77,6 +77,17 @@ def write_mp4(
     return encode(path, frames, rate, "mpeg4", "yuv420p", times_s=times_s, options={"b": "4M"})
 
 
+def damage_frames(path: Path, *numbers: int) -> None:
+    """Overwrite a part of some frames."""
+    with av.open(str(path)) as container:
+        places = [packet.pos for packet in container.demux(video=0) if packet.size]
+    data = bytearray(path.read_bytes())
+    for number in numbers:
+        place = (places[number] or 0) + 3000
+        data[place : place + 20] = bytes(20)
+    path.write_bytes(data)
+
+
 def flat_frames(
     levels: Iterable[int], height: int = 48, width: int = 64
 ) -> list[np.ndarray[Any, np.dtype[np.uint8]]]:
@@ -116,23 +127,26 @@ def with_sound(
     seconds: float = 4,
     begin_s: int = 0,
     timecode: str | None = None,
+    rate: int = 48_000,
+    layout: str = "mono",
 ) -> Path:
     """A gray clip with a tone that begins at one second; its clock may begin later than 0."""
-    rate = 48_000
     with av.open(str(path), "w") as output:
         output.metadata.update({"timecode": timecode} if timecode else {})
         pictures = output.add_stream("mpeg4", rate=25)
         pictures.width, pictures.height, pictures.pix_fmt = 64, 48, "yuv420p"
         sound = output.add_stream(codec, rate=rate)
-        sound.codec_context.layout = "mono"
+        sound.codec_context.layout = layout
         for index in range(round(seconds * 25)):
             frame = av.VideoFrame.from_ndarray(flat_frames([2 * index])[0], "rgb24")
             frame.pts, frame.time_base = index + 25 * begin_s, Fraction(1, 25)
             output.mux(pictures.encode(frame))
-            times_s = (index * rate // 25 + np.arange(rate // 25)) / rate
+            first, end = index * rate // 25, (index + 1) * rate // 25
+            times_s = np.arange(first, end) / rate
             tone = np.where(times_s < 1, 0, np.sin(2 * np.pi * 440 * times_s) * 9000)
-            samples = av.AudioFrame.from_ndarray(tone[None].astype(np.int16), "s16", "mono")
-            samples.sample_rate, samples.pts = rate, index * rate // 25 + rate * begin_s
+            tone = np.repeat(tone, sound.codec_context.layout.nb_channels)
+            samples = av.AudioFrame.from_ndarray(tone[None].astype(np.int16), "s16", layout)
+            samples.sample_rate, samples.pts = rate, first + rate * begin_s
             samples.time_base = Fraction(1, rate)
             output.mux(sound.encode(samples))
         output.mux(pictures.encode(None))

@@ -1,12 +1,13 @@
-"""The audio of a video's preview: copied if the container supports its codec, else encoded."""
+"""The audio of a video's preview, in step with its frames."""
 
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import av
 
+from depthcli.video.audio_output import AudioOutput, damage_text
 from depthcli.video.container import open_video
 from depthcli.video.pipes import InputPipe
 
@@ -18,14 +19,6 @@ if TYPE_CHECKING:
     from av.container import InputContainer, OutputContainer
     from av.packet import Packet
 
-_COPY_CODECS = {
-    "mp4": {"aac", "mp3", "ac3", "eac3", "alac", "opus", "flac"},
-    "webm": {"opus", "vorbis"},
-    "mov": {"aac", "mp3", "ac3", "eac3", "alac", "pcm_s16le", "pcm_s24le"},
-}
-_ENCODERS = {"mp4": "aac", "webm": "libopus", "mov": "aac"}
-_LAYOUTS = {1: "mono", 6: "5.1", 8: "7.1"}
-_OPUS_HZ = 48_000
 _DECODER_DELAY_S = 0.25  # more than samples are later than their packet
 _SOON_S = 1
 
@@ -44,11 +37,10 @@ class AudioTrack:
         self._source = source
         self._start_s = start_s
         self._input: InputContainer | None = None
-        self._output: OutputContainer | None = None
-        self._stream: AudioStream | None = None
+        self._output: AudioOutput | None = None
         self._packets: Iterator[Packet[AudioStream]] = iter(())
         self._pending: Packet[AudioStream] | None = None
-        self._is_copied = self.begins_soon = False
+        self.begins_soon = False
         self.warnings: tuple[str, ...] = ()
 
     def open(self, output: OutputContainer, first_s: float) -> None:
@@ -64,24 +56,12 @@ class AudioTrack:
         stream = next(iter(container.streams.audio), None)
         if stream is None or stream.codec_context is None:
             return
-        name = output.format.name
         self._from_s = self._start_s + Fraction(first_s)
         try:
-            self._is_copied = stream.codec_context.name in _COPY_CODECS[name]
-            if self._is_copied:
-                self._stream = output.add_stream_from_template(stream)
-            else:
-                rate = _OPUS_HZ if name == "webm" else stream.codec_context.sample_rate
-                self._stream = cast(
-                    "AudioStream",
-                    output.add_stream(_ENCODERS[name], rate, options={"flags": "+bitexact"}),
-                )
-                channels = stream.codec_context.layout.nb_channels
-                self._stream.codec_context.layout = _LAYOUTS.get(channels, "stereo")
+            self._output = AudioOutput(output, stream, self._from_s)
         except (av.FFmpegError, ValueError) as error:
-            self._report_damage(error)
+            self._report_damage(damage_text(error))
             return
-        self._output = output
         self._packets = container.demux(stream)
         self._pending = self._next()
         self.mux_until(-_DECODER_DELAY_S)  # writes nothing; such packets are not heard
@@ -93,13 +73,15 @@ class AudioTrack:
         until_s = Fraction(time_s)
         while self._pending is not None and _time_s(self._pending) - self._from_s < until_s:
             packet, self._pending = self._pending, None
-            self._write(packet)
+            if self._output is not None:
+                self._output.write(packet)
             self._pending = self._next()
 
     def finish(self) -> None:
         """Flush the encoder."""
-        if self._output is not None and self._stream is not None and not self._is_copied:
-            self._output.mux(self._stream.encode(None))
+        if self._output is not None:
+            self._output.finish()
+            self._report_damage(self._output.damage)
 
     def close(self) -> None:
         """Close the source."""
@@ -112,38 +94,14 @@ class AudioTrack:
         try:
             return next((p for p in self._packets if p.size and p.pts is not None), None)
         except av.FFmpegError as error:
-            self._report_damage(error)
+            self._report_damage(damage_text(error))
             return None
 
-    def _write(self, packet: Packet[AudioStream]) -> None:
-        if self._output is None or self._stream is None:
-            return
-        if self._is_copied:
-            if _time_s(packet) >= self._from_s:
-                shift = round(self._from_s / (packet.time_base or 1))
-                packet.pts = (packet.pts or 0) - shift
-                packet.dts = packet.pts
-                packet.stream = self._stream
-                self._output.mux(packet)
-            return
-        try:
-            frames = packet.decode()
-        except av.FFmpegError as error:
-            self._report_damage(error)
-            return
-        for frame in frames:
-            if frame.pts is None or frame.time_base is None:
-                continue
-            shift = round(self._from_s / frame.time_base)
-            if frame.pts >= shift:
-                frame.pts -= shift
-                self._output.mux(self._stream.encode(frame))
-
-    def _report_damage(self, error: Exception) -> None:
-        reason = getattr(error, "strerror", None) or str(error)
-        self.warnings = (
-            f"the audio is damaged, so the preview lacks it at least in part: {reason}",
-        )
+    def _report_damage(self, reason: str | None) -> None:
+        if reason is not None:
+            self.warnings = (
+                f"the audio is damaged, so the preview lacks it at least in part: {reason}",
+            )
 
 
 def _time_s(packet: Packet[AudioStream]) -> Fraction:

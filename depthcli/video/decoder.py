@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections import deque
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import av
 
 from depthcli.video.integrity import has_valid_slices
+from depthcli.video.stated_numbers import stated_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,25 +19,40 @@ if TYPE_CHECKING:
     from av.video.stream import VideoStream
 
 _CHECKED_CODEC = "ffv1"
+_PROBED_PACKETS = 8
+"""Of FFV1, how many may be damaged before it is known whether the stream has checksums."""
 
 
 class FrameDecoder:
     """The frames that can be decoded, in display order.
 
     Attributes:
-        ended_early: whether reading stopped at an error or within a packet.
+        ended_early: whether reading stopped at an error or within a packet; valid at the end.
         end_position: of the last packet, in bytes from the beginning of the file.
+        numbers: by their timestamps, of the frames whose packets state them.
     """
 
-    def __init__(self, container: InputContainer, stream: VideoStream) -> None:
+    def __init__(
+        self, container: InputContainer, stream: VideoStream, *, is_own: bool = False
+    ) -> None:
+        """Begin before the first packet.
+
+        Args:
+            container: open for reading.
+            stream: one of its streams.
+            is_own: whether depthcli wrote it, so that all frames of its FFV1 have checksums.
+        """
         self.ended_early = False
         self.end_position = 0
+        self.numbers: dict[int | None, int] = {}
         self._failed = 0
         self._skipped: list[int] = []
-        self._has_checksums = False
+        self._corrupt: list[int] = []
+        # Version 0.1.0 wrote FFV1 without a header, which has none.
+        self._has_checksums = is_own and bool(stream.codec_context.extradata)
         self._is_checked = stream.codec_context.name == _CHECKED_CODEC
+        self._is_intact = True
         self._packets = container.demux(stream)
-        self._ready: deque[VideoFrame] = deque()
         self._frames = self._decoded()
 
     def next(self) -> VideoFrame | None:
@@ -55,14 +71,21 @@ class FrameDecoder:
         return failed
 
     def _decoded(self) -> Iterator[VideoFrame]:
-        while (packet := self._packet()) is not None:
-            if packet.is_corrupt:  # it is truncated by the end of the file
-                self.ended_early = True
-                continue
+        for packet in chain(self._probed(), iter(self._packet, None)):
+            if packet.size:  # not at the end
+                if packet.is_corrupt:  # by the end of the file, or by a gap before the next packet
+                    self._corrupt.append(packet.pts or 0)
+                    self.ended_early = True
+                    continue
+                self._skipped += self._corrupt
+                self._corrupt, self.ended_early = [], False
             if self._is_checked and packet.size and not self._is_valid(packet):
                 # The decoder may still hold earlier frames.
                 self._skipped.append(packet.pts or 0)
                 continue
+            number = stated_number(packet)
+            if number is not None:
+                self.numbers[packet.pts] = number
             try:
                 frames = packet.decode()
             except (av.FFmpegError, EOFError):
@@ -73,6 +96,17 @@ class FrameDecoder:
                     self._failed += 1
                 else:
                     yield frame
+
+    def _probed(self) -> list[Packet[VideoStream]]:
+        """The first packets, up to one with valid checksums; none if nothing is to be found out."""
+        probed: list[Packet[VideoStream]] = []
+        while self._is_checked and not self._has_checksums and len(probed) < _PROBED_PACKETS:
+            packet = self._packet()
+            if packet is None:
+                break
+            probed.append(packet)
+            self._has_checksums = has_valid_slices(bytes(packet))
+        return probed
 
     def _packet(self) -> Packet[VideoStream] | None:
         try:
@@ -85,7 +119,10 @@ class FrameDecoder:
         return packet
 
     def _is_valid(self, packet: Packet[VideoStream]) -> bool:
-        """Whether a packet's checksums are right, or the stream has none."""
-        is_whole = has_valid_slices(bytes(packet))
-        self._has_checksums = self._has_checksums or is_whole
-        return is_whole or not self._has_checksums
+        """Whether a packet's checksums are right and no damage precedes it up to its keyframe."""
+        if not self._has_checksums:
+            return True
+        self._is_intact = has_valid_slices(bytes(packet)) and (
+            self._is_intact or packet.is_keyframe
+        )
+        return self._is_intact

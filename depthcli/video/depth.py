@@ -78,13 +78,21 @@ class DepthVideo:
         Their provenance has the time of each frame, as precise as the container stores it.
         In a normalized file, values are 0 to 1 over the range of the preview.
         """
+        return (depth for _, depth in self.numbered_maps())
+
+    def numbered_maps(self) -> Iterator[tuple[int | None, DepthMap]]:
+        """Depth maps as iterating gives them, each after its frame's number.
+
+        The number is None if the file does not state it beside the frame: it follows from the
+        labels then.
+        """
         source = provenance_of(self.labels) or Provenance()
-        for time_s, steps in self._timed_steps():
+        for frame_number, time_s, steps in self._timed_steps():
             # Normalized values are stored as 1 to 65535.
             known = dequantized(steps, self.scale or 1.0)
             if self.scale is None:
                 known = (known - 1) / np.float32(UINT16_MAX - 1)
-            yield DepthMap(known, self.kind, replace(source, time_s=time_s))
+            yield frame_number, DepthMap(known, self.kind, replace(source, time_s=time_s))
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
         """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth.
@@ -92,10 +100,10 @@ class DepthVideo:
         Raises:
             InputError: a frame is damaged or missing; those before it have been yielded.
         """
-        return (steps for _, steps in self._timed_steps())
+        return (steps for _, _, steps in self._timed_steps())
 
-    def _timed_steps(self) -> Iterator[tuple[float, npt.NDArray[np.uint16]]]:
-        """The stored values, and the time of each frame in seconds."""
+    def _timed_steps(self) -> Iterator[tuple[int | None, float, npt.NDArray[np.uint16]]]:
+        """Number, if it is stated, and time in seconds of each frame, and its stored values."""
         from depthcli.video.container import open_video  # noqa: PLC0415
         from depthcli.video.decoder import FrameDecoder  # noqa: PLC0415
         from depthcli.video.integrity import is_incomplete  # noqa: PLC0415
@@ -107,7 +115,7 @@ class DepthVideo:
             for name in ("width", "height")
         )
         try:
-            decoder = FrameDecoder(container, stream)
+            decoder = FrameDecoder(container, stream, is_own=bool(self.labels))
             count = first_ticks = 0
             start_s = number(self.labels.get("start_s")) or 0.0
             while (frame := decoder.next()) is not None:
@@ -115,14 +123,18 @@ class DepthVideo:
                 steps = frame.to_ndarray()
                 first_ticks = first_ticks if count else frame.pts or 0
                 time_s = start_s + float(((frame.pts or 0) - first_ticks) * (frame.time_base or 0))
-                yield time_s, np.ascontiguousarray(steps[:height, :width], np.uint16)
+                frame_number = decoder.numbers.pop(frame.pts, None)
+                yield frame_number, time_s, np.ascontiguousarray(steps[:height, :width], np.uint16)
                 count += 1
             self._check(decoder, count)
             if decoder.ended_early or is_incomplete(self.path):
                 raise InputError(f"{self.path} is truncated or damaged: it ends after {count}")
+        except OSError as error:
+            raise InputError(f"{self.path} cannot be read: {error.strerror or error}") from error
         finally:
             container.close()
 
     def _check(self, decoder: FrameDecoder, count: int, before: int | None = None) -> None:
         if decoder.pop_failed(before):
-            raise InputError(f"{self.path} is damaged after frame {count - 1}; write it again")
+            where = f"after frame {count - 1}" if count else "from its first frame on"
+            raise InputError(f"{self.path} is damaged {where}; write it again")

@@ -30,11 +30,12 @@ def depth_frames(
     """
     labels, stated = _labels(video), step_scale(video.labels, scale)
     first_s, number = None, labels.first - 1
-    for count, depth in enumerate(video):
+    for count, (stated_number, depth) in enumerate(video.numbered_maps()):
         time_s = (depth.provenance and depth.provenance.time_s) or 0.0
         first_s = time_s if first_s is None else first_s
+        found = labels.number(count, time_s - first_s) if stated_number is None else stated_number
         # No two frames have one number, even if their times are too coarse for it.
-        number = max(labels.number(count, time_s - first_s), number + 1)
+        number = max(found, number + 1)
         frame = Frame(
             np.zeros((1, 1), np.uint8),
             index=number,

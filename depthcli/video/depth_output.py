@@ -52,7 +52,7 @@ class DepthVideoOutput:
         self._file = file
         self._timing = timing
         self._scale = scale
-        self._saturated = 0
+        self._saturated = self._count = 0
         self._first: DepthFrame | None = None
 
     def encode(self, frame: DepthFrame) -> tuple[DepthFrame, av.VideoFrame, int]:
@@ -69,7 +69,8 @@ class DepthVideoOutput:
         labels = {} if self._first else self._labels(frame)
         self._first = self._first or frame
         self._saturated += saturated
-        self._file.write(coded_frame, frame.time_s, labels)
+        self._file.write(coded_frame, frame.time_s, labels, self._stated_number(frame))
+        self._count += 1
 
     def finish(self) -> tuple[str, ...]:
         """Complete the file."""
@@ -81,6 +82,13 @@ class DepthVideoOutput:
             return ()
         limit_m = UINT16_MAX / self._scale
         return (f"mkv: {self._saturated} pixels beyond {limit_m:.6g} m were saturated",)
+
+    def _stated_number(self, frame: DepthFrame) -> int | None:
+        """The number of a frame if it does not follow from the labels; else None."""
+        first, number = self._first or frame, frame.picture.index
+        labels = FrameLabels.of_first(first.picture, self._timing)
+        expected = labels.number(self._count, frame.time_s - first.time_s)
+        return None if number == expected else number
 
     def _labels(self, frame: DepthFrame) -> dict[str, str]:
         labels = metadata_texts(frame.depth) | {

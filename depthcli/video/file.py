@@ -12,10 +12,11 @@ from av.video.stream import VideoStream
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.video.audio import AudioTrack
-from depthcli.video.codecs import Codec, check_encoder
+from depthcli.video.codecs import Codec, check_encoder, container_format
 from depthcli.video.encoder import add_video, delay_header, new_container
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing
+from depthcli.video.stated_numbers import state_number
 
 _MAX_DURATION_TICKS = 1 << 30
 
@@ -53,17 +54,25 @@ class VideoFile:
                 "sequence with --format png16 or --format exr"
             )
         self._target = target
+        self._is_mp4 = container_format(target.suffix.lower()) in {"mp4", "mov"}
         self._codec = codec
         self._timing = timing
         self._audio = audio
 
-    def write(self, frame: VideoFrame, time_s: float, labels: Mapping[str, str]) -> None:
+    def write(
+        self,
+        frame: VideoFrame,
+        time_s: float,
+        labels: Mapping[str, str],
+        number: int | None = None,
+    ) -> None:
         """Append a frame of :func:`~depthcli.video.av_frame.av_frame`.
 
         Args:
             frame: the picture.
             time_s: when it is shown; the first frame's time becomes 0.
             labels: name -> text, metadata for the file's header; used with the first frame only.
+            number: of the frame, to be stated with it in Matroska; None for no statement.
 
         Raises:
             OutputError: the encoder does not support such frames.
@@ -76,10 +85,10 @@ class VideoFile:
         at = round((time_s - self._first_s) / time_base)
         if self._before is not None:
             at = max(at, (self._before.pts or 0) + 1)
-            while at - (self._before.pts or 0) > _MAX_DURATION_TICKS:
-                # A duration that MP4 cannot represent is divided by repeating the picture.
+            while self._is_mp4 and at - (self._before.pts or 0) > _MAX_DURATION_TICKS:
+                # A duration that MP4 and MOV cannot represent is divided by repeating the picture.
                 self._encode(self._before, (self._before.pts or 0) + _MAX_DURATION_TICKS)
-        self._encode(frame, at)
+        self._encode(frame, at, number)
 
     def finish(self) -> tuple[str, ...]:
         """Complete the file.
@@ -127,7 +136,7 @@ class VideoFile:
                 "here; choose an image sequence with --format png16 or --format exr"
             ) from error
 
-    def _encode(self, frame: VideoFrame, at: int) -> None:
+    def _encode(self, frame: VideoFrame, at: int, number: int | None = None) -> None:
         if self._stream is None or self._container is None:
             raise TypeError(self._stream)
         time_base = self._timing.time_base
@@ -135,7 +144,11 @@ class VideoFile:
         frame.duration = max(1, round(1 / (self._timing.rate * time_base)))
         if self._audio is not None:
             self._audio.mux_until(float(at * time_base))
-        self._container.mux(self._stream.encode(frame))
+        packets = self._stream.encode(frame)
+        if number is not None:
+            for packet in packets:  # FFV1 has no delay, so it is the frame's
+                state_number(packet, number)
+        self._container.mux(packets)
         self._before = frame
         self._check_pipe()
 

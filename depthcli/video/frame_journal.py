@@ -14,6 +14,15 @@ _MODE = 0o666
 _NUMBER = re.compile(r"[0-9]{1,18}")
 
 
+def remove_journal(folder: Path, name: str) -> None:
+    """Remove the journal of an earlier run, whose frames are going to be replaced.
+
+    Raises:
+        OSError: the folder cannot be written to.
+    """
+    _journal_path(folder, name).unlink(missing_ok=True)
+
+
 class FrameJournal:
     """A hidden file beside the frames: a fingerprint, then the numbers of finished frames.
 
@@ -32,7 +41,7 @@ class FrameJournal:
             OSError: the folder cannot be written to.
         """
         folder.mkdir(parents=True, exist_ok=True)
-        self._path = folder / f".{name}.depthcli-frames"
+        self._path = _journal_path(folder, name)
         self._fingerprint = fingerprint
         self.earlier = self._read()
         self._count = len(self.earlier)
@@ -85,3 +94,7 @@ class FrameJournal:
         file.write(json.dumps(self._fingerprint) + "\n" + numbers)
         file.flush()
         return file
+
+
+def _journal_path(folder: Path, name: str) -> Path:
+    return folder / f".{name}.depthcli-frames"

@@ -7,7 +7,8 @@ import av
 from av import logging as av_logging
 
 from depthcli.video.container import open_video
-from depthcli.video.truncation import HEAD_BYTES, is_truncated
+from depthcli.video.pipes import InputPipe
+from depthcli.video.truncation import HEAD_BYTES, ends_within_packet, is_truncated
 
 _EBML = b"\x1aE\xdf\xa3"
 _SEGMENT = b"\x18S\x80g"
@@ -17,14 +18,19 @@ _BIT_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _ONES = 0xFFFFFFFF
 
 
-def is_incomplete(path: Path) -> bool:
-    """Whether a part of a file is missing, as far as its container tells.
+def is_incomplete(source: Path | InputPipe) -> bool:
+    """Whether a part of a file, or of a pipe that was read, is missing, as its container tells.
 
-    Matroska, Ogg and WMV are read once more, without decoding.
+    Files of Matroska, Ogg and WMV are read once more, without decoding.
 
     Raises:
         OSError: it cannot be read.
+        InputError: it is no video any more.
     """
+    if isinstance(source, InputPipe):
+        head, end = source.head, source.end
+        return matroska_end(head) > end or ends_within_packet(head, end)
+    path = source
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
         if is_truncated(file, head):

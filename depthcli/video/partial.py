@@ -3,7 +3,7 @@
 import hashlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -40,7 +40,7 @@ def partial_video(path: Path, fingerprint: str) -> Iterator[PartialVideo | None]
         OSError: the folder cannot be written to.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    start = f".depthcli-{hashlib.sha256(os.fsencode(path.name)).hexdigest()[:8]}-"
+    start = _name_start(path)
     files = [path.with_name(f"{start}{fingerprint[:16]}-{i}{path.suffix}") for i in (1, 2)]
     handle = None if sys.platform == "win32" else open_locked(files[0])
     if handle is None:
@@ -48,8 +48,7 @@ def partial_video(path: Path, fingerprint: str) -> Iterator[PartialVideo | None]
         return
     kept: list[Path] = []
     try:
-        for other in set(path.parent.glob(f"{start}*")) - set(files):
-            other.unlink(missing_ok=True)
+        remove_partial_videos(path, keep=files)
         written, earlier = sorted(files, key=_size_of)
         with exit_hook(partial(_remove_empty, files)):
             yield PartialVideo(earlier, written)
@@ -63,12 +62,27 @@ def partial_video(path: Path, fingerprint: str) -> Iterator[PartialVideo | None]
         os.close(handle)
 
 
+def remove_partial_videos(path: Path, keep: Iterable[Path] = ()) -> None:
+    """Remove the unfinished files of an output that is going to be replaced.
+
+    Raises:
+        OSError: the folder cannot be written to.
+    """
+    for file in set(path.parent.glob(f"{_name_start(path)}*")).difference(keep):
+        file.unlink(missing_ok=True)
+
+
 def readable_steps(path: Path) -> Iterator[npt.NDArray[np.uint16]]:
     """The frames of a depth video, (H, W) uint16, up to where it is truncated or damaged."""
     try:
         yield from DepthVideo(path).steps()
     except InputError:
         return
+
+
+def _name_start(path: Path) -> str:
+    """What the names of an output's unfinished files begin with."""
+    return f".depthcli-{hashlib.sha256(os.fsencode(path.name)).hexdigest()[:8]}-"
 
 
 def _remove_empty(files: list[Path]) -> None:

@@ -20,7 +20,7 @@ from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
 from depthcli.video.depth import LABEL_PREFIX
 from depthcli.video.frames import FrameSource
-from depthcli.video.integrity import is_incomplete, matroska_end, states_frame_count
+from depthcli.video.integrity import is_incomplete, states_frame_count
 from depthcli.video.pipes import InputPipe
 from depthcli.video.pixels import orientation_of, picture_warnings, rgb_pixels
 from depthcli.video.rates import FALLBACK_RATE
@@ -28,7 +28,6 @@ from depthcli.video.spans import WHOLE, Span
 from depthcli.video.stream_info import stream_info
 from depthcli.video.time_code import TimeCode, time_code_after
 from depthcli.video.timeline import Timeline
-from depthcli.video.truncation import ends_within_packet
 
 _MISSING_SHARE = 200
 _Y4M = "yuv4mpegpipe"
@@ -63,7 +62,7 @@ class VideoSource(FrameSource):
         self.frames_stated = stated.frames if self.paths else None  # in a pipe it is a guess
         no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
         self.warnings = () if stated.is_rate_stated else (no_rate,)
-        self._decoder = FrameDecoder(self._container, stream)
+        self._decoder = FrameDecoder(self._container, stream, is_own=self.is_own_depth)
         self._reformatter = VideoReformatter()
         first = self._decoder.next()
         self._check_pipe()
@@ -79,6 +78,7 @@ class VideoSource(FrameSource):
             self.rate,
             stated.time_base,
             first.pts,
+            is_constant=stated.is_constant,
             failed=self._decoder.pop_failed(first.pts),
             stated_ticks=stream.start_time,
         )
@@ -177,19 +177,27 @@ class VideoSource(FrameSource):
         self._timeline.end(self._decoder.pop_failed())
         self._report_lost()
         read = self._timeline.index + 1
-        stated = self.frames_stated if self._path and states_frame_count(self._path) else None
-        short = stated is not None and stated - read > max(1, stated // _MISSING_SHARE)
-        if short or self._decoder.ended_early or self._is_incomplete():
+        try:
+            stated = self.frames_stated if self._path and states_frame_count(self._path) else None
+            is_incomplete = self._decoder.ended_early or self._is_incomplete()
+        except (OSError, InputError) as error:
+            reason = getattr(error, "strerror", None) or error
+            self.problem = (
+                f"it was moved or changed while it was read, so its end cannot be checked: {reason}"
+            )
+            return
+        # By the time of the last frame: the stated number includes dropped frames, without data.
+        end = round(self._timeline.time_s * self.rate) + 1
+        short = stated is not None and stated - end > max(1, stated // _MISSING_SHARE)
+        if short or is_incomplete:
             of = "" if stated is None else f" of {stated}"
             self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
 
     def _is_incomplete(self) -> bool:
         source = self._source
-        end = source.end if isinstance(source, InputPipe) else source.stat().st_size
         if self._container.format.name == _Y4M:  # whose last frame may be incomplete
+            end = source.end if isinstance(source, InputPipe) else source.stat().st_size
             return self._decoder.end_position < end
-        if isinstance(source, InputPipe):
-            return matroska_end(source.head) > end or ends_within_packet(source.head, end)
         return is_incomplete(source)
 
     def _report_lost(self) -> None:

@@ -17,6 +17,7 @@ class StreamInfo:
 
     rate: Fraction  #: frames a second, exact; the mean where frames are not evenly spaced
     is_rate_stated: bool  #: whether the file states it
+    is_constant: bool  #: whether frames are evenly spaced, as far as the header tells
     time_base: Fraction  #: seconds a tick of the stream's times
     tick_s: Fraction  #: seconds of which every frame's time is a multiple
     frames: int | None  #: how many there are; None if nothing states it
@@ -28,7 +29,7 @@ def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
     stated = exact_rate(stream.average_rate or stream.guessed_rate or 0)
     rate = stated or FALLBACK_RATE
     time_base = stream.time_base or 1 / rate
-    is_even = stream.average_rate == stream.base_rate
+    is_constant = stream.average_rate == stream.base_rate
     length_s = Fraction(0)
     if stream.duration:
         length_s = stream.duration * time_base
@@ -37,8 +38,9 @@ def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
     return StreamInfo(
         rate=rate,
         is_rate_stated=stated is not None,
+        is_constant=is_constant,
         time_base=time_base,
-        tick_s=Fraction(1, rate.numerator) if is_even else time_base,
+        tick_s=Fraction(1, rate.numerator) if is_constant else time_base,
         frames=stream.frames or round(length_s * rate) or None,
         time_code=header_time_code(container, stream, rate),
     )

@@ -19,6 +19,7 @@ class Timeline:
         tick_s: Fraction,
         first_ticks: int | None,
         *,
+        is_constant: bool,
         failed: int = 0,
         stated_ticks: int | None = None,
     ) -> None:
@@ -28,11 +29,13 @@ class Timeline:
             rate: frames a second.
             tick_s: seconds a tick of the stream's time base.
             first_ticks: timestamp of the first frame that can be decoded; None if it has none.
+            is_constant: whether frames are evenly spaced, so that numbers can follow the times.
             failed: how many frames before it cannot be decoded.
             stated_ticks: start time that the file states; None if it states none.
         """
         self._rate = rate
         self._tick_s = tick_s
+        self._is_constant = is_constant
         self._unassigned = failed
         first = first_ticks or 0
         begins_early = failed > 0 and stated_ticks is not None
@@ -51,7 +54,9 @@ class Timeline:
         self._unassigned += failed
         measured_s = None if ticks is None else ticks * self._tick_s - self.start_s
         index = self.index + 1
-        index += self._missing(index, measured_s) if self._unassigned else 0
+        # After damage, further frames may be missing without a packet that tells it.
+        is_damaged = bool(self._unassigned) or (self._is_constant and self.lost > 0)
+        index += self._missing(index, measured_s) if is_damaged else 0
         self.time_s = self._time(index, measured_s)
         self.index = index
         return index, self.time_s

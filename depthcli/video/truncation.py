@@ -5,7 +5,10 @@ from typing import BinaryIO
 
 HEAD_BYTES = 4096
 """Of a file, in which its container states what is read here."""
-_MP4_BOXES = {b"ftyp", b"moov", b"mdat", b"free", b"wide", b"skip"}
+_MP4_FIRST_BOXES = {b"ftyp", b"moov", b"mdat", b"free", b"wide", b"skip"}
+_MP4_BOXES = _MP4_FIRST_BOXES | {b"moof", b"mfra", b"sidx", b"styp", b"meta", b"udta", b"uuid"}
+"""Those that can follow a complete video; anything else behind it is the trailer of a camera."""
+_MP4_BOX_HEAD_BYTES = 8
 _ASF = bytes.fromhex("3026b2758e66cf11a6d900aa0062ce6c")
 _ASF_FILE_PROPERTIES = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
 _ASF_SIZE = slice(40, 48)  # bytes of the properties
@@ -29,7 +32,7 @@ def is_truncated(file: BinaryIO, head: bytes) -> bool:
         OSError: it cannot be read.
     """
     size = file.seek(0, os.SEEK_END)
-    if head[4:8] in _MP4_BOXES:
+    if head[4:8] in _MP4_FIRST_BOXES:
         return _mp4_end(file, size) > size
     if head.startswith(b"RIFF"):
         return int.from_bytes(head[4:8], "little") + 8 > size
@@ -83,13 +86,18 @@ def _has_ogg_end(tail: bytes) -> bool:
 
 
 def _mp4_end(file: BinaryIO, file_size: int) -> int:
-    """Where the last box ends."""
+    """Where the last box ends; more than the size of the file if it ends within the box's head."""
     at = 0
+    found = set[bytes]()
     while at < file_size:
         file.seek(at)
         head = file.read(16)
-        if len(head) < 8:  # noqa: PLR2004
+        kind = head[4:8]
+        if {b"moov", b"mdat"} <= found and kind not in _MP4_BOXES:
+            return at
+        if len(head) < _MP4_BOX_HEAD_BYTES:
             return file_size + 1
+        found.add(kind)
         size = int.from_bytes(head[:4])
         if size == 0:  # the box extends to the end of the file
             return file_size

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from plates import DISPLAY, write_plate
-from videos import NTSC, encode, flat_frames
+from videos import NTSC, damage_frames, encode, flat_frames
 
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.core.windows import Window, Windows
@@ -42,7 +42,7 @@ def write_frames(
     step: int | None = None,
     **picture: Any,
 ) -> Path:
-    """Frames at multiples of a frame's duration; the first has number 1001.
+    """Frames at multiples of a frame's duration, numbered from 1001 by these or by a step.
 
     Row 0 has no depth, row 1 is 1 m and a millimetre more in each frame, and the others are random
     millimetres below 3 m.
@@ -54,8 +54,9 @@ def write_frames(
         for count, place in enumerate(places):
             pixels = np.zeros(SIZE, np.uint8)
             time_s = float(place / rate)
+            number = 1001 + (round(place) if step is None else count * step)
             frame = Frame(
-                pixels, index=1001, timestamp_s=time_s, rate=rate, time_code=START, **picture
+                pixels, index=number, timestamp_s=time_s, rate=rate, time_code=START, **picture
             )
             steps = noise.integers(1, 3000, SIZE)
             steps[1] = 1000 + count
@@ -199,6 +200,10 @@ def test_a_plate_is_never_replaced(tmp_path: Path) -> None:
         ("in", ("--every", "0.1s")),
         ("clip.mkv", ()),
         ("clip.mkv", ("--every", "2")),
+        ("clip.mkv", ("--every", "0.2s")),
+        ("damaged.mkv", ()),
+        ("damaged.mkv", ("--every", "2")),
+        ("damaged.mkv", ("--every", "0.1s", "--start-number", "1001")),
     ],
 )
 def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: Cli) -> None:
@@ -210,8 +215,17 @@ def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: C
         times_s=[place / 25 for place in places],
         timecode="01:00:00:20",
     )
+    damaged = inside.folder / "damaged.mkv"
+    noise = np.random.default_rng(0).integers(0, 65536, (12, 48, 64), dtype=np.uint16)
+    options = {"g": "1"}
+    encode(
+        *(damaged, noise, Fraction(25), "ffv1", "gray16le"),
+        options=options,
+        timecode="01:00:00:20",
+    )
+    damage_frames(damaged, 4, 7)
     words = ("--format", "mkv", "--format", "exr", "--out", "out/")
-    assert inside("video", name, *words, *every).returncode == 0
+    assert inside("video", name, *words, *every).returncode == (name == "damaged.mkv")
     (mkv,) = (inside.folder / "out").glob("*.mkv")
     assert inside("convert", f"out/{mkv.name}", "again/d.%06d.exr").returncode == 0
     there = sorted((inside.folder / "out").glob("*.exr"))
@@ -219,7 +233,7 @@ def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: C
     assert [path.name[-10:] for path in here] == [path.name[-10:] for path in there]
     for ours, theirs in zip(here, there, strict=True):
         # The plates' drop-frame codes at 24 frames a second cannot be counted.
-        parts = slice(None) if name == "clip.mkv" else slice(1)
+        parts = slice(1) if name == "in" else slice(None)
         assert clock_of(ours)[parts] == clock_of(theirs)[parts]
         difference = read_depth(ours).values - read_depth(theirs).values
         assert np.abs(difference).max() < 0.001

@@ -259,6 +259,18 @@ def test_standard_input_gives_the_bytes_of_a_file(
     assert (tmp_path / "piped.mkv").read_bytes() == (tmp_path / "file.mkv").read_bytes()
 
 
+def test_a_file_at_standard_input_is_not_replaced(tmp_path: Path, loader: SessionLoader) -> None:
+    clip = write_video(tmp_path / "stdin.preview.mov", flat_frames(range(4)))
+    before = clip.read_bytes()
+    for output in (str(clip), f"{tmp_path}/"):
+        with clip.open("rb") as stdin, pytest.raises(UsageError, match="is the input; choose"):
+            video(VideoRequest("-", output, (VideoFormat.MOV,), model=loader, stdin=stdin))
+    with clip.open("rb") as stdin:
+        request = VideoRequest("-", f"{tmp_path}/a.mov", model=loader, stdin=stdin)
+        assert video(request).frames == 4
+    assert clip.read_bytes() == before
+
+
 def test_outputs_of_standard_input_are_named_so(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
@@ -523,6 +535,21 @@ def test_frames_of_another_request_are_done_again(
         video(dataclasses.replace(request, output=output, settings=settings))
     for path in (tmp_path / "whole").iterdir():
         assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("formats", [(VideoFormat.NPY,), (VideoFormat.MKV,)])
+def test_a_run_that_cannot_be_resumed_ends_the_record_of_an_earlier_one(
+    clip: Path, tmp_path: Path, loader: SessionLoader, formats: tuple[VideoFormat, ...]
+) -> None:
+    request = VideoRequest(str(clip), f"{tmp_path}/out/", formats, model=loader)
+    with pytest.raises(KeyboardInterrupt):
+        video(request, Watch(last=12))
+    assert hidden(tmp_path / "out")
+    video(dataclasses.replace(request, settings=VideoSettings(smooth_s=0.2)))
+    assert not hidden(tmp_path / "out")
+    for folder in ("out", "whole"):
+        video(dataclasses.replace(request, output=f"{tmp_path}/{folder}/"))
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
 def test_names_of_outputs(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The output files of ``depthcli video``."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import BinaryIO
 
 from depthcli.errors import UsageError
 from depthcli.io.storage.atomic import is_same_file
-from depthcli.io.storage.remote import check_writable, path_of, safe_name
+from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
 from depthcli.jobs.video.base_names import video_base
 from depthcli.jobs.video.output_names import STDIO, file_names, is_output_folder, video_formats
 from depthcli.jobs.video.request import VideoRequest
@@ -68,9 +69,21 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     plan = VideoPlan(safe_name(name), source, folder, names, codecs, request.has_audio, stdout)
     for which in names:
         check_writable(plan.path(which))
-        if file is not None and is_same_file(plan.path(which), file):
+        if _is_the_video(plan.path(which), file, request.stdin):
             raise UsageError(f"{plan.path(which)} is the input; choose another --out")
     return plan
+
+
+def _is_the_video(path: Path, file: Path | None, stdin: BinaryIO | None) -> bool:
+    """Whether an output is the video, also if standard input is redirected from it."""
+    if file is not None:
+        return is_same_file(path, file)
+    if stdin is None or isinstance(path, RemotePath):
+        return False
+    try:
+        return os.path.samestat(os.fstat(stdin.fileno()), path.stat())
+    except (OSError, ValueError):  # no such file yet, or a stream without a file
+        return False
 
 
 def _source(name: str, stdin: BinaryIO | None) -> Path | InputPipe:

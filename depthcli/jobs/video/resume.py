@@ -17,10 +17,15 @@ from depthcli.io.storage.remote import RemotePath
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.jobs.video.request import VideoSettings
 from depthcli.video.formats import SEQUENCES, VideoFormat
-from depthcli.video.frame_journal import FrameJournal
+from depthcli.video.frame_journal import FrameJournal, remove_journal
 from depthcli.video.frames import FrameSource
 from depthcli.video.number_pattern import base_name, numbered_name
-from depthcli.video.partial import PartialVideo, partial_video, readable_steps
+from depthcli.video.partial import (
+    PartialVideo,
+    partial_video,
+    readable_steps,
+    remove_partial_videos,
+)
 
 _BEST_FIRST = (VideoFormat.NPY, VideoFormat.EXR, VideoFormat.PNG16)
 
@@ -97,7 +102,8 @@ def earlier_frames(
     """The frames of an earlier run, if it can be resumed.
 
     It cannot with smoothing, as frames then depend on previous ones; with pipes; in an object
-    store; or if the other outputs cannot be made from the depth that is kept.
+    store; or if the other outputs cannot be made from the depth that is kept. The records of an
+    earlier run are removed then, because this run replaces its frames.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -110,15 +116,17 @@ def earlier_frames(
         or VideoFormat.NPY in numbered
         or (VideoFormat.EXR in numbered and not settings.writing.half)
     )
-    is_remote = isinstance(plan.folder, RemotePath)  # where nothing is appended to
-    is_piped = not source.paths or plan.stdout is not None
-    if settings.smooth_s or is_remote or is_piped or (others and not is_whole):
+    if isinstance(plan.folder, RemotePath) or plan.stdout is not None:  # nothing is appended to
         yield EarlierFrames(*kept)
         return
-    origin = _origin(plan, source, pipeline, settings)
+    can_resume = not settings.smooth_s and bool(source.paths) and (is_whole or not others)
+    origin = _origin(plan, source, pipeline, settings) if can_resume else None
     with ExitStack() as stack:
         try:
-            if numbered:
+            if origin is None:
+                _remove_records(plan)
+                earlier = EarlierFrames(*kept)
+            elif numbered:
                 name = base_name(plan.names[numbered[0]])
                 journal = stack.enter_context(FrameJournal(plan.folder, name, origin))
                 earlier = EarlierFrames(*kept, journal)
@@ -131,6 +139,14 @@ def earlier_frames(
             where = error.filename or f"into {plan.folder}"
             raise OutputError(f"cannot write {where}: {reason}; choose another --out") from error
         yield earlier
+
+
+def _remove_records(plan: VideoPlan) -> None:
+    for which in plan.names:
+        if which in SEQUENCES:
+            remove_journal(plan.folder, base_name(plan.names[which]))
+        elif which is VideoFormat.MKV:
+            remove_partial_videos(plan.path(which))
 
 
 def _origin(

@@ -1,0 +1,123 @@
+"""Damaged packets: checksums of FFV1 from the first frame on, and gaps in transport streams."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from videos import NTSC, damage_frames, encode
+
+from depthcli.core.types import DepthMap, Frame
+from depthcli.errors import InputError
+from depthcli.video.depth import DepthVideo
+from depthcli.video.depth_output import depth_video
+from depthcli.video.output import DepthFrame
+from depthcli.video.rates import Timing
+from depthcli.video.source import VideoSource
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from command_line import Cli
+
+_TS_PACKET_BYTES = 188
+
+
+def random_steps(count: int) -> np.ndarray[Any, np.dtype[np.uint16]]:
+    return np.random.default_rng(0).integers(1, 65536, (count, 48, 64), dtype=np.uint16)
+
+
+def write_own(path: Path, count: int) -> Path:
+    with depth_video(path, Timing(NTSC), 1000, ()) as output:
+        for index, steps in enumerate(random_steps(count)):
+            frame = Frame(np.zeros((48, 64), np.uint8), timestamp_s=float(index / NTSC))
+            depth = DepthMap((steps / 1000).astype(np.float32))
+            output.append(output.encode(DepthFrame(frame, depth, (0.0, 1.0))))
+        output.finish()
+    return path
+
+
+def write_other(path: Path, count: int, **options: str) -> Path:
+    options = {"g": "1"} | options
+    return encode(path, random_steps(count), NTSC, "ffv1", "gray16le", options=options)
+
+
+@pytest.mark.parametrize(("write", "count"), [(write_own, 1), (write_own, 10), (write_other, 10)])
+def test_a_damaged_first_frame_is_never_taken_for_depth(
+    write: Any, count: int, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "a.mkv", count)
+    damage_frames(path, 0)
+    found: list[Any] = []
+    with pytest.raises(InputError, match=r"a\.mkv is damaged from its first frame on"):
+        found.extend(DepthVideo(path))
+    assert found == []
+    if count == 1:
+        with pytest.raises(InputError, match="no frame that can be decoded"):
+            VideoSource(path)
+        return
+    with VideoSource(path) as source:
+        assert [frame.index for frame in source.frames()] == list(range(1, 10))
+        assert source.problem == "it is damaged: 1 frames cannot be decoded"
+
+
+def test_several_damaged_frames_at_the_beginning_are_noticed(tmp_path: Path) -> None:
+    path = write_other(tmp_path / "a.mkv", 10)
+    damage_frames(path, 0, 1, 2, 6)
+    with VideoSource(path) as source:
+        assert [frame.index for frame in source.frames()] == [3, 4, 5, 7, 8, 9]
+
+
+def test_frames_after_a_damaged_one_are_left_out_up_to_the_keyframe(tmp_path: Path) -> None:
+    path = write_other(tmp_path / "a.mkv", 12, g="4")
+    damage_frames(path, 5)
+    with VideoSource(path) as source:
+        assert [frame.index for frame in source.frames()] == [*range(5), *range(8, 12)]
+        assert source.problem == "it is damaged: 3 frames cannot be decoded"
+
+
+@pytest.mark.parametrize("options", [{"slicecrc": "0", "level": "3"}, {"level": "1"}])
+def test_ffv1_without_checksums_is_read(options: dict[str, str], tmp_path: Path) -> None:
+    path = write_other(tmp_path / "a.mkv", 20, **options)
+    found = list(DepthVideo(path).steps())
+    np.testing.assert_array_equal(found, random_steps(20))
+
+
+def test_commands_report_a_damaged_first_frame(inside: Cli) -> None:
+    path = write_own(inside.folder / "d.mkv", 3)
+    damage_frames(path, 0)
+    for words in (
+        ("info",),
+        ("probe", "--frame", "0", "3,3"),
+        ("convert", "--frame", "1", "d.png"),
+    ):
+        done = inside(words[0], "d.mkv", *words[1:])
+        assert done.returncode != 0
+        assert b"d.mkv is damaged from its first frame on" in done.stderr + done.stdout
+    assert inside("convert", "d.mkv", "d.%d.png").returncode == 1
+    assert not list(inside.folder.glob("*.png"))
+
+
+@pytest.mark.parametrize("codec", ["mpeg2video", "libx264"])
+@pytest.mark.parametrize("lost", [1, 3, 9])
+def test_lost_packets_of_a_transport_stream_are_no_missing_end(
+    codec: str, lost: int, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(0)
+    pictures = [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(60)]
+    path = encode(tmp_path / "a.ts", pictures, Fraction(25), codec, "yuv420p")
+    whole = path.read_bytes()
+    middle = len(whole) // _TS_PACKET_BYTES // 2
+    for begin in range(middle, middle + 12):
+        end = begin + lost
+        path.write_bytes(whole[: begin * _TS_PACKET_BYTES] + whole[end * _TS_PACKET_BYTES :])
+        with VideoSource(path) as source:
+            frames = list(source.frames())
+            times = [round((frame.timestamp_s or 0) * 25, 3) for frame in frames]
+            assert times == [frame.index for frame in frames]
+            assert (len(times), times[-1]) == (60 - len(set(range(60)) - set(times)), 59)
+            missing = 60 - len(times)
+            told = f"it is damaged: {missing} frames cannot be decoded" if missing else None
+            assert source.problem == told

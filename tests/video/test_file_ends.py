@@ -1,0 +1,109 @@
+"""Files that are whole, or not, whatever their container states."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import av
+import numpy as np
+import pytest
+from tiny import write_model
+from videos import flat_frames, header_first, write_mp4, write_video
+
+from depthcli.core.types import DepthMap, Frame
+from depthcli.errors import InputError
+from depthcli.inference.loading import SessionLoader
+from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.run import video
+from depthcli.video.depth import DepthVideo
+from depthcli.video.depth_output import depth_video
+from depthcli.video.integrity import is_incomplete
+from depthcli.video.output import DepthFrame
+from depthcli.video.rates import Timing
+from depthcli.video.source import VideoSource
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+
+def write_at(path: Path, places: Sequence[int]) -> Path:
+    """Motion JPEG at multiples of 1/25 s; AVI has a chunk without data for each of the others."""
+    with av.open(str(path), "w") as output:
+        stream = output.add_stream("mjpeg", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
+        for pixels, place in zip(flat_frames(range(len(places))), places, strict=True):
+            frame = av.VideoFrame.from_ndarray(pixels, "rgb24")
+            frame.pts, frame.time_base = place, Fraction(1, 25)
+            output.mux(stream.encode(frame))
+        output.mux(stream.encode(None))
+    return path
+
+
+def write_maps(path: Path, times_s: Sequence[float], timing: Timing) -> Path:
+    with depth_video(path, timing, 1000, ()) as output:
+        for time_s in times_s:
+            depth = DepthMap(np.ones((16, 16), np.float32))
+            frame = Frame(np.zeros((16, 16), np.uint8), timestamp_s=time_s)
+            output.append(output.encode(DepthFrame(frame, depth, (0.0, 1.0))))
+        output.finish()
+    return path
+
+
+def test_dropped_frames_of_an_avi_are_no_missing_end(tmp_path: Path) -> None:
+    path = write_at(tmp_path / "a.avi", [*range(10), *range(16, 46)])
+    with VideoSource(path) as source:
+        assert source.frames_stated == 46
+        assert len(list(source.frames())) == 40
+        assert source.problem is None
+
+
+@pytest.mark.parametrize("trailer", [b"CAMERA TRAILER, MODEL 1", b"\xff" * 40, b"abc"])
+def test_the_trailer_of_a_camera_is_no_missing_end(tmp_path: Path, trailer: bytes) -> None:
+    path = write_mp4(tmp_path / "a.mp4", flat_frames(range(20)))
+    for whole in (path.read_bytes(), header_first(path.read_bytes())):
+        path.write_bytes(whole + trailer)
+        assert not is_incomplete(path)
+        path.write_bytes(whole + b"\0\0\1\0free")
+        assert is_incomplete(path)
+        path.write_bytes(whole[:-3])
+        assert is_incomplete(path)
+
+
+def test_a_depth_video_has_no_frames_of_its_own_in_a_long_pause(tmp_path: Path) -> None:
+    times_s = [0, 1 / 60, 2 / 60, 50_000]
+    timing = Timing(Fraction(60), Fraction(1, 90_000))
+    path = write_maps(tmp_path / "a.mkv", times_s, timing)
+    found_s = [depth.provenance and depth.provenance.time_s for depth in DepthVideo(path)]
+    assert found_s == pytest.approx(times_s, abs=1e-3)
+
+
+class Removal:
+    """A Progress that removes a file after some frames."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def begin(self, _what: str, _total: int | None, _unit: str = "") -> Callable[[int], None]:
+        return lambda _count: self._path.unlink(missing_ok=True)
+
+
+def test_a_source_that_is_removed_during_the_run_costs_no_output(tmp_path: Path) -> None:
+    clip = write_video(tmp_path / "clip.avi", flat_frames(range(40)))
+    model = SessionLoader(write_model(tmp_path / "model"), "cpu")
+    done = video(VideoRequest(str(clip), f"{tmp_path}/out/", model=model), Removal(clip))
+    assert done.frames == 40
+    assert done.problem is not None
+    assert "moved or changed while it was read, so its end cannot be checked" in done.problem
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["clip.depth.mkv", "clip.preview.mp4"]
+
+
+def test_a_depth_video_that_is_removed_while_it_is_read_is_an_error(tmp_path: Path) -> None:
+    path = write_maps(tmp_path / "a.mkv", [0, 0.04, 0.08], Timing(Fraction(25)))
+    maps = iter(DepthVideo(path))
+    next(maps)
+    path.unlink()
+    with pytest.raises(InputError, match=r"a\.mkv cannot be read: No such file"):
+        list(maps)
