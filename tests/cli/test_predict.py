@@ -396,7 +396,6 @@ def test_a_full_disk_leaves_nothing(cli: Cli) -> None:
         ("--anchor", "a,b,c"),
         ("-", "-"),
         ("b.png", "-o", "one.png"),
-        ("--hfov", "60"),  # the tiny model knows no camera
     ],
 )
 def test_options_that_do_not_fit_write_nothing(inside: Cli, words: tuple[str, ...]) -> None:
@@ -601,3 +600,10 @@ def test_a_pattern_is_no_name_of_one_file(
     assert [path.name for path in inside.folder.iterdir()] == ["d.npy"]
     (inside.folder / name).mkdir()
     assert inside("predict", picture, "-o", name, *formats).returncode == 0
+
+
+def test_a_focal_length_that_scales_nothing_is_told(inside: Cli, picture: Path) -> None:
+    done = inside("predict", picture, "-o", "a.ply", "--hfov", "60")
+    assert done.returncode == 0
+    assert done.stderr.count(b"does not scale depth") == 1
+    assert b"no focal length is known" not in done.stderr
