@@ -46,6 +46,12 @@ def model(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
+@pytest.fixture(scope="module")
+def true_m() -> np.ndarray:
+    """The depth of the rendered room."""
+    return render()[1]
+
+
 def _depth(model: str, **detail: str) -> depthcli.DepthMap:
     pipeline = depthcli.load(
         ROOT / "models" / model, provider="cpu", detail=depthcli.Detail(**detail)
@@ -102,10 +108,9 @@ def test_the_float_model_is_the_default_one_in_more_bits() -> None:
         assert card.float_model == "float"
 
 
-def test_sees_the_rendered_room(model: str) -> None:
+def test_sees_the_rendered_room(model: str, true_m: np.ndarray) -> None:
     """It is no photograph, and larger than most rooms of the training set."""
     depth = _depth(model)
-    _, true_m = render()
     assert depth.values.shape == true_m.shape == (480, 640)
     scale = np.median(depth.values / true_m)
     assert 0.5 < scale < 1.2
@@ -115,7 +120,7 @@ def test_sees_the_rendered_room(model: str) -> None:
     assert floor < 0.8 * far_wall
 
 
-def test_the_readme_says_how_far_its_picture_is_off() -> None:
+def test_the_readme_says_how_far_its_picture_is_off(true_m: np.ndarray) -> None:
     text = " ".join((ROOT / "README.md").read_text().split())
     said = re.search(
         r"true depth is known: the median is ([\d.]+) m\. The model estimates ([\d.]+) m, which is "
@@ -123,7 +128,6 @@ def test_the_readme_says_how_far_its_picture_is_off() -> None:
         text,
     )
     assert said
-    _, true_m = render()
     depth, true_median_m = _depth("default"), np.median(true_m)
     words = [said[i].split(",") for i in (4, 5)]
     points = [Anchor(int(x), int(y), float(depth_m)) for x, y, depth_m in words]
