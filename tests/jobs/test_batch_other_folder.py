@@ -14,7 +14,9 @@ from videos import write_video
 
 from depthcli.errors import UsageError
 from depthcli.io.manifest.journal import known_rows
+from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.dry_run import dry_run
+from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch
 
@@ -36,10 +38,14 @@ def made_from_in(folder: Path) -> dict[str, bytes]:
     return outputs(folder / "out")
 
 
-def test_the_same_name_in_another_folder_stops_the_batch(tmp_path: Path) -> None:
+@pytest.mark.parametrize("formats", [("png16",), ("png16", "preview"), ("npy",)])
+def test_the_same_name_in_another_folder_stops_the_batch(
+    tmp_path: Path, formats: tuple[str, ...]
+) -> None:
     before = made_from_in(tmp_path)
     other = write_picture(tmp_path / "other" / "a.png", synthetic_picture(24, 40))
-    asked = request_of(tmp_path, "other")
+    options = BatchOptions(tuple(map(Format, formats)))
+    asked = replace(request_of(tmp_path, "other"), options=options)
     with pytest.raises(UsageError, match=r"the output for .*; choose another --out"):
         list(dry_run(asked, asked.model.load()))
     for _ in range(2):  # nor does the second attempt

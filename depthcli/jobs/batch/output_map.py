@@ -54,10 +54,9 @@ class OutputMap:
         has_names = row is not None and [file.path for file in row.outputs] == names
         if not has_names:
             file = self._unless_taken(file, outputs.values(), rows)
-        earlier = row if has_names else None
         shares_stem = self.plan.stems.is_shared(file.name)
         lens = self.plan.lenses.get(file.name)
-        return Task(file, outputs, earlier, has_crashed(row), shares_stem, lens)
+        return Task(file, outputs, row, has_crashed(row), shares_stem, lens, has_names)
 
     def video(self, file: InputFile, rows: Rows) -> Task[VideoFormat]:
         """The task for a video, given the rows of earlier batches."""
@@ -68,9 +67,8 @@ class OutputMap:
         outputs = self._of_video(file)
         if not has_names:
             file = self._unless_taken(file, outputs.values(), rows)
-        earlier = row if has_names else None
         lens = self.plan.lenses.get(file.name)
-        return Task(file, outputs, earlier, has_crashed(row), lens=lens)
+        return Task(file, outputs, row, has_crashed(row), lens=lens, has_names=has_names)
 
     def _unless_taken(self, file: InputFile, outputs: Iterable[Path], rows: Rows) -> InputFile:
         """The input, with a problem if its output is that of a file which is left out."""

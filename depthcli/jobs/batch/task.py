@@ -40,10 +40,11 @@ class Task(Generic[_FormatT]):
 
     input: InputFile  #: the file
     outputs: Mapping[_FormatT, Path]  #: path of each format; a sequence's has ``%06d`` in its name
-    earlier: Row | None = None  #: the row of an earlier run, if its outputs have these names
+    earlier: Row | None = None  #: the row of an earlier run; None if it has none
     is_suspect: bool = False  #: whether decoding it may have crashed an earlier run
     shares_stem: bool = False  #: whether another picture has its name but for the suffix
     lens: Lens | None = None  #: its own camera; None for that of the batch, if it has one
+    has_names: bool = True  #: whether the outputs of the earlier run have these names
 
     @property
     def input_path(self) -> str:
@@ -77,7 +78,7 @@ class Task(Generic[_FormatT]):
         if row is None:
             return None
         self._check_same_input(row, sha256, out)
-        if (row.status, row.input_sha256, row.origin) != now:
+        if not self.has_names or (row.status, row.input_sha256, row.origin) != now:
             return None
         if (row.anchors and row.anchors.sha256) != (None if points is None else points.sha256()):
             return None
@@ -89,7 +90,7 @@ class Task(Generic[_FormatT]):
         Raises:
             OutputError: one is.
         """
-        if self.earlier is None:  # else the files of these names are those of the batch
+        if self.earlier is None or not self.has_names:  # else the files are those of the batch
             for path in self.outputs.values():
                 check_replaceable(path)
 
