@@ -16,7 +16,7 @@ class PlannedRun:
 
     config: TrainConfig  #: what is trained
     folder: Path  #: its folder
-    #: :func:`~depthcli.training.setup.data_facts` of its data; None if they are not compared
+    #: :func:`~depthcli.training.data_facts.data_facts` of its data; None if they are not compared
     facts: RunProgress | None = field(default=None, compare=False, repr=False)
 
     @property

@@ -23,9 +23,9 @@ from depthcli.jobs.train.queue import QueueRequest, TrainingQueue, _command
 from depthcli.jobs.train.run_status import EpochDone, RunStarted, RunStatus
 from depthcli.jobs.train.signal_forwarder import SignalForwarder
 from depthcli.training.checkpoint import Checkpoint
+from depthcli.training.data_facts import data_facts
 from depthcli.training.methods.registry import METHODS, default_config
 from depthcli.training.planned_runs import PlannedRun, next_share_s
-from depthcli.training.setup import data_facts
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence

@@ -12,7 +12,7 @@ from rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 from depthcli.errors import DatasetError, UsageError
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore, _stored_size, whole_pictures
-from depthcli.training.setup import train_val_split
+from depthcli.training.data_facts import train_val_split
 
 CPU = torch.device("cpu")
 DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2, brightness=0.2, noise=0.02)

@@ -26,12 +26,12 @@ from depthcli.jobs.train.run_status import (
 )
 from depthcli.jobs.train.signal_forwarder import SignalForwarder
 from depthcli.training.config.schema import TrainConfig
+from depthcli.training.data_facts import data_facts
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.methods.registry import method_class
 from depthcli.training.methods.table import METHODS
 from depthcli.training.planned_runs import PlannedRun, next_share_s
 from depthcli.training.resolve import resolve_config
-from depthcli.training.setup import data_facts
 
 _NO_TIME = "no time of --max-minutes was left for it; give more minutes"
 

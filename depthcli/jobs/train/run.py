@@ -15,12 +15,12 @@ from depthcli.training import loop
 from depthcli.training.callbacks import Callback, TrainStart
 from depthcli.training.checkpoint import RunProgress
 from depthcli.training.config.schema import TrainConfig
+from depthcli.training.data_facts import train_val_split
 from depthcli.training.initial_coding import coding_differences
 from depthcli.training.initial_weights import narrowed_decoder
 from depthcli.training.launch import launched, open_fabric
 from depthcli.training.methods.registry import method_class
 from depthcli.training.seen_pairs import data_set, seen_by_files
-from depthcli.training.setup import train_val_split
 from depthcli.training.tensorboard_logger import TensorBoardLogger
 from depthcli.training.threads import Threads, set_threads
 
