@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import pytest
 
 from depthcli.core.parallel import cores
@@ -23,3 +27,15 @@ def test_each_worker_has_its_share_of_eight_cores(
 ) -> None:
     monkeypatch.setattr(cores, "usable_cores", lambda: 8)
     assert cores.share_cores(*asked) == shared
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs affinity masks")
+def test_cores_that_the_process_may_not_use_do_not_count() -> None:
+    code = (
+        "import os\n"
+        "from depthcli.core.parallel.cores import share_cores, usable_cores\n"
+        "os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "print(usable_cores(), *share_cores())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert done.stdout.split() == [b"1", b"1", b"1"]

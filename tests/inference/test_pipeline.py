@@ -158,8 +158,8 @@ def test_each_picture_can_have_its_own_lens(kinect: Pipeline) -> None:
         alone = kinect.predict(frame, **words)
         np.testing.assert_array_equal(depth.values, alone.values)
         assert depth.provenance == alone.provenance
-    for wrong in (Lens(-1.0), Lens(40.0, 50.0)):
-        with pytest.raises(UsageError):
+    for wrong, reason in ((Lens(-1.0), "-1.0 pixels"), (Lens(40.0, 50.0), "not both")):
+        with pytest.raises(UsageError, match=reason):
             kinect.predict_many(frames, lenses=(None, None, wrong))
 
 

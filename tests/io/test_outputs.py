@@ -152,18 +152,20 @@ def test_own_pictures_are_known_by_their_content(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sources", "out"),
+    ("sources", "out", "reason"),
     [
-        ([Path("x/a.jpg"), Path("y/a.jpg")], "out/"),
-        ([Path("a.jpg"), Path("b.jpg")], "one.png"),
-        ([Path("a.png")], "a.png"),
-        ([Path("a.jpg"), Path("a.depth.png")], None),
-        ([Path("a.jpg")], "https://host/out/"),
+        ([Path("x/a.jpg"), Path("y/a.jpg")], "out/", "would both become"),
+        ([Path("a.jpg"), Path("b.jpg")], "one.png", "one file but there are 2 inputs"),
+        ([Path("a.png")], "a.png", r"^a\.png is an input"),
+        ([Path("a.jpg"), Path("a.depth.png")], None, r"^a\.depth\.png is an input"),
+        ([Path("a.jpg")], "https://host/out/", "is behind HTTP"),
     ],
     ids=["same name", "one file for two", "input", "input of another", "behind HTTP"],
 )
-def test_shared_outputs_and_inputs_are_refused(sources: list[Path], out: str | None) -> None:
-    with pytest.raises(UsageError):
+def test_shared_outputs_and_inputs_are_refused(
+    sources: list[Path], out: str | None, reason: str
+) -> None:
+    with pytest.raises(UsageError, match=reason):
         plan_outputs(sources, out, PNG)
 
 

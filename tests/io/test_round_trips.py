@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -87,6 +88,12 @@ def test_png_without_metres_is_normalized_and_says_so(kind: DepthKind, tmp_path:
 def test_exr_is_exact(values: np.ndarray, channel: str) -> None:
     found = written(ExrWriter(exr_channel=channel), DepthMap(values), ".exr")
     assert np.array_equal(found.values, values, equal_nan=True)
+
+
+def test_exr_is_compressed_by_zip(tmp_path: Path) -> None:
+    ExrWriter().write(DepthMap(np.ones((4, 5), np.float32)), tmp_path / "a.exr")
+    header = OpenEXR.File(str(tmp_path / "a.exr"), header_only=True).header()
+    assert header["compression"] == OpenEXR.ZIP_COMPRESSION
 
 
 def test_half_exr_keeps_eleven_bits(tmp_path: Path) -> None:

@@ -92,17 +92,22 @@ def test_l1_is_equation_1_on_one_or_both_generators(both: bool) -> None:
         assert value.item() == pytest.approx(wanted, rel=1e-5)
 
 
-@pytest.mark.parametrize(("contrast", "loss"), [("cut", patch_nce), ("cfl", cfl_nce)])
-def test_contrast_is_equation_4_over_taps_at_the_same_positions(contrast: str, loss: Any) -> None:
-    method, batch = _method(contrast_x=0.5, contrast=contrast), _batch()
+@pytest.mark.parametrize("name", ["contrast_x", "contrast_y"])
+@pytest.mark.parametrize("contrast", ["cut", "cfl"])
+def test_contrast_is_equation_4_over_taps_at_the_same_positions(contrast: str, name: str) -> None:
+    """Of depth y, output is compared with input: the truth of G(y) is y itself."""
+    method, batch = _method(**{name: 0.5}, contrast=contrast), _batch()
     torch.manual_seed(5)
-    value = method(batch, "generator")["contrast_x"]
+    value = method(batch, "generator")[name]
     generator, sampler = method.generator, method.sampler
     assert sampler is not None
-    source = batch.gray if contrast == "cut" else (batch.depth_m - 5) / 5
+    x, y = batch.gray, (batch.depth_m - 5) / 5
+    is_paired = name == "contrast_x" and contrast == "cfl"
+    translated_from = x if name == "contrast_x" else y
+    source, loss = (y, cfl_nce) if is_paired else (translated_from, patch_nce)
     torch.manual_seed(5)
     keys, positions = sampler(generator.features(source))
-    queries, _ = sampler(generator.features(generator(batch.gray)), positions)
+    queries, _ = sampler(generator.features(generator(translated_from)), positions)
     wanted = [loss(q, k) for q, k in zip(queries, keys, strict=True)]
     assert len(wanted) == 5
     torch.testing.assert_close(value, 0.5 * sum(wanted) / 5)

@@ -41,9 +41,14 @@ def test_positions_are_drawn_anew_and_can_be_given() -> None:
 def test_vector_is_the_head_of_the_pixel_at_its_position() -> None:
     torch.manual_seed(0)
     sampler, (features,) = PatchSampler([3], dim=8), _maps((3, 5, 4))
+    with torch.no_grad():
+        for weight in sampler.parameters():
+            weight.normal_()
+    first, _, second = sampler.heads[0]
     (vectors,), _ = sampler([features], [torch.tensor([13, 2])])
     for p, (row, column) in enumerate(((3, 1), (0, 2))):
-        wanted = sampler.heads[0](features[1, :, row, column])
+        hidden = first.weight @ features[1, :, row, column] + first.bias
+        wanted = second.weight @ hidden.clamp(min=0) + second.bias
         torch.testing.assert_close(vectors[1, p], wanted / (wanted.norm() + 1e-7))
 
 

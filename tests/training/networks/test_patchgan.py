@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import pytest
 import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
 
+from depthcli.training.networks.blur import BlurDown
 from depthcli.training.networks.patchgan import PatchGan
 
 
@@ -43,3 +46,46 @@ def test_outputs_are_not_squashed(antialias: bool) -> None:
 
 def test_other_sizes() -> None:
     assert PatchGan(width=4)(torch.rand(1, 1, 64, 96)).shape == (1, 1, 6, 10)
+
+
+def _convolutions(discriminator: PatchGan) -> list[nn.Conv2d]:
+    return [layer for layer in discriminator.layers if isinstance(layer, nn.Conv2d)]
+
+
+def _written_down(discriminator: PatchGan, x: Tensor, *, antialias: bool) -> Tensor:
+    """The network written down once more, layer by layer."""
+    first, second, third, fourth, last = _convolutions(discriminator)
+    stride = 1 if antialias else 2
+
+    def smaller(y: Tensor) -> Tensor:
+        return BlurDown(y.shape[1])(y) if antialias else y
+
+    y = F.conv2d(x, first.weight, first.bias, stride, 1)
+    y = smaller(torch.where(y > 0, y, 0.2 * y))
+    for layer in (second, third):
+        y = F.instance_norm(F.conv2d(y, layer.weight, layer.bias, stride, 1))
+        y = smaller(torch.where(y > 0, y, 0.2 * y))
+    y = F.instance_norm(F.conv2d(y, fourth.weight, fourth.bias, 1, 1))
+    return F.conv2d(torch.where(y > 0, y, 0.2 * y), last.weight, last.bias, 1, 1)
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+def test_is_its_layers_one_after_another(antialias: bool) -> None:
+    torch.manual_seed(0)
+    discriminator, image = PatchGan(width=4, antialias=antialias), torch.rand(2, 1, 48, 64)
+    with torch.no_grad():
+        for weight in discriminator.parameters():
+            weight.normal_(std=0.3)
+    wanted = _written_down(discriminator, image, antialias=antialias)
+    torch.testing.assert_close(discriminator(image), wanted, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+def test_first_weights_are_normal_or_xavier(antialias: bool) -> None:
+    torch.manual_seed(0)
+    for layer in _convolutions(PatchGan(width=32, antialias=antialias))[1:4]:
+        outputs, inputs = layer.weight.shape[:2]
+        spread = 0.02 * ((2 / (16 * (inputs + outputs))) ** 0.5 if antialias else 1)
+        assert layer.weight.std().item() == pytest.approx(spread, rel=0.05)
+        assert layer.bias is not None
+        assert not layer.bias.any()
