@@ -126,15 +126,14 @@ class DepthModel:
         Raises:
             InputError: the picture cannot be read, or is not a picture.
             ModelError: the network failed.
-            UsageError: the camera, the anchors or the white level are not valid for this model and
-                picture.
+            UsageError: the camera, the anchors or the white level are not valid for this picture.
         """
-        lens = Lens(focal_px, hfov_deg)
         scaling.check_camera(focal_px, hfov_deg)
         frame = frame_of(picture, white_level)
         depth = self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
         found = _finished(depth, frame, anchors)
-        for text in (*self._focal_warnings(lens, anchors), *_picture_warnings(found)):
+        focal = self._focal_warnings(Lens(focal_px, hfov_deg), anchors)
+        for text in (*focal, *_picture_warnings(found)):
             warnings.warn(text, DepthcliWarning, stacklevel=2)
         return found
 

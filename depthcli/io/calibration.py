@@ -85,10 +85,11 @@ def _region_of_interest(root: cv2.FileStorage) -> list[float]:
 
     ROS states the matrix for the whole sensor, also of pictures that are a part of it.
     """
-    nodes = [
-        root.getNode("roi").getNode(name) for name in ("x_offset", "y_offset", "width", "height")
-    ]
-    return [0.0 if node.isNone() else _numbers(node)[0] for node in nodes]
+    roi = root.getNode("roi")
+    if not roi.isMap():
+        return [0.0] * 4
+    nodes = [roi.getNode(name) for name in ("x_offset", "y_offset", "width", "height")]
+    return [0.0 if node.isNone() else (_numbers(node) or [math.nan])[0] for node in nodes]
 
 
 def _is_distorted(root: cv2.FileStorage) -> bool:

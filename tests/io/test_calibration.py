@@ -269,3 +269,13 @@ def test_a_region_of_interest_is_the_picture(tmp_path: Path, binning: int) -> No
     assert (y + 0.5) * binning - 0.5 == pytest.approx(130.7)
     path.write_text(TOPIC + re.sub(r"\d+", "0", REGION))  # as of the whole sensor
     assert read_calibration(path) == EXPECTED
+
+
+@pytest.mark.parametrize("roi", ["roi: {width: [], height: 4}", "roi: {width: 9, height: wide}"])
+def test_a_region_that_is_none_is_refused(tmp_path: Path, roi: str) -> None:
+    path = tmp_path / "camera_info.yaml"
+    path.write_text(f"{TOPIC}{roi}\n")
+    with pytest.raises(InputError, match="which is no camera"):
+        read_calibration(path)
+    path.write_text(f"{TOPIC}roi: 5\n")
+    assert read_calibration(path) == EXPECTED

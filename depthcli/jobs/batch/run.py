@@ -6,6 +6,7 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from itertools import islice
 
+from depthcli.core import scaling
 from depthcli.core.choices import GPU_BATCH
 from depthcli.core.parallel.cores import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -59,8 +60,8 @@ class Batch(Iterator[Result]):
         Raises:
             ModelError: the model cannot be used.
             OutputError: the output folder cannot be written.
-            UsageError: the options do not fit the model or the inputs, or another batch writes
-                there.
+            UsageError: the focal length is not valid, the options do not fit the inputs, or another
+                batch writes there.
         """
         plan, options = request.plan, request.options
         workers, threads = share_cores(request.workers, request.model.threads)
@@ -68,6 +69,7 @@ class Batch(Iterator[Result]):
         session = session or model.load()
         self._engine = engine or ThreadEngine(workers, session, progress)
         self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)
+        scaling.check_camera(options.camera.focal_px, options.camera.hfov_deg)
         lens = next(iter(plan.lenses.values()), options.camera.lens)
         is_fitted = options.anchors is not None or options.camera.anchors
         focal = () if is_fitted else focal_warnings(session.model.card, lens)
