@@ -95,7 +95,7 @@ def check_plausible(
         raise DatasetError(
             f"{where} has a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m: "
             "check the unit, which is millimetres unless --png-scale (eval pairs) or "
-            "data.units_per_metre (train) states another"
+            "data.units_per_metre (train, for --data only) states another"
         )
 
 

@@ -60,7 +60,7 @@ def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> int:
 def _check_folder(request: RenderRequest) -> None:
     """Check that the folder is for these settings, and write the settings and the cameras."""
     out, path = request.out, request.out / SETTINGS_NAME
-    wanted = json.dumps({"version": VERSION, **request.settings._asdict()})
+    text = json.dumps({"version": VERSION, **request.settings._asdict()})
     try:
         held = parsed_json(read_regular(path, _MAX_SETTINGS_BYTES))
     except FileNotFoundError:
@@ -72,12 +72,13 @@ def _check_folder(request: RenderRequest) -> None:
             f"cannot read {path}: {reason}; remove it or give another --out"
         ) from error
     else:
-        if json.dumps(held) != wanted:
-            options = _different_options(held, json.loads(wanted))
+        wanted = json.loads(text)
+        if held != wanted:
+            options = _different_options(held, wanted)
             raise UsageError(
                 f"{out} holds rooms made with {options}; give the same options or another --out"
             )
-    write_text(wanted + "\n", path)
+    write_text(text + "\n", path)
     count = max(request.count, _camera_count(out / CAMERAS_NAME))
     rows = (f"{_pair_name(i)},{room_focal_px(request.settings, i):.6f}\n" for i in range(count))
     write_text("id,focal_px\n" + "".join(rows), out / CAMERAS_NAME)

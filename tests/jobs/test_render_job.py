@@ -116,6 +116,14 @@ def test_rooms_of_another_version_are_not_mixed(tmp_path: Path, held: str) -> No
         render(RenderRequest(tmp_path, 1, SETTINGS))
 
 
+def test_the_same_options_in_another_notation_are_the_same(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "rooms"
+    shutil.copytree(folder, out)
+    options = json.loads((out / "rooms.json").read_text())
+    (out / "rooms.json").write_text(json.dumps(options, indent=2, sort_keys=True))
+    assert render(RenderRequest(out, COUNT, SETTINGS)) == 0
+
+
 def test_other_pictures_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "rgb").mkdir()
     with pytest.raises(UsageError, match="holds other pictures"):

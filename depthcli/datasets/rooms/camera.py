@@ -11,7 +11,7 @@ from depthcli.datasets.rooms.solids import Solids, Vector, rotation
 
 _CLOSE_UP_SHARE = 0.2
 _TRIES = 60
-_PROBE_SIZE = (16, 12)  # rays that score a view
+_PROBE_COLUMNS = 16  # of the rays that score a view
 _MIN_DISTANCE_M, _CLEARANCE_M = 0.3, 0.15
 _NEAR_PENALTY = 20.0
 _MAX_CANDIDATES = 5
@@ -103,8 +103,12 @@ def _is_free(camera: PinholeCamera, room: Room, solids: Solids) -> bool:
 
 def _view_score(camera: PinholeCamera, solids: Solids, *, close: bool) -> float:
     """Higher for many solids in view, at some distance, and none close to the camera."""
-    focal_px = camera.focal_px * _PROBE_SIZE[0] / camera.width
-    small = camera._replace(width=_PROBE_SIZE[0], height=_PROBE_SIZE[1], focal_px=focal_px)
+    scale = _PROBE_COLUMNS / camera.width
+    small = camera._replace(
+        width=_PROBE_COLUMNS,
+        height=max(1, round(camera.height * scale)),
+        focal_px=camera.focal_px * scale,
+    )
     hits = solids.cast(camera.origin, small.rays())
     seen_m = hits.distance[hits.solid >= 0]
     if not seen_m.size or seen_m.min() < _MIN_DISTANCE_M:

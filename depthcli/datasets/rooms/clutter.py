@@ -52,6 +52,7 @@ def computer(
     half, black = random.uniform(0.16, 0.3), materials.black
     grey = materials.pick([materials.black, materials.white])
     image = black if random.random() < 0.3 else materials.art(2 * half)._replace(emission=1.0)
+    image = image._replace(specular=0.06)
     if random.random() < 0.3:
         parts = [
             centred_box(0.17, (0.01, 0.23), (-0.005, 0.0), black).tilted(-15, 0),

@@ -48,7 +48,7 @@ def fridge(random: np.random.Generator, materials: Materials) -> Piece:
     parts, split = [centred_box(0.3, (0.03, height), (0, 0.6), material)], height * 0.65
     if height < 1:
         parts.append(Part((0, 0.45, 0.6), (0.17, 0.17, 0.02), materials.black, CYLINDER_Z))
-        return Piece(parts, 0.6, 0.62, height, height)
+        return Piece(parts, 0.6, 0.62, height)
     for low, high, y in ((0.05, split - 0.01, split - 0.3), (split, height, split + 0.05)):
         parts.append(centred_box(0.3, (low, high), (0.605, 0.65), material))
         parts.append(box((0.24, 0.26), (y, y + 0.25), (0.65, 0.69), materials.metal))

@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from depthcli.datasets.rooms.furniture import PIECES
-from depthcli.datasets.rooms.layout import ROOM_TYPES, Shell, build_shell
+from depthcli.datasets.rooms.layout import Shell, build_shell
 from depthcli.datasets.rooms.lighting import Light, ceiling_lamps, daylight
 from depthcli.datasets.rooms.materials import Materials
 from depthcli.datasets.rooms.piece import Piece
+from depthcli.datasets.rooms.room_types import ROOM_TYPES
 from depthcli.datasets.rooms.solids import (
     CYLINDER_Y,
     CYLINDER_Z,
@@ -34,7 +35,7 @@ class Room:
     groups: list[list[Part]] = field(default_factory=list)  #: their solids
     tabletops: list[Vector] = field(default_factory=list)  #: centres of surfaces with objects
     lights: list[Light] = field(default_factory=list)
-    #: (low x, high x, low z, high z) of furniture on the floor, metres
+    #: (low x, high x, low z, high z) of furniture on the floor and of pillars, metres
     occupied: list[tuple[float, float, float, float]] = field(default_factory=list)
 
     @property
@@ -48,7 +49,8 @@ def make_room(random: np.random.Generator, kind: str = "") -> Room:
     materials = Materials(random)
     kind = kind or str(random.choice(list(ROOM_TYPES)))
     shell = build_shell(random, materials, kind)
-    room = Room(shell, materials, is_day=bool(random.random() < 0.75))
+    is_day = bool(random.random() < 0.75)
+    room = Room(shell, materials, is_day, occupied=[*shell.pillars])
     for name in shell.kind.furniture.split():
         if random.random() < 0.95:
             _place_piece(random, room, name)

@@ -139,7 +139,7 @@ def shelf(random: np.random.Generator, materials: Materials) -> Piece:
         y, size = row * step + 0.05, (2 * half - 0.06, depth)
         parts.append(centred_box(half, (y - 0.02, y), (0, depth), wood))
         parts += clutter.books(random, materials, size, y, step - 0.03) if row < rows else []
-    return Piece(parts, 2 * half, depth, height, height)
+    return Piece(parts, 2 * half, depth, height)
 
 
 def cupboard(random: np.random.Generator, materials: Materials) -> Piece:

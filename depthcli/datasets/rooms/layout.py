@@ -1,58 +1,16 @@
 """The shell of a room: floor, ceiling, walls with windows and doors."""
 
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
 
 import numpy as np
 
 from depthcli.datasets.rooms import openings
 from depthcli.datasets.rooms.materials import Material, Materials
 from depthcli.datasets.rooms.openings import DOOR_SIZE_M, WALL_THICKNESS_M, Opening
-from depthcli.datasets.rooms.solids import Part, Vector, box, centred_box
+from depthcli.datasets.rooms.room_types import ROOM_TYPES, RoomType
+from depthcli.datasets.rooms.solids import Part, Vector, box
 
-
-class RoomType(NamedTuple):
-    """Size, furniture and shape of a type of room."""
-
-    sides_m: tuple[tuple[float, float], tuple[float, float]]  #: range of width and of depth
-    furniture: str  #: pieces of furniture, most important first
-    shape: Literal["", "L", "open"] = ""  #: ``L`` may lack a corner; ``open`` has pillars
-
-
-ROOM_TYPES = {
-    "living": RoomType(
-        ((2.8, 5.5), (3.5, 8)),
-        "sofa television sofa table shelf round_table cupboard plant floor_lamp chair bin_or_box",
-        "L",
-    ),
-    "bedroom": RoomType(
-        ((2.5, 4.5), (3, 5.5)), "bed cupboard desk shelf chair floor_lamp cupboard plant", "L"
-    ),
-    "kitchen": RoomType(
-        ((2, 4.5), (2.6, 6)), "counter fridge counter table round_table cupboard chair bin_or_box"
-    ),
-    "bathroom": RoomType(
-        ((2, 2.8), (2, 4)), "bathtub basin toilet fridge bin_or_box cupboard plant"
-    ),
-    "office": RoomType(
-        ((2.8, 7), (3.5, 10)),
-        "desk desk shelf desk cupboard desk shelf office_chair plant table bin_or_box bin_or_box",
-        "L",
-    ),
-    "study": RoomType(
-        ((2.2, 4), (2.5, 5)), "desk shelf shelf sofa office_chair bin_or_box floor_lamp", "L"
-    ),
-    "corridor": RoomType(((1.3, 2.4), (4, 12)), "cupboard plant bin_or_box chair"),
-    "hall": RoomType(
-        ((5, 9), (6, 12)),
-        "table table round_table table sofa shelf television sofa cupboard plant plant bin_or_box",
-        "open",
-    ),
-    "library": RoomType(
-        ((3, 7), (4, 11)), "shelf shelf shelf shelf table shelf shelf desk shelf sofa chair", "L"
-    ),
-}
-"""Types of rooms by name."""
+_OUTER_WALLS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +47,8 @@ class Shell:
     corner: tuple[float, float] | None  #: (x, z) beyond which a corner is cut out
     walls: list[Wall]
     groups: list[list[Part]] = field(default_factory=list)  #: its solids
+    #: (low x, high x, low z, high z) of its pillars, metres
+    pillars: list[tuple[float, float, float, float]] = field(default_factory=list)
     windows: list[tuple[Wall, Opening]] = field(default_factory=list)  #: and the walls they are in
 
 
@@ -115,29 +75,31 @@ def build_shell(random: np.random.Generator, materials: Materials, name: str) ->
     if corner is not None:
         shell.groups.append([box((corner[0], x[1]), (0, height), (corner[1], z[1]), common)])
     if kind.shape == "open":
-        pillars = [centred_box(0.2, (0, height), (-0.2, 0.2), common) for _ in range(2)]
-        places = ((width * share, 0.0, depth / 2) for share in (0.33, 0.67))
-        shell.groups.append([p.moved(at) for p, at in zip(pillars, places, strict=True)])
-    doorway = random.integers(4)
+        z = (depth / 2 - 0.2, depth / 2 + 0.2)
+        for x in ((width * share - 0.2, width * share + 0.2) for share in (0.33, 0.67)):
+            shell.pillars.append((*x, *z))
+            shell.groups.append([box(x, (0, height), z, common)])
+    doorway = random.integers(_OUTER_WALLS)
     for i, wall in enumerate(shell.walls):
         material = common if random.random() < 0.8 else materials.wall()
-        _build_wall(
-            random, materials, shell, wall, (material, trim), "door" if i == doorway else "window"
-        )
+        size, holes = (wall.length, height), []
+        if i < _OUTER_WALLS:  # the others are sides of the solid box in the corner
+            holes = (openings.doorway if i == doorway else openings.windows)(random, size)
+            parts = openings.wall_parts(size, holes, material)
+            shell.groups.append(wall.to_room(parts))
+        _furnish_wall(random, materials, shell, wall, holes, trim)
     return shell
 
 
-def _build_wall(
+def _furnish_wall(
     random: np.random.Generator,
     materials: Materials,
     shell: Shell,
     wall: Wall,
-    surfaces: tuple[Material, Material],
-    what: str,
+    holes: list[Opening],
+    trim: Material,
 ) -> None:
-    material, trim = surfaces
-    size = (wall.length, shell.height)
-    holes = openings.doorway(random, size) if what == "door" else openings.windows(random, size)
+    """Add windows, the room behind a doorway, radiators, skirting and a closed door."""
     for hole in holes:
         wall.reserve(*hole[:4])
         make = openings.next_room if hole.is_door else openings.window
@@ -148,10 +110,7 @@ def _build_wall(
             shell.groups.append(
                 wall.to_room([part.moved((s, 0, 0)) for part in openings.radiator(materials)])
             )
-    pieces = openings.wall_parts(size, holes, material)
-    shell.groups.append(
-        wall.to_room([*pieces, centred_box(wall.length / 2, (0, 0.08), (0, 0.012), trim)])
-    )
+    shell.groups.append(wall.to_room(openings.skirting(wall.length, holes, trim)))
     s = random.uniform(-0.5, 0.5) * (wall.length - DOOR_SIZE_M[0])
     half = DOOR_SIZE_M[0] / 2
     if (not holes or random.random() < 0.3) and wall.reserve(s - half, s + half, 0, DOOR_SIZE_M[1]):

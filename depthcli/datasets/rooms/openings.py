@@ -52,6 +52,15 @@ def wall_parts(size: tuple[float, float], holes: list[Opening], material: Materi
     return [*parts, box((at, size[0] / 2 + WALL_THICKNESS_M), (0, size[1]), thick, material)]
 
 
+def skirting(length: float, holes: list[Opening], trim: Material) -> list[Part]:
+    """A skirting board along a wall, interrupted by doorways."""
+    doors = (side for hole in holes if hole.is_door for side in (hole.left, hole.right))
+    ends = [-length / 2, *doors, length / 2]
+    return [
+        box(span, (0, 0.08), (0, 0.012), trim) for span in zip(ends[::2], ends[1::2], strict=True)
+    ]
+
+
 def window(
     random: np.random.Generator, materials: Materials, hole: Opening, height: float, trim: Material
 ) -> list[Part]:

@@ -12,7 +12,7 @@ from depthcli.datasets.rooms.furnish import make_room
 from depthcli.datasets.rooms.render import Renderer
 from depthcli.datasets.rooms.sensor import kinect, photograph
 
-VERSION = 1
+VERSION = 2
 """Increases when the same settings give other pictures."""
 TYPICAL_HFOV_DEG = 63.0
 
@@ -52,10 +52,13 @@ def render_pair(settings: RoomSettings, index: int) -> Pair:
     random = _random(settings, index, 1)
     room = make_room(random)
     solids = room.solids
-    camera = place_camera(random, room, solids, room_focal_px(settings, index), settings.size)
+    focal_px = room_focal_px(settings, index)
+    camera = place_camera(random, room, solids, focal_px, settings.size)
     view = Renderer(room, solids, camera, random).view()
     rgb = photograph(view.light, random)
-    return Pair(rgb, kinect(view, random) if settings.sensor is Sensor.KINECT else view.depth_m)
+    if settings.sensor is Sensor.KINECT:
+        return Pair(rgb, kinect(view, focal_px, random))
+    return Pair(rgb, view.depth_m)
 
 
 def _random(settings: RoomSettings, index: int, purpose: int) -> np.random.Generator:

@@ -7,8 +7,8 @@ import numpy.typing as npt
 from depthcli.datasets.rooms.patterns import Floats
 from depthcli.datasets.rooms.render import View
 
-_BASELINE_M, _KINECT_HFOV_HALF = 0.075, 0.617
-_RANGE_M = (0.5, 9.5)
+_BASELINE_M, _RANGE_M = 0.075, (0.5, 9.5)
+_SAME_SURFACE_PX = 1.5  # neighbours on a slanted surface differ by less in disparity
 
 
 def photograph(light: Floats, random: np.random.Generator) -> npt.NDArray[np.uint8]:
@@ -35,7 +35,7 @@ def photograph(light: Floats, random: np.random.Generator) -> npt.NDArray[np.uin
     return levels
 
 
-def kinect(view: View, random: np.random.Generator) -> Floats:
+def kinect(view: View, focal_px: float, random: np.random.Generator) -> Floats:
     """Depth (H, W) in metres of a simulated structured-light sensor, 0 where it measures nothing.
 
     Noise increases with the square of the distance, disparity is quantized, edges are ragged, and
@@ -48,19 +48,28 @@ def kinect(view: View, random: np.random.Generator) -> Floats:
     depth = view.depth_m[
         np.clip(rows + fray[0], 0, height - 1), np.clip(columns + fray[1], 0, width - 1)
     ]
-    focal_px = width / 2 / _KINECT_HFOV_HALF
     with np.errstate(divide="ignore"):
         disparity = (
             _BASELINE_M * focal_px / depth + random.normal(0, 0.05, depth.shape) * width / 640
         )
         step = width / 640 / 8
         measured = _BASELINE_M * focal_px / (np.round(disparity / step) * step)
-    # A point is in shadow if, for the projector, one from further right is on its left.
-    position = columns - _BASELINE_M * focal_px / np.maximum(view.depth_m, 0.1)
-    leftmost = np.minimum.accumulate(position[:, ::-1], axis=1)[:, ::-1]
-    shadow = leftmost < position - 0.5
+    shadow = _projector_shadow(view.depth_m, focal_px)
     smooth = cv2.GaussianBlur(random.standard_normal((height, width)), (0, 0), 3) * 10
     weak = view.slant + 0.1 * smooth < 0.16
     shiny = (view.specular > 0.5) | ((view.specular > 0.03) & (smooth > 0))
     out = ~((measured >= _RANGE_M[0]) & (measured <= _RANGE_M[1])) | (view.depth_m == 0)
     return np.where(shadow | weak | shiny | out, 0, measured).astype(np.float32)
+
+
+def _projector_shadow(depth_m: Floats, focal_px: float) -> npt.NDArray[np.bool_]:
+    """(H, W) where a nearer point is on the same ray of the projector, left of the camera's."""
+    rows, columns = np.indices(depth_m.shape)
+    distance_m = np.where(depth_m > 0, depth_m, np.inf)  # the outdoors shades nothing
+    disparity = _BASELINE_M * focal_px / distance_m
+    place = columns - disparity + np.ceil(disparity.max())
+    nearest = np.zeros((depth_m.shape[0], int(place.max()) + 2))
+    for column in (np.floor(place), np.floor(place) + 1):
+        np.maximum.at(nearest, (rows, column.astype(int)), disparity)
+    lit_by = nearest[rows, np.rint(place).astype(int)]
+    return np.asarray(lit_by > disparity + _SAME_SURFACE_PX, np.bool_)

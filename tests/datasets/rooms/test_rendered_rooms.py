@@ -10,11 +10,12 @@ from depthcli.core.choices import Sensor
 from depthcli.datasets.rooms.camera import PinholeCamera
 from depthcli.datasets.rooms.furnish import Room, make_room
 from depthcli.datasets.rooms.furniture import PIECES
-from depthcli.datasets.rooms.layout import ROOM_TYPES
 from depthcli.datasets.rooms.lighting import Light
 from depthcli.datasets.rooms.materials import Materials
+from depthcli.datasets.rooms.openings import Opening, skirting
 from depthcli.datasets.rooms.pair import RoomSettings, render_pair, room_focal_px
 from depthcli.datasets.rooms.render import Renderer, View
+from depthcli.datasets.rooms.room_types import ROOM_TYPES
 from depthcli.datasets.rooms.sensor import kinect
 from depthcli.datasets.rooms.solids import SPHERE, Part, Solids, box
 
@@ -64,6 +65,39 @@ def test_things_stand_on_the_floor_inside_the_walls(rooms: list[Room]) -> None:
             assert low_x >= 0 <= low_z
             assert high_x <= room.shell.width
             assert high_z <= room.shell.depth
+
+
+def test_furniture_is_beside_pillars(rooms: list[Room]) -> None:
+    pillars = [(room, pillar) for room in rooms for pillar in room.shell.pillars]
+    assert pillars
+    for room, (left, right, near, far) in pillars:
+        overlapping = [o for o in room.occupied if o[0] < right and o[1] > left]
+        assert [o for o in overlapping if o[2] < far and o[3] > near] == [(left, right, near, far)]
+
+
+def test_the_sides_of_a_missing_corner_are_solid(rooms: list[Room]) -> None:
+    shells = [room.shell for room in rooms if room.shell.corner]
+    assert any(shell.windows for shell in shells)
+    for shell in shells:
+        outer = [id(wall) for wall in shell.walls[:4]]
+        assert all(id(wall) in outer for wall, _ in shell.windows)
+        assert shell.corner is not None
+        x, z = (np.array(side) for side in (shell.corner[0] + 0.01, shell.corner[1] + 0.01))
+        inside = [
+            part
+            for group in shell.groups
+            for part in group
+            if part.centre[0] > x and part.centre[2] > z and 0 < part.centre[1] < shell.height
+        ]
+        within = [p for p in inside if p.centre[0] < shell.width and p.centre[2] < shell.depth]
+        assert len(within) == 1
+
+
+def test_skirting_is_interrupted_by_doorways_and_not_by_windows() -> None:
+    white = Materials(np.random.default_rng(0)).white
+    holes = [Opening(-1.5, -0.6, 0, 2.05, is_door=True), Opening(0, 1, 0.1, 2, is_door=False)]
+    spans = [(p.centre[0] - p.half[0], p.centre[0] + p.half[0]) for p in skirting(4, holes, white)]
+    np.testing.assert_allclose(spans, [(-2, -1.5), (-0.6, 2)])
 
 
 def test_a_picture_follows_from_seed_and_number_alone() -> None:
@@ -150,8 +184,8 @@ def flat(depth_m: float, **facts: float) -> View:
     )
 
 
-def measured(view: View) -> npt.NDArray[np.float32]:
-    return kinect(view, np.random.default_rng(1))
+def measured(view: View, focal_px: float = 259.3) -> npt.NDArray[np.float32]:
+    return kinect(view, focal_px, np.random.default_rng(1))
 
 
 def test_the_noise_of_a_kinect_grows_with_the_square_of_the_distance() -> None:
@@ -175,6 +209,32 @@ def test_beside_near_things_a_kinect_sees_nothing() -> None:
     assert max(beside) > 0.6
     assert min(beside) < 0.3
     assert holes[:, 120:180].mean() < 0.1
+
+
+def test_the_shadow_of_a_thing_is_as_wide_as_the_thing_at_most() -> None:
+    """Behind a post 3 pixels wide, the wall is seen again between the post and its shadow."""
+    view = flat(4.0)
+    view.depth_m[:, 150:153] = 1.0
+    shaded = (measured(view) == 0).mean(0) > 0.6
+    assert 2 <= shaded[120:180].sum() <= 6
+
+
+def test_the_shadow_is_narrower_for_a_wider_lens() -> None:
+    view = flat(4.0)
+    view.depth_m[:, 100:200] = 1.0
+    widths = [(measured(view, focal_px) == 0).mean(0)[60:240] for focal_px in (260.0, 130.0)]
+    narrow, wide = (int((share > 0.6).sum()) for share in widths)
+    expected = 0.075 * 260 * (1 / 1 - 1 / 4)
+    assert narrow == pytest.approx(expected, abs=3)
+    assert wide == pytest.approx(expected / 2, abs=3)
+
+
+def test_the_outdoors_casts_no_shadow() -> None:
+    view = flat(3.0)
+    view.depth_m[:, 120:200] = 0.0
+    holes = measured(view) == 0
+    assert holes[:, 125:195].all()
+    assert np.delete(holes, slice(115, 205), axis=1).mean() < 0.1
 
 
 def test_the_sensor_changes_depth_alone() -> None:
