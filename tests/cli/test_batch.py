@@ -274,14 +274,16 @@ def test_no_bad_file_stops_the_others(inside: Cli) -> None:
     assert {name for name, row in rows(inside, "out").items() if row["error"]} == set(bad)
 
 
-@pytest.mark.skipif(os.getuid() == 0, reason="root reads every folder")
-def test_a_folder_that_cannot_be_listed_is_a_failure(inside: Cli) -> None:
-    tree(inside, "a.png", "locked/b.png")
-    (inside.folder / "in" / "locked").chmod(0)
-    done = inside("batch", "in", "--out", "out")
+def test_what_may_not_be_read_is_a_failure(inside: Cli) -> None:
+    tree(inside, "a.png", "secret.png", "locked/b.png")
+    for name in ("secret.png", "locked"):
+        (inside.folder / "in" / name).chmod(0)
+    done = inside.as_user("batch", "in", "--out", "out")
     (inside.folder / "in" / "locked").chmod(0o700)
     assert done.returncode == 1
-    assert b"in/locked cannot be listed" in done.stderr
+    assert b"in/locked cannot be listed: Permission denied" in done.stderr
+    assert b"in/secret.png cannot be read: Permission denied" in done.stderr
+    assert contents(inside, "out").keys() == {"a.depth.png", "manifest.jsonl"}
 
 
 def test_a_folder_that_is_too_deep_is_a_failure(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthcli.errors import InputError
-from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.pictures.read import read_image
 from depthcli.io.pictures.size import picture_size
 
@@ -142,16 +140,6 @@ def test_damage_is_an_error_or_a_picture(name: str, draw: st.DataObject) -> None
     except InputError:
         return
     assert frame.pixels.ndim in (2, 3)
-
-
-def test_an_unreadable_file_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "secret.png"
-    path.write_bytes(FILES["png"])
-    path.chmod(0)
-    if os.access(path, os.R_OK):
-        pytest.skip("this user may read everything")
-    with pytest.raises(InputError, match=r"secret\.png cannot be read: Permission denied"):
-        read_bytes(path)
 
 
 def test_a_name_that_is_too_long_is_refused() -> None:

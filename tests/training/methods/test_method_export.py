@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import onnxruntime
 import pytest
 import torch
 from lightning_fabric import Fabric
@@ -40,7 +41,11 @@ def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> Non
     assert depth.kind is DepthKind.METRIC
     assert depth.values.shape == (frame.height, frame.width)
     generator, checkpoint = load_generator(tmp_path / CHECKPOINT)
+    given = prepare(pipeline.card.input, frame)[0]
     with torch.no_grad():
-        raw = generator(torch.from_numpy(prepare(pipeline.card.input, frame)[0]))[0].numpy()
+        raw = generator(torch.from_numpy(given))[0].numpy()
     wanted = checkpoint.config.output.codec.decode(raw)
     assert float(np.mean(depth.values)) == pytest.approx(float(wanted.mean()), rel=0.01)
+    session = onnxruntime.InferenceSession(tmp_path / "model.onnx")
+    (exported,) = session.run(None, {session.get_inputs()[0].name: given})
+    np.testing.assert_allclose(exported[0], raw, atol=1e-4)
