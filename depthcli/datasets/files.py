@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -81,8 +82,16 @@ def _decode(path: Path, flags: int) -> npt.NDArray[np.integer]:
     return np.asarray(pixels)
 
 
+class PlausibleDepth(NamedTuple):
+    """Range of the median depth of a data set, outside which its unit is wrong."""
+
+    low_m: float
+    high_m: float
+    advice: str  #: what to do about another unit
+
+
 def check_plausible(
-    medians_m: Iterable[float], plausible_m: tuple[float, float], where: Path | str
+    medians_m: Iterable[float], plausible: PlausibleDepth, where: Path | str
 ) -> None:
     """Check the unit of a data set's depth, by the medians of some images.
 
@@ -90,12 +99,11 @@ def check_plausible(
         DatasetError: the median of the medians is outside the range.
     """
     typical_m = float(np.median(list(medians_m)))
-    low_m, high_m = plausible_m
+    low_m, high_m, advice = plausible
     if not low_m <= typical_m <= high_m:
         raise DatasetError(
             f"{where} has a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m: "
-            "check the unit, which is millimetres unless --png-scale (eval pairs) or "
-            "data.units_per_metre (train, for --data only) states another"
+            f"check the unit, which {advice}"
         )
 
 

@@ -14,8 +14,9 @@ from pathlib import Path
 
 from depthcli.core.text import short_repr
 from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.files import PlausibleDepth
 from depthcli.datasets.nyu_mat import MAT_NAME, NyuMat, open_mat
-from depthcli.datasets.paired_folder import PLAUSIBLE_M as OWN_PLAUSIBLE_M
+from depthcli.datasets.paired_folder import PLAUSIBLE as OWN_PLAUSIBLE
 from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
 from depthcli.datasets.splits import is_label
 from depthcli.errors import DatasetError
@@ -23,7 +24,7 @@ from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.formats import MILLIMETRES
 
 INDEX_NAME = "index.csv"
-PLAUSIBLE_M = (0.8, 9.0)
+PLAUSIBLE = PlausibleDepth(0.8, 9.0, "has to be millimetres (metres in the .mat file)")
 """Depth stored in metres × 256 would read as 0.7 m, in metres × 4000 as 11 m."""
 
 _MAX_INDEX_BYTES = 2**26
@@ -71,7 +72,7 @@ def has_own_index(folder: Path) -> bool:
 
 
 def _open_mat(path: Path) -> NyuMat:
-    dataset = open_mat(path, PLAUSIBLE_M)
+    dataset = open_mat(path, PLAUSIBLE)
     index_path = path.with_name(INDEX_NAME)
     if not index_path.is_file():
         return dataset
@@ -89,8 +90,8 @@ def open_indexed_folder(path: Path, *, units_per_metre: float = MILLIMETRES) -> 
         DatasetError: the set is missing, incomplete, damaged, or in another unit.
     """
     index = read_index(path / INDEX_NAME)
-    plausible_m = PLAUSIBLE_M if all(map(is_label, index)) else OWN_PLAUSIBLE_M
-    pairs = open_paired_folder(path, units_per_metre=units_per_metre, plausible_m=plausible_m)
+    plausible = PLAUSIBLE if all(map(is_label, index)) else OWN_PLAUSIBLE
+    pairs = open_paired_folder(path, units_per_metre=units_per_metre, plausible=plausible)
     differing = sorted(set(index) ^ set(pairs.ids))
     if differing:
         raise DatasetError(
@@ -117,7 +118,8 @@ def read_index(path: Path) -> dict[str, IndexRow]:
         rows = list(reader)
     except OSError as error:
         raise DatasetError(
-            f"cannot read {path}: {error.strerror}; it needs the columns {', '.join(_COLUMNS)}"
+            f"cannot read {path}: {error.strerror}; it needs the columns {', '.join(_COLUMNS)}. "
+            "Pairs of your own are evaluated with 'depthcli eval pairs'"
         ) from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise DatasetError(f"{path} is not CSV in UTF-8: {error}") from error

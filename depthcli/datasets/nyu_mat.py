@@ -13,7 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.extras import INSTALL_H5PY
-from depthcli.datasets.files import check_plausible, median_m, sample_positions
+from depthcli.datasets.files import (
+    PlausibleDepth,
+    check_plausible,
+    median_m,
+    sample_positions,
+)
 from depthcli.errors import DatasetError
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
@@ -63,7 +68,7 @@ class NyuMat:
             raise DatasetError(f"{self.path} is damaged at pair {i}: fetch it again") from error
 
 
-def open_mat(path: Path, plausible_m: tuple[float, float]) -> NyuMat:
+def open_mat(path: Path, plausible: PlausibleDepth) -> NyuMat:
     """Open the file and check its layout, and that the median depth is plausible.
 
     Raises:
@@ -88,7 +93,7 @@ def open_mat(path: Path, plausible_m: tuple[float, float]) -> NyuMat:
         file=file,
     )
     check_plausible(
-        (median_m(dataset.depth_m(i)) for i in sample_positions(count)), plausible_m, path
+        (median_m(dataset.depth_m(i)) for i in sample_positions(count)), plausible, path
     )
     return dataset
 

@@ -17,6 +17,7 @@ from depthcli.core.camera import Lens
 from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
+    PlausibleDepth,
     check_plausible,
     depth_shape,
     median_m,
@@ -32,7 +33,12 @@ PREDICTION_SUFFIX = ".depth"
 """Suffix of outputs of ``predict`` and ``batch``: ``depth/a.depth.png`` belongs to ``a``."""
 CAMERAS_NAME = "cameras.csv"
 """``id,focal_px``: focal length of each picture, in its own pixels."""
-PLAUSIBLE_M = (0.1, 100.0)
+PLAUSIBLE = PlausibleDepth(
+    0.1,
+    100.0,
+    "is millimetres unless --png-scale (eval pairs) or data.units_per_metre (train --data) states "
+    "another; --extra has to be in millimetres",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +125,7 @@ def open_paired_folder(
     path: Path,
     *,
     units_per_metre: float = MILLIMETRES,
-    plausible_m: tuple[float, float] = PLAUSIBLE_M,
+    plausible: PlausibleDepth = PLAUSIBLE,
 ) -> PairedFolder:
     """Pair the files of ``rgb/`` and ``depth/`` by name; the median depth has to be plausible.
 
@@ -143,7 +149,7 @@ def open_paired_folder(
         units_per_metre=units_per_metre,
         focal_px=_focal_lengths(path / CAMERAS_NAME, ids),
     )
-    check_samples(dataset, plausible_m)
+    check_samples(dataset, plausible)
     return dataset
 
 
@@ -208,7 +214,7 @@ def _check_pairs(root: Path, images: dict[str, Path], depths: dict[str, Path]) -
         )
 
 
-def check_samples(dataset: PairedFolder, plausible_m: tuple[float, float]) -> None:
+def check_samples(dataset: PairedFolder, plausible: PlausibleDepth) -> None:
     """Check the format of every depth image, and the size and unit of a few pairs.
 
     Raises:
@@ -219,4 +225,4 @@ def check_samples(dataset: PairedFolder, plausible_m: tuple[float, float]) -> No
     samples = sample_positions(len(dataset))
     dataset.image(samples[0])
     medians_m = [median_m(dataset.depth_m(i)) for i in samples]
-    check_plausible(medians_m, plausible_m, dataset.root)
+    check_plausible(medians_m, plausible, dataset.root)

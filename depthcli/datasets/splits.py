@@ -46,7 +46,7 @@ class Split:
 def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> frozenset[str]:
     """Scenes that are held out from training: every ``every``-th by name, from ``offset`` on.
 
-    Names begin with the type of the scene, so the choice is spread over all types.
+    Names begin with the type of the scene, so types with many scenes are represented.
 
     >>> sorted(held_out_scenes(["a", "b", "b", "c", "d", "e"], every=2, offset=1))
     ['b', 'd']
@@ -84,8 +84,8 @@ def is_label(dataset_id: str) -> bool:
 def _label(dataset_id: str) -> int:
     if not is_label(dataset_id):
         raise DatasetError(
-            f"id {dataset_id!r} is not a label number of NYU Depth v2: "
-            f"number the pairs 0000 to {LABELLED_COUNT - 1}"
+            f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to "
+            f"{LABELLED_COUNT - 1}): evaluate pairs of your own with 'depthcli eval pairs'"
         )
     return int(dataset_id)
 

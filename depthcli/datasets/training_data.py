@@ -114,7 +114,10 @@ def open_training_data(
         indexed = opener is not None
         return _own_folder(path, indexed, paired, depth, split, units_per_metre)
     if units_per_metre != MILLIMETRES:
-        raise DatasetError(f"{path} is in a unit that is known: remove data.units_per_metre")
+        raise DatasetError(
+            f"{path} is a data set whose unit is known: remove data.units_per_metre, and store "
+            "the depth of a copy in millimetres"
+        )
     whole = opener(path)
     if isinstance(whole, PairedFolder) and opener is open_nyu:
         _check_nyu_shape(whole)

@@ -17,7 +17,7 @@ from depthcli.datasets.files import (
     read_image_rgb,
     sample_positions,
 )
-from depthcli.datasets.paired_folder import PLAUSIBLE_M, list_files
+from depthcli.datasets.paired_folder import PLAUSIBLE, list_files
 from depthcli.io.writers.formats import MILLIMETRES
 
 
@@ -91,5 +91,5 @@ def open_unpaired_folder(path: Path, *, units_per_metre: float = MILLIMETRES) ->
         median_m(read_depth_m(dataset.depths[j], units_per_metre))
         for j in sample_positions(len(depths))
     ]
-    check_plausible(medians_m, PLAUSIBLE_M, path)
+    check_plausible(medians_m, PLAUSIBLE, path)
     return dataset
