@@ -142,6 +142,22 @@ def test_pil_pictures_of_each_mode(
     assert model.predict(Image.new(mode, (16, 12), value)).values == pytest.approx(depth_m)
 
 
+def test_a_pil_picture_that_pillow_cannot_convert_is_refused(model: depthcli.DepthModel) -> None:
+    with pytest.raises(depthcli.InputError, match="mode La is not supported"):
+        model.predict(Image.new("La", (16, 12)))
+
+
+def test_highlights_are_white_in_tiles_too(model: depthcli.DepthModel) -> None:
+    pixels = np.full((96, 128), 0.5, np.float32)
+    pixels[:30] = 7.0
+    folder = model.pipeline.session.model.path.parent
+    detail = depthcli.Detail(tile_px=64)
+    tiled = depthcli.load_model(folder, provider="cpu", detail=detail)
+    np.testing.assert_array_equal(
+        tiled.predict(pixels).values, tiled.predict(pixels.clip(0, 1)).values
+    )
+
+
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_a_pil_picture_as_opened_is_turned_like_its_file(
     orientation: int, model: depthcli.DepthModel
@@ -373,6 +389,26 @@ def test_maps_before_an_error_are_not_lost(
         next(depths)
 
 
+@pytest.mark.parametrize("options", STREAM_OPTIONS)
+def test_maps_before_a_failure_of_the_model_are_not_lost(
+    options: dict[str, int], tmp_path: Path
+) -> None:
+    folder = write_model(
+        tmp_path / "white-is-infinitely-far",
+        output__kind="relative",
+        output__min_m=None,
+        output__max_m=None,
+        output__transform="exp",
+        output__scale=1000.0,
+    )
+    model = depthcli.load_model(folder, provider="cpu")
+    black, white = (np.full((48, 64), level, np.uint8) for level in (0, 255))
+    depths = model.predict_many([black, black, white, black], **options)
+    assert [next(depths).valid.all() for _ in range(2)] == [True, True]
+    with pytest.raises(depthcli.ModelError, match="not one number is finite"):
+        next(depths)
+
+
 @pytest.mark.parametrize(
     "pictures", ["room.png", b"data", Path("room.png"), PIXELS, depthcli.Frame(PIXELS), 3]
 )
@@ -440,6 +476,19 @@ def test_the_focal_length_scales_metres(model: depthcli.DepthModel) -> None:
     )
 
 
+@pytest.mark.parametrize("number", [np.float32(60), np.int64(60), np.array(60.0)])
+def test_a_camera_may_be_a_number_of_numpy(
+    number: Any, model: depthcli.DepthModel, tmp_path: Path
+) -> None:
+    for name in ("focal_px", "hfov_deg"):
+        camera = {name: number}
+        expected = model.predict(PIXELS, **{name: 60.0})
+        for depth in (model.predict(PIXELS, **camera), *model.predict_many([PIXELS], **camera)):
+            np.testing.assert_array_equal(depth.values, expected.values)
+            assert type(depth.focal_px) is float
+            depth.save(tmp_path / "a.json")
+
+
 def test_anchors_are_fitted_and_kept(model: depthcli.DepthModel) -> None:
     points = [(8, 10, 3.0), (50, 20, 7.0)]
     depth = model.predict(PIXELS, anchors=points)
@@ -481,6 +530,13 @@ def test_pixels_that_a_fit_erases_give_a_warning() -> None:
         depth = relative.fit_anchors([(2, 0, 1.0), (3, 0, 4.0)])
     assert told[0].filename == __file__
     np.testing.assert_allclose(depth.values, [[math.nan, math.nan, 1, 4]], rtol=1e-6)
+
+
+def test_the_warning_about_inverse_maps_names_infinity() -> None:
+    inverse = depthcli.DepthMap(np.float32([[0, 1, 2, 3]]), depthcli.DepthKind.INVERSE)
+    with pytest.warns(depthcli.DepthcliWarning, match="at or beyond infinity"):
+        depth = inverse.fit_anchors([(1, 0, 4.0), (2, 0, 2.0), (3, 0, 4 / 3)])
+    assert np.isnan(depth.values[0, 0])
 
 
 def test_files_read_have_nan_where_there_is_no_depth(tmp_path: Path) -> None:
@@ -607,6 +663,8 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
         depth.save(tmp_path / "b.png", focal_px=9, hfov_deg=60)
     with pytest.raises(depthcli.UsageError, match=r"half is for \.depth\.exr"):
         depth.save(tmp_path / "b.png", half=True)
+    with pytest.raises(depthcli.UsageError, match="'depth' would not be read as depth"):
+        depth.save(tmp_path / "b.exr", exr_channel="depth")
     with pytest.raises(depthcli.UsageError, match="selects a format"):
         depth.save(tmp_path / "b.jpg")
     assert not list(tmp_path.glob("b.*"))

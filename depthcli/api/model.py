@@ -22,7 +22,7 @@ from depthcli.core.camera import Lens
 from depthcli.core.choices import DEFAULT_DETAIL
 from depthcli.core.overscan import displayed_depth, displayed_frame, without_invented
 from depthcli.core.parallel.ordered_map import ordered_map
-from depthcli.errors import DepthcliWarning, InputError, UsageError
+from depthcli.errors import DepthcliWarning, InputError, ModelError, UsageError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.providers import AUTO
@@ -194,10 +194,10 @@ class DepthModel:
     def _depths(
         self, frames: Sequence[types.Frame], focal_px: float | None, hfov_deg: float | None
     ) -> Iterator[types.DepthMap]:
-        """Depth of a batch; one by one if it is refused, for the maps before the bad picture."""
+        """Depth of a batch; one by one if it fails, for the maps before the bad picture."""
         try:
             yield from self.pipeline.predict_many(frames, focal_px=focal_px, hfov_deg=hfov_deg)
-        except InputError:
+        except (InputError, ModelError, MemoryError):
             for frame in frames:
                 yield self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
 

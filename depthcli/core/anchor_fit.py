@@ -105,7 +105,8 @@ def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
     if not lost:
         return ()
     share = f"{100 * lost / fitted.values.size:.3g} %"
-    return (f"{lost} pixels ({share}) are at or below 0 m after the fit and have no depth",)
+    where = "at or beyond infinity" if before.kind is DepthKind.INVERSE else "at or below 0 m"
+    return (f"{lost} pixels ({share}) are {where} after the fit and have no depth",)
 
 
 def _known(points: AnchorPoints, values: _Values, kind: DepthKind) -> npt.NDArray[np.bool_]:

@@ -36,8 +36,9 @@ def shrink_bands(
         (height, width) or (height, width, C) float32.
     """
     rows, columns = pixels.shape[:2]
+    narrowest = min(width, columns)  # a strip is widened once it is short
     narrow = [
-        resize_area(plane(pixels[band]), width, band.stop - band.start)
+        resize_area(plane(pixels[band]), narrowest, band.stop - band.start)
         for band in row_bands(columns, rows)
     ]
     return resize_area(np.concatenate(narrow), width, height)

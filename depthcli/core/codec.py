@@ -39,15 +39,16 @@ class DepthCodec(NamedTuple):
     def decode(self, raw: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Depth of a raw output; any shape, float32 in and out.
 
-        A reciprocal of zero or less is infinitely far, hence ``inf``.
+        A reciprocal of zero or less is infinitely far, hence ``inf``. NaN stays NaN.
         """
         t = raw * np.float32(self.scale) + np.float32(self.shift)
         match self.transform:
             case Transform.LINEAR:
                 return t
             case Transform.EXP:
-                depth: npt.NDArray[np.float32] = np.exp(t)
+                with np.errstate(over="ignore"):
+                    depth: npt.NDArray[np.float32] = np.exp(t)
                 return depth
             case Transform.RECIPROCAL:
-                with np.errstate(divide="ignore"):
-                    return np.where(t > 0, np.float32(1) / t, np.float32(np.inf))
+                with np.errstate(divide="ignore", over="ignore"):
+                    return np.where(t <= 0, np.float32(np.inf), np.float32(1) / t)

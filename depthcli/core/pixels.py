@@ -11,6 +11,8 @@ from depthcli.errors import InputError
 _GRAY_RANK, _COLOUR_RANK = 2, 3
 _RGB = 3
 _CHANNELS = (1, 3, 4)
+# Colours out of gamut and resampling make some negatives; a picture in [-1, 1] has many.
+_ROUNDING, _NEGATIVE_SHARE = 0.01, 0.1
 
 
 def check_pixels(pixels: npt.NDArray[Any]) -> None:
@@ -38,6 +40,16 @@ def _check_floats(pixels: npt.NDArray[np.float32]) -> None:
         raise InputError(
             "some float pixels are NaN or infinite; replace them, for example with np.nan_to_num"
         )
-    # Highlights may pass 1; where most of a picture does, it is in 0-255 or another unit.
-    if (low < 0 or high > 1) and np.count_nonzero((pixels < 0) | (pixels > 1)) * 2 > pixels.size:
+    negative = low < 0 and np.count_nonzero(pixels < -_ROUNDING) > pixels.size * _NEGATIVE_SHARE
+    if negative or exceeds_white(pixels):
         raise InputError(f"float pixels have to be in [0, 1], not {low:g} to {high:g}; scale them")
+
+
+def exceeds_white(pixels: npt.NDArray[np.float32]) -> bool:
+    """Whether most of a picture that is not black is above 1: it is in 0-255 or another unit.
+
+    Highlights may be above 1.
+    """
+    if pixels.max() <= 1:
+        return False
+    return bool(np.count_nonzero(pixels > 1) * 2 > np.count_nonzero(pixels > 0))

@@ -183,6 +183,7 @@ class DepthMap:
         if self.values.ndim != 2 or self.values.dtype != np.float32:  # noqa: PLR2004
             msg = f"depth is (H, W) float32, not {self.values.shape} {self.values.dtype}"
             raise ValueError(msg)
+        object.__setattr__(self, "kind", DepthKind(self.kind))
 
     @property
     def height(self) -> int:

@@ -68,10 +68,11 @@ def _resize_factor(spec: InputSpec, frame: Frame, layout: Layout) -> float:
 
 def _stated_camera(frame: Frame, lens: Lens) -> PictureCamera | None:
     if lens.focal_px is not None:
-        return PictureCamera(lens.focal_px, CameraSource.OPTION)
+        return PictureCamera(float(lens.focal_px), CameraSource.OPTION)
     width, height = frame.display_size_px
     if lens.hfov_deg is not None:
-        return PictureCamera(scaling.focal_px_of_hfov(lens.hfov_deg, width), CameraSource.OPTION)
+        in_px = scaling.focal_px_of_hfov(float(lens.hfov_deg), width)
+        return PictureCamera(in_px, CameraSource.OPTION)
     if frame.focal_35mm is not None:
         in_px = scaling.focal_px_of_35mm(frame.focal_35mm, width, height)
         return PictureCamera(in_px, CameraSource.EXIF)

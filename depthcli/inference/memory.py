@@ -16,6 +16,7 @@ from depthcli.models.card_specs import Colour, InputSpec, Resize
 
 # Arrays of the size of a tiled map, counted in the code, with a margin.
 _BYTES_A_CELL = 64
+_MAX_CELLS_A_PIXEL = 4  # more show nothing of the picture
 _FLOAT_PLANES = 2  # the plane and its scaled copy
 
 
@@ -37,6 +38,12 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
     least_px = math.ceil(math.sqrt(cells / max(1.0, (limit - fixed) / _BYTES_A_CELL)))
     if detail.tile_px is None:
         return None
+    finest_px = math.ceil(math.sqrt(cells / (_MAX_CELLS_A_PIXEL * width * frame.height)))
+    if AUTO_TILE != detail.tile_px < min(finest_px, width):
+        raise InputError(
+            f"tiles of {detail.tile_px} pixels have less detail than the network's input; give "
+            f"--tile {max(finest_px, least_px)} or more"
+        )
     if detail.tile_px == AUTO_TILE:
         chosen = max(-(-3 * width // 4), spec.width, least_px)
         return chosen if chosen < width else None

@@ -94,7 +94,7 @@ class Pipeline:
             tile_width_px(self.card.input, frame, self.detail)
         given = Lens(focal_px, hfov_deg)
         own = [lens or given for lens in lenses or [None] * len(frames)]
-        for lens in {given, *own}:
+        for lens in (given, *own):
             scaling.check_camera(lens.focal_px, lens.hfov_deg)
         prepared = [prepare(self.card.input, frame) for frame in frames]
         raws = self._run([single for single, _ in prepared])

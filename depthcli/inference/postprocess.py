@@ -71,9 +71,16 @@ def _finite(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.
 
 
 def _crop(depth: npt.NDArray[np.float32], layout: Layout) -> npt.NDArray[np.float32]:
-    """Crop the picture from a letterbox; a smaller output is first resized to the input's size."""
-    if depth.shape != (layout.height, layout.width):
-        depth = resize_bilinear(depth, layout.width, layout.height)
-    rows = slice(layout.top, layout.top + layout.inner_height)
-    columns = slice(layout.left, layout.left + layout.inner_width)
+    """Crop the picture from a letterbox.
+
+    A smaller output in which the picture does not begin and end with a pixel is first resized to
+    the input's size.
+    """
+    stride = max(1, layout.width // depth.shape[1])
+    is_smaller = depth.shape == (layout.height // stride, layout.width // stride)
+    if not is_smaller or any(length % stride for length in layout):
+        depth, stride = resize_bilinear(depth, layout.width, layout.height), 1
+    top, left = layout.top // stride, layout.left // stride
+    rows = slice(top, top + layout.inner_height // stride)
+    columns = slice(left, left + layout.inner_width // stride)
     return np.ascontiguousarray(depth[rows, columns])

@@ -18,6 +18,7 @@ _LARGE_PIXELS = 4_000_000  # larger pictures are converted to float in bands
 # Times the shorter side; longer pictures are padded to that. Chosen on held-out pairs, on which a
 # longer input of the same area is worse: docs/cameras.md.
 _MAX_ASPECT = 2
+_GRID_PX = 2  # pixels of the input for one of a smaller output
 _MAX_AREA_FACTOR = 16  # times the nominal pixel count, for a picture that is one long strip
 
 
@@ -79,7 +80,8 @@ def _same_area(spec: InputSpec, width: int, height: int) -> Layout:
     columns, rows = (_multiple(side, spec.multiple_of) for side in sides)
     if wanted == aspect:
         return _without_padding(columns, rows)
-    return _letterboxed(spec, columns, rows, width, height)
+    padded = _letterboxed(spec, columns, rows, width, height)
+    return _on_grid(padded) if columns % _GRID_PX == rows % _GRID_PX == 0 else padded
 
 
 def _letterboxed(spec: InputSpec, columns: int, rows: int, width: int, height: int) -> Layout:
@@ -90,6 +92,18 @@ def _letterboxed(spec: InputSpec, columns: int, rows: int, width: int, height: i
     inner_height = min(rows, max(1, round(height * scale * spec.pixel_aspect)))
     left, top = (columns - inner_width) // 2, (rows - inner_height) // 2
     return Layout(columns, rows, left, top, inner_width, inner_height)
+
+
+def _on_grid(padded: Layout) -> Layout:
+    """The layout whose picture begins and ends with a pixel of an output of half the size."""
+    inner_width, inner_height = (
+        _multiple(size, _GRID_PX) for size in (padded.inner_width, padded.inner_height)
+    )
+    left, top = (
+        (whole - inner) // 2 // _GRID_PX * _GRID_PX
+        for whole, inner in ((padded.width, inner_width), (padded.height, inner_height))
+    )
+    return Layout(padded.width, padded.height, left, top, inner_width, inner_height)
 
 
 def _bounded(spec: InputSpec, width: int, height: int) -> Layout:

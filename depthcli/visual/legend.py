@@ -11,6 +11,7 @@ _TICK_HEIGHT = 20  # of a label, at the reference height
 _MIN_ROOM = 0.6  # closer labels touch
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _REFERENCE_HEIGHT = 480  # at this height the scale is 1
+_THOUSAND = 1000
 _MIN_SIZE = 0.9  # smaller text loses its decimal points
 
 
@@ -59,8 +60,11 @@ def tick_value(nearness: float, near: float, far: float, kind: DepthKind) -> flo
 
 
 def label(value: float, kind: DepthKind) -> str:
-    """Three significant digits, with the unit where there is one."""
-    digits = f"{value:#.3g}".rstrip(".") if abs(value) < 1e4 else f"{value:.3g}"  # noqa: PLR2004
+    """Three significant digits, or whole thousands, with the unit where there is one."""
+    if _THOUSAND <= abs(value) < 10 * _THOUSAND:
+        digits = f"{value:.0f}"
+    else:
+        digits = f"{value:#.3g}".rstrip(".") if abs(value) < _THOUSAND else f"{value:.3g}"
     return f"{digits} m" if kind is DepthKind.METRIC else digits
 
 

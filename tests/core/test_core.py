@@ -92,6 +92,11 @@ def test_log_coding_puts_its_ends_at_minus_one_and_one() -> None:
     assert ends == pytest.approx([0.4, 10], rel=1e-5)
 
 
+@pytest.mark.parametrize("transform", Transform)
+def test_what_is_no_number_has_no_depth(transform: Transform) -> None:
+    assert np.isnan(DepthCodec(transform).decode(np.float32([math.nan]))).all()
+
+
 def test_reciprocal_of_nothing_is_infinitely_far() -> None:
     codec = DepthCodec(Transform.RECIPROCAL)
     with np.errstate(all="raise"):

@@ -176,6 +176,19 @@ def test_shrinking_by_bands_equals_shrinking(
     np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
+def test_no_band_is_wider_than_the_picture_or_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A strip of 400,000 rows took the memory of 400,000 rows of the result."""
+    widths: list[int] = []
+
+    def resized(values: np.ndarray, width: int, height: int) -> np.ndarray:
+        widths.append(width)
+        return resize_area(values, width, height)
+
+    monkeypatch.setattr(bands, "resize_area", resized)
+    shrink_bands(np.zeros((400, 3), np.uint8), colour.luma, 192, 144)
+    assert widths == [3, 192]
+
+
 def test_texture_that_depth_does_not_follow_is_not_copied() -> None:
     slope = np.broadcast_to(np.linspace(2, 4, 32, dtype=np.float32), (24, 32)).copy()
     checks = np.indices((96, 128)).sum(axis=0) // 2 % 2

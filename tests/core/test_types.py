@@ -54,8 +54,31 @@ def test_highlights_may_pass_one() -> None:
 
 
 def test_highlights_and_negative_light_are_shown_as_white_and_black() -> None:
-    pixels = np.float32([[1.2, 0.5], [-0.2, 0.5], [0.5, 0.5]])
-    assert Frame(pixels).pixels_8bit()[..., 0].tolist() == [[255, 128], [0, 128], [128, 128]]
+    pixels = np.full((6, 2), 0.5, np.float32)
+    pixels[0] = 1.2, -0.2
+    expected = np.full((6, 2), 128)
+    expected[0] = 255, 0
+    np.testing.assert_array_equal(Frame(pixels).pixels_8bit()[..., 0], expected)
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        np.float32([[0, 0, 0, 0], [0, 0, 40, 200]]),  # 0-255, mostly masked
+        np.float32([[-1, 0.2], [0.4, 0.9]]),  # [-1, 1]
+        np.float32([[-2, 1.5], [-0.1, 0.3]]),  # mean 0, variance 1
+    ],
+)
+def test_floats_in_another_range_are_refused(pixels: np.ndarray) -> None:
+    with pytest.raises(InputError, match=r"have to be in \[0, 1\]"):
+        Frame(pixels)
+
+
+@pytest.mark.parametrize("kind", DepthKind)
+def test_the_kind_of_a_map_may_be_text(kind: DepthKind) -> None:
+    depth = DepthMap(np.ones((2, 2), np.float32), str(kind))  # type: ignore[arg-type]
+    assert depth.kind is kind
+    assert depth.is_metric == (kind is DepthKind.METRIC)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])

@@ -29,18 +29,22 @@ def test_the_tiles_that_a_refusal_names_fit() -> None:
         return tile_width_px(spec(Resize.AREA), frame, detail)
 
     with pytest.raises(InputError) as refused:
-        width(4)
+        width(96)
     found = re.fullmatch(
-        r"tiles of 4 pixels need (\d+M), more than --max-memory 12M; raise it to (\d+M) or give "
+        r"tiles of 96 pixels need (\d+M), more than --max-memory 12M; raise it to (\d+M) or give "
         r"--tile (\d+)",
         str(refused.value),
     )
     assert found is not None
     assert found[1] == found[2]
-    assert width(4, found[1]) == 4
+    assert width(96, found[1]) == 96
     assert width(int(found[3])) == int(found[3])
     with pytest.raises(InputError, match="tiles of"):
         width(int(found[3]) - 1)
+    with pytest.raises(InputError, match=rf"less detail .* give --tile {found[3]} or more"):
+        width(40)
+    with pytest.raises(InputError, match=r"give --tile \d\d or more"):
+        width(40, "9000M")
 
 
 @pytest.mark.parametrize("colour", [Colour.VALUE, Colour.RGB])

@@ -14,6 +14,8 @@ from depthcli.core.camera import Lens
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import ModelError, UsageError
 from depthcli.inference.pipeline import Pipeline, load
+from depthcli.inference.postprocess import coarse_depth
+from depthcli.inference.preprocess import input_layout
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.models.catalog import find_model
@@ -68,6 +70,21 @@ def test_an_output_of_lower_stride_is_brought_to_size(tmp_path: Path) -> None:
     depth = load(folder).predict(gray(255))
     assert depth.values.shape == (30, 40)
     np.testing.assert_allclose(depth.values, 9, rtol=1e-5)
+
+
+@pytest.mark.parametrize("size", [(100, 40), (40, 100), (239, 100)])
+def test_padding_is_cut_off_a_smaller_output_without_resampling(
+    tmp_path: Path, size: tuple[int, int]
+) -> None:
+    """A step between two rows of the output stays one pixel of the output wide."""
+    card = find_model(write_model(tmp_path, input__dynamic=True, input__fit="keep-aspect")).card
+    layout = input_layout(card.input, *size)
+    assert layout.is_padded
+    raw = np.zeros((layout.height // 2, layout.width // 2), np.float32)
+    raw[layout.height // 4 :, layout.width // 4 :] = 1
+    cut = coarse_depth(card.output, raw, layout)
+    assert cut.shape == (layout.inner_height // 2, layout.inner_width // 2)
+    assert len(np.unique(cut)) == 2
 
 
 def test_a_model_of_inverse_depth_says_so(tmp_path: Path) -> None:

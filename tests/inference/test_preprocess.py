@@ -129,8 +129,9 @@ def test_a_long_strip_is_padded_to_two_to_one(size: tuple[int, int]) -> None:
     long, short = (0, 1) if size[0] > size[1] else (1, 0)
     outer, inner = (place.width, place.height), (place.inner_width, place.inner_height)
     assert (outer[long], outer[short]) == (236, 116)
-    assert (inner[long], inner[short]) == (236, max(1, round(236 * size[short] / size[long])))
-    assert abs((place.left, place.top)[short] - (116 - inner[short]) / 2) < 1
+    assert (inner[long], inner[short]) == (236, max(2, 2 * round(118 * size[short] / size[long])))
+    assert abs((place.left, place.top)[short] - (116 - inner[short]) / 2) <= 1
+    assert all(length % 2 == 0 for length in place)  # an output of half the size has these edges
 
 
 def test_a_network_that_learned_longer_pictures_sees_them_so() -> None:

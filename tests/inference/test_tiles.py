@@ -255,14 +255,14 @@ def test_memory_bounds_tiles(camera: Callable[[Detail], Pipeline]) -> None:
     room = Detail(tile_px=AUTO_TILE, max_memory_bytes=400_000_000)
     assert tile_width_px(spec, frame, room) == 6000
     with pytest.raises(InputError, match=r"give --tile \d+") as refused:
-        tile_width_px(spec, frame, Detail(tile_px=3, max_memory_bytes=400_000_000))
+        tile_width_px(spec, frame, Detail(tile_px=99, max_memory_bytes=400_000_000))
     said = re.search(r"to (\d+)M or give --tile (\d+)", str(refused.value))
     assert said is not None
     megabytes, least = map(int, said.groups())
-    for tile_px, limit_mb in ((3, megabytes), (least, 400)):  # what it says is what is needed
+    for tile_px, limit_mb in ((99, megabytes), (least, 400)):  # what it says is what is needed
         detail = Detail(tile_px=tile_px, max_memory_bytes=limit_mb * 1_000_000)
         assert tile_width_px(spec, frame, detail) == tile_px
-    for tile_px, limit_mb in ((3, megabytes - 1), (least - 1, 400)):
+    for tile_px, limit_mb in ((99, megabytes - 1), (least - 1, 400)):
         with pytest.raises(InputError):
             tile_width_px(
                 spec, frame, Detail(tile_px=tile_px, max_memory_bytes=limit_mb * 1_000_000)

@@ -15,7 +15,7 @@ from depthcli.io.pictures.read import read_image, upright
 from depthcli.io.storage.remote import path_of
 
 _ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
-_GRAY_MODES = ("1", "LA", "La")
+_GRAY_MODES = ("1", "LA")
 _PLAIN_MODES = ("L", "RGB", "I", "F")  # Frame refuses unsupported pixels of the last two
 _COLOUR_RANK = 3
 _ALPHA = {2: 1, 4: 3}
@@ -72,6 +72,8 @@ def frame_of(picture: Picture, white_level: int | None = None) -> Frame:
         return read_image(None, bytes(picture), name=name, white_level=white_level)
     frame = _of_pil(picture) if hasattr(picture, "getexif") else Frame(_pixels(picture))
     pixels, warnings = full_range(frame.pixels, b"", white_level)
+    if pixels.dtype == np.float32:
+        pixels = pixels.clip(0, 1)
     return replace(frame, pixels=pixels, warnings=warnings)
 
 
@@ -118,4 +120,9 @@ def _gray_or_rgb(image: Any) -> Any:  # noqa: ANN401 - PIL need not be installed
     if image.mode in _GRAY_MODES:
         return image.convert("L")
     is_plain = image.mode in _PLAIN_MODES or image.mode.startswith("I;16")
-    return image if is_plain else image.convert("RGB")
+    try:
+        return image if is_plain else image.convert("RGB")
+    except ValueError as error:
+        raise InputError(
+            f"a PIL picture of mode {image.mode} is not supported; convert it to RGB"
+        ) from error

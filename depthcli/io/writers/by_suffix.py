@@ -5,6 +5,7 @@ from pathlib import Path
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
+from depthcli.io.depth.exr_layers import depth_channel
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.formats import FILE_SUFFIXES, FORMATS, Format, format_of, writer_class
 
@@ -39,4 +40,7 @@ def _checked_options(name: Format, options: Mapping[str, object]) -> dict[str, o
         if option not in FORMATS[name].options:
             owner = next(facts for facts in FORMATS.values() if option in facts.options)
             raise UsageError(f"{option} is for {owner.suffix}, not for {FORMATS[name].suffix}")
+    channel = given.get("exr_channel")
+    if channel is not None and depth_channel([str(channel)]) is None:
+        raise UsageError(f"exr_channel {channel!r} would not be read as depth; use Y, Z or depth.Z")
     return given
