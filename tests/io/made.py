@@ -74,11 +74,16 @@ def png(
 
 
 def tiff(
-    pixels: npt.NDArray[np.generic], orientation: int = 1, photometric: int = -1, planes: int = 1
+    pixels: npt.NDArray[np.generic],
+    orientation: int = 1,
+    photometric: int = -1,
+    planes: int = 1,
+    extra: tuple[int, ...] = (),
 ) -> bytes:
     """An uncompressed little-endian TIFF of the array's type; (H, W) or (H, W, C).
 
-    With two ``planes`` the header says that each channel is by itself.
+    With two ``planes`` the header says that each channel is by itself. ``extra`` are the kinds of
+    the last channels: 0 unknown, 1 associated alpha, 2 unassociated alpha.
     """
     height, width = pixels.shape[:2]
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
@@ -93,8 +98,9 @@ def tiff(
         277: [channels],
         284: [planes],
         339: [sample] * channels,
-    }
-    at = 8 + 2 + 12 * 12 + 4
+    } | ({338: [*extra]} if extra else {})
+    count = len(words) + 5
+    at = 8 + 2 + 12 * count + 4
     longs = {256: width, 257: height, 273: at + 32, 278: height, 279: pixels.nbytes}
     lists, tags = b"", b""
     for tag in sorted({**words, **longs}):
@@ -105,7 +111,7 @@ def tiff(
         tags += struct.pack("<HHI", tag, 3, len(words[tag]))
         tags += value.ljust(4, b"\0") if len(value) <= 4 else struct.pack("<I", at + len(lists))
         lists += value if len(value) > 4 else b""
-    head = b"II*\0" + struct.pack("<IH", 8, 12)
+    head = b"II*\0" + struct.pack("<IH", 8, count)
     return head + tags + bytes(4) + lists.ljust(32, b"\0") + np.ascontiguousarray(pixels).tobytes()
 
 

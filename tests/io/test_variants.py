@@ -214,6 +214,30 @@ def test_floats_in_another_unit_are_refused() -> None:
         pixels(made.tiff(np.array([[0, 128, 255]], np.float32)))
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_alpha_of_a_tiff_is_dropped_and_not_multiplied(dtype: type, kind: int) -> None:
+    colours = np.arange(24).reshape(2, 3, 4).astype(dtype) * 10
+    found = pixels(made.tiff(colours, extra=(kind,)))
+    np.testing.assert_array_equal(found, colours[..., :3])
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_alpha_of_a_gray_tiff_is_dropped(kind: int) -> None:
+    gray = np.arange(12).reshape(2, 3, 2).astype(np.uint8) * 20
+    found = pixels(made.tiff(gray, photometric=1, extra=(kind,)))
+    np.testing.assert_array_equal(found.reshape(2, 3, -1)[..., 0], gray[..., 0])
+
+
+@pytest.mark.parametrize("channels", [2, 3])
+@pytest.mark.parametrize("photometric", [0, 1])
+def test_gray_tiffs_of_16_bits_with_alpha_are_refused(channels: int, photometric: int) -> None:
+    """OpenCV reads them as 8-bit gray, or as colours."""
+    gray = np.full((2, 3, channels), 4095, np.uint16)
+    with pytest.raises(InputError, match="gray with alpha"):
+        pixels(made.tiff(gray, photometric=photometric, extra=(2, 0)[: channels - 1]))
+
+
 def test_five_channels_are_refused() -> None:
     with pytest.raises(InputError, match="cannot be decoded"):
         pixels(made.tiff(np.zeros((2, 2, 5), np.uint8)))

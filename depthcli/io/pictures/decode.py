@@ -19,6 +19,7 @@ from depthcli.io.pictures.decoder_messages import decoder_messages
 from depthcli.io.pictures.heif import is_heif
 from depthcli.io.pictures.integrity import find_problem
 from depthcli.io.pictures.size import is_os2, picture_size
+from depthcli.io.pictures.tiff import TIFF_STARTS, with_colours_as_stored
 from depthcli.io.png.chunks import static_image
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath
@@ -98,6 +99,8 @@ def decoded(data: bytes, flags: int) -> npt.NDArray[np.generic] | None:
     Raises:
         cv2.error: the decoder failed.
     """
+    if data.startswith(TIFF_STARTS):
+        data = with_colours_as_stored(data)
     with decoder_messages() as messages:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     return None if pixels is None or pixels.size == 0 or _DATA_LOSS.search(messages) else pixels

@@ -3,12 +3,14 @@
 import struct
 import zlib
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from typing import NamedTuple
 
 _SUBFILE_TYPE, _REDUCED_OR_MASK = 254, 0b101
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
-_PHOTOMETRIC, _PLANES = 262, 284
-_WHITE_IS_ZERO, _PLANAR, _EIGHT = (0,), (2,), 8
+_PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES = 262, 277, 284, 338
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _PLANAR, _EIGHT = (0,), (1,), (2,), 8
+_ASSOCIATED, _UNASSOCIATED = 1, 2  # alpha: whether colours are multiplied by it
 _STRIPS, _TILES = (273, 279), (324, 325)
 """Tags of the offsets and the byte counts of the pixels."""
 _FIELD_TYPES = {1: "B", 3: "H", 4: "I", 8: "h", 9: "i", 13: "I", 16: "Q"}
@@ -18,7 +20,7 @@ _SUPPORTED_COMPRESSIONS = frozenset(
     {1, 2, 3, 4, 5, 6, 7, 32773, 34676, 34677, 34887, 34925, 50000, 50001}
 )
 _SUPPORTED_COMPRESSIONS |= _DEFLATE
-_CHECKED_TAGS = (_BITS, _COMPRESSION, _PHOTOMETRIC, _PLANES, *_STRIPS, *_TILES)
+_CHECKED_TAGS = (_BITS, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _PLANES, *_STRIPS, *_TILES)
 _PIECE_BYTES = 2**20
 
 
@@ -50,6 +52,29 @@ def tiff_tags(
     Raises:
         struct.error: the file is truncated.
     """
+    for tag, form, position in _entries(data, wanted, at):
+        yield tag, _unpack(form, data, position)
+
+
+def with_colours_as_stored(data: bytes) -> bytes:
+    """The file with its alpha declared as associated, so that no decoder multiplies colours by it.
+
+    A truncated one is returned as it is.
+    """
+    with suppress(struct.error):
+        for _, form, position in _entries(data, (_EXTRA_SAMPLES,), None):
+            values = _unpack(form, data, position)
+            if _UNASSOCIATED in values:
+                declared = (_ASSOCIATED if value == _UNASSOCIATED else value for value in values)
+                tail = position + struct.calcsize(form)
+                return data[:position] + struct.pack(form, *declared) + data[tail:]
+    return data
+
+
+def _entries(
+    data: bytes, wanted: Collection[int], at: int | None
+) -> Iterator[tuple[int, str, int]]:
+    """Wanted tags of a directory, with the format and the position of their values."""
     layout = _LAYOUTS[data[:4]]
     order, number = layout.order, layout.order + layout.number
     if at is None:
@@ -63,7 +88,7 @@ def tiff_tags(
             form, position = f"{order}{many}{_FIELD_TYPES[kind]}", entry + layout.value
             if struct.calcsize(form) > struct.calcsize(number):
                 (position,) = _unpack(number, data, position)
-            yield tag, _unpack(form, data, position)
+            yield tag, form, position
 
 
 def _unpack(form: str, data: bytes, at: int) -> tuple[int, ...]:
@@ -137,7 +162,10 @@ def _unsupported(tags: Mapping[int, tuple[int, ...]]) -> str | None:
         return None
     if tags.get(_PLANES) == _PLANAR and len(bits) > 1:
         return "has a plane for each colour and more than 8 bits; save it with interleaved colours"
-    if tags.get(_PHOTOMETRIC) == _WHITE_IS_ZERO:
+    photometric, samples = tags.get(_PHOTOMETRIC), tags.get(_SAMPLES, (1,))
+    if photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO) and samples > (1,):
+        return "has gray with alpha and more than 8 bits; save it without alpha"
+    if photometric == _WHITE_IS_ZERO:
         return "has 0 for white and more than 8 bits; save it with 0 for black"
     return None
 
