@@ -161,7 +161,11 @@ def output_bases(sources: Sequence[Path | None]) -> list[str]:
 def _with_namesakes(folder: Path, own: set[str]) -> set[str]:
     """Inputs of one folder, and the pictures and videos there whose outputs could collide."""
     others = set(chain(*namesakes(folder, own).values())) - own
-    return own | {n for n in others if is_media(n) and not is_own_picture(folder / n)}
+    return own | {
+        name
+        for name in others
+        if is_media(name) and not (folder / name).is_dir() and not is_own_picture(folder / name)
+    }
 
 
 def check_collisions(plans: Sequence[OutputPlan]) -> None:

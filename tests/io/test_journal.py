@@ -237,6 +237,40 @@ def test_shards_share_a_folder_with_none_but_shards(tmp_path: Path) -> None:
     Journal(tmp_path).finish([])
 
 
+@pytest.mark.parametrize("form", ManifestFormat)
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("manifest.jsonl", b'{"audio": "x.wav"}\n'),
+        ("manifest.parquet/precious.txt", b"mine"),
+        ("manifest.parquet/data.parquet", b"mine"),
+    ],
+)
+def test_a_manifest_of_another_program_is_left_alone(
+    tmp_path: Path, name: str, content: bytes, form: ManifestFormat
+) -> None:
+    file = tmp_path / name
+    file.parent.mkdir(exist_ok=True)
+    file.write_bytes(content)
+    with pytest.raises(UsageError, match=r"was not written by depthcli|not a complete Parquet"):
+        Journal(tmp_path, form=form)
+    assert file.read_bytes() == content
+
+
+def test_a_link_in_the_place_of_a_manifest_is_refused(tmp_path: Path) -> None:
+    target = tmp_path / "mine"
+    target.write_bytes(row("a.png").as_line())
+    (tmp_path / "manifest.jsonl").symlink_to(target)
+    with pytest.raises(OutputError, match=r"manifest\.jsonl: it is a link; remove it"):
+        Journal(tmp_path)
+    assert (tmp_path / "manifest.jsonl").is_symlink()
+
+
+def test_an_empty_manifest_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "manifest.jsonl").touch()
+    Journal(tmp_path).finish([])
+
+
 def test_a_manifest_keeps_its_form_until_another_is_asked_for(tmp_path: Path) -> None:
     for form, kept in [
         (ManifestFormat.PARQUET, "manifest.parquet"),

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from depthcli.errors import UsageError
+from depthcli.io.listing.folder import InputFile
 from depthcli.io.listing.path_list import listed_inputs, read_list
 
 if TYPE_CHECKING:
@@ -33,6 +34,16 @@ def csv(path: Path, text: str, encoding: str = "utf-8") -> Path:
 def link(path: Path, target: str) -> Path:
     path.symlink_to(target)
     return path
+
+
+def test_paths_of_a_list_of_a_store_are_not_those_of_local_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.jpg").touch()
+    monkeypatch.chdir(tmp_path)
+    assert list(listed_inputs(["a.jpg"], "s3://photos/in")) == [
+        InputFile("a.jpg", "s3://photos/in/a.jpg")
+    ]
 
 
 @pytest.mark.parametrize(
@@ -92,6 +103,11 @@ def test_a_folder_of_parquet_files_is_read_in_the_order_of_names(tmp_path: Path)
             "line 3: .* limit",
         ),
         (lambda f: csv(f / "l.txt", "a.png\n"), "c", "--column is for lists in Parquet and CSV"),
+        (
+            lambda f: csv(f / "l.csv", "path\na.png\n", "utf-16"),
+            None,
+            "the list of inputs is in UTF-16; save it in UTF-8",
+        ),
         (
             lambda f: csv(f / "l.txt", "a.png\n", "utf-16"),
             None,

@@ -52,6 +52,9 @@ def left(bucket: Bucket) -> dict[str, bytes]:
         "out/nearby",
         "manifest.jsonl",
         "out2/manifest",
+        "out/manifest_old/a.depth.png",
+        "out/manifests/day1/a.depth.png",
+        "out/.depthcli-batch-notes.txt",
     ):
         bucket.put(name, b"not a row")
     return found

@@ -57,6 +57,17 @@ def test_the_same_name_in_another_folder_stops_the_batch(
     assert all(result.is_kept for result in Batch(request(tmp_path)))
 
 
+def test_nothing_is_written_if_a_later_name_is_taken(tmp_path: Path) -> None:
+    write_picture(tmp_path / "in" / "b.png", synthetic_picture(24, 32))
+    list(Batch(request(tmp_path)))
+    before = outputs(tmp_path / "out")
+    for name, width in (("a.png", 40), ("b.png", 44), ("c.png", 48)):
+        write_picture(tmp_path / "other" / name, synthetic_picture(24, width))
+    with pytest.raises(UsageError, match=r"b\.depth\.png is the output for"):
+        list(Batch(request_of(tmp_path, "other")))
+    assert outputs(tmp_path / "out") == before
+
+
 def test_the_manifest_has_the_full_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write_picture(tmp_path / "in" / "a.png")

@@ -12,6 +12,7 @@ from tiny import synthetic_picture, write_picture
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.picture_options import PictureOptions
+from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.listing.globs import NameFilter
 from depthcli.io.manifest.journal import known_rows
@@ -167,5 +168,10 @@ def test_rows_that_are_not_ours_are_passed_over(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     strange = b'{"input": 3}\n[]\nno json\n\xff\xfe\n'
     (tmp_path / "out" / "manifest.jsonl").write_bytes(strange)
+    with pytest.raises(UsageError, match="was not written by depthcli"):
+        kept(tmp_path)
+    (tmp_path / "out" / "manifest.jsonl").unlink()
     assert kept(tmp_path) == {"a.png": False}
+    with (tmp_path / "out" / "manifest.jsonl").open("ab") as manifest:
+        manifest.write(strange)
     assert kept(tmp_path) == {"a.png": True}

@@ -122,7 +122,7 @@ def test_a_decoder_that_is_narrowed_is_told_with_both_widths(
 @pytest.mark.parametrize(
     ("changed", "line"),
     [
-        ({"units_per_metre": 256.0}, "is in a unit that is known"),
+        ({"units_per_metre": 256.0}, "is a data set whose unit is known"),
         ({"split": "official"}, "no pair here belongs to the training part of the official split"),
     ],
 )

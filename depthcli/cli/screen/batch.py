@@ -8,7 +8,7 @@ from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import show_progress
 from depthcli.core.interrupt import Interrupt
 from depthcli.core.text import one_line
-from depthcli.errors import SIGNAL_BASE, ModelError
+from depthcli.errors import SIGNAL_BASE, ModelError, UsageError
 from depthcli.io.listing.skipped import skip_summary
 from depthcli.jobs.batch.dry_run import DryRunResult
 from depthcli.jobs.batch.input_plan import Plan
@@ -45,6 +45,7 @@ class BatchScreen:
         """Run a batch, and print its results."""
         for warning in () if self.quiet else batch.warnings:
             console.warn(warning)
+        resumes = True
         try:
             with show_progress(silent=self.quiet or self.as_json) as progress, closing(batch):
                 stage = progress.begin("", batch.tally.total, "inputs")
@@ -57,10 +58,13 @@ class BatchScreen:
         except ModelError:
             stop.check()  # the network was stopped
             raise
+        except UsageError:
+            resumes = False
+            raise
         finally:
             for result in batch.late:
                 self._print(result)
-            self._print_summary(plan, batch)
+            self._print_summary(plan, batch, resumes=resumes)
 
     def _print(self, result: Result) -> None:
         if self.as_json:
@@ -69,7 +73,7 @@ class BatchScreen:
             for warning in result.row.warnings:
                 console.warn(f"{result.row.input}: {warning}")
 
-    def _print_summary(self, plan: Plan, batch: Batch) -> None:
+    def _print_summary(self, plan: Plan, batch: Batch, *, resumes: bool) -> None:
         """Print the failures, then the counts."""
         tally = batch.tally
         for name, reason in tally.failures:
@@ -85,7 +89,7 @@ class BatchScreen:
         say = console.note if self.as_json else console.report
         speed = f"{tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s"
         say(f"{', '.join(_counts(plan, tally))}; {speed}")
-        if tally.completed < tally.total and not batch.stopped:
+        if resumes and tally.completed < tally.total and not batch.stopped:
             console.note("stopped early; run the same command again to resume")
         if batch.manifest.exists():  # the disk may have been too full for it
             say(one_line(f"manifest: {batch.manifest}"))

@@ -59,6 +59,8 @@ def _remote_list(source: str, column: str | None) -> Iterator[str]:
 
 
 def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
+    with path.open("rb") as start:
+        _check_encoding(start.read(2))
     file = path.open(newline="", encoding="utf-8-sig", errors="surrogateescape")
     rows = csv.reader(file, delimiter=delimiter)
     header = next(rows, [])
@@ -82,11 +84,15 @@ def parse_list(data: bytes) -> list[str]:
     Raises:
         UsageError: it is in UTF-16, as some shells of Windows write it.
     """
-    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
-        raise UsageError("the list of inputs is in UTF-16; save it in UTF-8")
+    _check_encoding(data)
     data = data.removeprefix(BOM_UTF8)
     words = data.split(b"\0") if b"\0" in data else data.splitlines()
     return [os.fsdecode(word) for word in words if word]
+
+
+def _check_encoding(data: bytes) -> None:
+    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        raise UsageError("the list of inputs is in UTF-16; save it in UTF-8")
 
 
 def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]:
@@ -95,14 +101,16 @@ def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]
     Args:
         words: absolute paths, or paths from ``root``; or from the working directory, as ``find
             root`` prints them, if more of the first thousand exist there.
-        root: the folder whose tree is kept. A path outside it is named by all its folders. None for
-            the working directory and relative paths; absolute ones are then named by all their
-            folders, so that names do not depend on it.
+        root: the folder whose tree is kept; if it is in a store, paths are always relative to it. A
+            path outside it is named by all its folders. None for the working directory and relative
+            paths; absolute ones are then named by all their folders, so that names do not depend on
+            it.
     """
     words = map(_local_path, words)
     first = list(islice(words, _MAX_PROBED))
     base = os.path.abspath(root or ".")  # noqa: PTH100 - links stay as named
-    start = max((root or "", ""), key=lambda folder: _existing(first, folder))
+    starts = (root or "",) if is_remote(root or "") else (root or "", "")
+    start = max(starts, key=lambda folder: _existing(first, folder))
     for word in chain(first, words):
         path = join(start, word)
         is_whole = root is None and os.path.isabs(path)  # noqa: PTH117 - may be a URI

@@ -6,6 +6,7 @@ from io import BytesIO, FileIO
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
+from depthcli.errors import UsageError
 from depthcli.io.manifest.row import ManifestFormat, Row, parse_row
 from depthcli.io.manifest.shard import Shard
 from depthcli.io.manifest.table import parsed_table_row, unescaped, write_rows
@@ -13,6 +14,7 @@ from depthcli.io.parquet import Table
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.regular import regular_size
 
+_PART_NAME = re.compile(r"part-\d{5}\.parquet")
 _NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.(jsonl|parquet)")
 
 
@@ -52,6 +54,11 @@ def row_files(folder: Path, shard: Shard) -> list[Path]:
     return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
 
+def is_row_file(name: str) -> bool:
+    """Whether a file or folder of this name can hold rows."""
+    return _NAME.fullmatch(name) is not None
+
+
 def open_row_file(path: Path) -> BinaryIO:
     """Open a file of rows for reading.
 
@@ -86,6 +93,24 @@ class RowFile(Protocol):
 
     def close(self) -> None:
         """Close it."""
+
+
+def check_written_here(path: Path, rows: RowFile) -> None:
+    """Check that a manifest that will be replaced was written by depthcli.
+
+    Raises:
+        UsageError: it was not.
+    """
+    if path.is_dir():
+        names = [part.name for part in path.iterdir()]
+        is_foreign = not all(map(_PART_NAME.fullmatch, names))
+    else:
+        is_foreign = path.stat().st_size > 0 and next(rows.rows(), None) is None
+    if is_foreign:
+        raise UsageError(
+            f"{path.name} in the output folder was not written by depthcli; move it away, or "
+            "choose another --out"
+        )
 
 
 def open_rows(path: Path) -> RowFile:

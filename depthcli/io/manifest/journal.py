@@ -18,6 +18,7 @@ from depthcli.io.manifest.files import (
     JsonRows,
     RowFile,
     belongs_to,
+    check_written_here,
     is_journal,
     journal_name,
     manifest_name,
@@ -115,15 +116,18 @@ class Journal(Rows):
 
         Raises:
             OutputError: the folder cannot be written, or something other than a file is in the way.
-            UsageError: another batch, not a shard of the same one, is writing there.
+            UsageError: another batch, not a shard of the same one, is writing there, or a manifest
+                there was not written by depthcli.
         """
         self._path = folder / journal_name(shard)
-        table = folder / manifest_name(shard, ManifestFormat.PARQUET)
+        lines, table = (folder / manifest_name(shard, one) for one in ManifestFormat)
         with ExitStack() as opened, _as_output_error(self._path):
             folder.mkdir(parents=True, exist_ok=True)
             if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
                 raise _busy_error(folder)
             restore_folder(table)
+            if lines.is_symlink():
+                raise FileExistsError(errno.EEXIST, "it is a link; remove it", lines)
             if table.is_symlink() or table.is_file():
                 raise NotADirectoryError(errno.ENOTDIR, "it is a file or a link; remove it", table)
             form = form or (ManifestFormat.PARQUET if table.exists() else ManifestFormat.JSONL)
@@ -139,6 +143,9 @@ class Journal(Rows):
                 raise _busy_error(folder)
             end = opened.enter_context(os.fdopen(handle, "ab", buffering=0))
             files = [opened.enter_context(closing(open_rows(path))) for path in self._earlier]
+            for path, rows in zip(self._earlier, files, strict=True):
+                if not is_journal(path):
+                    check_written_here(path, rows)
             self._own = JsonRows(opened.enter_context(open_row_file(self._path)), end)
             super().__init__([*files, self._own], shard)
             if not self._own.ends_whole:  # the batch was killed in the middle of a line

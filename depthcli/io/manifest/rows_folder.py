@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from depthcli.errors import OutputError
+from depthcli.io.manifest.files import is_row_file
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporary_folder import temporary_folder
@@ -92,13 +93,14 @@ class RemoteRows(RowsFolder):
             for name in self._out.walk_names(prefix):
                 if not name.startswith(prefix):
                     break
-                yield name
+                if is_row_file(_PART.sub("", name).partition("/")[0]):
+                    yield name
 
     def _download(self, name: str) -> None:
         """Download an object; parts are joined to one file."""
         whole, source = _PART.sub("", name), self._out / name
         file = self.path / whole
-        file.parent.mkdir(exist_ok=True)
+        file.parent.mkdir(parents=True, exist_ok=True)
         part = file.with_name(f"{file.name}.part")
         download(source, part)
         with file.open("ab") as target, part.open("rb") as content:

@@ -43,6 +43,15 @@ class OutputMap:
                         f"{path}, the output for {file.name}, is an input; choose another --out"
                     )
 
+    def check_earlier(self, rows: Rows) -> None:
+        """Check as far as sizes tell that no earlier output is that of another file.
+
+        Raises:
+            UsageError: one is, and that file is still there.
+        """
+        for file in self.plan.inputs:
+            Task(file, {}, rows.row(file.name)).check_sizes(self.plan.out)
+
     def of(self, file: InputFile) -> dict[Format, Path] | dict[VideoFormat, Path]:
         """Paths of the outputs of an input."""
         return self._of_video(file) if is_video(file.name) else self._of_picture(file)

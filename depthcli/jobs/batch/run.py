@@ -114,6 +114,7 @@ class Batch(Iterator[Result]):
         chunks = iter(lambda: tuple(islice(tasks, self._chunk)), ())
         videos = mark_suspects(video_tasks, journal, min(1, self._suspect_count))
         try:
+            self._outputs.check_earlier(journal)
             with (
                 silent_opencv(),
                 closing(self._engine.run(self._spec, chunks, videos, self._record)) as results,

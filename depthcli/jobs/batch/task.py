@@ -99,16 +99,41 @@ class Task(Generic[_FormatT]):
 
         The content decides first, so that a copy of the folder resumes the batch.
         """
-        if row.input_sha256 == sha256 or not row.outputs or row.input_path is None:
+        if row.input_sha256 == sha256:
             return
-        other = path_of(row.input_path)
+        other = self._other_input(row)
+        if other is not None:
+            raise self._taken_error(row, other, out)
+
+    def check_sizes(self, out: Path) -> None:
+        """Check as far as sizes tell that earlier outputs are not those of another file.
+
+        Raises:
+            UsageError: they are, and that file is still there.
+        """
+        row = self.earlier
+        if row is None or self.input.problem is not None:
+            return
+        other = self._other_input(row)
+        with suppress(OSError):  # of a file that cannot be read, which fails later
+            if other and path_of(self.input.path).stat().st_size != other.stat().st_size:
+                raise self._taken_error(row, other, out)
+
+    def _other_input(self, row: Row) -> Path | None:
+        """The file that earlier outputs were made from, if it is another one and still there."""
+        if not row.outputs or row.input_path in {None, self.input_path}:
+            return None
+        other = path_of(str(row.input_path))
         with suppress(OSError):
             if other.exists() and not is_same_file(path_of(self.input.path), other):
-                raise UsageError(
-                    f"{out / row.outputs[0].path} is the output for {other}, not for "
-                    f"{self.input_path}; choose another --out, or delete the manifest in {out} to "
-                    "replace such outputs"
-                )
+                return other
+        return None
+
+    def _taken_error(self, row: Row, other: Path, out: Path) -> UsageError:
+        return UsageError(
+            f"{out / row.outputs[0].path} is the output for {other}, not for {self.input_path}; "
+            f"choose another --out, or delete the manifest in {out} to replace such outputs"
+        )
 
     def failed_result(
         self, error: Exception, origin: Origin, start_s: float, sha256: str | None
