@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.core.types import DepthKind, DepthMap, Provenance
+from depthcli.core.types import DepthMap, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth.metadata import number, positive_number, provenance_of
-from depthcli.io.depth.quantization import UINT16_MAX, dequantized
+from depthcli.io.depth.metadata import kind_named, number, positive_number, provenance_of
+from depthcli.io.depth.quantization import UINT16_MAX, denormalized, dequantized
 from depthcli.io.depth.stored import step_scale
 from depthcli.video.codecs import DEPTH_PIXELS
 from depthcli.video.rates import exact_rate, parse_rate
@@ -67,8 +67,7 @@ class DepthVideo:
         }
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
         self.rate = parse_rate(self.labels.get("frame_rate")) or exact_rate(fps or 0)
-        kind = self.labels.get("kind")
-        self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
+        self.kind = kind_named(self.labels.get("kind"))
         stated = step_scale(self.labels, scale)
         self.scale = stated and stated.steps_per_metre
 
@@ -88,11 +87,9 @@ class DepthVideo:
         """
         source = provenance_of(self.labels) or Provenance()
         for frame_number, time_s, steps in self._timed_steps():
-            # Normalized values are stored as 1 to 65535.
-            known = dequantized(steps, self.scale or 1.0)
-            if self.scale is None:
-                known = (known - 1) / np.float32(UINT16_MAX - 1)
-            yield frame_number, DepthMap(known, self.kind, replace(source, time_s=time_s))
+            scale = self.scale
+            values = denormalized(steps, 0, 1) if scale is None else dequantized(steps, scale)
+            yield frame_number, DepthMap(values, self.kind, replace(source, time_s=time_s))
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
         """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth.

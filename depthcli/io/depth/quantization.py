@@ -45,3 +45,22 @@ def dequantized(steps: npt.NDArray[np.generic], scale: float) -> npt.NDArray[np.
     """Metres of integer steps per metre: (H, W) in, float32 out, NaN where they are 0."""
     values = steps.astype(np.float32) / np.float32(scale)
     return np.where(steps == 0, np.float32(np.nan), values)
+
+
+def normalized(
+    values: npt.NDArray[np.floating], known: npt.NDArray[np.bool_], low: float, high: float
+) -> npt.NDArray[np.uint16]:
+    """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are not known.
+
+    Any shape in, the same out. It is computed in the precision of ``values``.
+    """
+    share = (np.where(known, values, low) - low) / ((high - low) or 1.0)
+    steps = np.rint(1 + np.clip(share, 0, 1) * (UINT16_MAX - 1))
+    return np.where(known, steps, 0).astype(np.uint16)
+
+
+def denormalized(steps: npt.NDArray[np.uint16], low: float, high: float) -> npt.NDArray[np.float32]:
+    """Values from ``low`` to ``high`` of 1-65535: (H, W) in, float32 out, NaN where they are 0."""
+    share = (steps.astype(np.float64) - 1) / (UINT16_MAX - 1)
+    values = (low + share * (high - low)).astype(np.float32)
+    return np.where(steps == 0, np.float32(np.nan), values)

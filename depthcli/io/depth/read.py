@@ -13,7 +13,7 @@ import numpy.typing as npt
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
-from depthcli.io.depth.quantization import UINT16_MAX, dequantized
+from depthcli.io.depth.quantization import denormalized, dequantized
 from depthcli.io.depth.sidecar import with_sidecar
 from depthcli.io.depth.stored import StepScale, StoredDepth, step_scale
 from depthcli.io.pictures.decode import decode, read_bytes
@@ -107,10 +107,7 @@ def _png(path: Path, png_scale: float | None, unstated_scale: float | None) -> S
     if span is None:
         values = dequantized(steps, scale.steps_per_metre if scale else MILLIMETRES)
     else:
-        low, high = span
-        share = (steps.astype(np.float64) - 1) / (UINT16_MAX - 1)
-        values = (low + share * (high - low)).astype(np.float32)
-        values[steps == 0] = np.nan
+        values = denormalized(steps, *span)
     depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))
     return StoredDepth(str(path), depth, metadata, scale, warnings=problems)
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.depth.quantization import UINT16_MAX, quantized
+from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.formats import MILLIMETRES
 from depthcli.io.writers.metadata import metadata_texts, step_unit
@@ -27,7 +27,7 @@ class Png16Writer(NamedTuple):
         texts = metadata_texts(depth)
         warnings: tuple[str, ...] = ()
         if self.png_normalize or not depth.is_metric:
-            steps, low, high = normalized(depth)
+            steps, low, high = stretched(depth)
             texts |= {"scale": "normalized", "range": f"{low:.9g} {high:.9g}"}
             if not self.png_normalize:
                 warnings = (f"{depth.kind} depth has no unit; {path.suffix[1:]} is normalized",)
@@ -42,7 +42,7 @@ class Png16Writer(NamedTuple):
         return warnings
 
 
-def normalized(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
+def stretched(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
     """Depth scaled linearly to 1-65535; 0 where there is none.
 
     Returns:
@@ -53,9 +53,7 @@ def normalized(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
         return np.zeros(values.shape, np.uint16), 0.0, 0.0
     low = float(values.min(where=known, initial=np.inf))
     high = float(values.max(where=known, initial=-np.inf))
-    span = high - low or 1.0
-    steps = np.zeros(values.shape, np.uint16)
+    steps = np.empty(values.shape, np.uint16)
     for rows in row_bands(values.shape[1], values.shape[0]):  # float64 of a whole map is large
-        share = (np.where(known[rows], values[rows], low).astype(np.float64) - low) / span
-        steps[rows] = np.where(known[rows], np.rint(1 + share * (UINT16_MAX - 1)), 0)
+        steps[rows] = normalized(values[rows].astype(np.float64), known[rows], low, high)
     return steps, low, high
