@@ -17,10 +17,8 @@ import pytest
 from command_line import unmeasured
 from tiny import synthetic_picture, write_model, write_picture
 
-from depthcli.cli.arguments.options import Colormap
 from depthcli.io.depth.read import read_depth
 from depthcli.io.writers.formats import FORMATS, Format
-from depthcli.visual.colormaps import NAMES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -134,7 +132,6 @@ def test_formats_are_repeatable_and_a_folder_takes_them(inside: Cli) -> None:
 
 def test_every_format_of_the_registry_can_be_asked_for() -> None:
     assert set(Format) == set(FORMATS)
-    assert set(Colormap) == set(NAMES)
 
 
 def test_a_suffix_that_says_nothing_is_wrong_usage(inside: Cli) -> None:

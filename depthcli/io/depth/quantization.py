@@ -59,7 +59,9 @@ def normalized(
     return np.where(known, steps, 0).astype(np.uint16)
 
 
-def denormalized(steps: npt.NDArray[np.uint16], low: float, high: float) -> npt.NDArray[np.float32]:
+def denormalized(
+    steps: npt.NDArray[np.generic], low: float, high: float
+) -> npt.NDArray[np.float32]:
     """Values from ``low`` to ``high`` of 1-65535: (H, W) in, float32 out, NaN where they are 0."""
     share = (steps.astype(np.float64) - 1) / (UINT16_MAX - 1)
     values = (low + share * (high - low)).astype(np.float32)
