@@ -222,6 +222,7 @@ def test_a_model_without_a_camera_uses_them_for_point_clouds_alone(tmp_path: Pat
         ("id,cx,cy\na,3,3\n", "has no columns id,focal_px"),
         ("id,focal_px,cx,cy\na,40,3,4\na,40,3,5\n", "line 3: another row of 'a' has another"),
         ('id,focal_px\n"' + "a" * 200_000 + '",40\n', "line 2: field larger"),
+        ('id,focal_px\n"a,40\nb,40\n', "line 3: unexpected end of data"),
         (None, "cannot be read: No such file"),
     ],
 )
