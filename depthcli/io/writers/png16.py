@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
 from depthcli.core.types import DepthMap, Frame
+from depthcli.io.depth.metadata import own_texts
 from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.formats import MILLIMETRES
@@ -37,8 +38,7 @@ class Png16Writer(NamedTuple):
             if saturated:
                 limit_m = UINT16_MAX / self.png_scale
                 warnings = (f"{saturated} pixels beyond {limit_m:.6g} m were saturated",)
-        labels = {f"depthcli:{name}": text for name, text in texts.items()}
-        path.write_bytes(encode_png(steps, labels))
+        path.write_bytes(encode_png(steps, own_texts(texts)))
         return warnings
 
 
