@@ -26,7 +26,7 @@ from depthcli.io.depth.exr_channels import read_exr_channels
 from depthcli.io.depth.exr_library import silenced
 from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.quantization import denormalized, dequantized, normalized, quantized
-from depthcli.io.depth.read import read_depth, read_metadata
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.convert import frame_of
 from depthcli.io.png.encode import encode_png
@@ -93,7 +93,7 @@ def test_a_stretched_png_is_read_with_its_own_ends(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     warnings = Png16Writer().write(DepthMap(values, DepthKind.RELATIVE), path)
     assert warnings == ("relative depth has no unit; png is normalized",)
-    found = read_depth(path)
+    found = read_stored_depth(path).displayed
     assert found.kind is DepthKind.RELATIVE
     np.testing.assert_allclose(found.values, values, atol=1e-4)
     metric = DepthMap(F32([[1, 65.535, 66]]))

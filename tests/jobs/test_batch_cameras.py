@@ -14,7 +14,7 @@ from videos import flat_frames, write_video
 from depthcli.core.camera import Camera, Lens
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.manifest.shard import Shard
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.cameras import read_cameras
@@ -46,7 +46,7 @@ def kept(wanted: BatchRequest) -> dict[str, bool]:
 
 
 def focal_px(path: Path) -> float:
-    source = read_depth(path).provenance
+    source = read_stored_depth(path).displayed.provenance
     assert source is not None
     assert source.focal_px is not None
     return source.focal_px

@@ -26,18 +26,6 @@ _DIMENSIONS = 2
 _FARTHEST = 1e12  # no depth is larger, in any unit
 
 
-def read_depth(
-    path: str | Path, *, png_scale: float | None = None, kind: DepthKind | None = None
-) -> DepthMap:
-    """The map that :func:`read_stored_depth` reads, of an EXR in its display window.
-
-    Raises:
-        InputError: missing, damaged, without depth, or metric integers without a scale.
-        UsageError: a scale for an NPY file of floats, which are metres.
-    """
-    return read_stored_depth(path, png_scale=png_scale, kind=kind).displayed
-
-
 def read_stored_depth(
     path: str | Path,
     *,
