@@ -227,7 +227,7 @@ class DepthMap(types.DepthMap):
 
         Args:
             path: the file; missing folders are created.
-            png_scale: steps per metre of a PNG; None for 1000.
+            png_scale: units per metre of a PNG; None for 1000.
             exr_channel: name of the channel of an EXR; None for the default.
             half: 16-bit floats in an EXR.
             focal_px: focal length, as for :meth:`to_points`; PNG, EXR and JSON store it.

@@ -36,7 +36,7 @@ class DepthVideo:
         rate: frames a second, exact; None if the file does not say.
         labels: metadata of the file: scale, kind, unit, model and so on; empty for files of other
             programs.
-        scale: steps per metre; None if the file is normalized and has no unit.
+        scale: units per metre; None if the file is normalized and has no unit.
         kind: what the numbers mean.
     """
 
@@ -45,7 +45,7 @@ class DepthVideo:
 
         Args:
             path: a 16-bit gray video, FFV1 in Matroska.
-            scale: steps per metre; None for what the file states, or millimetres.
+            scale: units per metre; None for what the file states, or millimetres.
 
         Raises:
             InputError: missing, damaged, or not 16-bit gray.
@@ -69,7 +69,7 @@ class DepthVideo:
         self.rate = parse_rate(self.labels.get("frame_rate")) or exact_rate(fps or 0)
         self.kind = kind_named(self.labels.get("kind"))
         stated = step_scale(self.labels, scale)
-        self.scale = stated and stated.steps_per_metre
+        self.scale = stated and stated.units_per_metre
 
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, (H, W) float32: metres, NaN where there is no depth.

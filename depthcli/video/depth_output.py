@@ -32,7 +32,7 @@ def depth_video(
     Args:
         target: ends in ``.mkv``.
         timing: of the frames.
-        scale: steps per metre.
+        scale: units per metre.
         inputs: files that must not be replaced.
         written: path of the incomplete file, which stays if the block fails; None for a temporary
             one.

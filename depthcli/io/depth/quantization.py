@@ -17,7 +17,7 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
 
     Args:
         values: (H, W) float32 metres.
-        scale: steps per metre.
+        scale: units per metre.
 
     Returns:
         (H, W) uint16, rounded to nearest: 0 where there is no depth, at least 1 and at most 65535
@@ -27,7 +27,7 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
         UsageError: the scale is not a number above 0.
     """
     if not 0 < scale < math.inf:
-        raise UsageError(f"a PNG scale of {scale:g} steps per metre is not a number above 0")
+        raise UsageError(f"a PNG scale of {scale:g} units per metre is not a number above 0")
     height, width = values.shape
     steps = np.empty((height, width), np.uint16)
     saturated = 0
@@ -42,7 +42,7 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
 
 
 def dequantized(steps: npt.NDArray[np.generic], scale: float) -> npt.NDArray[np.float32]:
-    """Metres of integer steps per metre: (H, W) in, float32 out, NaN where they are 0."""
+    """Metres of integers of ``scale`` units per metre: (H, W) in, float32 out, NaN where 0."""
     values = steps.astype(np.float32) / np.float32(scale)
     return np.where(steps == 0, np.float32(np.nan), values)
 

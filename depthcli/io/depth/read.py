@@ -37,7 +37,7 @@ def read_stored_depth(
 
     Args:
         path: the file.
-        png_scale: steps per metre of a PNG, None for what the file states, or millimetres; or of
+        png_scale: units per metre of a PNG, None for what the file states, or millimetres; or of
             integers in an NPY file, which need it to be metric.
         kind: kind of the depth; None for what the file states, or metric.
         unstated_scale: as ``png_scale``, but only for a file of integers that states none.
@@ -93,7 +93,7 @@ def _png(path: Path, png_scale: float | None, unstated_scale: float | None) -> S
         scale = StepScale(unstated_scale, "option")
     span = _normalized_range(metadata) if scale is None else None
     if span is None:
-        values = dequantized(steps, scale.steps_per_metre if scale else MILLIMETRES)
+        values = dequantized(steps, scale.units_per_metre if scale else MILLIMETRES)
     else:
         values = denormalized(steps, *span)
     depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))

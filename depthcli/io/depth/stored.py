@@ -15,7 +15,7 @@ from depthcli.io.writers.formats import MILLIMETRES
 class StepScale(NamedTuple):
     """Scale of depth that is stored as integers."""
 
-    steps_per_metre: float  #: 1000 for millimetres
+    units_per_metre: float  #: 1000 for millimetres
     source: Literal["file", "option", "assumed"]  #: who states it
 
 
@@ -60,7 +60,7 @@ def step_scale(metadata: Mapping[str, str], option: float | None) -> StepScale |
 
     Args:
         metadata: metadata of the file.
-        option: steps per metre that the user states; None for what the file states, or millimetres.
+        option: units per metre that the user states; None for what the file states, or millimetres.
     """
     if option is not None:
         return StepScale(option, "option")

@@ -11,7 +11,7 @@ from depthcli.io.writers.formats import FORMATS, MILLIMETRES, Format, writer_cla
 class WriterOptions:
     """Options of all formats; the table of formats states which of them each writer uses."""
 
-    png_scale: float = MILLIMETRES  #: steps a metre in 16-bit PNG
+    png_scale: float = MILLIMETRES  #: units per metre in 16-bit PNG
     png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range
     exr_channel: str = "Y"  #: name of the channel in EXR
     half: bool = False  #: 16-bit floats in EXR

@@ -18,7 +18,7 @@ from depthcli.io.writers.metadata import metadata_texts, step_unit
 class Png16Writer(NamedTuple):
     """uint16 gray PNG."""
 
-    #: steps per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
+    #: units per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
     png_scale: float = MILLIMETRES
     png_normalize: bool = False  #: normalize each map to 1-65535 instead, without a unit
 
