@@ -54,7 +54,7 @@ class FrameStages:
         kept: Callable[[int], DepthMap | None] = lambda _number: None,
         scale: float | None = None,
     ) -> None:
-        """Initialise the state.
+        """Initialize the state.
 
         Args:
             pipeline: the model.

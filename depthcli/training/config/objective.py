@@ -1,4 +1,4 @@
-"""Configuration of losses and optimisation."""
+"""Configuration of losses and optimization."""
 
 from dataclasses import dataclass, field, fields
 from typing import Literal
@@ -73,7 +73,7 @@ PAIRED_LOSSES = {name: place for name, place in _TERM_LOSSES.items() if place}
 
 @dataclass(frozen=True, slots=True)
 class OptimConfig:
-    """Optimisers, schedule and batch size."""
+    """Optimizers, schedule and batch size."""
 
     batch_size: Positive = 1  #: pictures per step
     epochs_constant: Count = 100  #: epochs at the full learning rate of ``linear``
