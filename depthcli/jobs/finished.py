@@ -3,7 +3,7 @@
 from depthcli.core.anchor_fit import fitted, lost_in_fit
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.map_camera import with_centre
-from depthcli.core.overscan import without_invented
+from depthcli.core.overscan import masked_to_data_window
 from depthcli.core.types import DepthMap
 from depthcli.core.windows import Windows
 
@@ -25,6 +25,6 @@ def finished_depth(
     Raises:
         InputError: the points do not fit this picture.
     """
-    depth = without_invented(depth, windows)
+    depth = masked_to_data_window(depth, windows)
     found = with_centre(fitted(depth, points, windows), centre_px)
     return found, (*(points.warnings if points else ()), *lost_in_fit(depth, found))
