@@ -1,7 +1,7 @@
 """What loop, data and logging cost: the whole run against its networks alone.
 
 Pictures a second of ``train`` (batches, augmentation, losses, TensorBoard, callback; the log of
-each epoch and its checkpoints, no validation) against bare forward, backward and optimiser steps,
+each epoch and its checkpoints, no validation) against bare forward, backward and optimizer steps,
 with the recipe's clipping and average, of the same networks on batches made before. One after the
 other in turn, in one process. Figure of merit: the overhead, bare ÷ loop − 1; it is to be at most
 5 %.
@@ -80,7 +80,7 @@ class Stopwatch(Callback):
 
 
 def bare(run: Run, batches: list[TrainingBatch], steps: int) -> list[float]:
-    """Seconds of each step of the networks and optimisers alone."""
+    """Seconds of each step of the networks and optimizers alone."""
     seconds = []
     for step in range(steps):
         start = time.perf_counter()

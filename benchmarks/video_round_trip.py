@@ -17,7 +17,7 @@ import numpy as np
 from made_pictures import write_video
 
 import depthcli
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.video.depth import DepthVideo
 from depthcli.video.source import VideoSource
 
@@ -41,7 +41,7 @@ def main() -> None:
         with VideoSource(video) as source:
             print(f"frame rate {source.rate} of the video, {stored.rate} of mkv")
             for frame, steps, png in zip(source.frames(), stored.steps(), pngs, strict=True):
-                from_png = np.rint(read_depth(png).values * _MILLIMETRES)
+                from_png = np.rint(read_stored_depth(png).displayed.values * _MILLIMETRES)
                 predicted = np.rint(pipeline.predict(frame).values * _MILLIMETRES)
                 differing += int(((steps != from_png) | (steps != predicted)).sum())
                 frames += 1

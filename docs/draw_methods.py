@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 import depthcli
+from depthcli.core.choices import Colormap
 from depthcli.datasets.rooms.pair import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
 from depthcli.export.trained import export_run, open_run
 from depthcli.io.pictures.read import read_image
@@ -42,7 +43,7 @@ def coloured(
     near, far = np.quantile(1 / span_m[span_m > 0], (0.95, 0.02))
     nearness = np.clip((1 / np.maximum(depth_m, _LEAST_M) - far) / (near - far), 0, 1)
     nearness[depth_m <= 0] = 0
-    table = colour_table("inferno")
+    table = colour_table(Colormap.INFERNO)
     return table[np.rint(nearness * 255).astype(np.uint8)]
 
 

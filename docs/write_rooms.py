@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.choices import Colormap
 from depthcli.datasets.rooms.pair import RoomSettings, render_pair
 from depthcli.visual.colormaps import colour_table
 
@@ -21,7 +22,7 @@ ACROSS, WITH_DEPTH, WITHOUT = 4, 8, 8
 def coloured(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
     """Near is bright, and black is no depth."""
     nearness = np.where(depth_m > 0, 0.8 / np.maximum(depth_m, 0.8), 0)
-    return colour_table("inferno")[np.rint(nearness * 255).astype(np.uint8)]
+    return colour_table(Colormap.INFERNO)[np.rint(nearness * 255).astype(np.uint8)]
 
 
 def main() -> None:

@@ -234,6 +234,9 @@ def test_a_scale_that_keeps_no_depth_is_refused(
     with pytest.raises(depthcli.UsageError, match="is not a number above 0"):
         model.predict(PIXELS).save(tmp_path / "out" / "a.png", png_scale=scale)
     assert not list((tmp_path / "out").iterdir())
+    model.predict(PIXELS).save(tmp_path / "b.png")
+    with pytest.raises(depthcli.UsageError, match="is not a number above 0"):
+        depthcli.read_depth(tmp_path / "b.png", png_scale=scale)
 
 
 @pytest.mark.parametrize(

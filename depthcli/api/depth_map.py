@@ -10,6 +10,7 @@ import numpy as np
 
 from depthcli.core import anchor_fit, types
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.choices import Colormap, Near
 from depthcli.core.map_camera import with_centre, with_focal
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.text import short_repr
@@ -18,7 +19,6 @@ from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.by_suffix import write_depth
 from depthcli.io.writers.formats import format_of
 from depthcli.io.writers.preview import PreviewWriter, percentiles
-from depthcli.visual.colormaps import NAMES
 
 if TYPE_CHECKING:
     import os
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 AnchorLike: TypeAlias = "Anchor | tuple[int, int, float]"
 Anchors: TypeAlias = "Sequence[AnchorLike] | npt.NDArray[Any] | types.DepthMap"
 _TABLE_RANK, _COLUMNS = 2, 3
-_ENDS = ("warm", "white", "black")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -165,11 +164,12 @@ class DepthMap(types.DepthMap):
         Raises:
             UsageError: there is no such colormap, or no such end.
         """
-        if colormap not in NAMES:
-            raise UsageError(f"no colormap named {colormap!r}; choose {', '.join(NAMES)}")
-        if near not in _ENDS:
-            raise UsageError(f"near is {' or '.join(_ENDS)}, not {near!r}")
-        return PreviewWriter(colormap, near, vmin, vmax, legend).render(self)
+        if colormap not in tuple(Colormap):
+            raise UsageError(f"no colormap named {colormap!r}; choose {', '.join(Colormap)}")
+        if near not in tuple(Near):
+            raise UsageError(f"near is {' or '.join(Near)}, not {near!r}")
+        writer = PreviewWriter(Colormap(colormap), Near(near), vmin, vmax, legend)
+        return writer.render(self)
 
     def plot(
         self,
@@ -227,7 +227,7 @@ class DepthMap(types.DepthMap):
 
         Args:
             path: the file; missing folders are created.
-            png_scale: steps per metre of a PNG; None for 1000.
+            png_scale: units per metre of a PNG; None for 1000.
             exr_channel: name of the channel of an EXR; None for the default.
             half: 16-bit floats in an EXR.
             focal_px: focal length, as for :meth:`to_points`; PNG, EXR and JSON store it.

@@ -31,7 +31,7 @@ def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) 
 
     Args:
         path: the file, with the suffix of its format.
-        png_scale: steps per metre of a PNG, None for what the file states, or millimetres; or of
+        png_scale: units per metre of a PNG, None for what the file states, or millimetres; or of
             integers in an NPY file, which need it to be metric.
 
     Raises:

@@ -20,7 +20,7 @@ from depthcli.api.picture_batches import picture_batches
 from depthcli.core import scaling, types
 from depthcli.core.camera import Lens
 from depthcli.core.choices import DEFAULT_DETAIL
-from depthcli.core.overscan import displayed_depth, displayed_frame, without_invented
+from depthcli.core.overscan import displayed_depth, displayed_frame, masked_to_data_window
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import DepthcliWarning, InputError, ModelError, UsageError
 from depthcli.inference.camera import focal_warnings
@@ -218,7 +218,7 @@ def _maps(
 
 def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Anchors | None) -> DepthMap:
     windows = frame.windows
-    shown = displayed_depth(without_invented(depth, windows), windows)
+    shown = displayed_depth(masked_to_data_window(depth, windows), windows)
     found = DepthMap.of(shown, displayed_frame(frame))
     return found if anchors is None else found.fit_anchors(anchors)
 

@@ -62,7 +62,9 @@ def fit_anchors(
     wanted = 1 / points.depth_m[known] if inverse else points.depth_m[known]
     fit, used = _fit(values[known], wanted, depth.kind)
     if (values[known][used] * fit.scale + fit.shift <= 0).any():
-        raise UsageError("the anchors fit no depth ahead of the camera; check their metres")
+        raise UsageError(
+            "the fit puts an anchor at or behind the camera; check the depths of the anchors"
+        )
     fitted = depth.values * np.float32(fit.scale) + np.float32(fit.shift)
     if inverse:
         fitted = np.float32(1) / fitted

@@ -24,6 +24,26 @@ class Weights(StrEnum):
     """Those of the last step."""
 
 
+class Colormap(StrEnum):
+    """Colormaps of a preview."""
+
+    INFERNO = "inferno"
+    TURBO = "turbo"
+    MAGMA = "magma"
+    VIRIDIS = "viridis"
+    SPECTRAL = "spectral"
+    GRAY = "gray"
+
+
+class Near(StrEnum):
+    """Colour of near depth in a preview."""
+
+    WARM = "warm"
+    """The warm end of the colormap, or its bright one."""
+    WHITE = "white"
+    BLACK = "black"
+
+
 class Sensor(StrEnum):
     """How depth of rendered rooms is measured."""
 

@@ -27,7 +27,7 @@ class DepthCodec(NamedTuple):
 
     @classmethod
     def linear_m(cls, max_m: float) -> Self:
-        """Raw [-1, 1] to [0, max_m] metres, the paper's normalisation."""
+        """Raw [-1, 1] to [0, max_m] metres, the paper's normalization."""
         return cls(Transform.LINEAR, max_m / 2, max_m / 2)
 
     @classmethod

@@ -9,7 +9,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.core.windows import Windows, over_window
 
 
-def without_invented(depth: DepthMap, windows: Windows | None) -> DepthMap:
+def masked_to_data_window(depth: DepthMap, windows: Windows | None) -> DepthMap:
     """The same map without depth where the file of its picture has no pixels.
 
     Args:

@@ -7,7 +7,7 @@ from depthcli.core.bands import BAND_PIXELS
 from depthcli.core.choices import DEFAULT_DETAIL, DEPTH_BYTES, Detail
 from depthcli.errors import InputError
 
-# Temporary arrays of one band of rows, counted in the code, with a margin.
+# All temporary arrays of a band of rows, as found by counting them in the code, and a margin.
 _BYTES_A_BAND_PIXEL = 64
 _COLOUR_BYTES = 3
 _UNITS = (("G", 1_000_000_000), ("M", 1_000_000), ("K", 1_000))

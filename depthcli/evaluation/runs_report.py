@@ -30,7 +30,7 @@ class Training:
     latency_ms: float
     epochs: tuple[int, ...]  #: done
     epochs_planned: int  #: of the whole schedule
-    steps: tuple[int, ...]  #: optimisation steps done
+    steps: tuple[int, ...]  #: optimization steps done
     minutes: tuple[float, ...]  #: of training
 
 

@@ -1,4 +1,4 @@
-"""Static int8 quantisation, calibrated on given pictures."""
+"""Static int8 quantization, calibrated on given pictures."""
 
 import logging
 from collections.abc import Iterator, Sequence

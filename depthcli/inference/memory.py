@@ -14,7 +14,7 @@ from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.models.card_specs import Colour, InputSpec, Resize
 
-# Arrays of the size of a tiled map, counted in the code, with a margin.
+# All arrays as large as a tiled map, as found by counting them in the code, and a margin.
 _BYTES_A_CELL = 64
 _MAX_CELLS_A_PIXEL = 4  # more show nothing of the picture
 _FLOAT_PLANES = 2  # the plane and its scaled copy

@@ -50,14 +50,14 @@ def input_layout(spec: InputSpec, width: int, height: int) -> Layout:
 
 
 def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Layout]:
-    """The network's input for a picture, (1, C, H, W) float32, normalised; and its layout."""
+    """The network's input for a picture, (1, C, H, W) float32, normalized; and its layout."""
     layout = input_layout(spec, frame.width, frame.height)
     small = _resized_planes(spec, frame, layout)
     small = small.reshape(layout.inner_height, layout.inner_width, spec.colour.channels)
     if layout.is_padded:
         small = _pad(small, layout)
-    normalised = (small - np.asarray(spec.mean, np.float32)) / np.asarray(spec.std, np.float32)
-    batch = normalised.astype(np.float32, copy=False).transpose(2, 0, 1)[np.newaxis]
+    normalized = (small - np.asarray(spec.mean, np.float32)) / np.asarray(spec.std, np.float32)
+    batch = normalized.astype(np.float32, copy=False).transpose(2, 0, 1)[np.newaxis]
     return np.ascontiguousarray(batch), layout
 
 

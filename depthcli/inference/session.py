@@ -79,7 +79,7 @@ class Session:
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
     def run(self, batch: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Run the network on (N, C, H, W) float32, normalised as the card says.
+        """Run the network on (N, C, H, W) float32, normalized as the card says.
 
         Returns:
             (N, h, w) float32, the raw output of the card's codec.

@@ -44,7 +44,7 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
 
     Raises:
         InputError: the file cannot be read, or lacks the size of the pictures or the matrix, or
-            they are of no camera.
+            they are not those of a camera.
     """
     path = path_of(path)
     root = _opened_storage(path)
@@ -60,7 +60,7 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
     if not (is_size and is_near and FOCAL_PX.holds(fx) and FOCAL_PX.holds(fy)):
         raise InputError(
             f"{path} is for {width:g}×{height:g} pixels with fx {fx:g}, fy {fy:g}, cx {cx:g}, "
-            f"cy {cy:g}, which is no camera; calibrate it again"
+            f"cy {cy:g}, which is not a valid camera matrix; calibrate the camera again"
         )
     focal_px, is_distorted = math.sqrt(fx * fy), not rectified and _is_distorted(root)
     return Calibration(int(width), int(height), focal_px, (cx, cy), is_distorted, fy / fx)

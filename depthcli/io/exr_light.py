@@ -17,7 +17,7 @@ _BRADFORD = np.array(
 """From CIE XYZ to cone responses, in which one white is adapted to another."""
 _MOST_GAIN = 100.0
 """No matrix of real primaries has larger values."""
-_NO_PRIMARIES = "its header states primaries that are none; those of Rec. 709 are assumed"
+_NO_PRIMARIES = "the header's chromaticities are not valid primaries; those of Rec. 709 are assumed"
 _MOST_LIGHT = 1e6
 _MANY = 0.3
 """Share of clipped pixels from which abs_rel grows by .01 (benchmarks/clipped_light.py)."""

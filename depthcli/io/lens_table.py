@@ -1,14 +1,12 @@
 """The camera of each picture in a CSV table, such as ``cameras.csv`` of a training folder."""
 
-import csv
-import math
-from io import StringIO
 from pathlib import Path
 
 from depthcli.core.camera import Lens
 from depthcli.core.camera_ranges import CENTRE_PX, FOCAL_PX, HFOV_DEG
 from depthcli.core.text import short_repr
 from depthcli.errors import InputError
+from depthcli.io.csv_table import CsvRow, CsvTable
 from depthcli.io.storage.regular import read_regular
 
 ID = "id"
@@ -30,54 +28,31 @@ def read_lenses(path: Path) -> dict[str, Lens]:
             of one id.
     """
     try:
-        text = read_regular(path, _MAX_BYTES).decode("utf-8-sig", "surrogateescape")
+        data = read_regular(path, _MAX_BYTES)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
-    rows = csv.DictReader(StringIO(text, newline=""), skipinitialspace=True)
-    try:
-        columns = rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
-        if ID not in columns or _FOCAL.isdisjoint(columns):
-            raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")
-        found: dict[str, Lens] = {}
-        for row in rows:
-            _add(found, row)
-    except (ValueError, csv.Error) as error:
-        raise InputError(f"{path}, line {rows.reader.line_num}: {error}") from error
+    table = CsvTable(data, str(path))
+    if ID not in table.columns or _FOCAL.isdisjoint(table.columns):
+        raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")
+    found: dict[str, Lens] = {}
+    for row in table:
+        _add(found, row)
     return found
 
 
-def _add(found: dict[str, Lens], row: dict[str, str | None]) -> None:
-    """Add a row.
-
-    Raises:
-        ValueError: it cannot be used.
-    """
-    focal_px, hfov_deg, cx, cy = (_number(name, row.get(name) or "") for name in _RULES)
+def _add(found: dict[str, Lens], row: CsvRow) -> None:
+    focal_px, hfov_deg, cx, cy = (
+        row.number(column, rule) if row.cells.get(column) else None
+        for column, rule in _RULES.items()
+    )
     if (cx is None) != (cy is None):
-        raise ValueError("give cx and cy, or neither")
+        raise row.error("give cx and cy, or neither")
     centre_px = None if cx is None or cy is None else (cx, cy)
     lens = Lens(focal_px, None if focal_px is not None else hfov_deg, centre_px)
     if lens == Lens():
         return
-    name = (row[ID] or "").strip().removeprefix("./")
+    name = row.cells[ID].removeprefix("./")
     if not name:
-        raise ValueError("the id is missing")
+        raise row.error("the id is missing")
     if found.setdefault(name, lens) != lens:
-        raise ValueError(f"another row of {short_repr(name)} has another camera")
-
-
-def _number(column: str, word: str) -> float | None:
-    """The number in a cell; None if it is empty.
-
-    Raises:
-        ValueError: it is no number, or out of range.
-    """
-    if not word.strip():
-        return None
-    try:
-        number = float(word)
-    except ValueError:
-        number = math.nan
-    if not _RULES[column].holds(number):
-        raise ValueError(f"{column} is {_RULES[column].what}, not {short_repr(word)}")
-    return number
+        raise row.error(f"another row of {short_repr(name)} has another camera")

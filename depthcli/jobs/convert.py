@@ -139,7 +139,7 @@ def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> WriterOpti
         return replace(writing, png_normalize=True)
     if stored.scale is None or writing.png_scale != MILLIMETRES:
         return writing
-    return replace(writing, png_scale=stored.scale.steps_per_metre)
+    return replace(writing, png_scale=stored.scale.units_per_metre)
 
 
 def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:

@@ -27,7 +27,7 @@ class DepthMapInfo:
     input: str  #: the file, as the user wrote it
     kind: str  #: metric, relative or inverse
     unit: str | None  #: ``m``; None for relative and inverse maps
-    scale: float | None  #: integers per metre; None if the file does not hold such integers
+    scale: float | None  #: units per metre; None if the file does not hold such integers
     scale_source: str | None  #: ``file``, ``option`` or ``assumed``; None without a scale
     channel: str | None  #: that of an EXR which holds the depth; None for other files
     width: int  #: columns
@@ -48,7 +48,7 @@ class DepthVideoInfo:
     input: str  #: the file, as the user wrote it
     kind: str  #: metric, relative or inverse
     unit: str | None  #: ``m``; None if the video is not metric
-    scale: float | None  #: integers per metre; None if the video is normalized
+    scale: float | None  #: units per metre; None if the video is normalized
     scale_source: str | None  #: ``file``, ``option`` or ``assumed``; None without a scale
     width: int  #: columns
     height: int  #: rows

@@ -17,7 +17,7 @@ def stem(name: str) -> str:
     return os.path.splitext(name)[0]  # noqa: PTH122 - a name with "/" on any system
 
 
-def normalised(name: str) -> str:
+def comparable(name: str) -> str:
     """The name in the form that case- or Unicode-insensitive file systems compare."""
     return unicodedata.normalize("NFC", name).casefold()
 
@@ -47,7 +47,7 @@ def namesakes(folder: Path, own: Collection[str]) -> dict[str, list[str]]:
 
 def _keys(name: str) -> set[str]:
     # The output of a.jpg.png is named like that of a.jpg beside another picture a.
-    return {normalised(name), normalised(stem(name))}
+    return {comparable(name), comparable(stem(name))}
 
 
 def names_near(folder: Path, own: Iterable[str]) -> Iterable[str]:

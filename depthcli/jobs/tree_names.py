@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from depthcli.jobs.namesakes import normalised, stem
+from depthcli.jobs.namesakes import comparable, stem
 
 _Hashes: TypeAlias = NDArray[np.uint64]
 _FIELDS = np.dtype([("name", np.uint64), ("whole", np.uint64), ("stem", np.uint64)])
@@ -36,7 +36,7 @@ class TreeNames:
         self._stem = stem
         found = np.fromiter(
             (
-                (_hash(name), _hash(normalised(name)), _hash(normalised(stem(name))))
+                (_hash(name), _hash(comparable(name)), _hash(comparable(stem(name))))
                 for name in names
             ),
             _FIELDS,
@@ -51,10 +51,10 @@ class TreeNames:
 
     def base(self, name: str) -> str:
         """Path of an input's outputs from the output folder, without a suffix."""
-        if _is_in(self._alike, normalised(name)):
+        if _is_in(self._alike, comparable(name)):
             return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
         short = self._stem(name)
-        return name if _is_in(self._shared, normalised(short)) else short
+        return name if _is_in(self._shared, comparable(short)) else short
 
 
 class StemCounts:

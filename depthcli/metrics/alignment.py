@@ -88,7 +88,7 @@ def _scale_median(
 
 
 def _fit_line(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """``s·x + t`` with the s and t that minimise Σ(s·x + t − y)² over finite x."""
+    """``s·x + t`` with the s and t that minimize Σ(s·x + t − y)² over finite x."""
     usable = np.isfinite(x)
     if not usable.any():
         return x

@@ -113,8 +113,7 @@ def _edges(
 def _kernels() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """A Gaussian of sum one, and its slope, which gives ``_GRADIENT_SCALE`` on a ramp of one."""
     offsets = np.arange(-_RADIUS_PX, _RADIUS_PX + 1)
-    bell = np.exp(-(offsets**2) / (2 * _SIGMA_PX**2))
-    bell /= bell.sum()
+    bell = cv2.getGaussianKernel(len(offsets), _SIGMA_PX)[:, 0]
     slope = offsets * bell / (offsets**2 * bell).sum()
     return bell.astype(np.float32), (_GRADIENT_SCALE * slope).astype(np.float32)
 

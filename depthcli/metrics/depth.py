@@ -41,12 +41,6 @@ class Metric:
     finish: Callable[..., float]  #: the value from their means, in the same order
     higher_is_better: bool  #: direction of improvement
 
-    def __call__(self, pixels: DepthPixels) -> float:
-        """Value over the pixels of one image; NaN if there are none."""
-        if not len(pixels):
-            return math.nan
-        return self.finish(*(total / len(pixels) for total in self.sums(pixels)))
-
 
 METRICS: dict[str, Metric] = {}
 """Every metric by name, in the order of the table's columns."""

@@ -37,7 +37,7 @@ _Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: nu
 class RunProgress:
     """How far a run has come."""
 
-    step: Count = 0  #: optimisation steps done
+    step: Count = 0  #: optimization steps done
     epoch: Count = 0  #: whole epochs done
     seconds: Amount = 0.0  #: training time so far, of all sessions
     #: validation metrics after the last step by name; empty if it was not validated then
@@ -50,7 +50,7 @@ class RunProgress:
     extra: str = ""  #: name of the extra pairs; "" if there are none
     #: those pairs, by :func:`~depthcli.training.seen_pairs.extra_pairs`; empty before 0.11
     extra_pairs: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
-    start: str = ""  #: origin of the initial weights; "" for a random initialisation
+    start: str = ""  #: origin of the initial weights; "" for a random initialization
     #: pairs that those were trained on, by :func:`~depthcli.training.seen_pairs.data_set`
     start_pairs: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     start_ids: tuple[str, ...] = ()  #: before 0.10, those of them that are of this data set
@@ -155,7 +155,7 @@ class Checkpoint:
         check_tensors("the networks", self.method)
         if self.average is not None:
             check_tensors("the average", self.average)
-        check_finite("the optimisers", self.optimizers)
+        check_finite("the optimizers", self.optimizers)
         check_finite("the loss scaler", self.precision)
         own = {"rng": self.rng, "device_rng": self.device_rng, "extra": self.extra}
         for process in [own, *self.others]:

@@ -24,7 +24,7 @@ def check_tensors(name: str, state: object) -> None:
 
 
 def check_finite(name: str, state: Any, depth: int = 0) -> None:  # noqa: ANN401
-    """Check the state of optimisers or image pools: nested tensors, numbers and strings.
+    """Check the state of optimizers or image pools: nested tensors, numbers and strings.
 
     Raises:
         FieldError: it holds something else, or a number that is not finite.

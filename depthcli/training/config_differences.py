@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,7 @@ def differences(saved: TrainConfig, given: TrainConfig) -> tuple[str, ...]:
     >>> differences(TrainConfig(seed=0), TrainConfig(seed=1))
     ('seed is 0 there, 1 here',)
     """
-    there, here = dict(_flat(saved)), dict(_flat(given))
-    return tuple(
-        f"{name} is {json.dumps(there[name])} there, {json.dumps(here[name])} here"
-        for name in there
-        if there[name] != here[name]
-    )
+    return value_differences(dict(_flat(saved)), dict(_flat(given)))
 
 
 def _flat(config: TrainConfig) -> Iterator[tuple[str, Any]]:
@@ -32,6 +27,19 @@ def _flat(config: TrainConfig) -> Iterator[tuple[str, Any]]:
             yield from ((f"{name}.{key}", item) for key, item in value.items())
         else:
             yield name, value
+
+
+def value_differences(there: Mapping[str, object], here: Mapping[str, object]) -> tuple[str, ...]:
+    """Each value by its name that both have, and that differs.
+
+    >>> value_differences({"coding": "log", "min_m": 0.4}, {"coding": "linear"})
+    ('coding is "log" there, "linear" here',)
+    """
+    return tuple(
+        f"{name} is {json.dumps(there[name])} there, {json.dumps(here[name])} here"
+        for name in there
+        if name in here and there[name] != here[name]
+    )
 
 
 def data_differences(saved: RunProgress, given: RunProgress) -> tuple[str, ...]:
@@ -47,7 +55,7 @@ def data_differences(saved: RunProgress, given: RunProgress) -> tuple[str, ...]:
         mismatches += _named(saved, given, "data")
     elif saved.fingerprints[0] != given.fingerprints[0]:
         mismatches.append("the data set has other files or focal lengths")
-    return (*mismatches, *_named(saved, given, "hfov_deg"), *_named(saved, given, "aspect"))
+    return (*mismatches, *_named(saved, given, "hfov_deg", "aspect"))
 
 
 def source_differences(saved: RunProgress, given: RunProgress) -> tuple[str, ...]:
@@ -66,10 +74,9 @@ def _pair_count(progress: RunProgress) -> str:
     return f"{len(progress.train_ids)} pairs and {len(progress.held_out_ids)} held out"
 
 
-def _named(saved: RunProgress, given: RunProgress, name: str) -> tuple[str, ...]:
-    there, here = getattr(saved, name), getattr(given, name)
-    line = f"{name} is {json.dumps(there)} there, {json.dumps(here)} here"
-    return () if there == here else (line,)
+def _named(saved: RunProgress, given: RunProgress, *names: str) -> tuple[str, ...]:
+    there, here = ({name: getattr(one, name) for name in names} for one in (saved, given))
+    return value_differences(there, here)
 
 
 def mismatch_error(path: Path, mismatches: Sequence[str]) -> CheckpointError:

@@ -1,6 +1,5 @@
 """How initial weights encode colour and depth, which does not show in their shapes."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.config.schema import TrainConfig
+from depthcli.training.config_differences import value_differences
 from depthcli.training.methods.registry import method_class
 
 _CODINGS = {Transform.LINEAR: "linear", Transform.EXP: "log"}
@@ -26,7 +26,7 @@ def coding_differences(config: TrainConfig, paths: Sequence[Path]) -> tuple[str,
         CheckpointError: a checkpoint cannot be read.
         ModelError: a model cannot be read.
     """
-    return _differences(_of_file(paths[0]), _of_config(config)) if paths else ()
+    return value_differences(_of_file(paths[0]), _of_config(config)) if paths else ()
 
 
 def check_same_coding(paths: Sequence[Path]) -> None:
@@ -40,21 +40,12 @@ def check_same_coding(paths: Sequence[Path]) -> None:
         return
     first = _of_file(paths[0])
     for path in paths[1:]:
-        found = _differences(_of_file(path), first)
+        found = value_differences(_of_file(path), first)
         if found:
             raise CheckpointError(
                 f"{path} encodes colour or depth in another way than {paths[0]} "
                 f"({'; '.join(found)}), so their weights have no mean: start from one of them"
             )
-
-
-def _differences(there: dict[str, object], here: dict[str, object]) -> tuple[str, ...]:
-    """Differences in the settings that both have."""
-    return tuple(
-        f"{name} is {json.dumps(there[name])} there, {json.dumps(here[name])} here"
-        for name in there
-        if name in here and there[name] != here[name]
-    )
 
 
 def _of_file(path: Path) -> dict[str, object]:

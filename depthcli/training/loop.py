@@ -26,7 +26,7 @@ class Limits:
     """When to stop before the schedule ends."""
 
     minutes: float = math.inf  #: wall-clock minutes after which it stops
-    steps: float = math.inf  #: optimisation steps after which it stops
+    steps: float = math.inf  #: optimization steps after which it stops
 
     def reached(self, seconds: float, steps: int) -> bool:
         """Whether a session of this length has to stop."""

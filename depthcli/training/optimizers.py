@@ -1,4 +1,4 @@
-"""Optimisers of a method's phases."""
+"""Optimizers of a method's phases."""
 
 from typing import Any
 

@@ -7,12 +7,12 @@ from torch import Tensor, nn
 
 from depthcli.training.networks.efficient import EfficientGenerator, ResidualBlock
 
-Weights = Mapping[str, Tensor]
+StateDict = Mapping[str, Tensor]
 _AT_ONCE = 8  # pictures, so that many or large ones need little memory
 
 
 def resized_weights(
-    generator: nn.Module, weights: Weights, pictures: Callable[[], Tensor]
+    generator: nn.Module, weights: StateDict, pictures: Callable[[], Tensor]
 ) -> dict[str, Tensor]:
     """Weights for a generator that has more residual blocks or fewer decoder channels.
 
@@ -38,7 +38,7 @@ def resized_weights(
     return _narrower(generator, deeper, widths, pictures())
 
 
-def decoder_channels(weights: Weights) -> tuple[int, ...]:
+def decoder_channels(weights: StateDict) -> tuple[int, ...]:
     """Channels of each decoder layer of an efficient generator; empty for other networks."""
     channels: list[int] = []
     while (layer := f"fusions.{len(channels)}.0.weight") in weights:
@@ -53,7 +53,7 @@ def narrows(before: tuple[int, ...], after: tuple[int, ...]) -> bool:
     return all(now >= new for now, new in zip(before, after, strict=True))
 
 
-def _identity_blocks(generator: EfficientGenerator, weights: Weights) -> dict[str, Tensor]:
+def _identity_blocks(generator: EfficientGenerator, weights: StateDict) -> dict[str, Tensor]:
     """Weights of the residual blocks without any: the second convolution is zero."""
     added: dict[str, Tensor] = {}
     for name, block in generator.named_modules():
@@ -70,7 +70,7 @@ def _identity_blocks(generator: EfficientGenerator, weights: Weights) -> dict[st
 
 
 def _narrower(
-    generator: EfficientGenerator, weights: Weights, widths: tuple[int, ...], gray: Tensor
+    generator: EfficientGenerator, weights: StateDict, widths: tuple[int, ...], gray: Tensor
 ) -> dict[str, Tensor]:
     wide = generator.with_decoder(widths)
     try:

@@ -8,7 +8,7 @@ from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.config.overrides import apply_overrides
 from depthcli.training.config.presets import preset_file
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import differences, mismatch_error
+from depthcli.training.config_differences import differences, mismatch_error, value_differences
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.methods.registry import check_terms, default_config
 
@@ -57,9 +57,10 @@ def _resumed_config(
     folder: Path, saved: TrainConfig, method: str, files: Sequence[Path], settings: Sequence[str]
 ) -> TrainConfig:
     """The checkpoint's configuration, after checking that the options do not contradict it."""
-    mismatches = differences(saved, apply_overrides(saved, files, settings))
-    if saved.method != method:
-        mismatches = (f'method is "{saved.method}" there, "{method}" here', *mismatches)
+    mismatches = (
+        *value_differences({"method": saved.method}, {"method": method}),
+        *differences(saved, apply_overrides(saved, files, settings)),
+    )
     if mismatches:
         raise mismatch_error(folder / CHECKPOINT, mismatches)
     return saved

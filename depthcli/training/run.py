@@ -1,4 +1,4 @@
-"""Networks, optimisers and weight average of one run: steps, saving and resuming."""
+"""Networks, optimizers and weight average of one run: steps, saving and resuming."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -32,7 +32,7 @@ _RANK_STRIDE = 1_000_003  # between the seeds of processes, far from those that 
 
 
 class Run:
-    """Networks, optimisers and weight average of one run.
+    """Networks, optimizers and weight average of one run.
 
     ``steps`` is the number of steps of the whole schedule, ``progress`` how far the run has come.
     """
@@ -81,7 +81,7 @@ class Run:
         return started
 
     def step(self, batch: TrainingBatch) -> dict[str, float]:
-        """One optimisation step of every phase; the loss terms by name.
+        """One optimization step of every phase; the loss terms by name.
 
         Raises:
             TrainingError: a term is not finite.
@@ -191,7 +191,7 @@ def _instance_norm(method: nn.Module) -> bool:
 
 
 def _check_state(state: dict[int, dict[str, object]], weights: list[Tensor]) -> None:
-    """Check the shapes of the optimiser's moments; torch would fail only at the next step.
+    """Check the shapes of the optimizer's moments; torch would fail only at the next step.
 
     Raises:
         ValueError: a moment has another shape than its weight.

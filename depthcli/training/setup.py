@@ -30,7 +30,7 @@ _EXAMPLES = 128  # pictures, by which the decoder channels of initial weights ar
 class TrainingSetup:
     """Everything that the training loop needs."""
 
-    run: Run  #: networks, optimisers and progress
+    run: Run  #: networks, optimizers and progress
     batches: Batches  #: the training batches, by step
     #: the held-out pairs; None without them, and in processes after the first
     validation: Validation | None

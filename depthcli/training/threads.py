@@ -1,6 +1,6 @@
 """Choosing the number of CPU threads of a run by a short trial, unless it is given.
 
-torch's threads synchronise after every operation. On a machine with other load, two threads can be
+torch's threads synchronize after every operation. On a machine with other load, two threads can be
 four times slower than one.
 """
 

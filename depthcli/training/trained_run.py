@@ -15,7 +15,7 @@ class TrainedRun:
     parameters: int  #: weights of the generator
     epochs: int  #: whole epochs done
     epochs_planned: int  #: epochs of the whole schedule
-    steps: int  #: optimisation steps done
+    steps: int  #: optimization steps done
     minutes: float  #: training time in minutes
     train_ids: tuple[str, ...]  #: pairs it was trained on
     held_out_ids: tuple[str, ...]  #: pairs it was validated on

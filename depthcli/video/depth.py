@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.core.types import DepthKind, DepthMap, Provenance
+from depthcli.core.types import DepthMap, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth.metadata import number, positive_number, provenance_of
-from depthcli.io.depth.quantization import UINT16_MAX, dequantized
+from depthcli.io.depth.metadata import kind_named, number, positive_number, provenance_of
+from depthcli.io.depth.quantization import UINT16_MAX, denormalized, dequantized
 from depthcli.io.depth.stored import step_scale
 from depthcli.video.codecs import DEPTH_PIXELS
 from depthcli.video.rates import exact_rate, parse_rate
@@ -36,7 +36,7 @@ class DepthVideo:
         rate: frames a second, exact; None if the file does not say.
         labels: metadata of the file: scale, kind, unit, model and so on; empty for files of other
             programs.
-        scale: steps per metre; None if the file is normalized and has no unit.
+        scale: units per metre; None if the file is normalized and has no unit.
         kind: what the numbers mean.
     """
 
@@ -45,7 +45,7 @@ class DepthVideo:
 
         Args:
             path: a 16-bit gray video, FFV1 in Matroska.
-            scale: steps per metre; None for what the file states, or millimetres.
+            scale: units per metre; None for what the file states, or millimetres.
 
         Raises:
             InputError: missing, damaged, or not 16-bit gray.
@@ -67,10 +67,9 @@ class DepthVideo:
         }
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
         self.rate = parse_rate(self.labels.get("frame_rate")) or exact_rate(fps or 0)
-        kind = self.labels.get("kind")
-        self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
+        self.kind = kind_named(self.labels.get("kind"))
         stated = step_scale(self.labels, scale)
-        self.scale = stated and stated.steps_per_metre
+        self.scale = stated and stated.units_per_metre
 
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, (H, W) float32: metres, NaN where there is no depth.
@@ -88,11 +87,9 @@ class DepthVideo:
         """
         source = provenance_of(self.labels) or Provenance()
         for frame_number, time_s, steps in self._timed_steps():
-            # Normalized values are stored as 1 to 65535.
-            known = dequantized(steps, self.scale or 1.0)
-            if self.scale is None:
-                known = (known - 1) / np.float32(UINT16_MAX - 1)
-            yield frame_number, DepthMap(known, self.kind, replace(source, time_s=time_s))
+            scale = self.scale
+            values = denormalized(steps, 0, 1) if scale is None else dequantized(steps, scale)
+            yield frame_number, DepthMap(values, self.kind, replace(source, time_s=time_s))
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
         """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth.

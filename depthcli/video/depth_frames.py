@@ -23,7 +23,7 @@ def depth_frames(
     Args:
         video: read from its beginning.
         name: of the file, in messages; None for its path.
-        scale: steps per metre that the user states; None for what the file states.
+        scale: units per metre that the user states; None for what the file states.
 
     Raises:
         InputError: a frame is damaged or missing; those before it have been yielded.

@@ -5,10 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import av
-import numpy as np
-import numpy.typing as npt
 
-from depthcli.io.depth.quantization import UINT16_MAX, quantized
+from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
 from depthcli.io.writers.metadata import metadata_texts, step_unit
 from depthcli.video.av_frame import av_frame
 from depthcli.video.codecs import Codec
@@ -34,7 +32,7 @@ def depth_video(
     Args:
         target: ends in ``.mkv``.
         timing: of the frames.
-        scale: steps per metre.
+        scale: units per metre.
         inputs: files that must not be replaced.
         written: path of the incomplete file, which stays if the block fails; None for a temporary
             one.
@@ -57,10 +55,11 @@ class DepthVideoOutput:
 
     def encode(self, frame: DepthFrame) -> tuple[DepthFrame, av.VideoFrame, int]:
         """Quantize depth; also returns how many pixels were saturated."""
-        if frame.depth.is_metric:
-            steps, saturated = quantized(frame.depth.values, self._scale)
+        depth = frame.depth
+        if depth.is_metric:
+            steps, saturated = quantized(depth.values, self._scale)
         else:
-            steps, saturated = normalized_to_range(frame.depth.values, *frame.spread), 0
+            steps, saturated = normalized(depth.values, depth.valid, *frame.spread), 0
         return frame, av_frame(steps, Codec.FFV1), saturated
 
     def append(self, encoded: tuple[DepthFrame, av.VideoFrame, int]) -> None:
@@ -103,16 +102,3 @@ class DepthVideoOutput:
             labels |= {"scale": "normalized"}
         own = {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
         return own | time_code_label(frame.picture.time_code, self._timing)
-
-
-def normalized_to_range(
-    values: npt.NDArray[np.float32], low: float, high: float
-) -> npt.NDArray[np.uint16]:
-    """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are not finite.
-
-    (H, W) float32 in, (H, W) uint16 out.
-    """
-    known = np.isfinite(values)
-    share = (np.where(known, values, low) - low) / ((high - low) or 1.0)
-    steps = np.rint(1 + np.clip(share, 0, 1) * (UINT16_MAX - 1))
-    return np.where(known, steps, 0).astype(np.uint16)

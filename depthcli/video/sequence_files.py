@@ -80,7 +80,7 @@ def listed_names(folder: Path) -> Iterable[str]:
         OSError: the folder cannot be listed.
     """
     if isinstance(folder, RemotePath):
-        return folder.names_after("")
+        return folder.names()
     return sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
 
 

@@ -16,7 +16,7 @@ from depthcli.cli.shell import load_command
 from depthcli.core.map_camera import with_centre
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import UsageError
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
@@ -191,7 +191,7 @@ def test_a_cloud_has_the_principal_point_of_the_prediction(inside: Cli) -> None:
 
 def test_a_sidecar_of_an_earlier_run_moves_no_principal_point(files: Path) -> None:
     SidecarWriter().write(with_centre(DEPTH, (1.0, 2.0)), files / "d.json")
-    made_by = read_depth(files / "d.png").provenance
+    made_by = read_stored_depth(files / "d.png").displayed.provenance
     assert made_by is not None
     assert made_by.centre_px is None
 
@@ -201,13 +201,13 @@ def test_a_principal_point_that_is_none_is_not_used(inside: Cli, stated: str) ->
     NpyWriter().write(DEPTH, inside.folder / "d.npy")
     facts = {"software": "depthcli 1.0.0", "centre_px": stated}
     (inside.folder / "d.json").write_text(json.dumps(facts))
-    assert read_depth(inside.folder / "d.npy").provenance is None
+    assert read_stored_depth(inside.folder / "d.npy").displayed.provenance is None
 
 
 @pytest.mark.parametrize("target", ["b.png", "b.exr"])
 def test_a_conversion_keeps_model_and_focal_length(inside: Cli, files: Path, target: str) -> None:
     assert inside("convert", "n.npy", target).returncode == 0
-    made_by = read_depth(files / target).provenance
+    made_by = read_stored_depth(files / target).displayed.provenance
     assert made_by is not None
     assert (made_by.model, made_by.model_sha256, made_by.focal_px) == ("m", "0" * 64, 16.0)
     assert inside("convert", "d.png", "b.json", "--png-scale", "256").returncode == 0
@@ -246,7 +246,7 @@ def test_a_file_states_the_given_camera(
         told = json.loads((files / name).read_text())
         told["centre_px"] = told["centre_px"] and tuple(told["centre_px"])
     else:
-        depth = read_depth(files / name)
+        depth = read_stored_depth(files / name).displayed
         told = asdict(depth.provenance or Provenance())
         np.testing.assert_array_equal(depth.values, DEPTH.values)
     assert told["focal_px"] == pytest.approx(focal_px)
@@ -291,7 +291,7 @@ def test_the_sidecar_of_a_png_states_its_scale(inside: Cli) -> None:
     cv2.imwrite(str(inside.folder / "kitti.png"), steps)
     assert inside("convert", "kitti.png", "kitti.json", "--from-scale", "256").returncode == 0
     assert json.loads((inside.folder / "kitti.json").read_text())["png16_scale"] == 256
-    assert np.nanmax(read_depth(inside.folder / "kitti.png").values) == 10
+    assert np.nanmax(read_stored_depth(inside.folder / "kitti.png").displayed.values) == 10
     Png16Writer(png_normalize=True).write(DEPTH, inside.folder / "d.png")
     assert inside("convert", "d.png", "d", "--format", "json").returncode == 0
     (sidecar,) = inside.folder.glob("d*.json")

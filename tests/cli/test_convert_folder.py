@@ -11,7 +11,7 @@ from folders import contents, printed
 from tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.listing.globs import NameFilter
 from depthcli.io.writers.formats import Format
@@ -91,7 +91,7 @@ def test_a_tree_is_kept(tree: Cli) -> None:
     outputs = contents(tree, "out")
     assert outputs.keys() == {"a.depth.exr", "b.depth.exr", "hall/c.depth.exr"}
     for name, depth_m in (("a", 1), ("b", 2), ("hall/c", 3.5)):
-        depth = read_depth(tree.folder / "out" / f"{name}.depth.exr")
+        depth = read_stored_depth(tree.folder / "out" / f"{name}.depth.exr").displayed
         assert (depth.values == depth_m).all()
     before = {name: (tree.folder / "out" / name).stat().st_ino for name in outputs}
     depth_file(tree.folder / "in/b.png", 4)
@@ -217,7 +217,7 @@ def test_patterns_choose_and_change_no_name(tree: Cli) -> None:
 def test_options_are_those_of_a_file(tree: Cli) -> None:
     words = ("convert", "in", "--out", "out", "--from-scale", "500", "--format")
     assert tree(*words, "npy", "--exclude", "hall").returncode == 0
-    assert read_depth(tree.folder / "out/b.depth.npy").values[0, 0] == 4
+    assert read_stored_depth(tree.folder / "out/b.depth.npy").displayed.values[0, 0] == 4
     done = tree("convert", "in", "--out", "clouds", "--format", "ply", "--focal-px", "5")
     assert (done.returncode, done.stderr) == (0, b"")
     assert b"round trip" not in done.stdout

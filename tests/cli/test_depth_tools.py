@@ -14,7 +14,7 @@ import pytest
 from tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.video.depth_output import depth_video
 from depthcli.video.output import DepthFrame
 from depthcli.video.rates import Timing
@@ -39,7 +39,7 @@ def test_info_says_what_a_pixel_is(inside: Cli) -> None:
     write_picture(inside.folder / "room.png")
     inside("predict", "room.png", "-o", "d.png", "--png-scale", "5000")
     told = json.loads(inside("info", "d.png", "--json").stdout)
-    depth = read_depth(inside.folder / "d.png").values
+    depth = read_stored_depth(inside.folder / "d.png").displayed.values
     assert (told["kind"], told["unit"]) == ("metric", "m")
     assert (told["width"], told["height"], told["valid"]) == (64, 48, 64 * 48)
     assert told["max"] == pytest.approx(depth.max())
@@ -148,7 +148,7 @@ def test_what_is_no_depth_file_is_exit_code_1(
 
 def test_convert_reports_the_round_trip(inside: Cli, depth_npy: Path) -> None:
     told = json.loads(inside("convert", "d.npy", "d.png", "--json").stdout)
-    again = read_depth(inside.folder / "d.png").values
+    again = read_stored_depth(inside.folder / "d.png").displayed.values
     gap = np.abs(again - np.load(depth_npy))
     assert told["max_error"] == pytest.approx(np.nanmax(gap), rel=1e-3)
     assert 0 < told["max_error"] < 0.00051
@@ -159,7 +159,7 @@ def test_convert_reports_the_round_trip(inside: Cli, depth_npy: Path) -> None:
 def test_convert_to_exr_costs_nothing(inside: Cli) -> None:
     told = json.loads(inside("convert", "d.npy", "d.exr", "--json").stdout)
     assert (told["max_error"], told["mean_error"], told["lost"]) == (0, 0, 0)
-    assert np.isnan(read_depth(inside.folder / "d.exr").values[0, 0])
+    assert np.isnan(read_stored_depth(inside.folder / "d.exr").displayed.values[0, 0])
 
 
 @pytest.mark.usefixtures("depth_npy")

@@ -17,10 +17,8 @@ import pytest
 from command_line import unmeasured
 from tiny import synthetic_picture, write_model, write_picture
 
-from depthcli.cli.arguments.options import Colormap
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.writers.formats import FORMATS, Format
-from depthcli.visual.colormaps import NAMES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -120,7 +118,7 @@ def test_the_output_s_suffix_chooses_the_format(inside: Cli, suffix: str) -> Non
     room(inside)
     assert inside("predict", "room.png", "-o", f"depth{suffix}").returncode == 0
     assert here(inside) == {"room.png", f"depth{suffix}"}
-    depth = read_depth(inside.folder / f"depth{suffix}")
+    depth = read_stored_depth(inside.folder / f"depth{suffix}").displayed
     np.testing.assert_allclose(depth.values[:, 6:-6], EXPECTED_M[:, 6:-6], atol=0.2)
 
 
@@ -134,7 +132,6 @@ def test_formats_are_repeatable_and_a_folder_takes_them(inside: Cli) -> None:
 
 def test_every_format_of_the_registry_can_be_asked_for() -> None:
     assert set(Format) == set(FORMATS)
-    assert set(Colormap) == set(NAMES)
 
 
 def test_a_suffix_that_says_nothing_is_wrong_usage(inside: Cli) -> None:
@@ -533,7 +530,7 @@ def test_an_interrupted_run_leaves_whole_files_only(cli: Cli, number: signal.Sig
     assert 3 < len(outputs) < 400
     for path in outputs:
         assert not path.name.startswith(".")
-        assert read_depth(path).values.shape == (48, 64)
+        assert read_stored_depth(path).displayed.values.shape == (48, 64)
 
 
 def test_waiting_for_stdin_can_be_interrupted(cli: Cli) -> None:

@@ -16,7 +16,7 @@ from videos import flat_frames, write_video
 
 from depthcli.cli.arguments.span import parse_fps
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr_pictures import read_exr_rate
 from depthcli.video.depth import DepthVideo
 from depthcli.video.frame_source import is_sequence, open_frames
@@ -236,7 +236,7 @@ def test_plates_become_a_depth_video_and_depth_plates(inside: Cli) -> None:
     names = sorted(path.name for path in (inside.folder / "out").iterdir())
     assert names == [f"depth.{number}.exr" for number in range(1001, 1007)]
     for name, expected in zip(names, steps, strict=True):
-        metres = read_depth(inside.folder / "out" / name).values
+        metres = read_stored_depth(inside.folder / "out" / name).displayed.values
         np.testing.assert_array_equal(np.rint(metres * 1000), expected)
         assert read_exr_rate(inside.folder / "out" / name) == FILM
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from tiny import write_picture
 
-from depthcli.cli.arguments.options import Colormap, Near
 from depthcli.cli.arguments.writing import writer_options
 from depthcli.cli.shell import load_command
+from depthcli.core.choices import Colormap, Near
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from videos import NTSC, encode, flat_frames, write_mp4, write_video
 
 from depthcli.cli.arguments.span import parse_point, parse_span
 from depthcli.errors import UsageError
-from depthcli.io.depth.read import read_depth, read_metadata
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.video.depth import DepthVideo
 from depthcli.video.partial import readable_steps
 from depthcli.video.spans import Point, Span
@@ -109,7 +109,7 @@ def test_frames_take_what_they_lack_from_their_video_s_sidecar(cli: Cli) -> None
         path.write_text(json.dumps(facts))
         assert read_metadata(cli.folder / "clip.depth.000001.png").get("orientation") == orientation
     path.write_text(json.dumps(old))
-    made_by = read_depth(cli.folder / "clip.depth.000001.npy").provenance
+    made_by = read_stored_depth(cli.folder / "clip.depth.000001.npy").displayed.provenance
     assert made_by is not None
     assert (made_by.model_sha256, made_by.focal_px) == (sidecar["model_sha256"], 60)
 

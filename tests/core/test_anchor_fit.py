@@ -114,7 +114,7 @@ def test_an_anchor_behind_the_camera_is_refused(kind: DepthKind) -> None:
         Point(x, 0, 1 / value if kind is DepthKind.INVERSE else value)
         for x, value in enumerate(wanted)
     ]
-    with pytest.raises(UsageError, match="ahead of the camera"):
+    with pytest.raises(UsageError, match="the fit puts an anchor at or behind the camera"):
         fit_anchors(DepthMap(values, kind), points)
 
 

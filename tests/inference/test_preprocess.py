@@ -1,4 +1,4 @@
-"""What the network sees: colour at full precision, size, normalisation."""
+"""What the network sees: colour at full precision, size, normalization."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ def _entropy_coded(blocks: Sequence[Sequence[int]]) -> bytes:
     bits, before = "", [0] * len(blocks[0])
     for block in blocks:
         for i, sample in enumerate(block):
-            level = 8 * (sample - 128)  # the DC coefficient of a flat block, quantised by 1
+            level = 8 * (sample - 128)  # the DC coefficient of a flat block, quantized by 1
             step, before[i] = level - before[i], level
             length = abs(step).bit_length()
             bits += f"{length:04b}"

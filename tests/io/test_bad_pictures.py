@@ -17,7 +17,7 @@ from PIL import Image
 
 from depthcli.datasets.files import depth_shape, read_image_rgb
 from depthcli.errors import DatasetError, InputError
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.opencv_log import WARNINGS, set_log_level
 from depthcli.io.pictures import decoder_messages
@@ -165,7 +165,7 @@ def test_what_has_no_end_is_not_read(name: str) -> None:
 @pytest.mark.parametrize("name", ["a\0.png", "\ud800.png"])
 def test_what_no_file_is_called_is_refused(name: str) -> None:
     assert not is_own_picture(name)
-    for read in (read_image, read_depth):
+    for read in (read_image, read_stored_depth):
         with pytest.raises(InputError, match="cannot be read: no file has such a name"):
             read(name)
 
@@ -174,7 +174,7 @@ def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
     pipe = tmp_path / "a.png"
     os.mkfifo(pipe)
     assert not is_own_picture(pipe)
-    for read in (read_image, read_depth):
+    for read in (read_image, read_stored_depth):
         with pytest.raises(InputError, match=r"a\.png cannot be read: it is a pipe"):
             read(pipe)
     for read_pair in (read_image_rgb, depth_shape):
@@ -185,7 +185,7 @@ def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
 def test_a_pipe_is_no_sidecar(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.ones((4, 4), np.float32))
     os.mkfifo(tmp_path / "a.json")
-    assert read_depth(tmp_path / "a.npy").values.shape == (4, 4)
+    assert read_stored_depth(tmp_path / "a.npy").displayed.values.shape == (4, 4)
 
 
 def test_files_are_read_up_to_a_bound(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_lists_of_rows(tmp_path: Path) -> None:
         (TOPIC.replace("width: 640", "width: []"), "is for nan×480 pixels"),
         (TOPIC.replace("width: 640", "width: wide"), "is for nan×480 pixels"),
         (TOPIC.replace("640", "0"), "is for 0×480 pixels"),
-        (TOPIC.replace("640", "640.5"), "which is no camera"),
+        (TOPIC.replace("640", "640.5"), "is not a valid camera matrix"),
         (TOPIC.replace("431.5", "-431.5"), "fx -431.5"),
         (TOPIC.replace("431.5, 250.7", "0, 250.7"), "fy 0"),
         (TOPIC.replace("337.8", "'x'"), "cx nan"),
@@ -275,7 +275,7 @@ def test_a_region_of_interest_is_the_picture(tmp_path: Path, binning: int) -> No
 def test_a_region_that_is_none_is_refused(tmp_path: Path, roi: str) -> None:
     path = tmp_path / "camera_info.yaml"
     path.write_text(f"{TOPIC}{roi}\n")
-    with pytest.raises(InputError, match="which is no camera"):
+    with pytest.raises(InputError, match="is not a valid camera matrix"):
         read_calibration(path)
     path.write_text(f"{TOPIC}roi: 5\n")
     assert read_calibration(path) == EXPECTED

@@ -10,7 +10,7 @@ import pytest
 
 from depthcli.cli.screen.predict import picture_json, picture_text
 from depthcli.core.types import CameraSource, DepthMap, Provenance
-from depthcli.io.depth.read import read_depth, read_metadata
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.npy import NpyWriter
 from depthcli.io.writers.png16 import Png16Writer
@@ -51,7 +51,7 @@ def test_a_file_says_which_camera(
     if isinstance(writer, NpyWriter):  # which has no room for words
         SidecarWriter().write(seen_by(source), path.with_suffix(".json"))
     assert read_metadata(path)["camera"] == WORDS[source]
-    found = read_depth(path).provenance
+    found = read_stored_depth(path).displayed.provenance
     assert found is not None
     assert (found.focal_px, found.camera_source) == (2, source)
 
@@ -75,6 +75,6 @@ def test_a_source_that_another_program_wrote_is_no_source(tmp_path: Path) -> Non
     path = tmp_path / "a.png"
     Png16Writer().write(seen_by(CameraSource.EXIF), path)
     path.write_bytes(path.read_bytes().replace(b"_source\0exif", b"_source\0moon"))
-    found = read_depth(path).provenance
+    found = read_stored_depth(path).displayed.provenance
     assert found is not None
     assert (found.focal_px, found.camera_source) == (2, None)

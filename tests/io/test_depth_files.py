@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError
 from depthcli.io.depth.exr_layers import depth_channel
-from depthcli.io.depth.read import read_depth, read_metadata
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.png.encode import encode_png
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.exr import ExrWriter
@@ -66,7 +66,7 @@ def test_exr_of_several_parts(tmp_path: Path) -> None:
         for name, channel, factor in [("rgba", "R", 2), ("depth", "Z", 1), ("normal", "Z", 3)]
     ]
     OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
-    np.testing.assert_array_equal(read_depth(tmp_path / "a.exr").values, DEPTH_M)
+    np.testing.assert_array_equal(read_stored_depth(tmp_path / "a.exr").displayed.values, DEPTH_M)
 
 
 @pytest.mark.parametrize("corner", [(2, 1), (-1, -1), (-20, 0)])
@@ -77,7 +77,7 @@ def test_exr_keeps_the_framing(corner: tuple[int, int], tmp_path: Path) -> None:
         "dataWindow": (np.array(corner, np.int32), np.array([left + 3, top + 2], np.int32)),
     }
     OpenEXR.File({**SCANLINES, **windows}, {"Z": DEPTH_M}).write(str(tmp_path / "a.exr"))
-    found = read_depth(tmp_path / "a.exr").values
+    found = read_stored_depth(tmp_path / "a.exr").displayed.values
     whole = np.full((6, 8), np.nan, np.float32)
     for row in range(6):
         for column in range(8):
@@ -90,10 +90,10 @@ def test_a_colour_exr_is_no_depth(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     gray = dict.fromkeys("RGB", DEPTH_M)
     OpenEXR.File(SCANLINES, gray).write(str(path))
-    np.testing.assert_array_equal(read_depth(path).values, DEPTH_M)
+    np.testing.assert_array_equal(read_stored_depth(path).displayed.values, DEPTH_M)
     OpenEXR.File(SCANLINES, {**gray, "G": DEPTH_M + 1}).write(str(path))
     with pytest.raises(InputError, match=r"a\.exr holds no depth; it has B, G, R"):
-        read_depth(path)
+        read_stored_depth(path)
 
 
 @pytest.mark.parametrize("colours", ["", "RGB"])
@@ -104,7 +104,7 @@ def test_normals_are_no_depth(colours: str, tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=rf"a\.exr holds no depth; it has {', '.join(sorted(names))}"
     ):
-        read_depth(path)
+        read_stored_depth(path)
 
 
 def test_exr_under_a_name_that_is_not_utf_8(tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def test_exr_under_a_name_that_is_not_utf_8(tmp_path: Path) -> None:
     path = folder / os.fsdecode(b"d\xe9pth.exr")
     ExrWriter().write(DepthMap(DEPTH_M, provenance=Provenance("m", "0" * 64, (1, 1))), path)
     assert [p.name for p in folder.iterdir()] == [path.name]
-    np.testing.assert_array_equal(read_depth(path).values, DEPTH_M)
+    np.testing.assert_array_equal(read_stored_depth(path).displayed.values, DEPTH_M)
     assert read_metadata(path)["model"] == "m"
 
 
@@ -146,7 +146,9 @@ def test_half_floats_that_overflow_are_told(tmp_path: Path) -> None:
     with np.errstate(over="raise"):  # NumPy's own warning would be a second one
         warnings = ExrWriter(half=True).write(depth, tmp_path / "a.exr")
     assert warnings == ("1 pixels are beyond half floats and became infinite",)
-    np.testing.assert_array_equal(read_depth(tmp_path / "a.exr").values, [[1, np.inf, np.inf]])
+    np.testing.assert_array_equal(
+        read_stored_depth(tmp_path / "a.exr").displayed.values, [[1, np.inf, np.inf]]
+    )
 
 
 @pytest.mark.parametrize(
@@ -171,15 +173,17 @@ def test_texts_that_make_no_sense_leave_millimetres(texts: dict[str, str], tmp_p
     labels = {f"depthcli:{name}": text for name, text in texts.items()}
     data = encode_png(np.array([[1500, 0]], np.uint16), labels)
     (tmp_path / "a.png").write_bytes(data)
-    depth = read_depth(tmp_path / "a.png")
+    depth = read_stored_depth(tmp_path / "a.png").displayed
     assert depth.kind is DepthKind.METRIC
     np.testing.assert_array_equal(depth.values, np.array([[1.5, np.nan]], np.float32))
 
 
 def test_a_stated_scale_wins_over_normalization(tmp_path: Path) -> None:
     Png16Writer(png_normalize=True).write(DepthMap(DEPTH_M), tmp_path / "a.png")
-    assert read_depth(tmp_path / "a.png").values == pytest.approx(DEPTH_M, abs=1e-4)
-    assert read_depth(tmp_path / "a.png", png_scale=65535).values.max() == 1
+    assert read_stored_depth(tmp_path / "a.png").displayed.values == pytest.approx(
+        DEPTH_M, abs=1e-4
+    )
+    assert read_stored_depth(tmp_path / "a.png", png_scale=65535).displayed.values.max() == 1
 
 
 @pytest.mark.parametrize(
@@ -190,7 +194,7 @@ def test_npy_with_batch_or_channel_axes(
     shape: tuple[int, ...], found: tuple[int, int], tmp_path: Path
 ) -> None:
     np.save(tmp_path / "a.npy", np.ones(shape, np.float64))
-    depth = read_depth(str(tmp_path / "a.npy"))
+    depth = read_stored_depth(str(tmp_path / "a.npy")).displayed
     assert (depth.values.shape, depth.values.dtype) == (found, np.float32)
 
 
@@ -209,7 +213,7 @@ def test_npy_with_batch_or_channel_axes(
 def test_arrays_that_are_no_depth(values: np.ndarray, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", values, allow_pickle=True)
     with pytest.raises(InputError, match=r"a\.npy (is|holds)"):
-        read_depth(tmp_path / "a.npy")
+        read_stored_depth(tmp_path / "a.npy")
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy"])
@@ -221,7 +225,7 @@ def test_what_is_no_depth_file(name: str, content: bytes | None, tmp_path: Path)
         (tmp_path / name).write_bytes(content)
     problem = f"{name} is missing: no such file" if content is None else name
     with pytest.raises(InputError, match=problem) as caught:
-        read_depth(tmp_path / name)
+        read_stored_depth(tmp_path / name)
     assert "\n" not in str(caught.value)
     if name == "a.exr":
         with pytest.raises(InputError, match=name):
@@ -233,9 +237,9 @@ def test_pictures_and_other_suffixes_are_no_depth(tmp_path: Path) -> None:
     (tmp_path / "b.png").write_bytes(made.png([bytes(6)], 1, 16, 2))
     for name in ("a.png", "b.png"):
         with pytest.raises(InputError, match="16-bit gray"):
-            read_depth(tmp_path / name)
+            read_stored_depth(tmp_path / name)
     with pytest.raises(InputError, match=r"is not a depth file \(\.png, "):
-        read_depth(tmp_path / "a.tiff")
+        read_stored_depth(tmp_path / "a.tiff")
 
 
 @settings(max_examples=150, deadline=None)
@@ -249,7 +253,7 @@ def test_damage_is_an_error_or_a_map(name: Format, draw: st.DataObject) -> None:
             data[at] = draw.draw(st.integers(0, 255))
         path.write_bytes(data[: draw.draw(st.integers(0, len(data)))])
         try:
-            assert read_depth(path).values.ndim == 2
+            assert read_stored_depth(path).displayed.values.ndim == 2
             read_metadata(path)
         except InputError:
             return
@@ -278,7 +282,7 @@ def test_stated_facts_are_kept(name: Format, tmp_path: Path) -> None:
     path = tmp_path / f"a{FORMATS[name].suffix}"
     writer_class(name)().write(DepthMap(DEPTH_M, provenance=STATED), path)
     SidecarWriter().write(DepthMap(DEPTH_M, provenance=STATED), path.with_suffix(".json"))
-    found = read_depth(path)
+    found = read_stored_depth(path).displayed
     assert found.kind is DepthKind.METRIC
     assert found.provenance is not None
     assert found.provenance.model == "nyu"
@@ -292,7 +296,7 @@ def test_files_of_other_programs_state_nothing(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", DEPTH_M)
     OpenEXR.File(SCANLINES, {"Z": DEPTH_M}).write(str(tmp_path / "a.exr"))
     for suffix in (".png", ".npy", ".exr"):
-        assert read_depth(tmp_path / f"a{suffix}").provenance is None
+        assert read_stored_depth(tmp_path / f"a{suffix}").displayed.provenance is None
 
 
 @pytest.mark.parametrize("text", ["-400", "0", "nan", "inf", "", "wide"])
@@ -300,11 +304,11 @@ def test_a_focal_length_that_makes_no_sense_is_left_out(text: str, tmp_path: Pat
     steps = np.full((3, 4), 1500, np.uint16)
     texts = {"depthcli:focal_px": text, "depthcli:model": "nyu", "depthcli:orientation": "9"}
     (tmp_path / "a.png").write_bytes(encode_png(steps, texts))
-    assert read_depth(tmp_path / "a.png").provenance == Provenance("nyu")
+    assert read_stored_depth(tmp_path / "a.png").displayed.provenance == Provenance("nyu")
 
 
 def test_a_file_that_is_read_and_written_again_keeps_its_facts(tmp_path: Path) -> None:
     Png16Writer().write(DepthMap(DEPTH_M, provenance=STATED), tmp_path / "a.png")
-    ExrWriter().write(read_depth(tmp_path / "a.png"), tmp_path / "b.exr")
+    ExrWriter().write(read_stored_depth(tmp_path / "a.png").displayed, tmp_path / "b.exr")
     facts = read_metadata(tmp_path / "b.exr")
     assert (facts["model"], facts["focal_px"]) == ("nyu", "518.75")

@@ -111,7 +111,9 @@ def test_primaries_are_those_of_the_first_part_if_a_part_states_none(tmp_path: P
 )
 def test_primaries_that_are_none_are_told(stated: tuple[float, ...], tmp_path: Path) -> None:
     (warning,) = warnings_of(tmp_path / "a.exr", chromaticities=stated)
-    assert warning == "its header states primaries that are none; those of Rec. 709 are assumed"
+    assert warning == (
+        "the header's chromaticities are not valid primaries; those of Rec. 709 are assumed"
+    )
     assert warnings_of(tmp_path / "a.exr", colours="Y", chromaticities=stated) == []
 
 

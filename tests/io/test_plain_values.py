@@ -25,12 +25,12 @@ from depthcli.io.depth.exr import _has_all_rows, write_exr
 from depthcli.io.depth.exr_channels import read_exr_channels
 from depthcli.io.depth.exr_library import silenced
 from depthcli.io.depth.metadata import positive_number
-from depthcli.io.depth.quantization import dequantized, quantized
-from depthcli.io.depth.read import read_depth, read_metadata
+from depthcli.io.depth.quantization import denormalized, dequantized, normalized, quantized
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.pictures.convert import frame_of
 from depthcli.io.png.encode import encode_png
-from depthcli.io.writers.png16 import Png16Writer, normalized
+from depthcli.io.writers.png16 import Png16Writer, stretched
 from depthcli.io.writers.preview import PreviewWriter, nearness, percentiles
 from depthcli.io.writers.sidecar import SidecarWriter
 
@@ -66,14 +66,26 @@ def test_steps(values: np.ndarray, scale: float) -> None:
 @given(MAPS)
 def test_stretched(kind: DepthKind, values: np.ndarray) -> None:
     lowest = 0 if kind is DepthKind.METRIC else -math.inf
-    steps, low, high = normalized(DepthMap(values, kind))
+    steps, low, high = stretched(DepthMap(values, kind))
     known = [float(value) for value in values[0] if lowest < value < math.inf]
     ends = (min(known), max(known)) if known else (0.0, 0.0)
     assert (low, high) == ends
-    np.testing.assert_array_equal(normalized(DepthMap(values.T, kind))[0], steps.T)
+    np.testing.assert_array_equal(stretched(DepthMap(values.T, kind))[0], steps.T)
     for value, found in zip(values[0].tolist(), steps[0].tolist(), strict=True):
         share = (value - low) / (high - low or 1.0)
         assert found == (np.rint(1 + share * 65534) if value in known else 0)
+
+
+@pytest.mark.parametrize("precision", [np.float32, np.float64])
+def test_every_normalized_step_is_read_as_it_was_written(precision: type) -> None:
+    steps = np.arange(65536, dtype=np.uint16).reshape(256, 256)
+    values = denormalized(steps, 1, 3)
+    assert np.isnan(values[0, 0])
+    assert (values[0, 1], values[-1, -1]) == (1, 3)
+    again = normalized(values.astype(precision), ~np.isnan(values), 1, 3)
+    np.testing.assert_array_equal(again, steps)
+    shares = (F32(steps) - 1) / F32(65534)
+    np.testing.assert_array_equal(denormalized(steps, 0, 1).ravel()[1:], shares.ravel()[1:])
 
 
 def test_a_stretched_png_is_read_with_its_own_ends(tmp_path: Path) -> None:
@@ -81,7 +93,7 @@ def test_a_stretched_png_is_read_with_its_own_ends(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     warnings = Png16Writer().write(DepthMap(values, DepthKind.RELATIVE), path)
     assert warnings == ("relative depth has no unit; png is normalized",)
-    found = read_depth(path)
+    found = read_stored_depth(path).displayed
     assert found.kind is DepthKind.RELATIVE
     np.testing.assert_allclose(found.values, values, atol=1e-4)
     metric = DepthMap(F32([[1, 65.535, 66]]))

@@ -12,10 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
+from depthcli.core.choices import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.writers.preview import PreviewWriter, nearness
-from depthcli.visual.colormaps import NAMES, colour_table
+from depthcli.visual.colormaps import colour_table
 from depthcli.visual.legend import label, tick_value, with_legend
 
 if TYPE_CHECKING:
@@ -37,11 +38,11 @@ def render(values: np.ndarray, kind: DepthKind = DepthKind.METRIC, **options: An
         elements=st.floats(width=32, allow_nan=True),
     ),
     st.sampled_from(KINDS),
-    st.sampled_from(NAMES),
+    st.sampled_from(Colormap),
     st.booleans(),
 )
 def test_every_map_has_a_preview(
-    values: np.ndarray, kind: DepthKind, colormap: str, legend: bool
+    values: np.ndarray, kind: DepthKind, colormap: Colormap, legend: bool
 ) -> None:
     image = render(values, kind, colormap=colormap, legend=legend)
     assert image.dtype == np.uint8
@@ -111,7 +112,7 @@ def test_labels_have_three_digits(value: float, text: str) -> None:
 
 @pytest.mark.parametrize("height", [1, 10, 30, 480, 3000])
 def test_the_legend_is_a_bar_with_near_at_the_top(height: int) -> None:
-    colours = colour_table("gray")
+    colours = colour_table(Colormap.GRAY)
     picture = np.zeros((height, 10, 3), np.uint8)
     image = with_legend(picture, colours, 1, 9, DepthKind.METRIC)
     assert (image[:, :10] == 0).all()
@@ -126,7 +127,7 @@ def test_the_legend_is_a_bar_with_near_at_the_top(height: int) -> None:
 def test_the_legend_has_numbers_that_do_not_touch() -> None:
     for height in (60, 120, 480, 2000):
         image = with_legend(
-            np.zeros((height, 1, 3), np.uint8), colour_table("gray"), 1, 9, DepthKind.METRIC
+            np.zeros((height, 1, 3), np.uint8), colour_table(Colormap.GRAY), 1, 9, DepthKind.METRIC
         )
         size = min(max(height / 480, 0.9), 4)
         text = image[:, 1 + round(43 * size) :].max(axis=(1, 2)) > 100
@@ -139,7 +140,7 @@ def test_the_legend_has_numbers_that_do_not_touch() -> None:
 def test_decimal_points_are_seen_at_any_size(height: int) -> None:
     """A number's lowest rows hold its point and the feet of its digits, with gaps between."""
     blank = np.zeros((height, 1, 3), np.uint8)
-    image = with_legend(blank, colour_table("gray"), 1.11, 1.11, DepthKind.RELATIVE)
+    image = with_legend(blank, colour_table(Colormap.GRAY), 1.11, 1.11, DepthKind.RELATIVE)
     size = min(max(height / 480, 0.9), 4)
     text = image[:, 1 + round(43 * size) :].max(axis=2) > 90
     lowest = np.flatnonzero(text.any(axis=1))[-1]
@@ -159,11 +160,11 @@ def test_side_by_side_has_the_picture_at_the_left(tmp_path: Path) -> None:
     np.testing.assert_array_equal(image[:, 80:, ::-1], writer.render(DepthMap(RAMP_M)))
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_colormaps_end_bright_or_red_and_turn_round(name: str) -> None:
+@pytest.mark.parametrize("name", Colormap)
+def test_colormaps_end_bright_or_red_and_turn_round(name: Colormap) -> None:
     colours = colour_table(name).astype(int)
     assert colours.shape == (256, 3)
     assert colours[-1, 0] > colours[0, 0] + 50
-    np.testing.assert_array_equal(colour_table(name, "black"), colours[::-1])
-    np.testing.assert_array_equal(colour_table(name, "white"), colours)
+    np.testing.assert_array_equal(colour_table(name, Near.BLACK), colours[::-1])
+    np.testing.assert_array_equal(colour_table(name, Near.WHITE), colours)
     assert np.abs(np.diff(colours, axis=0)).max() < 15

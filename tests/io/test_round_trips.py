@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.io.depth.exr_map import depth_channel
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.png.chunks import read_text
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import FORMATS, Format, format_of, writer_class
@@ -34,7 +34,7 @@ def written(writer: Any, depth: DepthMap, suffix: str, **reading: Any) -> DepthM
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"depth{suffix}"
         writer.write(depth, path)
-        return read_depth(path, **reading)
+        return read_stored_depth(path, **reading).displayed
 
 
 @given(METRES)
@@ -48,14 +48,14 @@ def test_png_scales_are_read_back_and_can_be_stated(scale: float, tmp_path: Path
     depth = DepthMap(np.array([[1.0, 2.5]], np.float32))
     Png16Writer(png_scale=scale).write(depth, tmp_path / "a.png")
     for stated in (None, scale):
-        found = read_depth(tmp_path / "a.png", png_scale=stated).values
+        found = read_stored_depth(tmp_path / "a.png", png_scale=stated).displayed.values
         assert found == pytest.approx(depth.values, abs=0.5 / scale)
 
 
 def test_png_marks_invalid_and_saturates_without_wrapping(tmp_path: Path) -> None:
     values = np.array([[np.nan, np.inf, -1, 0, 0.0001, 65.535, 65.536, 70, 1e9]], np.float32)
     warnings = Png16Writer().write(DepthMap(values), tmp_path / "a.png")
-    found = read_depth(tmp_path / "a.png").values[0]
+    found = read_stored_depth(tmp_path / "a.png").displayed.values[0]
     assert np.isnan(found[:4]).all()
     assert found[4] == pytest.approx(0.001)
     assert found[5:] == pytest.approx(np.full(4, 65.535))
@@ -78,7 +78,7 @@ def test_png_says_what_it_holds(tmp_path: Path) -> None:
 def test_png_without_metres_is_normalized_and_says_so(kind: DepthKind, tmp_path: Path) -> None:
     depth = DepthMap(np.array([[-3.0, 0.5, np.nan, 7.0]], np.float32), kind)
     assert Png16Writer().write(depth, tmp_path / "a.png")
-    found = read_depth(tmp_path / "a.png")
+    found = read_stored_depth(tmp_path / "a.png").displayed
     assert found.kind is kind
     assert found.values == pytest.approx(depth.values, abs=1e-3, nan_ok=True)
 
@@ -99,7 +99,9 @@ def test_exr_is_compressed_by_zip(tmp_path: Path) -> None:
 def test_half_exr_keeps_eleven_bits(tmp_path: Path) -> None:
     values = np.linspace(0.3, 10, 60, dtype=np.float32).reshape(6, 10)
     ExrWriter(half=True).write(DepthMap(values), tmp_path / "a.exr")
-    assert read_depth(tmp_path / "a.exr").values == pytest.approx(values, rel=2**-11)
+    assert read_stored_depth(tmp_path / "a.exr").displayed.values == pytest.approx(
+        values, rel=2**-11
+    )
 
 
 @given(ANY_FLOAT)

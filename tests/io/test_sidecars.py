@@ -15,7 +15,7 @@ import pytest
 import depthcli
 from depthcli.core.types import AnchorFit, CameraSource, DepthKind, DepthMap, Provenance
 from depthcli.io.depth.metadata import provenance_of
-from depthcli.io.depth.read import read_depth, read_metadata, read_stored_depth
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import FORMATS, Format, writer_class
@@ -113,8 +113,8 @@ def test_the_kind_comes_from_the_sidecar(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
     SidecarWriter().write(DepthMap(DEPTH_M, DepthKind.INVERSE), tmp_path / "a.json")
     write_map(path, DEPTH_M)
-    assert read_depth(path).kind is DepthKind.INVERSE
-    assert read_depth(path, kind=DepthKind.RELATIVE).kind is DepthKind.RELATIVE
+    assert read_stored_depth(path).displayed.kind is DepthKind.INVERSE
+    assert read_stored_depth(path, kind=DepthKind.RELATIVE).displayed.kind is DepthKind.RELATIVE
 
 
 @pytest.mark.parametrize("kind", DepthKind)
@@ -193,7 +193,7 @@ def test_a_file_of_version_0_9_has_the_fit_of_its_sidecar(tmp_path: Path) -> Non
     labels = {f"depthcli:{name}": text for name, text in texts.items()} | {"depthcli:scale": "1000"}
     (tmp_path / "a.png").write_bytes(encode_png((DEPTH_M * 1000).astype(np.uint16), labels))
     SidecarWriter().write(FITTED, tmp_path / "a.json")
-    assert read_depth(tmp_path / "a.png").provenance == FITTED.provenance
+    assert read_stored_depth(tmp_path / "a.png").displayed.provenance == FITTED.provenance
 
 
 @pytest.mark.parametrize(

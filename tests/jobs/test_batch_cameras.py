@@ -14,7 +14,7 @@ from videos import flat_frames, write_video
 from depthcli.core.camera import Camera, Lens
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.manifest.shard import Shard
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.cameras import read_cameras
@@ -46,7 +46,7 @@ def kept(wanted: BatchRequest) -> dict[str, bool]:
 
 
 def focal_px(path: Path) -> float:
-    source = read_depth(path).provenance
+    source = read_stored_depth(path).displayed.provenance
     assert source is not None
     assert source.focal_px is not None
     return source.focal_px
@@ -222,6 +222,7 @@ def test_a_model_without_a_camera_uses_them_for_point_clouds_alone(tmp_path: Pat
         ("id,cx,cy\na,3,3\n", "has no columns id,focal_px"),
         ("id,focal_px,cx,cy\na,40,3,4\na,40,3,5\n", "line 3: another row of 'a' has another"),
         ('id,focal_px\n"' + "a" * 200_000 + '",40\n', "line 2: field larger"),
+        ('id,focal_px\n"a,40\nb,40\n', "line 3: unexpected end of data"),
         (None, "cannot be read: No such file"),
     ],
 )

@@ -14,7 +14,7 @@ from videos import NTSC, damage_frames, encode, flat_frames
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.core.windows import Window, Windows
 from depthcli.errors import InputError, OutputError, UsageError
-from depthcli.io.depth.read import read_depth, read_stored_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert
 from depthcli.jobs.convert_video import convert_video
 from depthcli.jobs.inspect import inspect_file
@@ -132,7 +132,9 @@ def test_frames_before_a_damaged_one_are_written(tmp_path: Path) -> None:
     written = sorted(tmp_path.glob("d.*.png"))
     assert 3 < len(written) < 9
     assert written[0].name == "d.1001.png"
-    assert read_depth(written[-1]).values[1, 0] == pytest.approx(1 + (len(written) - 1) / 1000)
+    assert read_stored_depth(written[-1]).displayed.values[1, 0] == pytest.approx(
+        1 + (len(written) - 1) / 1000
+    )
 
 
 @pytest.mark.parametrize(
@@ -235,7 +237,9 @@ def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: C
         # The plates' drop-frame codes at 24 frames a second cannot be counted.
         parts = slice(1) if name == "in" else slice(None)
         assert clock_of(ours)[parts] == clock_of(theirs)[parts]
-        difference = read_depth(ours).values - read_depth(theirs).values
+        difference = (
+            read_stored_depth(ours).displayed.values - read_stored_depth(theirs).displayed.values
+        )
         assert np.abs(difference).max() < 0.001
 
 

@@ -14,7 +14,7 @@ from videos import NTSC
 from depthcli.core.camera import Camera
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.npy import NpyWriter
@@ -175,7 +175,7 @@ def test_integers_need_a_scale(tmp_path: Path, dtype: type[np.integer[Any]]) -> 
     for stored in (read_map(path, scale=100), read_map(metres)):
         np.testing.assert_array_equal(stored.depth.values, np.float32([[1, np.nan], [0.25, 1.2]]))
     # Without a unit, numbers are what they are.
-    relative = read_depth(path, kind=DepthKind.RELATIVE)
+    relative = read_stored_depth(path, kind=DepthKind.RELATIVE).displayed
     np.testing.assert_array_equal(relative.values, [[100, 0], [25, 120]])
 
 
@@ -189,7 +189,7 @@ def test_what_a_conversion_cost(depth_npy: Path, capfd: pytest.CaptureFixture[st
     assert done.round_trip.mean_error == pytest.approx((70 - 65.535 + 0.0004) / 3, rel=1e-5)
     (warning,) = done.warnings
     assert "65.535" in warning
-    known = read_depth(target).provenance
+    known = read_stored_depth(target).displayed.provenance
     assert known is not None
     assert (known.focal_px, known.camera_source) == (8, CameraSource.OPTION)
     assert capfd.readouterr() == ("", "")
@@ -203,7 +203,7 @@ def test_a_format_that_is_not_read_back_has_no_cost(depth_npy: Path) -> None:
 def test_a_target_without_suffix_gets_the_format_s(depth_npy: Path) -> None:
     done = convert(ConvertRequest(str(depth_npy), str(depth_npy.with_name("x")), Format.EXR))
     assert done.target == str(depth_npy.with_name("x.depth.exr"))
-    assert read_depth(depth_npy.with_name("x.depth.exr")).width == done.depth.width
+    assert read_stored_depth(depth_npy.with_name("x.depth.exr")).displayed.width == done.depth.width
 
 
 @pytest.mark.parametrize("wanted", Format)

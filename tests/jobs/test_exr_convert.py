@@ -13,7 +13,7 @@ from plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, write_plate, wr
 
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
-from depthcli.io.depth.read import read_depth, read_metadata
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr_pictures import read_exr_rate
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert
@@ -66,7 +66,7 @@ def test_windows_pixels_and_rate_are_kept(data: Box, half: bool, tmp_path: Path)
 @WINDOWS
 def test_other_formats_are_of_the_display_window(data: Box, tmp_path: Path) -> None:
     write_depth_exr(tmp_path / "a.exr", data)
-    shown = read_depth(tmp_path / "a.exr").values
+    shown = read_stored_depth(tmp_path / "a.exr").displayed.values
     assert shown.shape == size_of(DISPLAY)
     converted(tmp_path / "a.exr", "b.npy")
     np.testing.assert_array_equal(np.load(tmp_path / "b.npy"), shown)

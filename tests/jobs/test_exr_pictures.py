@@ -20,7 +20,7 @@ from depthcli.core.choices import Detail
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.manifest.row import OK
 from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.formats import Format
@@ -214,7 +214,9 @@ def test_a_plate_without_pixels_in_the_display_window_has_no_depth(
     done = predicted(plate, loader, Format.EXR, Format.PREVIEW)
     assert np.isnan(done.depth.values).all()
     assert np.isfinite(written(tmp_path / "out" / "plate.1.depth.exr")[3]).all()
-    assert np.isnan(read_depth(tmp_path / "out" / "plate.1.depth.exr").values).all()
+    assert np.isnan(
+        read_stored_depth(tmp_path / "out" / "plate.1.depth.exr").displayed.values
+    ).all()
 
 
 def test_its_outputs_have_names_of_their_own(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from videos import flat_frames
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.read import read_depth, read_metadata
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
@@ -67,7 +67,7 @@ def test_depth_has_the_windows_and_the_pixels_of_its_plate(
     assert stored.shape == size_of(data)
     assert np.isfinite(stored).all()
     shown = np.load(out / f"{name}.npy")
-    np.testing.assert_array_equal(read_depth(out / f"{name}.exr").values, shown)
+    np.testing.assert_array_equal(read_stored_depth(out / f"{name}.exr").displayed.values, shown)
     left, top, right, bottom = (
         pick(a, b) for pick, a, b in zip((max, max, min, min), data, DISPLAY, strict=True)
     )
@@ -117,7 +117,7 @@ def test_formats_without_windows_show_the_display_window(
     formats = (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.PNG16, VideoFormat.EXR)
     depth_of(*formats, writing=WriterOptions(side_by_side=True))
     out = tmp_path / "out"
-    depth = read_depth(out / "plate.depth.000002.exr").values
+    depth = read_stored_depth(out / "plate.depth.000002.exr").displayed.values
     assert depth.shape == size_of(DISPLAY)
     steps = np.rint(depth * 1000).astype(np.uint16)
     np.testing.assert_array_equal(cv2.imread(str(out / "plate.depth.000002.png"), -1), steps)

@@ -18,7 +18,7 @@ from tiny import write_model, write_picture
 from depthcli.core.camera import Anchor, Camera
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.failed import FailedInput
@@ -51,7 +51,9 @@ def test_every_picture_has_its_result_in_its_turn(
     *failed, last = results
     assert all(isinstance(one, FailedInput) and isinstance(one.error, InputError) for one in failed)
     assert [one.name for one in (*failed, last)] == list(pictures[1:])
-    np.testing.assert_array_equal(read_depth(tmp_path / "b.depth.npy"), first.depth)
+    np.testing.assert_array_equal(
+        read_stored_depth(tmp_path / "b.depth.npy").displayed, first.depth
+    )
     assert capfd.readouterr() == ("", "")
 
 

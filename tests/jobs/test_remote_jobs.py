@@ -22,7 +22,7 @@ from depthcli.core.exit_hooks import run_exit_hooks
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest.rows_folder import rows_folder
 from depthcli.io.manifest.shard import WHOLE, Shard
@@ -260,7 +260,7 @@ def test_an_exr_is_downloaded_once(tmp_path: Path, bucket: Bucket, faults: Fault
     ExrWriter().write(depth, tmp_path / "a.exr")
     uri = bucket.put("a.exr", (tmp_path / "a.exr").read_bytes())
     faults.seen.clear()
-    np.testing.assert_array_equal(read_depth(uri).values, depth.values)
+    np.testing.assert_array_equal(read_stored_depth(uri).displayed.values, depth.values)
     gets = [one for one in faults.seen.elements() if one == ("GET", f"/{bucket.name}/a.exr")]
     assert len(gets) == 1
 

@@ -24,7 +24,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import load
-from depthcli.io.depth.read import read_depth, read_metadata
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.video.output_names import video_formats
@@ -603,7 +603,7 @@ def test_every_output_holds_the_same_millimetres(
         png = cv2.imread(str(out / f"clip.depth.{index:06d}.png"), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(one, png)
         for suffix in ("exr", "npy"):
-            metres = read_depth(out / f"clip.depth.{index:06d}.{suffix}").values
+            metres = read_stored_depth(out / f"clip.depth.{index:06d}.{suffix}").displayed.values
             np.testing.assert_array_equal(one, np.rint(metres * 1000))
     assert len(files(out)) == len(set(VideoFormat) - set(SEQUENCES)) + 24 * len(SEQUENCES)
 
@@ -754,7 +754,7 @@ def test_each_frame_states_its_time(tmp_path: Path, loader: SessionLoader, smoot
     assert [depth.time_s for depth in read] == pytest.approx(times_s[1:], abs=0.0006)
     frame = ConvertRequest(str(read.path), str(tmp_path / "c.png"), frame=1)
     assert (
-        read_depth(convert(frame).target).provenance
+        read_stored_depth(convert(frame).target).displayed.provenance
         == next(itertools.islice(read, 1, 2)).provenance
     )
 

@@ -335,7 +335,7 @@ CHECKPOINTS = {
     "weights": Bad(_checkpoint(method={"a": torch.tensor(torch.nan)}), "numbers that are not f", 3),
     "pool": Bad(_checkpoint(extra={"pool": [3]}), "pool has to be a list of pictures", 3),
     "chance": Bad(_checkpoint(rng="dice"), "rng has to be the state of a generator", 3),
-    "optimiser": Bad(_checkpoint(optimizers={"a": float("nan")}), "the optimisers holds", 3),
+    "optimizer": Bad(_checkpoint(optimizers={"a": float("nan")}), "the optimizers holds", 3),
     "other network": Bad(_WHOLE, "a.ckpt does not fit its own configuration", 3),
 }
 

@@ -37,7 +37,7 @@ from depthcli.inference.trial import try_session
 from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.depth.exr import write_exr
-from depthcli.io.depth.read import read_depth, read_metadata, read_stored_depth
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
 from depthcli.io.lens_table import read_lenses
 from depthcli.io.listing.own_outputs import is_own_picture
@@ -277,11 +277,11 @@ def _read_calibration(path: Path) -> None:
 def _read_sidecar(path: Path) -> None:
     for array in (path.with_suffix(".npy"), path.with_name(f"{path.stem}.7.npy")):
         np.save(array, _depth().values)
-        read_depth(array)
+        read_stored_depth(array)
         read_metadata(array)
     picture = path.with_suffix(".png")
     picture.write_bytes(encode_png((_depth().values * 1000).astype(np.uint16), {}))
-    read_depth(picture)
+    read_stored_depth(picture)
 
 
 def _cards() -> list[bytes]:

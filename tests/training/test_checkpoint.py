@@ -214,7 +214,7 @@ _DEEP = {"name": "efficient", "depths": (10**9, 1, 1, 1)}
         (
             "optimizers",
             {"generator": {"param_groups": [{"lr": torch.inf}]}},
-            "optimisers holds numbers that are not finite",
+            "optimizers holds numbers that are not finite",
         ),
         ("optimizers", {"generator": _nested(16)}, "nested too deeply"),
         ("precision", {"scale": torch.inf}, "the loss scaler holds numbers that are not finite"),

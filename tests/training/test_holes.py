@@ -19,7 +19,7 @@ from depthcli.training.data.batches import Batches
 from depthcli.training.data.holes import downsample
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.losses.gradient import gradient_loss
-from depthcli.training.losses.regularised_l1 import regularised_l1
+from depthcli.training.losses.regularized_l1 import regularized_l1
 
 DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2)
 
@@ -132,9 +132,9 @@ def _pair(seed: int = 4) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
 def test_l1_is_the_mean_over_known_pixels() -> None:
     prediction, truth, known = _pair()
     wanted = (prediction - truth).abs()[known].mean()
-    loss = regularised_l1(prediction, truth, torch.nn.Module(), 0, known)
+    loss = regularized_l1(prediction, truth, torch.nn.Module(), 0, known)
     torch.testing.assert_close(loss, wanted)
-    nothing = regularised_l1(prediction, truth, torch.nn.Module(), 0, known & False)
+    nothing = regularized_l1(prediction, truth, torch.nn.Module(), 0, known & False)
     assert float(nothing) == 0
 
 
@@ -169,7 +169,7 @@ def test_losses_do_not_see_what_stands_in_a_hole() -> None:
     other = torch.where(known, truth, truth + 7)
     for loss in (
         gradient_loss,
-        lambda p, t, k: regularised_l1(p, t, torch.nn.Module(), 0, k),
+        lambda p, t, k: regularized_l1(p, t, torch.nn.Module(), 0, k),
     ):
         assert torch.equal(loss(prediction, truth, known), loss(prediction, other, known))
         assert not torch.equal(loss(prediction, truth, None), loss(prediction, other, None))
@@ -179,7 +179,7 @@ def test_losses_of_known_pixels_alone_are_the_plain_ones() -> None:
     prediction, truth, known = _pair()
     for loss in (
         gradient_loss,
-        lambda p, t, k: regularised_l1(p, t, torch.nn.Module(), 0, k),
+        lambda p, t, k: regularized_l1(p, t, torch.nn.Module(), 0, k),
     ):
         torch.testing.assert_close(
             loss(prediction, truth, known | True), loss(prediction, truth, None)

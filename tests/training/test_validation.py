@@ -13,7 +13,9 @@ import torch.nn.functional as F  # noqa: N812
 from lightning_fabric import Fabric
 from rooms import EFFICIENT, PAPER, Rooms, rooms
 
+from depthcli.core.types import DepthMap
 from depthcli.datasets.subset import Subset
+from depthcli.io.writers.preview import percentiles
 from depthcli.metrics.accumulate import PixelSums
 from depthcli.metrics.pixels import DepthPixels
 from depthcli.training.config.schema import OutputConfig
@@ -121,12 +123,13 @@ class _Constant(torch.nn.Module):
         return self.raw.expand(len(gray), -1, -1, -1)
 
 
-def _shades(depth_m: np.ndarray, near_m: float, far_m: float) -> np.ndarray:
+def _shades(depth_m: np.ndarray, ends_m: tuple[float, float]) -> np.ndarray:
     """Inverse depth between two depths as colours, by a plain loop."""
+    near_m, far_m = ends_m
     shares = np.zeros(depth_m.shape, np.uint8)
     for place, value_m in np.ndenumerate(depth_m):
-        share = (1 / max(value_m, 0.3) - 1 / far_m) / (1 / near_m - 1 / far_m)
-        shares[place] = int(255 * min(max(share, 0), 1))
+        share = (1 / value_m - 1 / far_m) / (1 / near_m - 1 / far_m)
+        shares[place] = round(255 * min(max(share, 0), 1))
     return np.asarray(cv2.applyColorMap(shares, cv2.COLORMAP_INFERNO))
 
 
@@ -134,7 +137,7 @@ def _shades(depth_m: np.ndarray, near_m: float, far_m: float) -> np.ndarray:
 def test_samples_are_input_output_and_truth_of_six_pairs(
     tmp_path: Path, count: int, rows: list[int]
 ) -> None:
-    """Over the whole list, in the colours of the truth's range, black where it was not measured."""
+    """Over the whole list, in the colours of the truth's range, gray where it was not measured."""
     dataset, generator = _many(count), _generator(EFFICIENT)
     validation = Validation(dataset, range(count), EFFICIENT)
     fabric = Fabric(accelerator="cpu", devices=1)
@@ -144,14 +147,14 @@ def test_samples_are_input_output_and_truth_of_six_pairs(
     for row in rows:
         gray = (validation.inputs([row])[0, 0].numpy() + 1) * 127.5
         truth_m = cv2.resize(validation.store.depth_m[row, 0].float().numpy(), (64, 32))
-        near_m, far_m = np.percentile(truth_m, (2, 98))
-        raw = validation.raw(generator, [row], CPU)[0, 0].numpy()
-        output_m = cv2.resize(EFFICIENT.output.codec.decode(raw), (64, 32))
-        truth = _shades(truth_m, near_m, far_m)
         assert validation.store.known is not None
         known = validation.store.known[row][None].float()
-        truth[F.interpolate(known, (32, 64), mode="bilinear")[0, 0].numpy() < 0.5] = 0
-        output = _shades(output_m, near_m, far_m)
+        measured = F.interpolate(known, (32, 64), mode="bilinear")[0, 0].numpy() >= 0.5
+        ends_m = percentiles(DepthMap(truth_m[measured][None]))
+        raw = validation.raw(generator, [row], CPU)[0, 0].numpy()
+        output_m = cv2.resize(EFFICIENT.output.codec.decode(raw), (64, 32))
+        truth, output = _shades(truth_m, ends_m), _shades(output_m, ends_m)
+        truth[~measured] = 96
         lines.append(np.hstack([np.uint8(np.repeat(gray[..., None], 3, 2)), output, truth]))
     encoded = cv2.imencode(".jpg", np.vstack(lines))[1]
     wanted = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), float)

@@ -27,11 +27,12 @@ from videos import (
 from depthcli.core.colour import value_channel
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.io.depth.quantization import normalized
 from depthcli.io.writers.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import Codec, preview_codec
 from depthcli.video.depth import DepthVideo
-from depthcli.video.depth_output import depth_video, normalized_to_range
+from depthcli.video.depth_output import depth_video
 from depthcli.video.integrity import is_incomplete, matroska_end
 from depthcli.video.output import DepthFrame
 from depthcli.video.pipes import InputPipe
@@ -230,7 +231,7 @@ def test_depth_without_a_unit_is_normalized_and_says_so(tmp_path: Path) -> None:
     assert (video.scale, video.kind) == (None, DepthKind.INVERSE)
     expected = [[0, 0.5, 1, np.nan, 1, 0]]
     np.testing.assert_allclose(next(iter(video)).values, expected, atol=1e-5)
-    assert normalized_to_range(values, 3, 3).tolist() == [[1, 1, 1, 0, 1, 1]]
+    assert normalized(values, np.isfinite(values), 3, 3).tolist() == [[1, 1, 1, 0, 1, 1]]
 
 
 @pytest.mark.parametrize(("options", "count"), [({"x264-params": "tff=1"}, 1), ({}, 0)])

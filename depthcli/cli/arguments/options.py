@@ -13,7 +13,7 @@ from depthcli.cli.arguments.numbers import (
     png_scale_range,
     stops,
 )
-from depthcli.core.choices import Upsampling, Weights
+from depthcli.core.choices import Colormap, Near, Upsampling, Weights
 from depthcli.io.writers.formats import Format
 
 
@@ -24,25 +24,6 @@ class ExrChannel(StrEnum):
     Y = "Y"
     R = "R"
     DEPTH_Z = "depth.Z"
-
-
-class Colormap(StrEnum):
-    """Colormaps of a preview."""
-
-    INFERNO = "inferno"
-    TURBO = "turbo"
-    MAGMA = "magma"
-    VIRIDIS = "viridis"
-    SPECTRAL = "spectral"
-    GRAY = "gray"
-
-
-class Near(StrEnum):
-    """Colour of near depth."""
-
-    WARM = "warm"
-    WHITE = "white"
-    BLACK = "black"
 
 
 ModelOption = Annotated[

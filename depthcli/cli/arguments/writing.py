@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from depthcli.cli.arguments.options import Colormap, Near
+from depthcli.core.choices import Colormap, Near
 from depthcli.errors import UsageError
 from depthcli.io.writers.options import WriterOptions
 
@@ -24,7 +24,7 @@ def writer_options(parameters: Mapping[str, Any]) -> WriterOptions:
     }
     _check_together(given)
     if given.get("near", Near.WARM) != Near.WARM:
-        given["colormap"] = Colormap.GRAY.value
+        given["colormap"] = Colormap.GRAY
     return WriterOptions(**given)
 
 

@@ -56,8 +56,8 @@ def print_result(result: TrainResult, out: Path) -> None:
     console.note(f"{steps} in {done.seconds / 60:.1f} min; checkpoint in {out}")
 
 
-class JsonCallback(Callback):
-    """Prints one JSON object per epoch to standard output."""
+class _Reporter(Callback):
+    """Warns before the first step, and stores the losses of the last one."""
 
     def __init__(self) -> None:
         self._losses: dict[str, float] = {}
@@ -88,6 +88,10 @@ class JsonCallback(Callback):
         del progress, steps
         self._losses = losses
 
+
+class JsonCallback(_Reporter):
+    """Prints one JSON object per epoch to standard output."""
+
     def on_epoch_end(self, progress: RunProgress) -> None:
         """Print step, seconds, scores, and the losses of the last step."""
         values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
@@ -97,7 +101,7 @@ class JsonCallback(Callback):
         console.out_json(values)
 
 
-class TextCallback(JsonCallback):
+class TextCallback(_Reporter):
     """Prints one line per epoch, and on a terminal a progress bar, which ``stack`` closes."""
 
     def __init__(self, stack: ExitStack) -> None:
@@ -129,7 +133,8 @@ class TextCallback(JsonCallback):
             if self._display:
                 self._stage = self._display.begin("training", steps, "steps")
                 self._stage.skip(self._first_step)
-        self._steps, self._losses = steps, losses
+        self._steps = steps
+        super().on_step_end(progress, steps, losses)
         if self._stage:
             self._stage(1)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.choices import Colormap
 from depthcli.core.colour import value_channel
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.resize import resize_area
@@ -25,7 +26,7 @@ from depthcli.visual.legend import with_legend
 PICTURES = 6
 _CELL_WIDTH_PX = 240
 _CLIPPED_PERCENT = 2
-_COLORMAP = "inferno"
+_COLORMAP = Colormap.INFERNO
 _NUMBER = re.compile(r"_\d+[a-z]*$")
 
 
@@ -117,7 +118,9 @@ def draw_figures(
     columns = ["input", *titles, "truth"]
     shown = ", ".join(task.dataset.ids[i] for i in positions)
     rule = f"pictures {shown} from top to bottom; each row has the range of its truth"
-    gray = contact_sheet([_pictures_of_row(row, "gray", legend=False) for row in rows], columns)
+    gray = contact_sheet(
+        [_pictures_of_row(row, Colormap.GRAY, legend=False) for row in rows], columns
+    )
     coloured = contact_sheet(
         [_pictures_of_row(row, _COLORMAP, legend=True) for row in rows], columns
     )
@@ -157,7 +160,7 @@ def _fit_to_truth(depth: DepthMap, truth_m: npt.NDArray[np.float32]) -> DepthMap
 
 
 def _pictures_of_row(
-    row: _FigureRow, colormap: str, *, legend: bool
+    row: _FigureRow, colormap: Colormap, *, legend: bool
 ) -> list[npt.NDArray[np.uint8]]:
     near, far = row.limits_m
     writer = PreviewWriter(colormap, vmin=near, vmax=far)

@@ -1,7 +1,5 @@
 """Reading known depth: tables of points, and sparse depth maps."""
 
-import csv
-import io
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,13 +7,15 @@ import numpy as np
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera_ranges import DEPTH_M
+from depthcli.core.validation import Rule
 from depthcli.errors import InputError, UsageError
+from depthcli.io.csv_table import CsvTable
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.pictures.decode import read_bytes
 
 _WITHOUT_SCALE = (".csv", ".exr")
-_MOST_PX = 1e9
-_COLUMNS = ("x", "y", "depth_m")
+_PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: -0.5 <= px < 1e9)  # noqa: PLR2004
+_COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": DEPTH_M}
 
 
 def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
@@ -50,34 +50,13 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
 
 def _table(data: bytes, name: str) -> AnchorPoints:
     """The points of a CSV table with the columns x, y and depth_m."""
-    try:
-        text = io.StringIO(data.decode("utf-8-sig"), newline="")
-        rows = csv.DictReader(text, strict=True, skipinitialspace=True)
-        rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
-        missing = [column for column in _COLUMNS if column not in rows.fieldnames]
-        if missing:
+    table = CsvTable(data, name)
+    for column in _COLUMNS:
+        if column not in table.columns:
             raise InputError(
-                f"{name} has no column {missing[0]}; its first line has to name x, y and depth_m"
+                f"{name} has no column {column}; its first line has to name x, y and depth_m"
             )
-        points = []
-        for row in rows:
-            points.append(_point(row))
-            if points[-1] is None:
-                raise InputError(
-                    f"{name}, line {rows.line_num}: give x and y in pixels from 0 at the top left, "
-                    f"and depth_m, {DEPTH_M.what}"
-                )
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{name} is not a CSV table in UTF-8: {error}") from error
+    points = [[row.number(column, rule) for column, rule in _COLUMNS.items()] for row in table]
     if not points:
         raise InputError(f"{name} has no points")
     return AnchorPoints.of_table(np.array(points, np.float64))
-
-
-def _point(row: dict[str, str | None]) -> tuple[float, float, float] | None:
-    try:
-        x, y, depth_m = (float(row[column] or "") for column in _COLUMNS)
-    except ValueError:
-        return None
-    is_pixel = -0.5 <= x < _MOST_PX and -0.5 <= y < _MOST_PX  # noqa: PLR2004 - the first one's edge
-    return (x, y, depth_m) if is_pixel and DEPTH_M.holds(depth_m) else None

@@ -3,15 +3,20 @@
 from collections.abc import Mapping
 
 from depthcli.core.types import AnchorFit, CameraSource, DepthKind, Provenance
+from depthcli.io.listing.own_outputs import KEY_PREFIX
 
 _LEAST, _MOST = 1e-9, 1e12
-_PREFIX = "depthcli:"
 _ORIENTATIONS = frozenset("12345678")
 
 
 def own_metadata(texts: Mapping[str, str]) -> dict[str, str]:
     """The metadata among the texts of a PNG or EXR, by name; empty if another program wrote it."""
-    return {k.removeprefix(_PREFIX): v for k, v in texts.items() if k.startswith(_PREFIX)}
+    return {k.removeprefix(KEY_PREFIX): v for k, v in texts.items() if k.startswith(KEY_PREFIX)}
+
+
+def own_texts(metadata: Mapping[str, str]) -> dict[str, str]:
+    """The texts of a PNG or EXR that state metadata; :func:`own_metadata` reads them."""
+    return {f"{KEY_PREFIX}{name}": text for name, text in metadata.items()}
 
 
 def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
-from depthcli.io.depth.quantization import UINT16_MAX, dequantized
+from depthcli.io.depth.quantization import denormalized, dequantized
 from depthcli.io.depth.sidecar import with_sidecar
 from depthcli.io.depth.stored import StepScale, StoredDepth, step_scale
 from depthcli.io.pictures.decode import decode, read_bytes
@@ -24,18 +24,6 @@ from depthcli.io.writers.formats import MILLIMETRES
 
 _DIMENSIONS = 2
 _FARTHEST = 1e12  # no depth is larger, in any unit
-
-
-def read_depth(
-    path: str | Path, *, png_scale: float | None = None, kind: DepthKind | None = None
-) -> DepthMap:
-    """The map that :func:`read_stored_depth` reads, of an EXR in its display window.
-
-    Raises:
-        InputError: missing, damaged, without depth, or metric integers without a scale.
-        UsageError: a scale for an NPY file of floats, which are metres.
-    """
-    return read_stored_depth(path, png_scale=png_scale, kind=kind).displayed
 
 
 def read_stored_depth(
@@ -49,7 +37,7 @@ def read_stored_depth(
 
     Args:
         path: the file.
-        png_scale: steps per metre of a PNG, None for what the file states, or millimetres; or of
+        png_scale: units per metre of a PNG, None for what the file states, or millimetres; or of
             integers in an NPY file, which need it to be metric.
         kind: kind of the depth; None for what the file states, or metric.
         unstated_scale: as ``png_scale``, but only for a file of integers that states none.
@@ -105,12 +93,9 @@ def _png(path: Path, png_scale: float | None, unstated_scale: float | None) -> S
         scale = StepScale(unstated_scale, "option")
     span = _normalized_range(metadata) if scale is None else None
     if span is None:
-        values = dequantized(steps, scale.steps_per_metre if scale else MILLIMETRES)
+        values = dequantized(steps, scale.units_per_metre if scale else MILLIMETRES)
     else:
-        low, high = span
-        share = (steps.astype(np.float64) - 1) / (UINT16_MAX - 1)
-        values = (low + share * (high - low)).astype(np.float32)
-        values[steps == 0] = np.nan
+        values = denormalized(steps, *span)
     depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))
     return StoredDepth(str(path), depth, metadata, scale, warnings=problems)
 

@@ -9,13 +9,14 @@ import numpy as np
 from depthcli.core.overscan import displayed_depth
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.metadata import positive_number
+from depthcli.io.depth.quantization import check_scale
 from depthcli.io.writers.formats import MILLIMETRES
 
 
 class StepScale(NamedTuple):
     """Scale of depth that is stored as integers."""
 
-    steps_per_metre: float  #: 1000 for millimetres
+    units_per_metre: float  #: 1000 for millimetres
     source: Literal["file", "option", "assumed"]  #: who states it
 
 
@@ -60,9 +61,13 @@ def step_scale(metadata: Mapping[str, str], option: float | None) -> StepScale |
 
     Args:
         metadata: metadata of the file.
-        option: steps per metre that the user states; None for what the file states, or millimetres.
+        option: units per metre that the user states; None for what the file states, or millimetres.
+
+    Raises:
+        UsageError: the option is not a number above 0.
     """
     if option is not None:
+        check_scale(option)
         return StepScale(option, "option")
     if metadata.get("scale") == "normalized":
         return None

@@ -9,7 +9,9 @@ from depthcli.io.png.chunks import SIGNATURE, read_text
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath, path_of
 
-SOFTWARE_KEY = "depthcli:software"
+KEY_PREFIX = "depthcli:"
+"""Start of the names of the texts that depthcli writes into PNG and EXR files."""
+SOFTWARE_KEY = f"{KEY_PREFIX}software"
 """Name of a text in every PNG (right after its header) and EXR that depthcli writes."""
 EXR_MAGIC = b"v/1\x01"
 """The first bytes of every EXR."""

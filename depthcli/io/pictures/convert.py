@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
+from depthcli.io.pictures.exif import EXIF_IFD, FOCAL_35MM, ORIENTATION
 from depthcli.io.pictures.levels import check_white_level, full_range
 from depthcli.io.pictures.read import read_image, upright
 from depthcli.io.storage.remote import path_of
 
-_ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 _GRAY_MODES = ("1", "LA")
 _PLAIN_MODES = ("L", "RGB", "I", "F")  # Frame refuses unsupported pixels of the last two
 _COLOUR_RANK = 3
@@ -105,7 +105,7 @@ def _of_pil(image: Any) -> Frame:  # noqa: ANN401 - PIL need not be installed
     if image.format is None:  # made or changed by a program: its EXIF may be outdated
         return Frame(pixels)
     exif = image.getexif()
-    orientation, focal_35mm = exif.get(_ORIENTATION), exif.get_ifd(_EXIF_IFD).get(_FOCAL_35MM)
+    orientation, focal_35mm = exif.get(ORIENTATION), exif.get_ifd(EXIF_IFD).get(FOCAL_35MM)
     orientation = orientation if orientation in range(2, 9) else 1
     return Frame(
         np.ascontiguousarray(upright(pixels, orientation)),

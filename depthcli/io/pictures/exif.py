@@ -11,7 +11,8 @@ from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_tags
 from depthcli.io.png.chunks import SIGNATURE, read_chunks
 
-_ORIENTATION, _EXIF_IFD, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
+ORIENTATION, EXIF_IFD, FOCAL_35MM = 0x0112, 0x8769, 0xA405
+"""Tags, the second of which is the place of the directory with the third."""
 _ORIENTATIONS = range(1, 9)
 _APP1, _HEAD = 0xE1, b"Exif\0\0"
 _ROTATED = (1, 8, 3, 6)  # EXIF orientations that quarter turns counter-clockwise make upright
@@ -60,10 +61,10 @@ def _riff_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 def _parse(tiff: bytes) -> Exif:
     if not tiff.startswith(TIFF_STARTS):
         return Exif()
-    first = _first_values(tiff, (_ORIENTATION, _EXIF_IFD))
-    orientation = first.get(_ORIENTATION, 1)
-    inner = _first_values(tiff, (_FOCAL_35MM,), first[_EXIF_IFD]) if _EXIF_IFD in first else {}
-    focal = inner.get(_FOCAL_35MM, 0)
+    first = _first_values(tiff, (ORIENTATION, EXIF_IFD))
+    orientation = first.get(ORIENTATION, 1)
+    inner = _first_values(tiff, (FOCAL_35MM,), first[EXIF_IFD]) if EXIF_IFD in first else {}
+    focal = inner.get(FOCAL_35MM, 0)
     return Exif(
         orientation if orientation in _ORIENTATIONS else 1, float(focal) if focal > 0 else None
     )

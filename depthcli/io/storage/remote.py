@@ -236,17 +236,14 @@ class RemotePath(Path, PurePosixPath):
             raise io.UnsupportedOperation(f"{self} is written as a whole, not opened as {mode!r}")
         return io.BytesIO(self.read_bytes())
 
-    def names_after(self, start: str) -> Iterator[str]:
-        """Names of the objects directly in this folder that begin with ``start`` and are longer.
+    def names(self) -> Iterator[str]:
+        """Names of the objects directly in this folder, in the order of their bytes.
 
         Raises:
             OSError: the request failed.
         """
-        for name in () if self.is_http else self.walk_names(start):
-            if not name.startswith(start):
-                return
-            if "/" not in name:
-                yield name
+        found = () if self.is_http else self.walk_names()
+        return (name for name in found if "/" not in name)
 
     def walk_names(self, after: str = "") -> Iterator[str]:
         """Names of all objects below this folder, in the order of their bytes.

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from depthcli.core.types import DepthMap, Frame
 from depthcli.core.windows import Window, over_window
 from depthcli.io.depth.exr import write_exr
+from depthcli.io.depth.metadata import own_texts
 from depthcli.io.writers.metadata import metadata_texts
 
 
@@ -27,15 +28,13 @@ class ExrWriter:
         """
         shown, stored, windows = _windowed(depth, frame)
         values = np.ascontiguousarray(stored)
-        metadata = metadata_texts(shown)
-        texts = {f"depthcli:{name}": text for name, text in metadata.items()}
         if self.half:
             with np.errstate(over="ignore"):
                 values = values.astype(np.float16)
         write_exr(
             path,
             {self.exr_channel: values},
-            texts,
+            own_texts(metadata_texts(shown)),
             frame.rate if frame else None,
             pixel_aspect=frame.pixel_aspect if frame else 1.0,
             windows=windows,

@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 from depthcli.io.writers.base import Writer
 
 MILLIMETRES = 1000.0
-"""Default steps per metre of 16-bit depth."""
+"""Default units per metre of 16-bit depth."""
 
 
 class FormatFacts(NamedTuple):

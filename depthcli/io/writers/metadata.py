@@ -101,5 +101,5 @@ def _fit_text(fit: AnchorFit) -> str:
 
 
 def step_unit(scale: float) -> str:
-    """Unit of quantized depth: ``mm`` for 1000 steps a metre."""
+    """Unit of quantized depth: ``mm`` for 1000 units per metre."""
     return "mm" if scale == MILLIMETRES else f"1/{scale:g} m"

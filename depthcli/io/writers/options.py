@@ -1,8 +1,8 @@
 """Options of all output formats."""
 
 from dataclasses import dataclass
-from typing import Literal
 
+from depthcli.core.choices import Colormap, Near
 from depthcli.io.writers.base import Writer
 from depthcli.io.writers.formats import FORMATS, MILLIMETRES, Format, writer_class
 
@@ -11,12 +11,12 @@ from depthcli.io.writers.formats import FORMATS, MILLIMETRES, Format, writer_cla
 class WriterOptions:
     """Options of all formats; the table of formats states which of them each writer uses."""
 
-    png_scale: float = MILLIMETRES  #: steps a metre in 16-bit PNG
+    png_scale: float = MILLIMETRES  #: units per metre in 16-bit PNG
     png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range
     exr_channel: str = "Y"  #: name of the channel in EXR
     half: bool = False  #: 16-bit floats in EXR
-    colormap: str = "inferno"  #: colours of the preview
-    near: Literal["warm", "white", "black"] = "warm"  #: the colormap's end that is near
+    colormap: Colormap = Colormap.INFERNO  #: colours of the preview
+    near: Near = Near.WARM  #: the colormap's end that is near
     vmin: float | None = None  #: low end of the colour range; None for a percentile
     vmax: float | None = None  #: high end of the colour range; None for a percentile
     legend: bool = False  #: a scale beside the preview

@@ -8,7 +8,8 @@ import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.depth.quantization import UINT16_MAX, quantized
+from depthcli.io.depth.metadata import own_texts
+from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
 from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.formats import MILLIMETRES
 from depthcli.io.writers.metadata import metadata_texts, step_unit
@@ -17,7 +18,7 @@ from depthcli.io.writers.metadata import metadata_texts, step_unit
 class Png16Writer(NamedTuple):
     """uint16 gray PNG."""
 
-    #: steps per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
+    #: units per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
     png_scale: float = MILLIMETRES
     png_normalize: bool = False  #: normalize each map to 1-65535 instead, without a unit
 
@@ -27,7 +28,7 @@ class Png16Writer(NamedTuple):
         texts = metadata_texts(depth)
         warnings: tuple[str, ...] = ()
         if self.png_normalize or not depth.is_metric:
-            steps, low, high = normalized(depth)
+            steps, low, high = stretched(depth)
             texts |= {"scale": "normalized", "range": f"{low:.9g} {high:.9g}"}
             if not self.png_normalize:
                 warnings = (f"{depth.kind} depth has no unit; {path.suffix[1:]} is normalized",)
@@ -37,12 +38,11 @@ class Png16Writer(NamedTuple):
             if saturated:
                 limit_m = UINT16_MAX / self.png_scale
                 warnings = (f"{saturated} pixels beyond {limit_m:.6g} m were saturated",)
-        labels = {f"depthcli:{name}": text for name, text in texts.items()}
-        path.write_bytes(encode_png(steps, labels))
+        path.write_bytes(encode_png(steps, own_texts(texts)))
         return warnings
 
 
-def normalized(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
+def stretched(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
     """Depth scaled linearly to 1-65535; 0 where there is none.
 
     Returns:
@@ -53,9 +53,7 @@ def normalized(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
         return np.zeros(values.shape, np.uint16), 0.0, 0.0
     low = float(values.min(where=known, initial=np.inf))
     high = float(values.max(where=known, initial=-np.inf))
-    span = high - low or 1.0
-    steps = np.zeros(values.shape, np.uint16)
+    steps = np.empty(values.shape, np.uint16)
     for rows in row_bands(values.shape[1], values.shape[0]):  # float64 of a whole map is large
-        share = (np.where(known[rows], values[rows], low).astype(np.float64) - low) / span
-        steps[rows] = np.where(known[rows], np.rint(1 + share * (UINT16_MAX - 1)), 0)
+        steps[rows] = normalized(values[rows].astype(np.float64), known[rows], low, high)
     return steps, low, high

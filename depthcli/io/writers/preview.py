@@ -3,12 +3,12 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.choices import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.listing.own_outputs import SOFTWARE_KEY
@@ -26,10 +26,9 @@ _INVALID_RGB = (96, 96, 96)
 class PreviewWriter:
     """8-bit RGB PNG."""
 
-    #: ``inferno``, ``turbo``, ``magma``, ``viridis``, ``spectral`` or ``gray``
-    colormap: str = "inferno"
+    colormap: Colormap = Colormap.INFERNO
     #: end of the colormap that is near: its warm end, or for gray ``white`` or ``black``
-    near: Literal["warm", "white", "black"] = "warm"
+    near: Near = Near.WARM
     #: low end of the colour range, in metres (or the map's unit); None for percentile 2. It is the
     #: near end, or the far end of an inverse map
     vmin: float | None = None

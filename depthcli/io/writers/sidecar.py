@@ -14,7 +14,7 @@ from depthcli.io.writers.metadata import SOFTWARE, DepthMetadata, anchor_fields
 class SidecarWriter:
     """Unit, scale, kind, orientation, model, resize, camera, range and version."""
 
-    png_scale: float = MILLIMETRES  #: steps per metre of the 16-bit PNG beside it
+    png_scale: float = MILLIMETRES  #: units per metre of the 16-bit PNG beside it
     png_normalize: bool = False  #: whether that PNG is normalized instead
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:

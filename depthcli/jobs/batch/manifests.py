@@ -1,4 +1,4 @@
-"""Reading, summarising and merging manifests."""
+"""Reading, summarizing and merging manifests."""
 
 from collections import Counter
 from dataclasses import dataclass

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from depthcli.core.anchor_fit import fitted, lost_in_fit
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.map_camera import with_centre
-from depthcli.core.overscan import displayed_depth, without_invented
+from depthcli.core.overscan import displayed_depth
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline
@@ -24,6 +22,7 @@ from depthcli.io.writers.metadata import camera_text
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.suspects import check_picture
 from depthcli.jobs.batch.task import Result, Task, check_network
+from depthcli.jobs.finished import finished_depth
 from depthcli.jobs.outputs import write_output
 
 PictureTask: TypeAlias = Task[Format]
@@ -116,11 +115,8 @@ class PictureWorker:
             return self._failed(task, depth, start_s, opened.sha256)
         try:
             frame, points = opened.frame, opened.points
-            predicted = without_invented(depth, frame.windows)
-            depth = fitted(predicted, points, frame.windows)
-            depth = with_centre(depth, opened.centre_px)
-            warnings = [*frame.warnings, *(points.warnings if points else ())]
-            warnings += lost_in_fit(predicted, depth)
+            depth, fit_warnings = finished_depth(depth, frame.windows, points, opened.centre_px)
+            warnings = [*frame.warnings, *fit_warnings]
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())

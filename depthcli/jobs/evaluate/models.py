@@ -40,10 +40,10 @@ class ModelsRequest:
     models: tuple[SessionLoader, ...] = ()  #: one row each
     predictions: tuple[Path, ...] = ()  #: folders with depth files of other tools, one row each
     predictions_kind: DepthKind | None = None  #: depth kind of those files; None if they state it
-    #: value of one metre in those files, if they hold integers and do not state it; None for
+    #: units per metre of those files, if they hold integers and do not state it; None for
     #: millimetres
     predictions_scale: float | None = None
-    #: value of one metre in the depth images of a custom folder; None for millimetres
+    #: units per metre of the depth images of a custom folder; None for millimetres
     units_per_metre: float | None = None
     #: split of NYU Depth v2; None for all pairs of a custom data set
     split: SplitName | None = SplitName.PAPER

@@ -6,10 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from depthcli.core.anchor_fit import fitted, lost_in_fit
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.map_camera import with_centre
-from depthcli.core.overscan import displayed_depth, without_invented
+from depthcli.core.overscan import displayed_depth
 from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import DepthMap, Frame
@@ -22,6 +20,7 @@ from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format, writer_class
 from depthcli.jobs.failed import FailedInput
+from depthcli.jobs.finished import finished_depth
 from depthcli.jobs.outputs import write_output, write_stream
 from depthcli.jobs.predict.plan import STDIO, PicturePlan
 from depthcli.jobs.predict.request import PredictRequest
@@ -73,15 +72,15 @@ def _predict_picture(
     camera = request.camera
     centre_px = camera.centre_for(*frame.display_size_px)
     session = loading.result()
-    predicted = Pipeline(session, request.detail).predict(
-        frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
+    pipeline = Pipeline(session, request.detail)
+    depth, fit_warnings = finished_depth(  # no name for the model's map: writers need its memory
+        pipeline.predict(frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg),
+        frame.windows,
+        points,
+        centre_px,
     )
-    predicted = without_invented(predicted, frame.windows)
-    depth = with_centre(fitted(predicted, points, frame.windows), centre_px)
     warnings = [*session.warnings, *frame.warnings]
-    warnings += points.warnings if points else focal_warnings(session.model.card, camera.lens)
-    warnings += lost_in_fit(predicted, depth)
-    del predicted  # the writers need the memory
+    warnings += fit_warnings if points else focal_warnings(session.model.card, camera.lens)
     for name, path in plan.outputs.items():
         warnings += _write_picture(request, name, depth, frame, path)
     return PictureResult(

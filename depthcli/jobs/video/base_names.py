@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path, PurePath
 
 from depthcli.io.listing.own_outputs import is_own_picture
-from depthcli.jobs.namesakes import names_near, normalised
+from depthcli.jobs.namesakes import comparable, names_near
 from depthcli.jobs.naming import output_bases
 from depthcli.video.frame_source import is_sequence
 from depthcli.video.number_pattern import number_in, pattern_of, sequence_name
@@ -24,8 +24,8 @@ def video_base(source: Path | None) -> str:
         return output_bases([None])[0]
     source, name = _as_one_file(source)
     (base,) = output_bases([source.with_name(name)])
-    others = {normalised(other) for other in _sequences(source, name)}
-    if normalised(name) in others:
+    others = {comparable(other) for other in _sequences(source, name)}
+    if comparable(name) in others:
         return f"{name}.{hashlib.sha256(os.fsencode(source.name)).hexdigest()[:8]}"
     return name if others and base == PurePath(name).stem else base
 
@@ -57,7 +57,7 @@ def _sequences(source: Path, name: str) -> list[str]:
     found = [
         other
         for other, first in firsts.items()
-        if normalised(PurePath(other).stem) == normalised(stem)
+        if comparable(PurePath(other).stem) == comparable(stem)
         and not is_own_picture(folder / first)
     ]
     return [*found, stem + suffix] if suffix else found

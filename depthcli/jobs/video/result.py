@@ -31,7 +31,7 @@ class VideoResult:
     scenes: int  #: number of scenes
     smooth_s: float  #: time constant of the smoothing
     lock_s: float  #: time constant of the preview's range
-    scale: float | None  #: units per metre in 16-bit outputs; None if each is normalised
+    scale: float | None  #: units per metre in 16-bit outputs; None if each is normalized
     provider: str  #: the provider that ran the model
     seconds: float  #: from opening the video to the last output
     warnings: tuple[str, ...]  #: one line each

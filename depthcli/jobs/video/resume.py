@@ -12,7 +12,7 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.quantization import dequantized
-from depthcli.io.depth.read import read_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.storage.remote import RemotePath
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.jobs.video.request import VideoSettings
@@ -69,7 +69,7 @@ class EarlierFrames:
             return None
         names = [numbered_name(self._plan.names[which], number) for which in self._formats]
         try:
-            maps = [read_depth(self._plan.folder / name) for name in names]
+            maps = [read_stored_depth(self._plan.folder / name).displayed for name in names]
         except InputError:
             return None
         return DepthMap(maps[0].values, self._kind)  # NPY does not state the kind

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.map_camera import with_centre
-from depthcli.core.overscan import without_invented
+from depthcli.core.overscan import masked_to_data_window
 from depthcli.core.temporal import changes as temporal
 from depthcli.core.temporal.range_lock import RangeLock
 from depthcli.core.temporal.smoothing import (
@@ -54,7 +54,7 @@ class FrameStages:
         kept: Callable[[int], DepthMap | None] = lambda _number: None,
         scale: float | None = None,
     ) -> None:
-        """Initialise the state.
+        """Initialize the state.
 
         Args:
             pipeline: the model.
@@ -148,5 +148,5 @@ def _in_windows(
         return depth, depth.values
     covered = windows.display if is_kept else windows.pixels
     values = over_window(depth.values, covered, windows.pixels)
-    depth = without_invented(dataclasses.replace(depth, values=values), windows)
+    depth = masked_to_data_window(dataclasses.replace(depth, values=values), windows)
     return depth, windows.only(windows.display, depth.values)

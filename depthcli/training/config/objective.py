@@ -1,4 +1,4 @@
-"""Configuration of losses and optimisation."""
+"""Configuration of losses and optimization."""
 
 from dataclasses import dataclass, field, fields
 from typing import Literal
@@ -44,8 +44,8 @@ class LossConfig:
     weight_penalty: Amount = 1e-6  #: λ of eq. 1, on squared convolution weights
     #: multi-scale gradient matching, beyond the paper
     gradient: Amount = field(default=0.0, metadata=_weighs("gradient:gradient_loss"))
-    #: how much of an extra pair's scale error counts, in [0, 1]: 0 supervises relative depth only,
-    #: 1 also its metres; of views mixed by ``data.cutmix``, it is one scale for both pictures
+    #: weight of the error in scale of extra pairs, in [0, 1]: with 0 they supervise relative depth
+    #: only, with 1 metres too; a view mixed by ``data.cutmix`` has one scale for both its pictures
     extra_scale: UnitInterval = 0.0
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"  #: form of the adversarial terms
     adversarial_backward: bool = True  #: also a discriminator for F's pictures
@@ -73,7 +73,7 @@ PAIRED_LOSSES = {name: place for name, place in _TERM_LOSSES.items() if place}
 
 @dataclass(frozen=True, slots=True)
 class OptimConfig:
-    """Optimisers, schedule and batch size."""
+    """Optimizers, schedule and batch size."""
 
     batch_size: Positive = 1  #: pictures per step
     epochs_constant: Count = 100  #: epochs at the full learning rate of ``linear``

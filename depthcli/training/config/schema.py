@@ -80,7 +80,8 @@ class DataConfig:
     colour: Literal["value", "luma"] = "value"
     #: aligned pairs of picture and depth map; False samples them independently
     paired: bool = True
-    #: resize to 286/256 of the size and crop, as the original methods do; not true to metres
+    #: enlarge pictures by 286/256, then crop, as the original methods do; depth is not divided by
+    #: this zoom, so its metres are not true
     crop_286: bool = False
     zoom: Zoom = 1.0  #: largest zoom-in; depth is divided by the zoom, so metres stay true
     #: further aspect ratios (width / height) of views; half of the batches have one of them
@@ -92,7 +93,8 @@ class DataConfig:
     gamma: Amount = 0.0  #: standard deviation of the log gamma of V
     brightness: Amount = 0.0  #: standard deviation of the log gain of V
     blur: UnitInterval = 0.0  #: largest weight of a binomial filter, in [0, 1]
-    #: fraction of the views whose picture border is hidden: half by its inner edge, half by paint
+    #: fraction of the views without the border of their picture: in half of them it repeats the
+    #: pixels inside it, in the other half it is painted in one gray
     border: UnitInterval = 0.0
     noise: Amount = 0.0  #: largest standard deviation of pixel noise, in [0, 1] units
     extra_share: Share = 0.5  #: fraction of each batch from the extra pairs, if there are any

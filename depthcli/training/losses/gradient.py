@@ -4,7 +4,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
-from depthcli.training.losses.regularised_l1 import masked_mean
+from depthcli.training.losses.regularized_l1 import masked_mean
 
 SCALES = 4
 

@@ -21,7 +21,7 @@ class Method(nn.Module):
     """Networks and losses of one method.
 
     ``forward(batch, phase)`` returns the weighted loss terms of a phase; the training loop
-    minimises their sum over the networks of that phase.
+    minimizes their sum over the networks of that phase.
 
     Attributes:
         TERMS: the weights of ``LossConfig`` that the method uses; others have to be zero.
@@ -48,7 +48,7 @@ class Method(nn.Module):
 
     @abstractmethod
     def networks(self, phase: Phase) -> list[nn.Module]:
-        """The networks that a phase optimises; none if the phase has nothing to do."""
+        """The networks that a phase optimizes; none if the phase has nothing to do."""
 
     def heads(self) -> list[nn.Module]:
         """Those of the networks that use ``head_learning_rate``, if that is set."""

@@ -10,7 +10,7 @@ from depthcli.training.networks.patch_sampler import PatchSampler
 
 
 def patch_heads(generator: Generator, taps: Sequence[str]) -> PatchSampler:
-    """Newly initialised heads for some taps of a generator."""
+    """Newly initialized heads for some taps of a generator."""
     return PatchSampler([generator.tap_channels(tap) for tap in taps])
 
 

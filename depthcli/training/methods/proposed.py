@@ -1,4 +1,4 @@
-"""The paper's method (eq. 7): CycleGAN with contrast and a regularised L1 on paired depth."""
+"""The paper's method (eq. 7): CycleGAN with contrast and a regularized L1 on paired depth."""
 
 from collections.abc import Callable
 from typing import ClassVar
@@ -11,7 +11,7 @@ from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.paired import paired_losses
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
-from depthcli.training.losses.regularised_l1 import regularised_l1
+from depthcli.training.losses.regularized_l1 import regularized_l1
 from depthcli.training.methods.base import Phase, not_none, required, upsampled_like
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.methods.cyclegan import CycleGan, GeneratorOutputs
@@ -57,7 +57,7 @@ class Proposed(CycleGan):
         terms = self._paired_terms(raw_y, y, known) | super()._terms(batch, y, outputs)
         if self._has_backward_l1:
             backward = required(self.backward_generator)
-            l1 = regularised_l1(required(outputs.fake_x), x, backward, penalty, known)
+            l1 = regularized_l1(required(outputs.fake_x), x, backward, penalty, known)
             terms["l1_backward"] = self.weights.l1 * l1
         return terms | self._contrastive_terms(x, y, outputs)
 
@@ -86,7 +86,7 @@ class Proposed(CycleGan):
                 None if known is None else F.interpolate(known.float(), size=size, mode="area") == 1
             )
         if weights.l1:
-            l1 = regularised_l1(raw_y, y, self.generator, weights.weight_penalty, known)
+            l1 = regularized_l1(raw_y, y, self.generator, weights.weight_penalty, known)
             terms["l1"] = weights.l1 * l1
         for name, loss in self._paired_losses.items():
             terms[name] = getattr(weights, name) * loss(raw_y, y, known)

@@ -45,7 +45,7 @@ def default_config(method: str) -> TrainConfig:
 
 
 def build_method(config: TrainConfig) -> Method:
-    """The method of a configuration, newly initialised.
+    """The method of a configuration, newly initialized.
 
     Raises:
         UsageError: there is no such method, or a setting would have no effect.

@@ -9,7 +9,7 @@ Generator = EfficientGenerator | ResnetGenerator
 
 
 def build_generator(config: GeneratorConfig) -> Generator:
-    """The generator of a configuration, newly initialised."""
+    """The generator of a configuration, newly initialized."""
     if config.name == "efficient":
         return EfficientGenerator(
             config.encoder,
@@ -27,5 +27,5 @@ def build_generator(config: GeneratorConfig) -> Generator:
 
 
 def build_discriminator(config: TrainConfig) -> PatchGan:
-    """A discriminator of the same family as the generator, newly initialised."""
+    """A discriminator of the same family as the generator, newly initialized."""
     return PatchGan(width=config.optim.width_discriminator, antialias=config.generator.antialias)

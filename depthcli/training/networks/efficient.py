@@ -55,7 +55,7 @@ class EfficientGenerator(nn.Module):
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
 
     def with_decoder(self, channels: Sequence[int]) -> "EfficientGenerator":
-        """A network that differs in its decoder's channels, newly initialised, on the CPU."""
+        """A network that differs in its decoder's channels, newly initialized, on the CPU."""
         return EfficientGenerator(
             self.encoder_channels, channels, self.depths, self.dropout.p, norm=self.norm
         )

@@ -11,7 +11,7 @@ _EPSILON = 1e-7
 
 
 class PatchSampler(nn.Module):
-    """Per tap: Linear, ReLU, Linear, L2-normalise, at random positions.
+    """Per tap: Linear, ReLU, Linear, L2-normalize, at random positions.
 
     Args:
         channels: of each tap.

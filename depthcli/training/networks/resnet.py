@@ -32,7 +32,7 @@ class ResnetGenerator(nn.Module):
         blocks: int = 9,
         *,
         antialias: bool = False,
-        residual: Literal["none", "stem", "input"] = "none",
+        residual: Literal["none", "stem", "input"],
     ) -> None:
         super().__init__()
         self.width, self.residual = width, residual

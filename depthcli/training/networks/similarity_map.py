@@ -11,10 +11,10 @@ from depthcli.training.networks.weights import init_xavier
 
 
 class SimilarityMap(nn.Module):
-    """Convolution, ReLU, global average, Linear, ReLU, Linear, L2-normalise.
+    """Convolution, ReLU, global average, Linear, ReLU, Linear, L2-normalize.
 
     Its initial weights are small, as in all networks of the CUT family, so that its output, of
-    ``dim`` channels, underflows half precision before it is normalised.
+    ``dim`` channels, underflows half precision before it is normalized.
     """
 
     def __init__(self, taps: int, dim: int = 64) -> None:

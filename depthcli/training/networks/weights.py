@@ -1,4 +1,4 @@
-"""Weight initialisation of each family of methods."""
+"""Weight initialization of each family of methods."""
 
 from torch import nn
 

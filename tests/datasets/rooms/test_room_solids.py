@@ -1,4 +1,4 @@
-"""Rays against solids: the vectorised search and one ray, one solid, one bound at a time."""
+"""Rays against solids: the vectorized search and one ray, one solid, one bound at a time."""
 
 import math
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from depthcli.training.config.objective import LossConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
-from depthcli.training.losses.regularised_l1 import conv_weights
+from depthcli.training.losses.regularized_l1 import conv_weights
 from depthcli.training.methods.base import translated
 from depthcli.training.methods.proposed import Proposed
 

@@ -9,7 +9,7 @@ import torch
 from depthcli.training.networks.blur import BlurDown
 from depthcli.training.networks.resnet import ResnetGenerator
 
-GROW = ResnetGenerator(2, 1, antialias=True).up1[0]
+GROW = ResnetGenerator(2, 1, antialias=True, residual="none").up1[0]
 
 
 def _down(image: np.ndarray) -> np.ndarray:

@@ -53,7 +53,7 @@ def test_vector_is_the_head_of_the_pixel_at_its_position() -> None:
 
 
 def test_heads_fit_the_generators_taps() -> None:
-    generator = ResnetGenerator(8, 2)
+    generator = ResnetGenerator(8, 2, residual="none")
     sampler = PatchSampler([generator.tap_channels(tap) for tap in generator.TAPS], dim=16)
     vectors, _ = sampler(generator.features(torch.rand(1, 1, 32, 32)))
     assert [v.shape[1] for v in vectors] == [256, 256, 64, 64, 64]

@@ -88,7 +88,7 @@ class RayEngine:
             )
 
     def close(self) -> None:
-        """Disconnect, unless Ray was initialised by the caller."""
+        """Disconnect, unless Ray was initialized by the caller."""
         if self._is_own:
             self._ray.shutdown()
 

@@ -1,11 +1,11 @@
-"""Regularised L1 (eq. 1)."""
+"""Regularized L1 (eq. 1)."""
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 
-def regularised_l1(
+def regularized_l1(
     prediction: Tensor,
     truth: Tensor,
     generator: nn.Module,
@@ -17,7 +17,7 @@ def regularised_l1(
     Args:
         prediction: (B, 1, H, W), coded depth.
         truth: (B, 1, H, W), coded depth.
-        generator: whose convolution weights are penalised.
+        generator: whose convolution weights are penalized.
         penalty: λ of eq. 1; zero leaves the sum out.
         known: (B, 1, H, W) bool, the pixels that the mean is of; None for all.
     """

@@ -1,4 +1,4 @@
-"""Regularised L1 against plain loops."""
+"""Regularized L1 against plain loops."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import nn
 
-from depthcli.training.losses.regularised_l1 import conv_weights, regularised_l1
+from depthcli.training.losses.regularized_l1 import conv_weights, regularized_l1
 
 
 def _network() -> nn.Module:
@@ -26,17 +26,17 @@ def test_is_its_formula() -> None:
     for index in (0, 2):  # biases, norms and linear layers are no convolution weights
         for w in network.get_submodule(str(index)).weight.flatten().tolist():  # type: ignore[operator,union-attr]
             squares += w * w
-    found = regularised_l1(prediction, truth, network, penalty).item()
+    found = regularized_l1(prediction, truth, network, penalty).item()
     assert found == pytest.approx(distance + penalty * squares, rel=1e-5)
 
 
 def test_without_a_penalty_it_is_the_mean_distance() -> None:
     prediction, truth = torch.full((1, 1, 2, 2), 0.75), torch.zeros(1, 1, 2, 2)
-    assert regularised_l1(prediction, truth, _network(), 0.0).item() == 0.75
+    assert regularized_l1(prediction, truth, _network(), 0.0).item() == 0.75
 
 
 def test_penalty_shrinks_the_weights_it_counts() -> None:
     network, image = _network(), torch.zeros(1, 1, 4, 4)
-    regularised_l1(image, image, network, 1.0).backward()
+    regularized_l1(image, image, network, 1.0).backward()
     for weight in conv_weights(network):
         torch.testing.assert_close(weight.grad, 2 * weight.detach())
