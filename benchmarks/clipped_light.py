@@ -1,4 +1,4 @@
-"""What depth loses in pictures whose light above 1 is clipped, on held-out pairs of NYU Depth v2.
+"""What depth loses in pictures whose light above 1 is clipped, on NYU Depth v2's val split.
 
 Pictures are decoded to linear light, multiplied, clipped to 1, and encoded again. Printed is, by
 the share of clipped pixels (in the colour that has most of them), how much depth differs from that

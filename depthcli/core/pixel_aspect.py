@@ -2,7 +2,6 @@
 
 from fractions import Fraction
 
-_MAX_DENOMINATOR = 1000
 _MOST = 1000
 
 
@@ -16,17 +15,3 @@ def pixel_aspect_of(stated: Fraction | None, *, is_turned: bool) -> float:
     if not stated or not Fraction(1, _MOST) <= stated <= _MOST:
         return 1.0
     return float(1 / stated if is_turned else stated)
-
-
-def pixel_aspect_warning(pixel_aspect: float) -> str | None:
-    """A warning about pixels that are not square, as in anamorphic film; None if they are.
-
-    ``pixel_aspect`` is width by height of a pixel.
-    """
-    ratio = Fraction(pixel_aspect).limit_denominator(_MAX_DENOMINATOR)
-    if ratio == 1:
-        return None
-    return (
-        f"the pixels are not square ({ratio.numerator}:{ratio.denominator}), and the network sees "
-        "them as they are stored; for better depth, scale it to square pixels first"
-    )

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.map_camera import with_centre
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import UsageError
 
 
@@ -48,7 +48,7 @@ def point_cloud(
 
     Args:
         depth: a metric map.
-        focal_px: focal length in pixels of the map.
+        focal_px: focal length in pixels of the map; if they are not square, in widths of them.
         centre_px: (cx, cy), the principal point, where (0, 0) is the middle of the first pixel, as
             OpenCV's and ROS's calibrations have it; None for the one that the map states, else the
             middle of the map.
@@ -61,13 +61,13 @@ def point_cloud(
         raise UsageError(
             f"a point cloud needs metres, and {depth.kind} depth has none; fit it to anchors"
         )
-    source = with_centre(depth, centre_px).provenance
-    stated_px = source and source.centre_px
-    centre_x, centre_y = stated_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
+    source = with_centre(depth, centre_px).provenance or Provenance()
+    centre_x, centre_y = source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
     valid = depth.valid
     rows, columns = np.nonzero(valid)
     xyz_m = np.empty((len(rows), 3), np.float32)
     xyz_m[:, 2] = depth.values[valid]
     xyz_m[:, 0] = ((np.arange(depth.width) - centre_x) / focal_px)[columns] * xyz_m[:, 2]
-    xyz_m[:, 1] = ((np.arange(depth.height) - centre_y) / focal_px)[rows] * xyz_m[:, 2]
+    focal_y_px = focal_px * source.pixel_aspect
+    xyz_m[:, 1] = ((np.arange(depth.height) - centre_y) / focal_y_px)[rows] * xyz_m[:, 2]
     return PointCloud(xyz_m, None if frame is None else frame.pixels_8bit()[valid])

@@ -49,8 +49,8 @@ def hfov_deg(focal_px: float, width: int) -> float:
     return math.degrees(2 * math.atan(width / 2 / focal_px))
 
 
-def focal_px_of_35mm(focal_35mm: float, width: int, height: int) -> float:
-    """Focal length in pixels of an EXIF 35-mm-equivalent one; equal diagonals are equivalent.
+def focal_px_of_35mm(focal_35mm: float, width: float, height: float) -> float:
+    """Focal length in square pixels of an EXIF 35-mm equivalent, for which diagonals are equal.
 
     Source: CIPA DCG-001, which EXIF's tag FocalLengthIn35mmFilm follows: the angle of view over the
     diagonal of the picture is that of a lens of this focal length on a frame of 36 x 24 mm.

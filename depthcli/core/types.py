@@ -62,7 +62,8 @@ class Frame:
         rate: frames a second of the video that is made of it, or that an EXR states; None for
             other still pictures.
         warnings: about its file, one line each.
-        pixel_aspect: width by height of a pixel; 1 is square.
+        pixel_aspect: width by height of a pixel, which is 1 if it is square; the network sees the
+            picture with square pixels.
         windows: which part of the image plane the pixels cover, of an EXR; None if they are all of
             the frame.
         time_code: SMPTE time code of an EXR or a video's frame: hours, minutes, seconds, frame (0
@@ -150,6 +151,7 @@ class Provenance:
             of the first pixel; None for the middle of the map.
         time_s: time in its video, in seconds from the first frame; None for a still picture.
         anchor_fit: how well the metres fit known points; None if they were not fitted.
+        pixel_aspect: width by height of a pixel; ``focal_px`` is in widths of pixels.
     """
 
     model: str | None = None
@@ -162,6 +164,7 @@ class Provenance:
     centre_px: tuple[float, float] | None = None
     time_s: float | None = None
     anchor_fit: AnchorFit | None = None
+    pixel_aspect: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ from depthcli.models.card_specs import CameraSpec, InputSpec
 class PictureCamera(NamedTuple):
     """The camera of one picture."""
 
-    focal_px: float  #: focal length in pixels of the picture
+    focal_px: float  #: focal length in pixels of the picture, in widths of them
     source: CameraSource  #: where that comes from
     scale: float = 1.0  #: what the network's metres are multiplied by
 
@@ -57,8 +57,9 @@ def learned_focal_px(spec: InputSpec, camera: CameraSpec) -> float:
 
 
 def _resize_factor(spec: InputSpec, frame: Frame, layout: Layout) -> float:
-    """Pixels of the network's input for one of the picture, the geometric mean of both axes."""
-    across, down = layout.width / frame.width, layout.height / frame.height
+    """Pixels of the network's input for a pixel's width, the geometric mean of both axes."""
+    across = layout.width / frame.width
+    down = layout.height / frame.height * frame.pixel_aspect
     if not layout.is_padded:
         return math.sqrt(across * down)
     # One axis is filled. On the other, rounding to whole pixels matters for a narrow strip.
@@ -74,8 +75,9 @@ def _stated_camera(frame: Frame, lens: Lens) -> PictureCamera | None:
         in_px = scaling.focal_px_of_hfov(float(lens.hfov_deg), width)
         return PictureCamera(in_px, CameraSource.OPTION)
     if frame.focal_35mm is not None:
-        in_px = scaling.focal_px_of_35mm(frame.focal_35mm, width, height)
-        return PictureCamera(in_px, CameraSource.EXIF)
+        aspect = frame.pixel_aspect
+        in_px = scaling.focal_px_of_35mm(frame.focal_35mm, width * aspect, height)
+        return PictureCamera(in_px / aspect, CameraSource.EXIF)
     return None
 
 
@@ -86,7 +88,9 @@ def _assumed(spec: InputSpec, camera: CameraSpec, frame: Frame) -> PictureCamera
     or portrait; docs/cameras.md has measurements of alternatives.
     """
     aspect = spec.width / spec.height * spec.pixel_aspect
-    long, short = sorted(frame.display_size_px, reverse=True)
+    width, height = frame.display_size_px
+    short, long = sorted((width * frame.pixel_aspect, height))
     long_px = max(long, short * max(aspect, 1 / aspect))
     width_px = long_px if aspect >= 1 else long_px * aspect
-    return PictureCamera(width_px * scaling.focal_px_of_hfov(camera.hfov_deg, 1), CameraSource.CARD)
+    focal_px = width_px * scaling.focal_px_of_hfov(camera.hfov_deg, 1)
+    return PictureCamera(focal_px / frame.pixel_aspect, CameraSource.CARD)

@@ -154,6 +154,7 @@ class Pipeline:
             orientation=frame.orientation,
             camera_source=camera.source if camera else None,
             time_s=frame.timestamp_s,
+            pixel_aspect=frame.pixel_aspect,
         )
 
 

@@ -38,8 +38,8 @@ class Layout(NamedTuple):
         return (self.inner_width, self.inner_height) != (self.width, self.height)
 
 
-def input_layout(spec: InputSpec, width: int, height: int) -> Layout:
-    """The layout of a picture of ``width`` x ``height`` pixels."""
+def input_layout(spec: InputSpec, width: float, height: float) -> Layout:
+    """The layout of a picture of ``width`` x ``height`` square pixels."""
     if spec.fit is Fit.STRETCH:
         return _without_padding(spec.width, spec.height)
     if spec.fit is Fit.LOWER_BOUND or spec.fit is Fit.UPPER_BOUND:
@@ -51,7 +51,7 @@ def input_layout(spec: InputSpec, width: int, height: int) -> Layout:
 
 def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Layout]:
     """The network's input for a picture, (1, C, H, W) float32, normalized; and its layout."""
-    layout = input_layout(spec, frame.width, frame.height)
+    layout = input_layout(spec, frame.width * frame.pixel_aspect, frame.height)
     small = _resized_planes(spec, frame, layout)
     small = small.reshape(layout.inner_height, layout.inner_width, spec.colour.channels)
     if layout.is_padded:
@@ -69,7 +69,7 @@ def _resized_planes(spec: InputSpec, frame: Frame, layout: Layout) -> npt.NDArra
     return _RESIZES[spec.resize](planes(frame.pixels), *size)
 
 
-def _same_area(spec: InputSpec, width: int, height: int) -> Layout:
+def _same_area(spec: InputSpec, width: float, height: float) -> Layout:
     """The pixel count of the nominal size, so that latency does not depend on the aspect."""
     nominal = spec.width / spec.height
     longest = max(_MAX_ASPECT, nominal, 1 / nominal)
@@ -84,7 +84,7 @@ def _same_area(spec: InputSpec, width: int, height: int) -> Layout:
     return _on_grid(padded) if columns % _GRID_PX == rows % _GRID_PX == 0 else padded
 
 
-def _letterboxed(spec: InputSpec, columns: int, rows: int, width: int, height: int) -> Layout:
+def _letterboxed(spec: InputSpec, columns: int, rows: int, width: float, height: float) -> Layout:
     """As large as possible in an input of ``columns`` x ``rows``, centred."""
     # The scales of rows and columns differ by the network's pixel aspect.
     scale = min(columns / width, rows / (height * spec.pixel_aspect))
@@ -106,7 +106,7 @@ def _on_grid(padded: Layout) -> Layout:
     return Layout(padded.width, padded.height, left, top, inner_width, inner_height)
 
 
-def _bounded(spec: InputSpec, width: int, height: int) -> Layout:
+def _bounded(spec: InputSpec, width: float, height: float) -> Layout:
     """Exactly the sizes that MiDaS and Depth Anything choose.
 
     Source: ``Resize.get_size`` in ``util/transform.py`` of
@@ -124,7 +124,7 @@ def _bounded(spec: InputSpec, width: int, height: int) -> Layout:
     )
 
 
-def _layout_of_strip(spec: InputSpec, width: int, height: int, most: int) -> Layout:
+def _layout_of_strip(spec: InputSpec, width: float, height: float, most: int) -> Layout:
     """Layout of an extreme aspect, whose lower bound would take 100 GB for 1 x 5000 pixels."""
     scale = math.sqrt(most / (width * height))
     short = _multiple(scale * min(width, height), spec.multiple_of)

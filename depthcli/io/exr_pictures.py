@@ -9,7 +9,6 @@ import numpy as np
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
-from depthcli.core.pixel_aspect import pixel_aspect_warning
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
 from depthcli.errors import OutputError
@@ -64,7 +63,6 @@ def read_exr_picture(
     above = encode(pixels, options.exposure, matrix)
     warnings = (
         doubt,
-        pixel_aspect_warning(part.pixel_aspect),
         clip_warning(above / max(1, windows.valid.width * windows.valid.height)),
         problem,
     )

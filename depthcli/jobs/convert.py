@@ -1,6 +1,5 @@
 """Converting a depth file to another format, and measuring the round-trip error."""
 
-import math
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -106,9 +105,6 @@ def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResu
         read_back = read_stored_depth(temporary, kind=depth.kind).depth if is_readable else None
     round_trip = None if read_back is None else RoundTrip.of(depth, read_back)
     warnings = (*stored.warnings_with_scale("--from-scale"), *warnings)
-    if wanted is Format.PLY and not math.isclose(stored.frame.pixel_aspect, 1):
-        stated = f"pixelAspectRatio is {stored.frame.pixel_aspect:g}"
-        warnings += (f"{stated}, and the point cloud assumes square pixels; its y is wrong",)
     return ConvertResult(safe_name(request.source), name, shown, round_trip, warnings)
 
 

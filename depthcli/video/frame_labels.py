@@ -8,7 +8,7 @@ from typing import Self
 
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
-from depthcli.io.depth.metadata import number
+from depthcli.io.depth.metadata import number, pixel_aspect_in
 from depthcli.video.rates import Timing, parse_rate, rate_text
 from depthcli.video.time_code import (
     TimeCode,
@@ -16,8 +16,6 @@ from depthcli.video.time_code import (
     time_code_after,
     time_code_text,
 )
-
-_ASPECTS = 1e-6, 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +56,14 @@ class FrameLabels:
     def parse(cls, texts: Mapping[str, str]) -> Self:
         """Those that a file states; the default for what it does not state."""
         rate = parse_rate(texts.get("source_rate"))
-        aspect, step = number(texts.get("pixel_aspect")), number(texts.get("frame_step"))
+        step = number(texts.get("frame_step"))
         origin = re.fullmatch(r"(-?\d{1,8}),(-?\d{1,8})", texts.get("display_origin", ""), re.ASCII)
         return cls(
             first=int(number(texts.get("first_frame")) or 0),
             step=None if rate and step is None else int(step or 1),
             source_rate=rate,
             time_code=parse_time_code(texts.get("time_code", ""), rate) if rate else None,
-            pixel_aspect=aspect if aspect and _ASPECTS[0] <= aspect <= _ASPECTS[1] else 1.0,
+            pixel_aspect=pixel_aspect_in(texts.get("pixel_aspect")),
             origin_px=(int(origin[1]), int(origin[2])) if origin else (0, 0),
         )
 

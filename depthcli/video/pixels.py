@@ -10,7 +10,6 @@ from av.sidedata.sidedata import Type
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
-from depthcli.core.pixel_aspect import pixel_aspect_warning
 from depthcli.core.transfer import transfer_warning
 
 _INTERLACED = (
@@ -76,14 +75,10 @@ def orientation_of(frame: VideoFrame) -> int:
     return _EXIF_OF_MATRIX[next(turns, _IDENTITY)]
 
 
-def picture_warnings(first: VideoFrame, pixel_aspect: float) -> Iterator[str]:
-    """Warnings about what the network sees, by the first frame of a video.
-
-    ``pixel_aspect`` is width by height of an upright pixel.
-    """
+def picture_warnings(first: VideoFrame) -> Iterator[str]:
+    """Warnings about what the network sees, by the first frame of a video."""
     warnings = (
         transfer_warning(first.color_trc, "video", "BT.709"),
-        pixel_aspect_warning(pixel_aspect),
         _INTERLACED if first.interlaced_frame else None,
     )
     return filter(None, warnings)

@@ -148,7 +148,7 @@ class VideoSource(FrameSource):
         self.width, self.height = size[::-1] if is_turned else size
         aspect = stream.sample_aspect_ratio
         self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
-        self.warnings += tuple(picture_warnings(first, self._pixel_aspect))
+        self.warnings += tuple(picture_warnings(first))
 
     def _current_time_code(self) -> TimeCode | None:
         if self._time_code is None:

@@ -14,7 +14,7 @@ from tiny import write_picture
 
 from depthcli.cli.shell import load_command
 from depthcli.core.map_camera import with_centre
-from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.types import CameraSource, DepthKind, DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.writers.exr import ExrWriter
@@ -298,13 +298,18 @@ def test_the_sidecar_of_a_png_states_its_scale(inside: Cli) -> None:
     assert json.loads(sidecar.read_text())["png16_scale"] is None
 
 
-def test_a_cloud_of_pixels_that_are_not_square_is_told(inside: Cli) -> None:
-    frame = Frame(np.zeros((6, 8), np.uint8), pixel_aspect=2.0)
-    ExrWriter().write(DEPTH, inside.folder / "wide.exr", frame)
-    done = inside("convert", "wide.exr", "wide.ply")
-    assert done.returncode == 0
-    assert b"pixelAspectRatio is 2, and the point cloud assumes square pixels" in done.stderr
-    assert inside("convert", "wide.exr", "wide.npy").stderr == b""
+@pytest.mark.parametrize("between", ["a.exr", "a.png", "a.npy"])
+def test_a_cloud_has_the_shape_of_pixels_that_are_not_square(inside: Cli, between: str) -> None:
+    source = Provenance(focal_px=5.0, pixel_aspect=2.0)
+    wide = DepthMap(np.full((6, 8), 2, np.float32), provenance=source)
+    ExrWriter().write(wide, inside.folder / "wide.exr")
+    assert inside("convert", "wide.exr", between).returncode == 0
+    if between == "a.npy":
+        assert inside("convert", "wide.exr", "a.json").returncode == 0
+    done = inside("convert", between, "wide.ply")
+    assert (done.returncode, done.stderr) == (0, b"")
+    xyz_m = points_m(inside.folder / "wide.ply")
+    np.testing.assert_allclose(xyz_m.max(0), [3.5 / 5 * 2, 2.5 / 10 * 2, 2], rtol=1e-6)
 
 
 def test_no_pixel_of_a_relative_map_is_lost_in_npy(inside: Cli) -> None:

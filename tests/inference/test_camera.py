@@ -14,6 +14,7 @@ from tiny import write_model
 import depthcli
 from depthcli.core.camera import Lens
 from depthcli.core.choices import Detail
+from depthcli.core.point_cloud import point_cloud
 from depthcli.core.types import CameraSource, Frame, Provenance
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, load
@@ -35,7 +36,7 @@ SHAPES = [(40, 30), (30, 40), (40, 40), (64, 36), (84, 36), (200, 20), (3, 500)]
 """Width and height: landscape, portrait, square, wide, wider, panoramic, a strip."""
 
 
-def black(width: int, height: int, **facts: float) -> Frame:
+def black(width: int, height: int, **facts: float | None) -> Frame:
     """A picture in which the tiny network sees 1 m everywhere."""
     return Frame(np.zeros((height, width), np.uint8), **facts)  # type: ignore[arg-type]
 
@@ -69,6 +70,42 @@ def test_the_assumed_camera_counts_as_if_it_had_been_given(
     assert plain.provenance.camera_source is CameraSource.CARD
     same = pipeline.predict(black(*shape), focal_px=plain.provenance.focal_px)
     np.testing.assert_array_equal(plain.values, same.values)
+
+
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize("shape", [(40, 30), (30, 40), (80, 32), (200, 20)])
+@pytest.mark.parametrize("aspect", [2.0, 0.5])
+@pytest.mark.parametrize("camera", [{"focal_px": 50.0}, {"hfov_deg": 40.0}, {"exif": 30.0}, {}])
+def test_squeezed_pictures_have_the_metres_and_the_points_of_square_ones(
+    tmp_path: Path,
+    fit: dict[str, object],
+    shape: tuple[int, int],
+    aspect: float,
+    camera: dict[str, float],
+) -> None:
+    pipeline, (width, height) = model(tmp_path, **fit), shape
+    given, exif = camera.copy(), camera.get("exif")
+    given.pop("exif", None)
+    square = pipeline.predict(black(width, height, focal_35mm=exif), **given)
+    if "focal_px" in given:
+        given["focal_px"] /= aspect
+    squeezed = black(round(width / aspect), height, focal_35mm=exif, pixel_aspect=aspect)
+    depth = pipeline.predict(squeezed, **given)
+    assert depth.provenance is not None
+    assert square.provenance is not None
+    assert depth.provenance.input_size_px == square.provenance.input_size_px
+    assert depth.provenance.pixel_aspect == aspect
+    assert depth.values[0, 0] == pytest.approx(square.values[0, 0], rel=1e-6)
+    clouds = []
+    for one in (square, depth):
+        assert one.provenance is not None
+        assert one.provenance.focal_px is not None
+        clouds.append(point_cloud(one, one.provenance.focal_px).xyz_m)
+    for cloud, pixel_width in zip(clouds, (1, aspect), strict=True):
+        half_pixels = np.float32([(width - pixel_width) / 2, (height - 1) / 2])
+        focal_px = square.provenance.focal_px
+        expected = half_pixels / focal_px * square.values[0, 0]
+        np.testing.assert_allclose(cloud.max(0)[:2], expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("fit", FITS)

@@ -72,8 +72,8 @@ def test_its_depth_is_that_of_a_frame(data: Box, tmp_path: Path, loader: Session
     shown = np.load(plate.parent / "out" / "plate.1.depth.npy")
     np.testing.assert_array_equal(shown, np.load(tmp_path / "v" / "plate.depth.000001.npy"))
     np.testing.assert_array_equal(done.depth.values, shown)
-    (warning,) = done.warnings
-    assert warning.startswith("the pixels are not square (2:1), and the network sees them as they")
+    assert done.depth.provenance is not None
+    assert done.depth.provenance.pixel_aspect == 2
 
 
 def test_its_other_outputs_are_those_of_the_display_window(

@@ -1,12 +1,13 @@
 """Reading the depth in OpenEXR files of depthcli and of other tools."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from depthcli.core.text import one_line
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.core.windows import Windows
 from depthcli.errors import InputError
 from depthcli.io.depth.exr import read_exr_texts
@@ -35,7 +36,10 @@ def read_exr_depth(path: Path) -> StoredDepth:
     size_px = part.display.width, part.display.height
     metadata, problems = with_sidecar(path, own_metadata(texts), size_px)
     values = stored.over(part.data)
-    depth = DepthMap(values, kind_named(metadata.get("kind")), provenance_of(metadata))
+    source = provenance_of(metadata)
+    if part.pixel_aspect != 1:
+        source = replace(source or Provenance(), pixel_aspect=part.pixel_aspect)
+    depth = DepthMap(values, kind_named(metadata.get("kind")), source)
     frame = Frame(
         np.zeros((1, 1), np.uint8),
         rate=part.rate,

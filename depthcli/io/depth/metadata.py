@@ -6,6 +6,7 @@ from depthcli.core.types import AnchorFit, CameraSource, DepthKind, Provenance
 from depthcli.io.listing.own_outputs import KEY_PREFIX
 
 _LEAST, _MOST = 1e-9, 1e12
+_ASPECTS = 1e-6, 1e6
 _ORIENTATIONS = frozenset("12345678")
 
 
@@ -32,6 +33,7 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
         centre_px=_centre_px(metadata.get("centre_px")),
         time_s=number(metadata.get("time_s")),
         anchor_fit=_anchor_fit(metadata.get("anchors")),
+        pixel_aspect=pixel_aspect_in(metadata.get("pixel_aspect")),
     )
     return None if found == Provenance() else found
 
@@ -48,6 +50,12 @@ def positive_number(text: str | None) -> float | None:
     """
     value = number(text)
     return value if value is not None and value > _LEAST else None
+
+
+def pixel_aspect_in(text: str | None) -> float:
+    """Width by height of a pixel from an untrusted file; 1 for anything else."""
+    value = number(text)
+    return value if value is not None and _ASPECTS[0] <= value <= _ASPECTS[1] else 1.0
 
 
 def number(text: str | None) -> float | None:

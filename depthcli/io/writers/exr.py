@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.core.windows import Window, over_window
 from depthcli.io.depth.exr import write_exr
 from depthcli.io.depth.metadata import own_texts
@@ -24,7 +24,7 @@ class ExrWriter:
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN.
 
-        The windows, the shape of pixels, the rate and the time code are those of the frame.
+        The windows, the rate and the time code are those of the frame.
         """
         shown, stored, windows = _windowed(depth, frame)
         values = np.ascontiguousarray(stored)
@@ -36,7 +36,7 @@ class ExrWriter:
             {self.exr_channel: values},
             own_texts(metadata_texts(shown)),
             frame.rate if frame else None,
-            pixel_aspect=frame.pixel_aspect if frame else 1.0,
+            pixel_aspect=(depth.provenance or Provenance()).pixel_aspect,
             windows=windows,
             time_code=frame.time_code if frame else None,
         )

@@ -30,6 +30,7 @@ class DepthMetadata(NamedTuple):
     centre_px: tuple[float, float] | None
     #: ``option``, ``exif``, or ``card`` if it is assumed; None if unknown
     camera_source: str | None
+    pixel_aspect: float  #: width by height of a pixel; focal_px is in widths of pixels
     camera: str | None  #: focal length and source as a text; None if unknown
 
     @classmethod
@@ -44,6 +45,7 @@ class DepthMetadata(NamedTuple):
             focal_px=source.focal_px,
             centre_px=source.centre_px,
             camera_source=source.camera_source,
+            pixel_aspect=source.pixel_aspect,
             camera=camera_text(depth),
         )
 
@@ -65,7 +67,8 @@ def anchor_fields(depth: DepthMap) -> dict[str, dict[str, float] | None]:
 def metadata_texts(depth: DepthMap) -> dict[str, str]:
     """The metadata, the software, a frame's time and the fit to anchors as texts by name.
 
-    What is unknown is left out. The unit of a map without one is ``none``.
+    What is unknown is left out, and the shape of square pixels. The unit of a map without one is
+    ``none``.
     """
     known, source = DepthMetadata.of(depth), depth.provenance or _UNKNOWN
     texts = {"kind": known.kind, "unit": known.unit or "none", "software": SOFTWARE}
@@ -74,7 +77,10 @@ def metadata_texts(depth: DepthMap) -> dict[str, str]:
     if source.anchor_fit is not None:
         used, given, residual_m = source.anchor_fit
         texts["anchors"] = f"{used},{given},{residual_m:.6g}"
-    return texts | {name: _value_text(value) for name, value in known.origin().items() if value}
+    origin = known.origin()
+    if known.pixel_aspect == 1:
+        del origin["pixel_aspect"]
+    return texts | {name: _value_text(value) for name, value in origin.items() if value}
 
 
 def _value_text(value: _Value) -> str:
