@@ -764,6 +764,9 @@ def test_each_frame_states_its_time(tmp_path: Path, loader: SessionLoader, smoot
     [
         ("d.%04d.npy", "d.json"),
         ("left_#####_depth.npy", "left.json"),
+        ("d.%04d.v003.npy", "d.json"),
+        ("2_%04d_of_9.v1.npy", "2.json"),
+        ("%04d.v003.npy", "sequence.json"),
         ("%d.npy", "sequence.json"),
     ],
 )
