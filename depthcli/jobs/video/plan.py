@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
 from depthcli.jobs.video.base_names import video_base
@@ -46,10 +46,13 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     """Name every output before anything is read.
 
     Raises:
-        UsageError: the output's suffix is of no format, a sequence is to go into one file or a
-            pipe, an output is the video itself, or a codec is for another container.
+        InputError: the video's name is empty.
+        UsageError: the output is empty, its suffix is of no format, a sequence is to go into one
+            file or a pipe, an output is the video itself, or a codec is for another container.
     """
     name, output = request.video, request.output
+    if not name:  # as a path, it would be the working directory
+        raise InputError("the input's name is empty; is a variable of the command not set?")
     formats = video_formats(output, request.formats)
     source, file = _source(name, request.stdin), None if name == STDIO else path_of(name)
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if request.sidecar else formats))
