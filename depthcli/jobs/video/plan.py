@@ -32,6 +32,8 @@ class VideoPlan:
     stdout: BinaryIO | None = None  #: the stream for ``-``
     #: whether the depth video may replace one of another program: its name is not depthcli's choice
     may_replace: bool = True
+    #: SHA-256 of a source that is a temporary copy, which its path and its time do not identify
+    sha256: str | None = None
 
     def path(self, which: VideoFormat) -> Path:
         """The output path of a format."""
